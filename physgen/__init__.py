@@ -1,0 +1,6 @@
+"""One photo becomes an editable scene file; the scene file becomes a physically true video.
+
+The stages as Python calls are in :mod:`physgen.pipeline`; nothing heavy is imported here.
+"""
+
+__version__ = "0.1.0"

@@ -1,0 +1,153 @@
+"""Scene + label map -> World: outlines fitted, centres, masses and moments found, units turned into px, s, g, rad."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.masks import object_labels
+from physgen.compile.pairs import surface
+from physgen.compile.world import Body, Push, Wall, World
+from physgen.geometry import rotation
+from physgen.outline.outline import Disc, Outline, Region, Ring
+from physgen.outline.pieces import convex_pieces
+from physgen.outline.properties import mass_properties
+from physgen.outline.touching import fit_outlines
+from physgen.problems import InputError, Problem
+from physgen.scene.model import Box, Circle, Force, Load, Motion, Object, Polygon, Scene, Shape, Solid
+
+Array = NDArray[np.float64]
+U16 = NDArray[np.uint16]
+
+INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
+"""k of I = k m r² about an axis through the centre; any mechanics text."""
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """What the stages after this one read."""
+
+    world: World
+    outlines: tuple[Outline, ...]
+    """Of the objects, photo frame, t = 0."""
+    labels: U16
+    """(H, W): id k + 1 is the k-th object; 0 = background."""
+
+
+def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
+    """`labels` is the photo's label map, None for a scene without one. Raises InputError."""
+    written = [_written(item.shape) for item in scene.objects]
+    of_objects = object_labels(scene, labels, written)
+    fitted = [k + 1 for k, outline in enumerate(written) if outline is None]
+    fits = fit_outlines(of_objects, fitted) if fitted else {}
+    outlines = tuple(fits[k + 1] if outline is None else outline for k, outline in enumerate(written))
+    problems: list[Problem] = []
+    bodies = []
+    for item, outline in zip(scene.objects, outlines, strict=True):
+        try:
+            bodies.append(_body(item, outline, scene))
+        except ValueError as error:
+            path = f"objects.{item.name}.shape"
+            problems.append(Problem(scene.place(path), path, "the outline", str(error), "draw it with a larger area"))
+    if problems:
+        raise InputError(problems)
+    world = World(
+        size=scene.size,
+        view=scene.world.view,
+        gravity=np.array(scene.world.gravity, np.float64),
+        pixels_per_meter=scene.world.pixels_per_meter,
+        table_friction=scene.world.table_friction,
+        combine=scene.world.combine,
+        duration=scene.world.duration,
+        steps_per_second=scene.world.steps_per_second,
+        times=frame_times(scene),
+        bodies=tuple(bodies),
+        walls=tuple(
+            Wall(b.name, np.array(b.points, np.float64), surface(b.friction, b.elasticity, scene.world.combine))
+            for b in scene.boundaries
+        ),
+        pushes=_pushes(scene, bodies),
+    )
+    return Compiled(world, outlines, of_objects)
+
+
+def frame_times(scene: Scene) -> Array:
+    """(T,) s: k duration / frames where `render.frames` is given, else k / fps for fps x duration frames."""
+    duration, render = scene.world.duration, scene.render
+    if render.frames is not None:
+        return np.arange(render.frames) * (duration / render.frames)
+    return np.arange(max(1, round(render.fps * duration))) / render.fps
+
+
+def _written(shape: Shape) -> Outline | None:
+    """Outline of an explicit shape; None for `auto`."""
+    match shape:
+        case Circle(center=center, radius=radius):
+            return Disc(np.array(center, np.float64), float(radius))
+        case Box(center=center, size=(width, height), angle=angle):
+            corners = np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
+            return Region((Ring(corners @ rotation(radians(angle)).T + center, ()),))
+        case Polygon(rings=rings):
+            return Region(
+                tuple(Ring(np.array(r.outline, np.float64), tuple(np.array(h, np.float64) for h in r.holes)) for r in rings)
+            )
+        case _:
+            return None
+
+
+def _body(item: Object, outline: Outline, scene: Scene) -> Body:
+    properties = mass_properties(outline)
+    if properties.area <= 1e-6:
+        raise ValueError("has no area")
+    center = properties.center
+    mass = item.mass if item.mass is not None else (item.density or 1.0) * properties.area
+    if isinstance(outline, Disc):
+        radius: float | None = outline.radius
+        moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
+        pieces: tuple[Array, ...] = ()
+        rings = (_circle(outline.radius),)
+    else:
+        radius = None
+        moment = mass * properties.second / properties.area
+        pieces = tuple(piece - center for piece in convex_pieces(outline))
+        rings = tuple(ring - center for r in outline.rings for ring in (r.outer, *r.holes))
+    moving = item.motion is Motion.DYNAMIC
+    return Body(
+        name=item.name,
+        motion=item.motion,
+        center=center,
+        mass=float(mass),
+        moment=float(moment),
+        radius=radius,
+        pieces=pieces,
+        rings=rings,
+        surface=surface(item.friction, item.elasticity, scene.world.combine),
+        rolling=item.rolling,
+        velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
+        spin=radians(item.spin) if moving else 0.0,
+        path=np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(-1, 4),
+    )
+
+
+def _circle(radius: float) -> Array:
+    """Corners for drawing, close enough that no chord is off by a twentieth of a pixel."""
+    count = int(np.clip(np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360))
+    angle = np.arange(count) * (2 * np.pi / count)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _pushes(scene: Scene, bodies: list[Body]) -> tuple[Push, ...]:
+    index = {body.name: k for k, body in enumerate(bodies)}
+
+    def push(force: Force) -> Push:
+        body = index[force.object]
+        at = np.zeros(2) if force.at is None else np.array(force.at) - bodies[body].center
+        end = force.start if force.load is Load.IMPULSE else force.start + (
+            force.duration if force.duration is not None else np.inf
+        )
+        return Push(body, force.load, np.array(force.vector, np.float64), force.torque, at, force.start, float(end))
+
+    return tuple(push(force) for force in scene.forces)

@@ -1,0 +1,57 @@
+"""Coefficients of single surfaces -> factors whose product is the pair's coefficient; and the table of pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+from physgen.compile.world import Surface, World
+from physgen.scene.model import Combine
+
+
+def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
+    """The engine multiplies the two factors of a pair, so the geometric mean is the product of square roots.
+
+    >>> a, b = surface(0.4, 0.9, Combine.GEOMETRIC), surface(0.1, 0.4, Combine.GEOMETRIC)
+    >>> round(a.friction * b.friction, 12), round(a.elasticity * b.elasticity, 12)
+    (0.2, 0.6)
+    """
+    if combine is Combine.GEOMETRIC:
+        return Surface(sqrt(friction), sqrt(elasticity))
+    return Surface(friction, elasticity)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What holds between two groups of things with equal surfaces."""
+
+    first: str
+    second: str
+    friction: float
+    elasticity: float
+
+
+def pair_table(world: World) -> list[Pair]:
+    """The pair coefficients in use; things with equal surfaces share a row."""
+    groups: dict[Surface, list[str]] = {}
+    movable = len(world.bodies)
+    pairs = []
+    for name, its in world.surfaces[:movable]:
+        groups.setdefault(its, []).append(name)
+    walls: dict[Surface, list[str]] = {}
+    for name, its in world.surfaces[movable:]:
+        walls.setdefault(its, []).append(name)
+    rows = list(groups.items())
+    for i, (a, first) in enumerate(rows):
+        for b, second in rows[i:]:
+            if a is b and len(first) == 1:
+                continue
+            pairs.append(Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity))
+        for b, second in walls.items():
+            pairs.append(Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity))
+    return pairs
+
+
+def _names(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"

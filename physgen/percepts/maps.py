@@ -1,0 +1,211 @@
+"""Maps of a photo: a folder of pictures <-> arrays. Every map opens in a paint program; what is missing is None."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.problems import InputError
+
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+F32 = NDArray[np.float32]
+
+MOST_PIXELS = 100_000_000
+"""A picture larger than this is refused before it is decoded."""
+
+
+@dataclass(frozen=True)
+class Percepts:
+    """What is known of a photo, per pixel."""
+
+    rgb: U8
+    """(H, W, 3) sRGB."""
+    labels: U16
+    """(H, W), 0 = background; every object, truncated ones too."""
+    coverage: F32 | None = None
+    """(H, W) in 0..1: how much of the pixel objects cover, soft at their borders."""
+    background: U8 | None = None
+    """(H, W, 3) sRGB: objects filled, old shadows still there; equals `rgb` where coverage is 0."""
+    clean: U8 | None = None
+    """(H, W, 3) sRGB: the background without the objects' shadows."""
+    depth: F32 | None = None
+    """(H, W), larger = farther."""
+    normals: F32 | None = None
+    """(H, W, 3) unit, +x right, +y down, +z to the viewer."""
+    albedo: F32 | None = None
+    """(H, W, 3) linear."""
+    shading: F32 | None = None
+    """(H, W) linear."""
+
+
+def read_image(path: Path) -> U8:
+    """A photo as (H, W, 3) uint8 sRGB; grey, palette, alpha (over white) and 16-bit pictures are converted."""
+    raw = _decode(path)
+    if raw.dtype == np.uint16:
+        raw = (raw / 257.0 + 0.5).astype(np.uint8)
+    if raw.ndim == 2:
+        return np.ascontiguousarray(np.repeat(raw[:, :, None], 3, axis=2))
+    rgb = raw[:, :, 2::-1]
+    if raw.shape[2] == 4:
+        alpha = raw[:, :, 3:] / 255.0
+        rgb = (rgb * alpha + 255.0 * (1 - alpha) + 0.5).astype(np.uint8)
+    return np.ascontiguousarray(rgb)
+
+
+def read_labels(path: Path) -> U16:
+    """A label map: one channel of ids as it is; the distinct colours of a colour picture numbered, black = 0."""
+    raw = _decode(path)
+    if raw.ndim == 2:
+        return raw.astype(np.uint16)
+    channels = raw[:, :, :3]
+    if np.array_equal(channels[..., 0], channels[..., 1]) and np.array_equal(channels[..., 0], channels[..., 2]):
+        return channels[..., 0].astype(np.uint16)
+    code = (channels.astype(np.uint32) * np.array([1, 256, 65536], np.uint32)).sum(axis=2)
+    colours, ids = np.unique(code, return_inverse=True)
+    if len(colours) > 65535:
+        raise InputError.of(str(path), f"{len(colours)} colours", "are too many for a label map", "give each object one colour")
+    ids = ids.reshape(code.shape)
+    return (ids if colours[0] == 0 else ids + 1).astype(np.uint16)
+
+
+def read_percepts(image: Path | None, assets: Path | None, maps: Mapping[str, tuple[float, float]]) -> Percepts | None:
+    """The photo with the maps found in its assets folder; None for a scene without a photo.
+
+    `maps` tells what 0 and 65535 stand for in depth.png and shading.png.
+    """
+    if image is None:
+        return None
+    rgb = read_image(image)
+    H, W = rgb.shape[:2]
+
+    def find(name: str) -> Path | None:
+        path = assets / name if assets else None
+        return path if path and path.is_file() else None
+
+    def raw(name: str) -> NDArray[np.uint8] | NDArray[np.uint16] | None:
+        path = find(name)
+        if path is None:
+            return None
+        picture = _decode(path)
+        if picture.shape[:2] != (H, W):
+            found = f"{picture.shape[1]} x {picture.shape[0]} px"
+            raise InputError.of(str(path), found, f"differs from the photo's {W} x {H} px", "make it the photo's size")
+        return picture
+
+    def colour(name: str) -> U8 | None:
+        return None if raw(name) is None else read_image(Path(str(find(name))))
+
+    def scalar(name: str) -> F32 | None:
+        picture = raw(f"{name}.png")
+        if picture is None:
+            return None
+        low, high = maps.get(name, (0.0, 1.0))
+        grey = picture if picture.ndim == 2 else picture[:, :, 0]
+        full = 65535.0 if picture.dtype == np.uint16 else 255.0
+        return (low + (high - low) * (grey.astype(np.float32) / full)).astype(np.float32)
+
+    labels = np.zeros((H, W), np.uint16)
+    if raw("masks.png") is not None:
+        labels = read_labels(Path(str(find("masks.png"))))
+    soft = raw("coverage.png")
+    coverage = None
+    if soft is not None:
+        grey = soft if soft.ndim == 2 else soft[:, :, 0]
+        coverage = (grey.astype(np.float32) / np.float32(np.iinfo(soft.dtype).max)).astype(np.float32)
+    normals = raw("normals.png")
+    albedo = raw("albedo.png")
+    return Percepts(
+        rgb=rgb,
+        labels=labels,
+        coverage=coverage,
+        background=colour("background.png"),
+        clean=colour("clean.png"),
+        depth=scalar("depth"),
+        normals=None if normals is None else ((normals[:, :, 2::-1].astype(np.float32) - 128) / 127).astype(np.float32),
+        albedo=None if albedo is None else (albedo[:, :, 2::-1].astype(np.float32) / np.float32(65535)),
+        shading=scalar("shading"),
+    )
+
+
+def write_assets(percepts: Percepts, folder: Path) -> dict[str, tuple[float, float]]:
+    """Write the maps into `folder` (created); returns what 0 and 65535 stand for in the 16-bit ones, by map.
+
+    A map that is there already and differs, perhaps painted by hand, is kept as `NAME~`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    ranges: dict[str, tuple[float, float]] = {}
+
+    def scalar(name: str, values: F32 | None) -> None:
+        if values is None:
+            return
+        low, high = float(values.min()), float(values.max())
+        high = high if high > low else low + 1.0
+        ranges[name] = (low, high)
+        write_png(folder / f"{name}.png", ((values - low) / (high - low) * 65535 + 0.5).astype(np.uint16))
+
+    write_png(folder / "masks.png", percepts.labels)
+    if percepts.coverage is not None:
+        write_png(folder / "coverage.png", (percepts.coverage * 255 + 0.5).astype(np.uint8))
+    for name, picture in (("background", percepts.background), ("clean", percepts.clean)):
+        if picture is not None:
+            write_png(folder / f"{name}.png", picture)
+    scalar("depth", percepts.depth)
+    scalar("shading", percepts.shading)
+    if percepts.normals is not None:
+        write_png(folder / "normals.png", np.clip(percepts.normals * 127 + 128.5, 0, 255).astype(np.uint8))
+    if percepts.albedo is not None:
+        write_png(folder / "albedo.png", (np.clip(percepts.albedo, 0, 1) * 65535 + 0.5).astype(np.uint16))
+    return ranges
+
+
+def write_png(path: Path, picture: U8 | U16) -> None:
+    """(H, W) or (H, W, 3) RGB, 8 or 16 bits, under its final name only when it is whole."""
+    bgr = picture if picture.ndim == 2 else picture[:, :, ::-1]
+    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    if not done:
+        raise ValueError(f"{path.name}: a picture of shape {picture.shape} and type {picture.dtype} cannot be a PNG")
+    write_kept(path, data.tobytes())
+
+
+def write_kept(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all; one that is there already and differs is kept as `NAME~`."""
+    if path.is_file() and path.read_bytes() != data:
+        path.replace(path.with_name(path.name + "~"))
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial.write_bytes(data)
+    partial.replace(path)
+
+
+def _decode(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The picture's own channels (BGR order for colour), 8 or 16 bits; the header is read before the pixels."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as header:
+            width, height = header.size
+            mode = header.mode
+            if width * height > MOST_PIXELS:
+                found = f"{width} x {height} px"
+                raise InputError.of(str(path), found, "is over 100 megapixels", "make the picture smaller")
+            if mode == "P":  # ids of a palette picture are its indices, which OpenCV turns into colours
+                return np.asarray(header).astype(np.uint8)
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        if picture is None:
+            with Image.open(path) as image:
+                picture = np.asarray(image.convert("RGB"))[:, :, ::-1]
+    except FileNotFoundError:
+        raise InputError.of(str(path), "", "no such file", "check the path") from None
+    except (OSError, SyntaxError, ValueError, cv2.error, Image.DecompressionBombError) as error:
+        reason = str(error).splitlines()[0][:120]
+        raise InputError.of(str(path), "", f"is not a picture that can be read ({reason})", "save it as PNG or JPEG") from None
+    if picture.dtype not in (np.uint8, np.uint16):
+        raise InputError.of(str(path), f"{picture.dtype} pixels", "are not 8 or 16 bits", "save it as an 8-bit PNG")
+    return picture  # type: ignore[return-value]

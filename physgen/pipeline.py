@@ -1,0 +1,204 @@
+"""The house on one page: one call a stage, top-down. Scene file -> output folder.
+
+>>> from physgen import pipeline
+>>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
+>>> compiled = pipeline.compile(scene, pipeline.percepts(scene))            # doctest: +SKIP
+>>> trajectory = pipeline.simulate(compiled.world)                          # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.problems import InputError, Problem
+
+if TYPE_CHECKING:
+    from physgen.compile.assemble import Compiled
+    from physgen.compile.world import World
+    from physgen.percepts.maps import Percepts
+    from physgen.render.frames import Frame, Stage
+    from physgen.report.video import Format
+    from physgen.scene.model import Scene
+    from physgen.simulate.trajectory import Trajectory
+
+Progress = Callable[[str, int, int], None]
+"""Called with the stage's name, how much is done and how much there is."""
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """Progress that nobody watches."""
+
+
+def load(path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False) -> Scene:
+    """Scene file -> Scene, with overlays applied and defaults filled in. Raises InputError with every problem."""
+    from physgen.scene.build import load as load_scene
+
+    return load_scene(Path(path), overrides, variant, allow_outside)
+
+
+def percepts(scene: Scene) -> Percepts | None:
+    """The photo and its maps; None for a scene without a photo."""
+    from physgen.percepts.maps import read_percepts
+
+    return read_percepts(scene.image, scene.assets, scene.maps)
+
+
+def compile(scene: Scene, maps: Percepts | None) -> Compiled:
+    """Outlines, centres, masses, moments and pairs, resolved."""
+    from physgen.compile.assemble import compile_scene
+
+    return compile_scene(scene, None if maps is None else maps.labels)
+
+
+def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
+    """What is allowed and probably not meant."""
+    from physgen.compile.lints import lint as lint_scene
+
+    return lint_scene(scene, compiled)
+
+
+def simulate(world: World, rate: float | None = None) -> Trajectory:
+    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
+    from physgen.simulate.engine import simulate as run
+
+    if rate is None:
+        return run(world)
+    return run(world, np.arange(int(world.duration * rate + 1e-9) + 1) / rate)
+
+
+def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
+    """What is drawn: the filled background and the objects cut out of the photo, or flat shapes on paper."""
+    from physgen.render.flat import flat_background, flat_sprites
+    from physgen.render.frames import Stage
+    from physgen.render.sprites import cut_sprites
+
+    order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
+    if maps is None:
+        return Stage(flat_background(compiled.world), flat_sprites(compiled.world, compiled.outlines, order))
+    coverage, background = filled(maps, compiled.labels)
+    absent = (maps.labels > 0) & (compiled.labels == 0)
+    sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
+    return Stage(background, sprites)
+
+
+def filled(maps: Percepts, labels: NDArray[np.uint16]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Coverage and background as stored; made now where the assets lack them or know less than the scene's masks."""
+    new = bool(((labels > 0) & (maps.labels == 0)).any())
+    if maps.coverage is not None and maps.background is not None and not new:
+        return maps.coverage, maps.background
+    from physgen import backends
+
+    union = np.where(labels > 0, labels, maps.labels)
+    coverage = maps.coverage
+    if coverage is None or new:
+        coverage = backends.make("matte", "classical")(maps.rgb, union)
+    return coverage, backends.make("inpaint", "classical")(maps.rgb, coverage > 0)
+
+
+def render(drawn: Stage, trajectory: Trajectory) -> Iterator[Frame]:
+    """Frames, one at a time."""
+    from physgen.render.frames import render_frames
+
+    return render_frames(drawn, trajectory)
+
+
+def render_scene(
+    path: str | Path,
+    out: str | Path = "out",
+    *,
+    overrides: Sequence[str] = (),
+    variant: str | None = None,
+    allow_outside: bool = False,
+    formats: Sequence[Format] | None = None,
+    command: Sequence[str] = (),
+    progress: Progress = silent,
+) -> Path:
+    """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it."""
+    from physgen.report.folder import whole_folder
+    from physgen.report.page import report_page
+    from physgen.report.record import RunRecord, file_hash, frame_hash, write_json
+    from physgen.report.video import Format, open_video
+    from physgen.scene.write import scene_text
+
+    record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
+    record.overrides, record.variant = list(overrides), variant
+    with record.stage("load"):
+        scene = load(path, overrides, variant, allow_outside)
+        if variant is not None:
+            scene = replace(scene, name=f"{scene.name}-{variant}")
+        maps = percepts(scene)
+    final = output_folder(Path(out), scene.name)
+    record.scene, record.document = scene.name, scene.document
+    record.seeds = {"refine": scene.refine.seed}
+    record.inputs = _inputs(scene, Path(path))
+    progress("compile", 0, 1)
+    with record.stage("compile"):
+        compiled = compile(scene, maps)
+        record.warnings = [{**w.as_dict(), "text": str(w)} for w in lint(scene, compiled)]
+    progress("simulate", 0, 1)
+    with record.stage("simulate"):
+        trajectory = simulate(compiled.world)
+    record.samples, record.steps = trajectory.sample_hashes(), trajectory.steps
+    with record.stage("cut out"):
+        drawn = stage(scene, compiled, maps)
+    del maps
+    kinds = tuple(formats) if formats else (Format.MP4,)
+    with whole_folder(final) as folder:
+        with ExitStack() as files:
+            with record.stage("encode"):
+                writers = [files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds]
+            frames = render(drawn, trajectory)
+            for index in range(len(trajectory.times)):
+                with record.stage("render"):
+                    frame = next(frames)
+                    record.frames.append(frame_hash(frame.rgb))
+                if index == 0:
+                    first = frame.rgb
+                with record.stage("encode"):
+                    for write in writers:
+                        write(frame.rgb)
+                progress("render", index + 1, len(trajectory.times))
+            with record.stage("encode"):
+                files.close()
+        with record.stage("report"):
+            trajectory.save(folder / "trajectory.npz")
+            video = next((kind.file for kind in kinds if kind is not Format.PNG), None)
+            text = scene_text(scene.document)
+            page = report_page(scene, compiled.world, record, first, video, text)
+            (folder / "report.html").write_text(page, encoding="utf-8")
+        for file in sorted(p for p in folder.rglob("*") if p.is_file()):
+            record.files[file.relative_to(folder).as_posix()] = file_hash(file)
+        write_json(folder / "manifest.json", record.manifest())
+    return final
+
+
+def output_folder(out: Path, name: str) -> Path:
+    """`out/<name>`; refuses a folder that holds anything but an earlier run of ours, so that nothing is lost."""
+    final = out / name
+    if final.exists() and not (final / "manifest.json").is_file() and (not final.is_dir() or any(final.iterdir())):
+        raise InputError.of(str(final), "", "is there already and was not made by physgen", "choose another folder with -o")
+    return final
+
+
+def _inputs(scene: Scene, path: Path) -> dict[str, str]:
+    """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
+    from physgen.report.record import file_hash
+
+    files = [path]
+    if scene.image is not None:
+        files.append(scene.image)
+        if scene.assets is not None and scene.assets.is_dir():
+            files += sorted(p for p in scene.assets.iterdir() if p.suffix == ".png")
+    folder = scene.folder.resolve()
+    named = {}
+    for file in files:
+        place = file.resolve()
+        named[place.relative_to(folder).as_posix() if place.is_relative_to(folder) else file.name] = file_hash(file)
+    return named

@@ -1,0 +1,83 @@
+"""What is wrong with an input, as data: collected, sorted by place, printed together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+
+class Place(NamedTuple):
+    """Where a value was written: a file with line and column from 1, or a flag (line 0)."""
+
+    file: str
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+
+
+class Severity(Enum):
+    """An error stops the command with exit code 2; a warning does not, unless `--strict` is given."""
+
+    ERROR = "error"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong, with what to do about it.
+
+    `str(problem)` is `file:line:column: path: found expected; fix`, for example
+    `scene.yaml:14:11: objects.cue.mass: "heavy" is not a number; write grams, e.g. 170`.
+    """
+
+    place: Place
+    path: str
+    """Dotted path of the value in the scene, `""` for the file as a whole."""
+    found: str
+    """What was written, quoted and cut to a readable length."""
+    expected: str
+    """What is wrong with it, as a verb phrase: `is not a number`."""
+    fix: str
+    """What to do, as an imperative: `write grams, e.g. 170`."""
+    severity: Severity = Severity.ERROR
+
+    def __str__(self) -> str:
+        where = f"{self.place}: " + (f"{self.path}: " if self.path else "")
+        what = " ".join(part for part in (self.found, self.expected) if part)
+        text = where + what + (f"; {self.fix}" if self.fix else "")
+        return text if self.severity is Severity.ERROR else text.replace(where, where + "warning: ", 1)
+
+    def as_dict(self) -> dict[str, object]:
+        """The same as JSON, for `--json`."""
+        return {
+            "file": self.place.file,
+            "line": self.place.line,
+            "column": self.place.column,
+            "path": self.path,
+            "found": self.found,
+            "expected": self.expected,
+            "fix": self.fix,
+            "severity": self.severity.value,
+        }
+
+
+def by_place(problems: Iterable[Problem]) -> list[Problem]:
+    """Sorted by file, line, column and path."""
+    return sorted(problems, key=lambda p: (p.place, p.path, p.expected))
+
+
+class InputError(Exception):
+    """An input cannot be used; carries every problem found, sorted. The command line prints them and exits 2."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = by_place(problems)
+        super().__init__("\n".join(map(str, self.problems)))
+
+    @classmethod
+    def of(cls, file: str, found: str, expected: str, fix: str) -> InputError:
+        """One problem with a whole file or a flag."""
+        return cls([Problem(Place(file), "", found, expected, fix)])

@@ -1,0 +1,1 @@
+"""World + Trajectory + Percepts -> Frames, one at a time."""

@@ -1,0 +1,102 @@
+"""World + Trajectory + sprites -> Frames, one at a time; blending and warping happen in linear light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry import Pose, rotation
+from physgen.photometry import decode, encode_u8
+from physgen.render.sprites import Sprite
+from physgen.simulate.trajectory import Trajectory
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of the video."""
+
+    index: int
+    time: float
+    """s."""
+    rgb: U8
+    """(H, W, 3) sRGB."""
+    ids: U16
+    """(H, W): body k shows as k + 1, 0 = background."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What is drawn: sprites in order, the farthest first, over a background `(H, W, 3)` sRGB."""
+
+    background: U8
+    sprites: Sequence[Sprite]
+
+
+def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
+    """Frames at the trajectory's times. Each object's own box is warped, and only touched pixels are encoded again."""
+    behind = decode(stage.background)
+    centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
+    for index, time in enumerate(trajectory.times):
+        canvas: F32 = behind.copy()
+        rgb = stage.background.copy()
+        ids = np.zeros(rgb.shape[:2], np.uint16)
+        touched = []
+        for sprite in stage.sprites:
+            start = Pose(*centers[sprite.body].tolist())
+            placed = _place(sprite, start, trajectory.pose(index, sprite.body), (rgb.shape[1], rgb.shape[0]))
+            if placed is None:
+                continue
+            box, light, coverage = placed
+            canvas[box] = light + (1 - coverage[..., None]) * canvas[box]
+            ids[box][coverage >= 0.5] = sprite.body + 1
+            touched.append(box)
+        for box in touched:
+            rgb[box] = encode_u8(canvas[box])
+        yield Frame(index, float(time), rgb, ids)
+
+
+Slices = tuple[slice, slice]
+
+
+def _place(sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int]) -> tuple[Slices, F32, F32] | None:
+    """The sprite's light and coverage where they fall on a canvas of `size` (W, H); None when outside."""
+    height, width = sprite.coverage.shape
+    corner = np.array(sprite.corner, np.float64)
+    turn = pose.angle - start.angle
+    if turn == 0.0 and pose[:2] == start[:2]:  # at rest: the photo's own pixels
+        x0, y0 = sprite.corner
+        left, top = max(-x0, 0), max(-y0, 0)
+        right, bottom = min(width, size[0] - x0), min(height, size[1] - y0)
+        if left >= right or top >= bottom:
+            return None
+        own = np.s_[top:bottom, left:right]
+        return np.s_[y0 + top : y0 + bottom, x0 + left : x0 + right], sprite.light[own], sprite.coverage[own]
+    forward = rotation(turn)
+    here = np.array(start[:2])
+    corners = corner + np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
+    moved = (corners - here) @ forward.T + pose[:2]
+    if not np.isfinite(moved).all():
+        return None
+    low, high = moved.min(axis=0), moved.max(axis=0)
+    if (high < 0).any() or low[0] >= size[0] or low[1] >= size[1]:
+        return None
+    x0, y0 = max(floor(low[0]), 0), max(floor(low[1]), 0)
+    x1, y1 = min(ceil(high[0]) + 1, size[0]), min(ceil(high[1]) + 1, size[1])
+    # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
+    back = forward.T
+    shift = back @ (np.array([x0, y0]) - pose[:2]) + here - corner
+    matrix = np.concatenate([back, shift[:, None]], axis=1)
+    source = np.dstack([sprite.light, sprite.coverage])
+    warped = cv2.warpAffine(
+        source, matrix, (x1 - x0, y1 - y0), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_CONSTANT
+    )
+    return np.s_[y0:y1, x0:x1], warped[..., :3], np.clip(warped[..., 3], 0.0, 1.0)

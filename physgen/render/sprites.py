@@ -1,0 +1,132 @@
+"""Photo, label map and background -> one sprite an object: its light and coverage in a box of its own.
+
+At t = 0 the sprites laid over the background give the photo back exactly: what a soft border leaves unexplained is
+kept with the object that is on top there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.photometry import decode
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+
+SOFT = 3
+"""px beyond a mask's border that its soft coverage may reach."""
+MARGIN = 2
+"""px of nothing around a sprite, so that interpolation fades to nothing."""
+CLEAN = 2
+"""px inside the border where the photo shows the object alone, unmixed with what is behind it."""
+
+
+@dataclass(frozen=True)
+class Sprite:
+    """One object's pixels at t = 0."""
+
+    body: int
+    """Index into the world's bodies."""
+    corner: tuple[int, int]
+    """Photo column and row of the box's first pixel; may be negative."""
+    light: F32
+    """(h, w, 3) linear, multiplied by coverage; slightly negative where a shadow at the border goes with the object."""
+    coverage: F32
+    """(h, w) in 0..1."""
+
+
+def cut_sprites(
+    rgb: U8, labels: U16, absent: NDArray[np.bool_], coverage: F32, background: U8, order: Sequence[int]
+) -> list[Sprite]:
+    """Sprites in drawing order, the farthest first.
+
+    `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
+    the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too.
+    """
+    photo, behind = decode(rgb), decode(background)
+    boxes = _boxes(labels)
+    total = _soft((labels > 0) | absent)
+    soft: dict[int, F32] = {}
+    for k in order:
+        if k + 1 in boxes:
+            x0, y0, x1, y1 = boxes[k + 1]
+            soft[k] = _soft(labels[y0:y1, x0:x1] == k + 1)
+    composite, top = behind.copy(), np.zeros(labels.shape, np.int32)
+    parts: list[tuple[int, F32, F32]] = []
+    for k in soft:
+        x0, y0, x1, y1 = boxes[k + 1]
+        box = np.s_[y0:y1, x0:x1]
+        share = soft[k] / np.maximum(total[box], 1e-6)
+        alpha = np.where(soft[k] > 1e-3, coverage[box] * share, 0.0).astype(np.float32)
+        alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
+        light = alpha[..., None] * _foreground(photo[box], labels[box] == k + 1, alpha)
+        composite[box] = light + (1 - alpha[..., None]) * composite[box]
+        top[box][alpha > 0] = k + 1
+        parts.append((k, light, alpha))
+    rest = photo - composite
+    rest[_soft(absent) > 1e-3] = 0.0
+    sprites = []
+    for k, light, alpha in parts:
+        x0, y0, x1, y1 = boxes[k + 1]
+        box = np.s_[y0:y1, x0:x1]
+        light = light + np.where((top[box] == k + 1)[..., None], rest[box], 0.0)
+        around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
+        sprites.append(
+            Sprite(
+                body=k,
+                corner=(x0 - MARGIN, y0 - MARGIN),
+                light=np.pad(light.astype(np.float32), (*around, (0, 0))),
+                coverage=np.pad(alpha, around),
+            )
+        )
+    return sprites
+
+
+def _soft(mask: NDArray[np.bool_]) -> F32:
+    """A mask blurred by a pixel: shares of touching masks add up to that of their union."""
+    return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.0), np.float32)
+
+
+def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
+    """Box x0, y0, x1, y1 of every id with room for its soft border, in one pass over the map."""
+    height, width = labels.shape
+    rows, columns = np.nonzero(labels)
+    ids = labels[rows, columns]
+    order = np.argsort(ids, kind="stable")
+    present, first = np.unique(ids[order], return_index=True)
+    boxes = {}
+    for k, mine in zip(present.tolist(), np.split(order, first[1:]), strict=False):
+        y, x = rows[mine], columns[mine]
+        boxes[k] = (
+            max(int(x.min()) - SOFT, 0),
+            max(int(y.min()) - SOFT, 0),
+            min(int(x.max()) + SOFT + 1, width),
+            min(int(y.max()) + SOFT + 1, height),
+        )
+    return boxes
+
+
+def _foreground(photo: F32, mask: NDArray[np.bool_], alpha: F32) -> F32:
+    """The object's own light `(h, w, 3)`, carried outwards from where nothing is mixed in."""
+    inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    sure = (inside > CLEAN) & (alpha >= 1.0)
+    if not sure.any():
+        sure = inside >= min(float(inside.max()), CLEAN)
+    weight = sure.astype(np.float32)
+    filled: F32 = photo.copy()
+    known = sure.copy()
+    for sigma in (1.0, 2.0, 4.0, 8.0):
+        if known[alpha > 0].all():
+            break
+        norm = cv2.GaussianBlur(weight, (0, 0), sigma)
+        spread = cv2.GaussianBlur(photo * weight[..., None], (0, 0), sigma)
+        new = ~known & (norm > 1e-3)
+        filled[new] = spread[new] / norm[new][:, None]
+        known |= new
+    return filled

@@ -1,0 +1,1 @@
+"""Frames and results -> files: the video, the run record, the page."""

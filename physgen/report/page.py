@@ -1,0 +1,173 @@
+"""Scene, world and run record -> report.html; several run folders -> index.html. Everything from outside is escaped."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.pairs import pair_table
+from physgen.compile.world import Body, World
+from physgen.report.record import RunRecord, versions
+from physgen.resources import resource
+from physgen.scene.model import Load, Scene, View
+
+Array = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+LONGEST_ARROW = 0.14
+"""Of the canvas's diagonal."""
+
+
+def report_page(scene: Scene, world: World, record: RunRecord, first: U8, video: str | None, scene_text: str) -> str:
+    """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it."""
+    width, height = scene.size
+    longest = max((stage.wall for stage in record.stages.values()), default=1.0) or 1.0
+    return _template("report.html.j2").render(
+        title=scene.name,
+        size=scene.size,
+        frames=len(world.times),
+        fps=scene.render.fps,
+        duration=world.duration,
+        steps=record.steps,
+        video=video,
+        photo=_data_uri(first),
+        view_box=f"-0.5 -0.5 {width} {height}",
+        walls=_walls(scene, world),
+        objects=[_object(scene, k, body) for k, body in enumerate(world.bodies)],
+        arrows=_arrows(world),
+        warnings=[str(warning["text"]) for warning in record.warnings],
+        world=_world_facts(world),
+        combine=world.combine.value,
+        pairs=pair_table(world),
+        stages=[
+            {"name": name, "wall": f"{t.wall:.3f}", "cpu": f"{t.cpu:.3f}", "share": round(100 * t.wall / longest, 1)}
+            for name, t in record.stages.items()
+        ],
+        command=shlex.join(record.command),
+        scene_text=scene_text,
+        versions=versions(),
+        inputs=record.inputs,
+    )
+
+
+def gallery_page(folders: Sequence[Path], root: Path) -> str:
+    """An index of output folders below `root`, each with its manifest."""
+    cards = []
+    for folder in folders:
+        manifest: Mapping[str, Any] = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        video = next((f for f in ("video.mp4", "video.webp", "video.gif") if f in manifest["files"]), None)
+        href = folder.relative_to(root).as_posix()
+        count = len(manifest["document"].get("objects", {}))
+        facts = f"{count} object{'s' if count != 1 else ''}, {len(manifest['frames'])} frames"
+        cards.append(
+            {
+                "title": manifest["scene"],
+                "href": f"{href}/report.html",
+                "video": f"{href}/{video}" if video else None,
+                "facts": facts,
+            }
+        )
+    return _template("gallery.html.j2").render(cards=cards)
+
+
+def _template(name: str) -> Any:
+    import jinja2
+
+    loader = jinja2.FileSystemLoader(resource("templates", name).parent)
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    return environment.get_template(name)
+
+
+def _data_uri(rgb: U8) -> str:
+    done, data = cv2.imencode(".jpg", np.ascontiguousarray(rgb[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 90])
+    if not done:
+        raise ValueError("the photo could not be written as JPEG")
+    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def _points(points: Array) -> str:
+    return " ".join(f"{x:.2f},{y:.2f}" for x, y in points)
+
+
+def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
+    return [
+        {"name": wall.name, "points": _points(wall.points), "friction": b.friction, "elasticity": b.elasticity}
+        for wall, b in zip(world.walls, scene.boundaries, strict=True)
+    ]
+
+
+def _object(scene: Scene, index: int, body: Body) -> dict[str, Any]:
+    item = scene.objects[index]
+    shape = f"circle, r {body.radius:.1f} px" if body.radius is not None else _polygon(body)
+    return {
+        "name": item.name,
+        "label": item.label,
+        "path": " ".join(f"M{_points(ring + body.center)}Z" for ring in body.rings),
+        "shape": shape,
+        "mass": f"{body.mass:,.4g}" if body.mass < 1e6 else f"{body.mass:.3e}",
+        "moment": f"{body.moment:.3e}",
+        "friction": f"{item.friction:g}",
+        "elasticity": f"{item.elasticity:g}",
+        "velocity": f"{body.velocity[0]:g}, {body.velocity[1]:g}",
+        "spin": f"{degrees(body.spin):g}",
+        "motion": item.motion.value,
+        "provenance": ", ".join(f"{key}: {source}" for key, source in item.provenance.items()),
+    }
+
+
+def _polygon(body: Body) -> str:
+    corners = sum(len(ring) for ring in body.rings)
+    pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
+    return f"polygon, {corners} corners{pieces}"
+
+
+def _arrows(world: World) -> list[dict[str, Any]]:
+    """Velocities and forces, each kind to a scale of its own."""
+    diagonal = float(np.hypot(*world.size))
+    found: dict[str, list[tuple[Array, Array, str]]] = {"velocity": [], "force": []}
+    for body in world.bodies:
+        if body.velocity.any():
+            title = f"{body.name}: {body.velocity[0]:g}, {body.velocity[1]:g} px/s"
+            found["velocity"].append((body.center, body.velocity, title))
+    for push in world.pushes:
+        if push.load is Load.TORQUE:
+            continue
+        body = world.bodies[push.body]
+        unit = "g·px/s" if push.load is Load.IMPULSE else "g·px/s²"
+        title = f"{push.load.value} on {body.name}: {push.vector[0]:g}, {push.vector[1]:g} {unit} from {push.start:g} s"
+        found["force"].append((body.center + push.at, push.vector, title))
+    arrows = []
+    for kind, rows in found.items():
+        largest = max((float(np.hypot(*vector)) for _, vector, _ in rows), default=0.0)
+        for start, vector, title in rows:
+            if largest > 0:
+                end = start + vector / largest * LONGEST_ARROW * diagonal
+                x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
+                arrows.append({"kind": kind, "x1": x1, "y1": y1, "x2": x2, "y2": y2, "title": title})
+    return arrows
+
+
+def _world_facts(world: World) -> list[tuple[str, str, str]]:
+    scale = world.pixels_per_meter
+    gravity = float(np.hypot(*world.gravity))
+    facts = [
+        ("view", world.view.value, ""),
+        ("scale", f"{scale:g} px/m", ""),
+        ("gravity", f"{world.gravity[0]:g}, {world.gravity[1]:g} px/s²", f"{gravity / scale:.3g} m/s²"),
+        ("canvas", f"{world.size[0]} × {world.size[1]} px", f"{world.size[0] / scale:.3g} × {world.size[1] / scale:.3g} m"),
+        ("duration", f"{world.duration:g} s", ""),
+        ("engine", f"{world.steps_per_second:g} steps/s", ""),
+        ("coefficients", world.combine.value, ""),
+    ]
+    if world.view is View.TOP:
+        facts.append(("table friction", f"{world.table_friction:g}", ""))
+    return facts

@@ -1,0 +1,136 @@
+"""What a run read, did and made, as data -> manifest.json."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import resource
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen import __version__
+
+LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
+
+
+@dataclass
+class StageTime:
+    """What one stage cost."""
+
+    wall: float = 0.0
+    """s."""
+    cpu: float = 0.0
+    """s of all threads."""
+
+
+@dataclass
+class RunRecord:
+    """Everything needed to repeat a run and to compare it."""
+
+    scene: str
+    command: list[str]
+    inputs: dict[str, str] = field(default_factory=dict)
+    """Path relative to the scene's folder -> SHA-256."""
+    overrides: list[str] = field(default_factory=list)
+    variant: str | None = None
+    seeds: dict[str, int] = field(default_factory=dict)
+    stages: dict[str, StageTime] = field(default_factory=dict)
+    samples: list[str] = field(default_factory=list)
+    """SHA-256 of each trajectory sample."""
+    frames: list[str] = field(default_factory=list)
+    """SHA-256 of each frame's RGB bytes."""
+    files: dict[str, str] = field(default_factory=dict)
+    """Output file -> SHA-256."""
+    warnings: list[dict[str, object]] = field(default_factory=list)
+    document: Mapping[str, Any] = field(default_factory=dict)
+    """The resolved scene."""
+    steps: int = 0
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of a block to a stage."""
+        times = self.stages.setdefault(name, StageTime())
+        wall, cpu = time.perf_counter(), time.process_time()
+        try:
+            yield
+        finally:
+            times.wall += time.perf_counter() - wall
+            times.cpu += time.process_time() - cpu
+
+    def manifest(self) -> dict[str, Any]:
+        """As JSON data, keys in reading order."""
+        return {
+            "manifest": 1,
+            "scene": self.scene,
+            "command": self.command,
+            "variant": self.variant,
+            "overrides": self.overrides,
+            "versions": versions(),
+            "platform": {"machine": platform.machine(), "system": platform.system()},
+            "inputs": self.inputs,
+            "seeds": self.seeds,
+            "steps": self.steps,
+            "warnings": self.warnings,
+            "stages": {name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()},
+            "peak_memory_mib": round(peak_memory() / 2**20, 1),
+            "files": self.files,
+            "samples": self.samples,
+            "frames": self.frames,
+            "document": self.document,
+        }
+
+
+def versions() -> dict[str, str]:
+    """Of physgen, Python and the libraries whose results reach the output."""
+    found = {"physgen": __version__, "python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+def peak_memory() -> int:
+    """Bytes: the most that this process has held so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file, read in blocks."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def frame_hash(rgb: NDArray[np.uint8]) -> str:
+    """SHA-256 of a frame's shape and bytes."""
+    return hashlib.sha256(f"{rgb.shape}".encode() + np.ascontiguousarray(rgb).tobytes()).hexdigest()
+
+
+def write_json(path: Path, data: object) -> None:
+    """Indented, UTF-8, under its final name when it is whole."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial.write_text(json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    return str(value)

@@ -1,0 +1,145 @@
+"""Frames -> video.mp4, .gif or .webp, or a folder of PNG; streamed, the same bytes on every run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import Enum
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+U8 = NDArray[np.uint8]
+
+THREADS = 2
+"""Of the encoder; fixed, since x264's bytes depend on it. One count serves single clips and batches."""
+X264 = {"crf": "17", "preset": "veryfast", "threads": str(THREADS)}
+PALETTE_FRAMES = 8
+"""Frames that a GIF's palette is chosen from: the first ones, since frames are streamed."""
+
+
+class Format(Enum):
+    """What a clip is written as."""
+
+    MP4 = "mp4"
+    GIF = "gif"
+    WEBP = "webp"
+    PNG = "png"
+
+    @property
+    def file(self) -> str:
+        """Name inside a scene's output folder."""
+        return "frames" if self is Format.PNG else f"video.{self.value}"
+
+
+Write = Callable[[U8], None]
+
+
+@contextmanager
+def open_video(folder: Path, kind: Format, size: tuple[int, int], fps: float) -> Iterator[Write]:
+    """A function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s."""
+    rate = Fraction(fps).limit_denominator(1001)
+    opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[kind]
+    with opener(folder / kind.file, size, rate) as write:
+        yield write
+
+
+@contextmanager
+def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    """H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
+    import av
+    from av.video.reformatter import Colorspace
+
+    width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
+    with av.open(str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"}) as container:
+        stream = container.add_stream("libx264", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.options = dict(X264)
+        context = stream.codec_context
+        context.color_range, context.colorspace, context.color_primaries, context.color_trc = 1, 1, 1, 13
+        context.flags |= 1 << 23  # bitexact: no encoder version in the stream
+
+        def write(rgb: U8) -> None:
+            even = np.pad(rgb, ((0, height - size[1]), (0, width - size[0]), (0, 0)), mode="edge") if size != (width, height) else rgb
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+            frame = frame.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709)
+            container.mux(stream.encode(frame))
+
+        yield write
+        container.mux(stream.encode(None))
+
+
+@contextmanager
+def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    import av
+
+    with av.open(str(path), "w", format="webp", options={"loop": "0", "fflags": "+bitexact"}) as container:
+        stream = container.add_stream("libwebp_anim", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = *size, "bgra"
+        stream.options = {"quality": "88", "compression_level": "2", "threads": "1"}
+
+        def write(rgb: U8) -> None:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format="bgra")))
+
+        yield write
+        container.mux(stream.encode(None))
+
+
+@contextmanager
+def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    """One shared palette; GIF counts time in hundredths of a second, so 30 fps plays at 33.3."""
+    import av
+    from PIL import Image
+
+    with av.open(str(path), "w", format="gif", options={"loop": "0", "fflags": "+bitexact"}) as container:
+        stream = container.add_stream("gif", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = *size, "pal8"
+        waiting: list[U8] = []
+        chosen: list[tuple[Image.Image, U8]] = []
+
+        def put(rgb: U8) -> None:
+            palette, table = chosen[0]
+            indices = np.asarray(Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG))
+            frame = av.VideoFrame.from_ndarray((np.ascontiguousarray(indices), table), format="pal8")
+            container.mux(stream.encode(frame))
+
+        def choose() -> None:
+            if not chosen and waiting:
+                palette = Image.fromarray(np.concatenate(waiting)).quantize(255)
+                colours = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+                table = np.zeros((256, 4), np.uint8)
+                table[:, 0] = 255
+                table[: len(colours), 1:] = colours
+                chosen.append((palette, table))
+            for rgb in waiting:
+                put(rgb)
+            waiting.clear()
+
+        def write(rgb: U8) -> None:
+            if chosen:
+                put(rgb)
+                return
+            waiting.append(rgb)
+            if len(waiting) == PALETTE_FRAMES:
+                choose()
+
+        yield write
+        choose()
+        container.mux(stream.encode(None))
+
+
+@contextmanager
+def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    from physgen.percepts.maps import write_png
+
+    path.mkdir(parents=True, exist_ok=True)
+    count = 0
+
+    def write(rgb: U8) -> None:
+        nonlocal count
+        write_png(path / f"{count:05d}.png", rgb)
+        count += 1
+
+    yield write

@@ -1,0 +1,119 @@
+"""What a simulation gives: poses, velocities, contacts and energy at exact sample times; and its file."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry import Pose
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Who touched whom; a partner's index counts the bodies first, then the walls."""
+
+    surfaces: tuple[str, ...]
+    """Names: bodies, then walls."""
+    touch_pairs: Index
+    """(E, 2): the two partners of a touch."""
+    touch_times: Array
+    """(E, 2) s: begin, end; the end is infinite where the touch outlasts the clip."""
+    impulse_rows: Index
+    """(R, 3): sample, first partner, second partner."""
+    impulses: Array
+    """(R, 2) g·px/s: what the second partner gave the first between the sample before and this one."""
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Totals over all dynamic bodies at each sample, g·px²/s²."""
+
+    kinetic: Array
+    """(T,)."""
+    potential: Array
+    """(T,), 0 for a body at the photo's origin."""
+    dissipated: Array
+    """(T,): work done against contacts since t = 0, summed from contact impulses and sliding and closing speeds."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Motion of N bodies at T times."""
+
+    times: Array
+    """(T,) s, t = 0 first."""
+    names: tuple[str, ...]
+    """N names, in the order of the world's bodies."""
+    poses: Array
+    """(T, N, 3): x px, y px, angle rad, of the centre of mass, image axes."""
+    velocities: Array
+    """(T, N, 3): px/s, px/s, rad/s."""
+    contacts: Contacts
+    energy: Energy
+    steps: int
+    """Engine steps that were taken."""
+
+    def pose(self, sample: int, body: int) -> Pose:
+        """Pose of one body at one sample."""
+        x, y, angle = self.poses[sample, body]
+        return Pose(float(x), float(y), float(angle))
+
+    def sample_hashes(self) -> list[str]:
+        """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
+        return [
+            hashlib.sha256(
+                b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))
+            ).hexdigest()
+            for t, p, v in zip(self.times, self.poses, self.velocities, strict=True)
+        ]
+
+    def save(self, path: Path) -> None:
+        """Write a NumPy archive (no pickles) under its final name when it is whole; the same bytes every time."""
+        partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **self.as_arrays())
+        partial.replace(path)
+
+    def as_arrays(self) -> dict[str, NDArray[np.generic]]:
+        """Flat names of the archive's arrays."""
+        arrays: dict[str, NDArray[np.generic]] = {
+            "times": self.times,
+            "names": np.array(self.names, dtype=np.str_),
+            "poses": self.poses,
+            "velocities": self.velocities,
+            "steps": np.array(self.steps),
+            "contacts_surfaces": np.array(self.contacts.surfaces, dtype=np.str_),
+        }
+        for part, of in (("contacts", self.contacts), ("energy", self.energy)):
+            for field in fields(of):
+                if field.name != "surfaces":
+                    arrays[f"{part}_{field.name}"] = getattr(of, field.name)
+        return arrays
+
+
+def read_trajectory(path: Path) -> Trajectory:
+    """The inverse of `Trajectory.save`; nothing is unpickled."""
+    with np.load(path, allow_pickle=False) as file:
+        parts = {
+            part: {name.removeprefix(f"{part}_"): file[name] for name in file.files if name.startswith(f"{part}_")}
+            for part in ("contacts", "energy")
+        }
+        parts["contacts"]["surfaces"] = tuple(map(str, file["contacts_surfaces"]))
+        return Trajectory(
+            times=file["times"],
+            names=tuple(map(str, file["names"])),
+            poses=file["poses"],
+            velocities=file["velocities"],
+            contacts=Contacts(**parts["contacts"]),
+            energy=Energy(**parts["energy"]),
+            steps=int(file["steps"]),
+        )

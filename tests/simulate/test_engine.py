@@ -1,0 +1,149 @@
+"""The engine against closed forms. The physics issue's scorecard tightens the bars; these hold the baseline."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from physgen.scene.model import Load, Motion
+from physgen.simulate.engine import simulate
+from physgen.simulate.trajectory import read_trajectory
+from worlds import GRAVITY, ball, box, floor, push, world
+
+
+def test_free_fall() -> None:
+    t = simulate(world(ball("a", 0, 0), gravity=(0, GRAVITY)))
+    drop = t.poses[:, 0, 1]
+    assert drop[-1] == approx(GRAVITY / 2, rel=2e-3)
+    assert t.velocities[-1, 0, 1] == approx(GRAVITY, rel=1e-9)
+
+
+def test_bounce_speed_is_the_pairs_elasticity() -> None:
+    t = simulate(world(ball("a", 100, 200, e=0.5), walls=[floor(e=0.8)], rate=960))
+    v = t.velocities[:, 0, 1]
+    hit = int(np.argmin(v))
+    assert -v[hit] / v[: hit - 1].max() == approx(np.sqrt(0.5 * 0.8), rel=5e-3)
+
+
+def test_sliding_block_stops_where_friction_says() -> None:
+    t = simulate(world(box("a", 0, 380, v=(400, 0), mu=0.3), walls=[floor(mu=0.6)], duration=2))
+    mu = np.sqrt(0.3 * 0.6)
+    assert t.poses[-1, 0, 0] == approx(400**2 / (2 * mu * GRAVITY), rel=5e-3)
+    assert t.velocities[-1, 0, 0] == approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("k", "name"), [(1 / 2, "disc"), (2 / 5, "sphere"), (1.0, "hoop")])
+def test_rolling_down_an_incline(k: float, name: str) -> None:
+    a = np.radians(15)
+    down = np.array([np.cos(a), np.sin(a)])
+    normal = np.array([np.sin(a), -np.cos(a)])
+    start = np.array([0.0, 400.0]) + 20 * normal
+    t = simulate(world(ball(name, *start, k=k, mu=1, e=0), walls=[floor(tilt=a, mu=1, e=0)]))
+    rolled = (t.poses[-1, 0, :2] - t.poses[0, 0, :2]) @ down
+    assert rolled == approx(GRAVITY * np.sin(a) / (1 + k) / 2, rel=5e-3)
+
+
+def test_unequal_head_on() -> None:
+    e, v = 0.6, 200.0
+    t = simulate(world(ball("a", 0, 0, v=(v, 0), e=e, mu=0), ball("b", 100, 0, mass=300, e=e, mu=0), gravity=(0, 0)))
+    assert t.velocities[-1, 0, 0] == approx((1 - 3 * e) * v / 4, rel=1e-3)
+    assert t.velocities[-1, 1, 0] == approx((1 + e) * v / 4, rel=1e-3)
+
+
+def test_loads_change_momentum_as_newton_says() -> None:
+    free = {"gravity": (0, 0)}
+    t = simulate(world(ball("a", 0, 0), pushes=[push(Load.IMPULSE, (3e4, -1e4))], **free))
+    assert t.velocities[-1, 0, :2] == approx([300, -100])
+    t = simulate(world(ball("a", 0, 0), pushes=[push(Load.IMPULSE, (3e4, 0), start=0.5)], **free))
+    assert t.velocities[[0, 14, -1], 0, 0] == approx([0, 0, 300])
+    t = simulate(world(ball("a", 0, 0), pushes=[push(Load.FORCE, (1e5, 0), start=0.1003, end=0.3141)], **free))
+    assert t.velocities[-1, 0, 0] == approx(1e5 * 0.2138 / 100)
+    t = simulate(world(ball("a", 0, 0), pushes=[push(Load.TORQUE, torque=1e6, start=0.2, end=0.7)], **free))
+    assert t.velocities[-1, 0, 2] == approx(1e6 * 0.5 / (100 * 200))
+    t = simulate(world(box("a", 0, 0), pushes=[push(Load.IMPULSE, (0, 2e4), at=(10, 0))], **free))
+    assert t.velocities[-1, 0] == approx([0, 200, 10 * 2e4 / (100 * 3200 / 12)])
+
+
+def test_scripted_body_follows_its_path_and_pushes() -> None:
+    pusher = box("pusher", 0, 0, motion=Motion.SCRIPTED, path=[(0, 0, 0, 0), (0.5, 100, 0, 0), (2, 100, 0, 0)])
+    t = simulate(world(pusher, ball("a", 60, 0, e=0, mu=0), gravity=(0, 0)))
+    x = t.poses[:, 0, 0]
+    assert x == approx(np.interp(t.times, [0, 0.5], [0, 100]), abs=0.3)
+    assert t.velocities[-1, 1, 0] == approx(200, rel=1e-2)
+
+
+def test_samples_do_not_change_the_motion() -> None:
+    scene = world(box("a", 100, 300, spin=2.0), walls=[floor()], duration=1)
+    coarse, fine = simulate(scene), simulate(scene, np.arange(121) / 120)
+    assert np.array_equal(coarse.poses, fine.poses[::4])
+
+
+def test_energy_balance_of_bounces_and_slides() -> None:
+    for body in (ball("a", 100, 100, v=(150, 0)), box("a", 100, 100, v=(300, 0), spin=3.0)):
+        t = simulate(world(body, walls=[floor(e=0.6)], duration=2))
+        e = t.energy
+        total = e.kinetic + e.potential + e.dissipated
+        assert np.ptp(total) < 0.01 * (e.kinetic.max() + np.ptp(e.potential))
+        assert e.dissipated[-1] > 0
+
+
+def test_contacts_name_who_touched_and_when() -> None:
+    t = simulate(world(ball("a", 100, 280, e=0), walls=[floor(e=0)], duration=1))
+    assert t.contacts.surfaces == ("a", "floor")
+    assert t.contacts.touch_pairs.tolist() == [[0, 1]]
+    begin, end = t.contacts.touch_times[0]
+    assert begin == approx(np.sqrt(2 * 100 / GRAVITY), abs=2 / 960)
+    assert np.isinf(end)
+    rows, j = t.contacts.impulse_rows, t.contacts.impulses
+    resting = j[rows[:, 0] == 20][0]
+    assert resting == approx([0, -100 * GRAVITY / 30], rel=1e-3, abs=1)
+
+
+def test_momentum_is_what_the_contacts_gave() -> None:
+    t = simulate(world(ball("a", 0, 0, v=(200, 10), e=1), ball("b", 100, 5, e=1), gravity=(0, 0)))
+    m = np.array([100.0, 100.0])
+    momentum = (m[:, None] * t.velocities[:, :, :2]).sum(axis=1)
+    assert np.ptp(momentum, axis=0) == approx([0, 0], abs=1e-6)
+    assert t.contacts.impulses.sum(axis=0) == approx(100 * (t.velocities[-1, 0, :2] - [200, 10]), rel=1e-9)
+
+
+def test_an_object_that_touches_nothing_can_be_taken_away() -> None:
+    stack = [box("a", 100, 380), box("b", 103, 340, spin=1.0), ball("c", 110, 100)]
+    alone = simulate(world(*stack, walls=[floor()]))
+    beside = simulate(world(*stack, ball("far", 3000, 100), walls=[floor()]))
+    assert np.array_equal(alone.poses, beside.poses[:, :3])
+
+
+def test_static_bodies_stay_and_are_listed_in_place() -> None:
+    t = simulate(world(ball("a", 0, 0), box("s", 0, 200, motion=Motion.STATIC), ball("b", 300, 0), duration=0.5))
+    assert np.array_equal(t.poses[:, 1], np.tile([0, 200, 0], (len(t.times), 1)))
+    assert t.poses[-1, 2, 1] == approx(GRAVITY * 0.125, rel=5e-3)
+    assert t.poses[0, 2, 0] == 300
+
+
+def test_archive_reads_back_and_repeats_its_bytes(tmp_path: Path) -> None:
+    scene = world(*(ball(f"b{k}", 40.3 * k, 380 - 41 * (k % 3), e=0.5) for k in range(9)), walls=[floor()])
+    simulate(scene).save(tmp_path / "a.npz")
+    simulate(scene).save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    back, now = read_trajectory(tmp_path / "a.npz"), simulate(scene)
+    assert back.names == now.names
+    for name, array in now.as_arrays().items():
+        assert np.array_equal(back.as_arrays()[name], array), name
+
+
+def test_another_process_gives_the_same_samples() -> None:
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "from worlds import *; from physgen.simulate.engine import simulate\n"
+        "w = world(*(box(f'b{i}{j}', 100 + 41 * i + 20.5 * j, 380 - 40 * j, spin=0.01 * i) for j in range(4) for i in range(4 - j)), walls=[floor()])\n"
+        "print(simulate(w).sample_hashes()[-1])"
+    )
+    runs = [subprocess.run([sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True, check=True) for _ in range(2)]
+    assert runs[0].stdout == runs[1].stdout
+    assert len(runs[0].stdout) == 65
