@@ -48,18 +48,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def perceive(options: argparse.Namespace) -> int:
     from physgen import backends, pipeline
 
+    bar = Bar()
     text = pipeline.perceive(
         options.image,
         options.output,
         masks=options.masks,
         coco=options.coco,
-        boxes=[_numbers("--box", text, 4) for text in options.box],
-        points=[_numbers("--point", text, 2) for text in options.point],
-        labels=_labels(options.label),
+        boxes=[_four("--box", text) for text in options.box],
+        points=[_two("--point", text) for text in options.point],
+        labels=options.label,
         assets=options.assets,
         backends=backends.chosen(options.backend),
-        progress=Bar().show,
+        progress=bar.show,
     )
+    bar.clear()
     if options.output is None:
         sys.stdout.write(text)
     return OK
@@ -68,10 +70,12 @@ def perceive(options: argparse.Namespace) -> int:
 def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
+    bar = Bar()
     if options.kind == "physgen":
-        text = pipeline.import_physgen(options.path, options.output)
+        text = pipeline.import_physgen(options.path, options.output, bar.show, lambda p: tell_problems([p]))
     else:
-        text = pipeline.import_coco(options.path, options.image, options.output, progress=Bar().show)
+        text = pipeline.import_coco(options.path, options.image, options.output, bar.show)
+    bar.clear()
     if options.output is None:
         sys.stdout.write(text)
     return OK
@@ -95,7 +99,9 @@ def check(options: argparse.Namespace) -> int:
             report += [p for p in error.problems if p not in report]
     failed = any(p.severity is Severity.ERROR or options.strict for p in report)
     if options.json:
-        _print_json({"problems": [p.as_dict() for p in report], "passed": not failed, "resolved": resolved or None})
+        _print_json(
+            {"problems": [p.as_dict() for p in report], "passed": not failed, "resolved": resolved or None}
+        )
     else:
         tell_problems(report)
         sys.stdout.write("---\n".join(resolved))
@@ -130,7 +136,15 @@ def render(options: argparse.Namespace) -> int:
 
     formats = tuple(Format(name) for name in options.format)
     jobs = [
-        Job(path, options.output, tuple(options.set), variant, options.allow_outside, formats, tuple(options.command_line))
+        Job(
+            path,
+            options.output,
+            tuple(options.set),
+            variant,
+            options.allow_outside,
+            formats,
+            tuple(options.command_line),
+        )
         for path in options.scenes
         for variant in _variants(path, options)
     ]
@@ -150,11 +164,19 @@ def render(options: argparse.Namespace) -> int:
 
         root = Path(options.output)
         index = root / "index.html"
-        index.write_text(gallery_page(folders, root), encoding="utf-8")
+        index.write_text(
+            gallery_page(sorted(p.parent for p in root.glob("*/manifest.json")), root), encoding="utf-8"
+        )
         if not options.json:
             print(index)
     if options.json:
-        _print_json({"folders": list(map(str, folders)), "index": str(index) if index else None, "passed": len(folders) == len(jobs)})
+        _print_json(
+            {
+                "folders": list(map(str, folders)),
+                "index": str(index) if index else None,
+                "passed": len(folders) == len(jobs),
+            }
+        )
     return OK if len(folders) == len(jobs) else WRONG_INPUT
 
 
@@ -206,51 +228,126 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"physgen {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
-    def command(name: str, run: Callable[[argparse.Namespace], int], about: str, example: str) -> argparse.ArgumentParser:
+    def command(
+        name: str, run: Callable[[argparse.Namespace], int], about: str, example: str
+    ) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=about, description=about, epilog=f"example: {example}")
         sub.set_defaults(run=run)
         return sub
 
-    sub = command("perceive", perceive, "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml")
+    sub = command(
+        "perceive", perceive, "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml"
+    )
     sub.add_argument("image", metavar="IMAGE", type=Path, help="the photo")
-    sub.add_argument("-o", "--output", metavar="SCENE", type=Path, help="write the scene here (assets beside it); default: stdout")
-    sub.add_argument("--masks", metavar="FILE", type=Path, help="label map of the photo's size: an id or colour an object, 0 or black for none")
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="SCENE",
+        type=Path,
+        help="write the scene here (assets beside it); default: stdout",
+    )
+    sub.add_argument(
+        "--masks",
+        metavar="FILE",
+        type=Path,
+        help="label map of the photo's size: an id or colour an object, 0 or black for none",
+    )
     sub.add_argument("--coco", metavar="FILE", type=Path, help="COCO annotations that hold the photo's masks")
-    sub.add_argument("--box", metavar="X,Y,W,H", action="append", default=[], help="an object lies in this box; may be repeated")
-    sub.add_argument("--point", metavar="X,Y", action="append", default=[], help="an object lies at this point; may be repeated")
-    sub.add_argument("--label", metavar="NAME=TEXT", action="append", default=[], help="what an object is; may be repeated")
+    sub.add_argument(
+        "--box",
+        metavar="X,Y,W,H",
+        action="append",
+        default=[],
+        help="an object lies in this box; may be repeated",
+    )
+    sub.add_argument(
+        "--point",
+        metavar="X,Y",
+        action="append",
+        default=[],
+        help="an object lies at this point; may be repeated",
+    )
+    sub.add_argument(
+        "--label", metavar="NAME=TEXT", action="append", default=[], help="what an object is; may be repeated"
+    )
     sub.add_argument("--assets", metavar="DIR", type=Path, help="folder for the maps")
-    sub.add_argument("--backend", metavar="ROLE=NAME", action="append", default=[], help="who does a step; see physgen backends")
+    sub.add_argument(
+        "--backend",
+        metavar="ROLE=NAME",
+        action="append",
+        default=[],
+        help="who does a step; see physgen backends",
+    )
 
-    sub = command("import", import_, "Somebody else's files to a scene.", "physgen import physgen data/pool -o pool.yaml")
-    sub.add_argument("kind", choices=("physgen", "coco"), help="physgen: a folder of the paper's code; coco: annotations")
+    sub = command(
+        "import",
+        import_,
+        "Somebody else's files to a scene.",
+        "physgen import physgen data/pool -o pool.yaml",
+    )
+    sub.add_argument(
+        "kind", choices=("physgen", "coco"), help="physgen: a folder of the paper's code; coco: annotations"
+    )
     sub.add_argument("path", metavar="PATH", type=Path, help="the folder or file")
-    sub.add_argument("--image", type=Path, help="coco: the photo; default: the file that the annotations name")
-    sub.add_argument("-o", "--output", metavar="SCENE", type=Path, help="write the scene here (assets beside it); default: stdout")
+    sub.add_argument(
+        "--image", type=Path, help="coco: the photo; default: the file that the annotations name"
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="SCENE",
+        type=Path,
+        help="write the scene here (assets beside it); default: stdout",
+    )
 
-    sub = command("check", check, "Problems and warnings of scene files.", "physgen check scenes/*/scene.yaml --strict")
+    sub = command(
+        "check", check, "Problems and warnings of scene files.", "physgen check scenes/*/scene.yaml --strict"
+    )
     sub.add_argument("scenes", metavar="SCENE", nargs="+")
     sub.add_argument("--strict", action="store_true", help="warnings count as errors")
-    sub.add_argument("--resolved", action="store_true", help="print the scene with overlays applied and defaults filled in")
+    sub.add_argument(
+        "--resolved", action="store_true", help="print the scene with overlays applied and defaults filled in"
+    )
     sub.add_argument("--json", action="store_true", help="print problems as JSON")
     _overlays(sub)
 
-    sub = command("simulate", simulate, "Scene to trajectory.", "physgen simulate scene.yaml -o trajectory.npz")
+    sub = command(
+        "simulate", simulate, "Scene to trajectory.", "physgen simulate scene.yaml -o trajectory.npz"
+    )
     sub.add_argument("scene", metavar="SCENE")
-    sub.add_argument("-o", "--output", metavar="FILE", type=Path, help="write a NumPy archive; default: CSV on stdout")
+    sub.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="write a NumPy archive; default: CSV on stdout"
+    )
     sub.add_argument("--rate", metavar="HZ", type=_positive, help="samples a second; default: the video's")
     sub.add_argument("--json", action="store_true", help="print everything as JSON")
     _overlays(sub)
 
-    sub = command("render", render, "Scenes to videos, reports and manifests.", "physgen render scene.yaml -o out --format mp4,gif")
+    sub = command(
+        "render",
+        render,
+        "Scenes to videos, reports and manifests.",
+        "physgen render scene.yaml -o out --format mp4,gif",
+    )
     sub.add_argument("scenes", metavar="SCENE", nargs="+")
-    sub.add_argument("-o", "--output", metavar="DIR", default="out", help="folder of the results; default: out")
-    sub.add_argument("--jobs", metavar="N", type=_count, default=1, help="scenes rendered at a time; default: 1")
-    sub.add_argument("--format", metavar="LIST", type=_formats, default=["mp4"], help="any of mp4,gif,webp,png; default: mp4")
+    sub.add_argument(
+        "-o", "--output", metavar="DIR", default="out", help="folder of the results; default: out"
+    )
+    sub.add_argument(
+        "--jobs", metavar="N", type=_count, default=1, help="scenes rendered at a time; default: 1"
+    )
+    sub.add_argument(
+        "--format",
+        metavar="LIST",
+        type=_formats,
+        default=["mp4"],
+        help="any of mp4,gif,webp,png; default: mp4",
+    )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
 
-    sub = command("backends", list_backends, "Who can do each step, and what is missing.", "physgen backends --json")
+    sub = command(
+        "backends", list_backends, "Who can do each step, and what is missing.", "physgen backends --json"
+    )
     sub.add_argument("--json", action="store_true", help="print as JSON")
 
     sub = command("schema", schema, "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
@@ -259,9 +356,17 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _overlays(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="edit a key: objects.ball-1.mass=200; * stands for every object")
+    sub.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="edit a key: objects.ball-1.mass=200; * stands for every object",
+    )
     sub.add_argument("--variant", metavar="NAME", help="apply a named variant of the file, or all")
-    sub.add_argument("--allow-outside", action="store_true", help="let the scene read files outside its folder")
+    sub.add_argument(
+        "--allow-outside", action="store_true", help="let the scene read files outside its folder"
+    )
 
 
 def _positive(text: str) -> float:
@@ -297,14 +402,14 @@ def _numbers(flag: str, text: str, count: int) -> tuple[float, ...]:
     return values
 
 
-def _labels(settings: Sequence[str]) -> dict[str, str]:
-    labels = {}
-    for setting in settings:
-        name, sign, text = setting.partition("=")
-        if not (sign and name and text.strip()):
-            raise InputError.of("--label", f'"{setting}"', "is not NAME=TEXT", 'write e.g. ball-1="steel ball"')
-        labels[name] = text.strip()
-    return labels
+def _four(flag: str, text: str) -> tuple[float, float, float, float]:
+    a, b, c, d = _numbers(flag, text, 4)
+    return a, b, c, d
+
+
+def _two(flag: str, text: str) -> tuple[float, float]:
+    a, b = _numbers(flag, text, 2)
+    return a, b
 
 
 def _one_variant(options: argparse.Namespace) -> str | None:
@@ -330,7 +435,12 @@ def _refuse_twins(jobs: Sequence[Job]) -> None:
         name = path.resolve().parent.name if path.name == "scene.yaml" else path.stem
         other = seen.setdefault((name, job.variant), job.path)
         if other is not job.path:
-            problems += InputError.of(job.path, "", f"would be written over {other}: both are called {name}", "render them into two folders").problems
+            problems += InputError.of(
+                job.path,
+                "",
+                f"would be written over {other}: both are called {name}",
+                "render them into two folders",
+            ).problems
     if problems:
         raise InputError(problems)
 
@@ -358,7 +468,10 @@ def _print_json(data: Any) -> None:
 def _pair_header(world: Any) -> str:
     from physgen.compile.pairs import pair_table
 
-    rows = [f"{p.first} x {p.second}: friction {p.friction:.4g}, elasticity {p.elasticity:.4g}" for p in pair_table(world)]
+    rows = [
+        f"{p.first} x {p.second}: friction {p.friction:.4g}, elasticity {p.elasticity:.4g}"
+        for p in pair_table(world)
+    ]
     return "\n".join(["pair coefficients in use:", *rows]) if rows else ""
 
 

@@ -8,10 +8,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +37,80 @@ def silent(stage: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
 
 
-def load(path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False) -> Scene:
+Warn = Callable[[Problem], None]
+"""Told of everything that is allowed and probably not meant."""
+
+
+def unheard(problem: Problem) -> None:
+    """Warnings that nobody reads."""
+
+
+def perceive(
+    image: Path,
+    output: Path | None = None,
+    *,
+    masks: Path | None = None,
+    coco: Path | None = None,
+    boxes: Sequence[tuple[float, float, float, float]] = (),
+    points: Sequence[tuple[float, float]] = (),
+    labels: Sequence[str] = (),
+    assets: Path | None = None,
+    backends: Mapping[str, str] = MappingProxyType({}),
+    progress: Progress = silent,
+) -> str:
+    """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
+
+    Objects come from `masks` (a label map), `coco` (annotations), `boxes` (x, y, w, h px) and `points` (x, y px), or
+    from the segment backend. `labels` are `NAME=TEXT`.
+    """
+    from physgen import backends as table
+    from physgen.perceive.given import from_masks, from_prompts
+    from physgen.perceive.import_coco import coco_objects, read_coco
+    from physgen.perceive.lay_out import lay_out
+    from physgen.perceive.scene import perceive as run
+    from physgen.percepts.maps import read_image, read_labels
+
+    if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
+        fix = "choose --masks, --coco, or --box and --point"
+        raise InputError.of("perceive", "", "was told in more than one way where the objects are", fix)
+    rgb = read_image(image)
+    found = None
+    if masks is not None:
+        found = from_masks(read_labels(masks))
+    elif coco is not None:
+        found = coco_objects(coco, read_coco(coco, image), (rgb.shape[1], rgb.shape[0]))
+    elif boxes or points:
+        found = from_prompts(rgb, boxes, points, table.make("segment", backends.get("segment")))
+    perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
+    return lay_out(perceived, image, output, assets)
+
+
+def import_physgen(
+    folder: Path, output: Path | None = None, progress: Progress = silent, warn: Warn = unheard
+) -> str:
+    """A folder of the paper's public code -> the scene's text; writes as `perceive` does."""
+    from physgen.perceive.import_physgen import import_physgen as run
+    from physgen.perceive.lay_out import lay_out
+
+    imported = run(folder, progress=progress)
+    for problem in imported.warnings:
+        warn(problem)
+    assets = None if output else Path(f"{folder.resolve().name}.assets")
+    return lay_out(imported, folder / "original.png", output, assets)
+
+
+def import_coco(
+    file: Path, image: Path | None = None, output: Path | None = None, progress: Progress = silent
+) -> str:
+    """One photo of a COCO file -> the scene's text; writes as `perceive` does."""
+    from physgen.perceive.import_coco import read_coco
+
+    return perceive(image or read_coco(file).file, output, coco=file, progress=progress)
+
+
+def load(
+    path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False
+) -> Scene:
     """Scene file -> Scene, with overlays applied and defaults filled in. Raises InputError with every problem."""
     from physgen.scene.build import load as load_scene
 
@@ -98,8 +172,8 @@ def filled(maps: Percepts, labels: NDArray[np.uint16]) -> tuple[NDArray[np.float
     union = np.where(labels > 0, labels, maps.labels)
     coverage = maps.coverage
     if coverage is None or new:
-        coverage = backends.make("matte", "classical")(maps.rgb, union)
-    return coverage, backends.make("inpaint", "classical")(maps.rgb, coverage > 0)
+        coverage = backends.make("matte")(maps.rgb, union)
+    return coverage, backends.make("inpaint")(maps.rgb, coverage > 0)
 
 
 def render(drawn: Stage, trajectory: Trajectory) -> Iterator[Frame]:
@@ -119,8 +193,12 @@ def render_scene(
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
     progress: Progress = silent,
+    warn: Warn = unheard,
 ) -> Path:
-    """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it."""
+    """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
+
+    Raises InputError.
+    """
     from physgen.report.folder import whole_folder
     from physgen.report.page import report_page
     from physgen.report.record import RunRecord, file_hash, frame_hash, write_json
@@ -141,7 +219,10 @@ def render_scene(
     progress("compile", 0, 1)
     with record.stage("compile"):
         compiled = compile(scene, maps)
-        record.warnings = [{**w.as_dict(), "text": str(w)} for w in lint(scene, compiled)]
+        lints = lint(scene, compiled)
+    for problem in lints:
+        warn(problem)
+    record.warnings = [{**problem.as_dict(), "text": str(problem)} for problem in lints]
     progress("simulate", 0, 1)
     with record.stage("simulate"):
         trajectory = simulate(compiled.world)
@@ -153,7 +234,9 @@ def render_scene(
     with whole_folder(final) as folder:
         with ExitStack() as files:
             with record.stage("encode"):
-                writers = [files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds]
+                writers = [
+                    files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds
+                ]
             frames = render(drawn, trajectory)
             for index in range(len(trajectory.times)):
                 with record.stage("render"):
@@ -182,8 +265,14 @@ def render_scene(
 def output_folder(out: Path, name: str) -> Path:
     """`out/<name>`; refuses a folder that holds anything but an earlier run of ours, so that nothing is lost."""
     final = out / name
-    if final.exists() and not (final / "manifest.json").is_file() and (not final.is_dir() or any(final.iterdir())):
-        raise InputError.of(str(final), "", "is there already and was not made by physgen", "choose another folder with -o")
+    if (
+        final.exists()
+        and not (final / "manifest.json").is_file()
+        and (not final.is_dir() or any(final.iterdir()))
+    ):
+        raise InputError.of(
+            str(final), "", "is there already and was not made by physgen", "choose another folder with -o"
+        )
     return final
 
 
@@ -200,5 +289,7 @@ def _inputs(scene: Scene, path: Path) -> dict[str, str]:
     named = {}
     for file in files:
         place = file.resolve()
-        named[place.relative_to(folder).as_posix() if place.is_relative_to(folder) else file.name] = file_hash(file)
+        named[place.relative_to(folder).as_posix() if place.is_relative_to(folder) else file.name] = (
+            file_hash(file)
+        )
     return named

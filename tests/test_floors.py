@@ -41,10 +41,17 @@ def dotted(path: Path) -> str:
 def floor_and_room(name: str) -> tuple[int, str]:
     """The longest row that names the module: `scene.model` lives a floor below its folder."""
     best = max(
-        ((len(room), floor, room) for floor, rooms in FLOORS.items() for room in rooms if f"{name}.".startswith(f"{room}.")),
+        (
+            (len(room), floor, room)
+            for floor, rooms in FLOORS.items()
+            for room in rooms
+            if f"{name}.".startswith(f"{room}.")
+        ),
         default=None,
     )
-    assert best is not None, f"physgen/{name.replace('.', '/')}.py stands on no floor: name it in tests/test_floors.py"
+    assert best is not None, (
+        f"physgen/{name.replace('.', '/')}.py stands on no floor: name it in tests/test_floors.py"
+    )
     return best[1], best[2]
 
 
@@ -78,7 +85,9 @@ def test_imports_go_down(path: Path) -> None:
             continue
         target = imported.removeprefix("physgen.")
         other_floor, other_room = floor_and_room(target)
-        own_folder = other_room == room or target.split(".")[0] == name.split(".")[0] or other_floor == floor == 0
+        own_folder = (
+            other_room == room or target.split(".")[0] == name.split(".")[0] or other_floor == floor == 0
+        )
         assert other_floor < floor or own_folder, (
             f"physgen/{path.relative_to(PACKAGE)}:{line}: {name} (floor {floor}) imports {target} (floor {other_floor})"
         )
@@ -105,7 +114,9 @@ def test_only_the_command_line_prints() -> None:
         if dotted(path) in ("cli", "scene.reference"):  # reference is a page's generator, run as a module
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            is_print = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
+            is_print = (
+                isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
+            )
             assert not is_print, f"{path}:{node.lineno} prints"
 
 

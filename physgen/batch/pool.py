@@ -29,7 +29,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """How a job ended: a folder, or problems."""
+    """How a job ended: a folder, and the warnings on the way; or no folder, and the errors."""
 
     job: Job
     folder: Path | None
@@ -38,6 +38,7 @@ class Done:
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """One clip in this process."""
+    warnings: list[Problem] = []
     try:
         folder = pipeline.render_scene(
             job.path,
@@ -48,10 +49,11 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             formats=job.formats,
             command=job.command,
             progress=progress,
+            warn=warnings.append,
         )
     except InputError as error:
-        return Done(job, None, tuple(error.problems))
-    return Done(job, folder)
+        return Done(job, None, (*warnings, *error.problems))
+    return Done(job, folder, tuple(warnings))
 
 
 def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:

@@ -12,9 +12,8 @@ from physgen.compile.masks import object_labels
 from physgen.compile.pairs import surface
 from physgen.compile.world import Body, Push, Wall, World
 from physgen.geometry import rotation
-from physgen.outline.outline import Disc, Outline, Region, Ring
+from physgen.outline.outline import Disc, Outline, Region, Ring, mass_properties
 from physgen.outline.pieces import convex_pieces
-from physgen.outline.properties import mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.problems import InputError, Problem
 from physgen.scene.model import Box, Circle, Force, Load, Motion, Object, Polygon, Scene, Shape, Solid
@@ -51,7 +50,9 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
             bodies.append(_body(item, outline, scene))
         except ValueError as error:
             path = f"objects.{item.name}.shape"
-            problems.append(Problem(scene.place(path), path, "the outline", str(error), "draw it with a larger area"))
+            problems.append(
+                Problem(scene.place(path), path, "the outline", str(error), "draw it with a larger area")
+            )
     if problems:
         raise InputError(problems)
     world = World(
@@ -66,7 +67,9 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
         times=frame_times(scene),
         bodies=tuple(bodies),
         walls=tuple(
-            Wall(b.name, np.array(b.points, np.float64), surface(b.friction, b.elasticity, scene.world.combine))
+            Wall(
+                b.name, np.array(b.points, np.float64), surface(b.friction, b.elasticity, scene.world.combine)
+            )
             for b in scene.boundaries
         ),
         pushes=_pushes(scene, bodies),
@@ -78,8 +81,8 @@ def frame_times(scene: Scene) -> Array:
     """(T,) s: k duration / frames where `render.frames` is given, else k / fps for fps x duration frames."""
     duration, render = scene.world.duration, scene.render
     if render.frames is not None:
-        return np.arange(render.frames) * (duration / render.frames)
-    return np.arange(max(1, round(render.fps * duration))) / render.fps
+        return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
+    return np.arange(max(1, round(render.fps * duration)), dtype=np.float64) / render.fps
 
 
 def _written(shape: Shape) -> Outline | None:
@@ -92,7 +95,10 @@ def _written(shape: Shape) -> Outline | None:
             return Region((Ring(corners @ rotation(radians(angle)).T + center, ()),))
         case Polygon(rings=rings):
             return Region(
-                tuple(Ring(np.array(r.outline, np.float64), tuple(np.array(h, np.float64) for h in r.holes)) for r in rings)
+                tuple(
+                    Ring(np.array(r.outline, np.float64), tuple(np.array(h, np.float64) for h in r.holes))
+                    for r in rings
+                )
             )
         case _:
             return None
@@ -108,7 +114,7 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         radius: float | None = outline.radius
         moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
         pieces: tuple[Array, ...] = ()
-        rings = (_circle(outline.radius),)
+        rings: tuple[Array, ...] = (_circle(outline.radius),)
     else:
         radius = None
         moment = mass * properties.second / properties.area
@@ -128,7 +134,9 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         rolling=item.rolling,
         velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
         spin=radians(item.spin) if moving else 0.0,
-        path=np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(-1, 4),
+        path=np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(
+            -1, 4
+        ),
     )
 
 
@@ -145,9 +153,13 @@ def _pushes(scene: Scene, bodies: list[Body]) -> tuple[Push, ...]:
     def push(force: Force) -> Push:
         body = index[force.object]
         at = np.zeros(2) if force.at is None else np.array(force.at) - bodies[body].center
-        end = force.start if force.load is Load.IMPULSE else force.start + (
-            force.duration if force.duration is not None else np.inf
+        end = (
+            force.start
+            if force.load is Load.IMPULSE
+            else force.start + (force.duration if force.duration is not None else np.inf)
         )
-        return Push(body, force.load, np.array(force.vector, np.float64), force.torque, at, force.start, float(end))
+        return Push(
+            body, force.load, np.array(force.vector, np.float64), force.torque, at, force.start, float(end)
+        )
 
     return tuple(push(force) for force in scene.forces)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.assemble import Compiled
 from physgen.compile.world import Body, Wall
-from physgen.outline.outline import Disc, Outline, Region, Ring
+from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
 from physgen.outline.overlap import overlap_depth
 from physgen.outline.raster import coverage
 from physgen.problems import Problem, Severity, by_place
@@ -46,14 +46,19 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
         near = np.flatnonzero(
-            (boxes[:i, 0] < boxes[i, 2]) & (boxes[:i, 2] > boxes[i, 0]) & (boxes[:i, 1] < boxes[i, 3]) & (boxes[:i, 3] > boxes[i, 1])
+            (boxes[:i, 0] < boxes[i, 2])
+            & (boxes[:i, 2] > boxes[i, 0])
+            & (boxes[:i, 1] < boxes[i, 3])
+            & (boxes[:i, 3] > boxes[i, 1])
         )
         for j in near.tolist():
             depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
             if depth > OVERLAP:
                 other = scene.objects[j].name
                 expected = f"overlaps {other} by {depth:.1f} px at t = 0"
-                yield _warning(scene, path, item.name, expected, "move or shrink one of them, or they are pushed apart")
+                yield _warning(
+                    scene, path, item.name, expected, "move or shrink one of them, or they are pushed apart"
+                )
         if item.motion is Motion.DYNAMIC:
             for wall in compiled.world.walls:
                 depth = _sunk(compiled.world.bodies[i], wall)
@@ -74,19 +79,37 @@ def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             continue
         lowered = _moved(compiled.outlines[i], step)
         x0, y0, x1, y1 = bounds(lowered)
-        near = np.flatnonzero((boxes[:, 0] < x1) & (boxes[:, 2] > x0) & (boxes[:, 1] < y1) & (boxes[:, 3] > y0))
+        near = np.flatnonzero(
+            (boxes[:, 0] < x1) & (boxes[:, 2] > x0) & (boxes[:, 1] < y1) & (boxes[:, 3] > y0)
+        )
         if any(j != i and overlap_depth(lowered, compiled.outlines[j]) > 0 for j in near.tolist()):
             continue
         if any(_sunk(compiled.world.bodies[i], wall, step) > 0 for wall in compiled.world.walls):
             continue
         expected = "is supported by nothing and falls at once"
-        yield _warning(scene, f"objects.{item.name}", item.name, expected, "put a boundary under it, or write motion: static")
+        yield _warning(
+            scene,
+            f"objects.{item.name}",
+            item.name,
+            expected,
+            "put a boundary under it, or write motion: static",
+        )
 
 
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     world = scene.world
+    if scene.render.motion_blur > 0:
+        why = "has no effect yet: the shutter is not simulated"
+        yield _warning(scene, "render.motion_blur", f"{scene.render.motion_blur:g}", why, "take it out")
+    if scene.refine.backend != "none":
+        why = "has no effect yet: no refinement backend is installed"
+        yield _warning(scene, "refine.backend", scene.refine.backend, why, "write none")
     if world.table_friction > 0:
-        why = "has no effect seen from the side" if world.view is View.SIDE else "has no effect yet: tables are not simulated"
+        why = (
+            "has no effect seen from the side"
+            if world.view is View.SIDE
+            else "has no effect yet: tables are not simulated"
+        )
         yield _warning(scene, "world.table.friction", f"{world.table_friction:g}", why, "take it out")
     for item in scene.objects:
         path = f"objects.{item.name}"
@@ -104,18 +127,24 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         target = next(item for item in scene.objects if item.name == force.object)
         if target.motion is not Motion.DYNAMIC:
             why = f"has no effect: the motion of {target.name} is {target.motion.value}"
-            yield _warning(scene, f"forces[{k}]", force.load.value, why, "take it out, or write motion: dynamic")
+            yield _warning(
+                scene, f"forces[{k}]", force.load.value, why, "take it out, or write motion: dynamic"
+            )
         elif force.start >= world.duration:
             why = f"begins after the end of the clip at {world.duration:g} s"
-            yield _warning(scene, f"forces[{k}].start", f"{force.start:g}", why, "begin earlier or lengthen the duration")
+            yield _warning(
+                scene, f"forces[{k}].start", f"{force.start:g}", why, "begin earlier or lengthen the duration"
+            )
 
 
 def _too_fast(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         step = float(np.hypot(*body.velocity)) / scene.world.steps_per_second
         if step > body.size:
-            expected = f"moves {step:.0f} px a step, further than its size of {body.size:.0f} px, and can pass through things"
-            yield _warning(scene, f"objects.{item.name}.velocity", item.name, expected, "raise world.steps_per_second")
+            expected = f"moves {step:.0f} px a step, over its size of {body.size:.0f} px, and can pass through things"
+            yield _warning(
+                scene, f"objects.{item.name}.velocity", item.name, expected, "raise world.steps_per_second"
+            )
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -127,17 +156,13 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         missed = np.count_nonzero(mask & (coverage(compiled.outlines[k], scene.size) < 0.5)) / max(area, 1)
         if missed > MISSED:
             expected = f"misses {missed:.0%} of its mask"
-            yield _warning(scene, f"objects.{item.name}.shape", "the shape", expected, "write shape: auto, or correct the outline")
-
-
-def bounds(outline: Outline) -> tuple[float, float, float, float]:
-    """x0, y0, x1, y1 px."""
-    if isinstance(outline, Disc):
-        (x, y), r = outline.center, outline.radius
-        return float(x - r), float(y - r), float(x + r), float(y + r)
-    points = np.concatenate([ring.outer for ring in outline.rings])
-    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
-    return float(x0), float(y0), float(x1), float(y1)
+            yield _warning(
+                scene,
+                f"objects.{item.name}.shape",
+                "the shape",
+                expected,
+                "write shape: auto, or correct the outline",
+            )
 
 
 def _moved(outline: Outline, by: Array) -> Outline:

@@ -26,7 +26,9 @@ def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None
         item, outline = scene.objects[k], written[k]
         mask = _mask(item, scene.size, labels)
         if mask is None:
-            mask = np.zeros((height, width), bool) if outline is None else coverage(outline, scene.size) >= 0.5
+            mask = (
+                np.zeros((height, width), bool) if outline is None else coverage(outline, scene.size) >= 0.5
+            )
         elif not mask.any():
             problems.append(_missing(scene, item))
         out[mask] = k + 1

@@ -47,11 +47,15 @@ def pair_table(world: World) -> list[Pair]:
         for b, second in rows[i:]:
             if a is b and len(first) == 1:
                 continue
-            pairs.append(Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity))
+            pairs.append(
+                Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity)
+            )
         for b, second in walls.items():
-            pairs.append(Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity))
+            pairs.append(
+                Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity)
+            )
     return pairs
 
 
 def _names(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"

@@ -112,4 +112,5 @@ class World:
     @property
     def surfaces(self) -> tuple[tuple[str, Surface], ...]:
         """Name and surface of every body, then of every wall."""
-        return tuple((thing.name, thing.surface) for thing in (*self.bodies, *self.walls))
+        things: tuple[Body | Wall, ...] = (*self.bodies, *self.walls)
+        return tuple((thing.name, thing.surface) for thing in things)

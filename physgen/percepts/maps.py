@@ -65,17 +65,26 @@ def read_labels(path: Path) -> U16:
     if raw.ndim == 2:
         return raw.astype(np.uint16)
     channels = raw[:, :, :3]
-    if np.array_equal(channels[..., 0], channels[..., 1]) and np.array_equal(channels[..., 0], channels[..., 2]):
+    if np.array_equal(channels[..., 0], channels[..., 1]) and np.array_equal(
+        channels[..., 0], channels[..., 2]
+    ):
         return channels[..., 0].astype(np.uint16)
     code = (channels.astype(np.uint32) * np.array([1, 256, 65536], np.uint32)).sum(axis=2)
     colours, ids = np.unique(code, return_inverse=True)
     if len(colours) > 65535:
-        raise InputError.of(str(path), f"{len(colours)} colours", "are too many for a label map", "give each object one colour")
+        raise InputError.of(
+            str(path),
+            f"{len(colours)} colours",
+            "are too many for a label map",
+            "give each object one colour",
+        )
     ids = ids.reshape(code.shape)
     return (ids if colours[0] == 0 else ids + 1).astype(np.uint16)
 
 
-def read_percepts(image: Path | None, assets: Path | None, maps: Mapping[str, tuple[float, float]]) -> Percepts | None:
+def read_percepts(
+    image: Path | None, assets: Path | None, maps: Mapping[str, tuple[float, float]]
+) -> Percepts | None:
     """The photo with the maps found in its assets folder; None for a scene without a photo.
 
     `maps` tells what 0 and 65535 stand for in depth.png and shading.png.
@@ -96,7 +105,9 @@ def read_percepts(image: Path | None, assets: Path | None, maps: Mapping[str, tu
         picture = _decode(path)
         if picture.shape[:2] != (H, W):
             found = f"{picture.shape[1]} x {picture.shape[0]} px"
-            raise InputError.of(str(path), found, f"differs from the photo's {W} x {H} px", "make it the photo's size")
+            raise InputError.of(
+                str(path), found, f"differs from the photo's {W} x {H} px", "make it the photo's size"
+            )
         return picture
 
     def colour(name: str) -> U8 | None:
@@ -128,7 +139,9 @@ def read_percepts(image: Path | None, assets: Path | None, maps: Mapping[str, tu
         background=colour("background.png"),
         clean=colour("clean.png"),
         depth=scalar("depth"),
-        normals=None if normals is None else ((normals[:, :, 2::-1].astype(np.float32) - 128) / 127).astype(np.float32),
+        normals=None
+        if normals is None
+        else ((normals[:, :, 2::-1].astype(np.float32) - 128) / 127).astype(np.float32),
         albedo=None if albedo is None else (albedo[:, :, 2::-1].astype(np.float32) / np.float32(65535)),
         shading=scalar("shading"),
     )
@@ -170,7 +183,9 @@ def write_png(path: Path, picture: U8 | U16) -> None:
     bgr = picture if picture.ndim == 2 else picture[:, :, ::-1]
     done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     if not done:
-        raise ValueError(f"{path.name}: a picture of shape {picture.shape} and type {picture.dtype} cannot be a PNG")
+        raise ValueError(
+            f"{path.name}: a picture of shape {picture.shape} and type {picture.dtype} cannot be a PNG"
+        )
     write_kept(path, data.tobytes())
 
 
@@ -205,7 +220,11 @@ def _decode(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
         raise InputError.of(str(path), "", "no such file", "check the path") from None
     except (OSError, SyntaxError, ValueError, cv2.error, Image.DecompressionBombError) as error:
         reason = str(error).splitlines()[0][:120]
-        raise InputError.of(str(path), "", f"is not a picture that can be read ({reason})", "save it as PNG or JPEG") from None
+        raise InputError.of(
+            str(path), "", f"is not a picture that can be read ({reason})", "save it as PNG or JPEG"
+        ) from None
     if picture.dtype not in (np.uint8, np.uint16):
-        raise InputError.of(str(path), f"{picture.dtype} pixels", "are not 8 or 16 bits", "save it as an 8-bit PNG")
+        raise InputError.of(
+            str(path), f"{picture.dtype} pixels", "are not 8 or 16 bits", "save it as an 8-bit PNG"
+        )
     return picture  # type: ignore[return-value]

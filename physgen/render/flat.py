@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, floor
 
 import cv2
 import numpy as np
@@ -71,5 +70,3 @@ def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...]) -> F32:
         spoke = pixels(np.array([[0.0, 0.0], [body.radius, 0.0]]))
         cv2.line(canvas, spoke[0].tolist(), spoke[1].tolist(), 255, thick)
     return (cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0).astype(np.float32)
-
-

@@ -20,6 +20,10 @@ U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 
 
+FADE = 3.0
+"""px of motion over which the photo's own border pixels give way to the object's clean ones."""
+
+
 @dataclass(frozen=True)
 class Frame:
     """One picture of the video."""
@@ -79,7 +83,8 @@ def _place(sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int]) -> tu
         if left >= right or top >= bottom:
             return None
         own = np.s_[top:bottom, left:right]
-        return np.s_[y0 + top : y0 + bottom, x0 + left : x0 + right], sprite.light[own], sprite.coverage[own]
+        light = sprite.light[own] if sprite.rest is None else sprite.light[own] + sprite.rest[own]
+        return np.s_[y0 + top : y0 + bottom, x0 + left : x0 + right], light, sprite.coverage[own]
     forward = rotation(turn)
     here = np.array(start[:2])
     corners = corner + np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
@@ -94,9 +99,15 @@ def _place(sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int]) -> tu
     # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
     back = forward.T
     shift = back @ (np.array([x0, y0]) - pose[:2]) + here - corner
-    matrix = np.concatenate([back, shift[:, None]], axis=1)
-    source = np.dstack([sprite.light, sprite.coverage])
-    warped = cv2.warpAffine(
-        source, matrix, (x1 - x0, y1 - y0), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_CONSTANT
+    matrix = 2 * np.concatenate([back, shift[:, None]], axis=1)  # the fine grid has two samples a pixel
+    how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    warped: F32 = cv2.warpAffine(  # type: ignore[assignment]  # OpenCV keeps float32
+        sprite.fine, matrix, (x1 - x0, y1 - y0), flags=how, borderMode=cv2.BORDER_CONSTANT
     )
-    return np.s_[y0:y1, x0:x1], warped[..., :3], np.clip(warped[..., 3], 0.0, 1.0)
+    light = warped[..., :3]
+    left_behind = float(np.abs(moved - corners).max()) / FADE
+    if sprite.rest is not None and left_behind < 1:
+        light = light + (1 - left_behind) * cv2.warpAffine(
+            sprite.rest, matrix / 2, (x1 - x0, y1 - y0), flags=how, borderMode=cv2.BORDER_CONSTANT
+        )
+    return np.s_[y0:y1, x0:x1], light, np.clip(warped[..., 3], 0.0, 1.0)

@@ -1,13 +1,14 @@
 """Photo, label map and background -> one sprite an object: its light and coverage in a box of its own.
 
-At t = 0 the sprites laid over the background give the photo back exactly: what a soft border leaves unexplained is
-kept with the object that is on top there.
+At t = 0 the sprites laid over the background give the photo back exactly: what soft borders leave unexplained is kept
+beside the object that is on top there, and fades as the object leaves its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -36,9 +37,30 @@ class Sprite:
     corner: tuple[int, int]
     """Photo column and row of the box's first pixel; may be negative."""
     light: F32
-    """(h, w, 3) linear, multiplied by coverage; slightly negative where a shadow at the border goes with the object."""
+    """(h, w, 3) linear, multiplied by coverage."""
     coverage: F32
     """(h, w) in 0..1."""
+    rest: F32 | None = None
+    """(h, w, 3) linear: what the photo shows here beyond light and background, at the border alone; of either sign."""
+
+    @cached_property
+    def fine(self) -> F32:
+        """(2h - 1, 2w - 1, 4): light and coverage at every half pixel, for warps.
+
+        Catmull-Rom halfway between pixels, so that linear interpolation on this grid stays sharp and moves a picture by
+        exactly what was asked; OpenCV's own cubic (a = -0.75) is off by up to 0.05 px.
+        """
+        return _halved(_halved(np.dstack([self.light, self.coverage]), 0), 1)
+
+
+def _halved(values: F32, axis: int) -> F32:
+    """Samples at half steps along an axis; the ends are far from any light."""
+    v = np.moveaxis(values, axis, 0)
+    out = np.empty((2 * len(v) - 1, *v.shape[1:]), np.float32)
+    out[::2] = v
+    p = np.concatenate([v[:1], v, v[-1:]])
+    out[1::2] = (9 * (p[1:-2] + p[2:-1]) - (p[:-3] + p[3:])) / 16
+    return np.ascontiguousarray(np.moveaxis(out, 0, axis))
 
 
 def cut_sprites(
@@ -75,7 +97,7 @@ def cut_sprites(
     for k, light, alpha in parts:
         x0, y0, x1, y1 = boxes[k + 1]
         box = np.s_[y0:y1, x0:x1]
-        light = light + np.where((top[box] == k + 1)[..., None], rest[box], 0.0)
+        own = np.where((top[box] == k + 1)[..., None], rest[box], np.float32(0))
         around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
         sprites.append(
             Sprite(
@@ -83,6 +105,7 @@ def cut_sprites(
                 corner=(x0 - MARGIN, y0 - MARGIN),
                 light=np.pad(light.astype(np.float32), (*around, (0, 0))),
                 coverage=np.pad(alpha, around),
+                rest=np.pad(own, (*around, (0, 0))),
             )
         )
     return sprites

@@ -27,11 +27,13 @@ LONGEST_ARROW = 0.14
 """Of the canvas's diagonal."""
 
 
-def report_page(scene: Scene, world: World, record: RunRecord, first: U8, video: str | None, scene_text: str) -> str:
+def report_page(
+    scene: Scene, world: World, record: RunRecord, first: U8, video: str | None, scene_text: str
+) -> str:
     """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it."""
     width, height = scene.size
     longest = max((stage.wall for stage in record.stages.values()), default=1.0) or 1.0
-    return _template("report.html.j2").render(
+    page: str = _template("report.html.j2").render(
         title=scene.name,
         size=scene.size,
         frames=len(world.times),
@@ -49,7 +51,12 @@ def report_page(scene: Scene, world: World, record: RunRecord, first: U8, video:
         combine=world.combine.value,
         pairs=pair_table(world),
         stages=[
-            {"name": name, "wall": f"{t.wall:.3f}", "cpu": f"{t.cpu:.3f}", "share": round(100 * t.wall / longest, 1)}
+            {
+                "name": name,
+                "wall": f"{t.wall:.3f}",
+                "cpu": f"{t.cpu:.3f}",
+                "share": round(100 * t.wall / longest, 1),
+            }
             for name, t in record.stages.items()
         ],
         command=shlex.join(record.command),
@@ -57,6 +64,7 @@ def report_page(scene: Scene, world: World, record: RunRecord, first: U8, video:
         versions=versions(),
         inputs=record.inputs,
     )
+    return page
 
 
 def gallery_page(folders: Sequence[Path], root: Path) -> str:
@@ -76,7 +84,8 @@ def gallery_page(folders: Sequence[Path], root: Path) -> str:
                 "facts": facts,
             }
         )
-    return _template("gallery.html.j2").render(cards=cards)
+    page: str = _template("gallery.html.j2").render(cards=cards)
+    return page
 
 
 def _template(name: str) -> Any:
@@ -100,7 +109,12 @@ def _points(points: Array) -> str:
 
 def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
     return [
-        {"name": wall.name, "points": _points(wall.points), "friction": b.friction, "elasticity": b.elasticity}
+        {
+            "name": wall.name,
+            "points": _points(wall.points),
+            "friction": b.friction,
+            "elasticity": b.elasticity,
+        }
         for wall, b in zip(world.walls, scene.boundaries, strict=True)
     ]
 
@@ -163,7 +177,11 @@ def _world_facts(world: World) -> list[tuple[str, str, str]]:
         ("view", world.view.value, ""),
         ("scale", f"{scale:g} px/m", ""),
         ("gravity", f"{world.gravity[0]:g}, {world.gravity[1]:g} px/s²", f"{gravity / scale:.3g} m/s²"),
-        ("canvas", f"{world.size[0]} × {world.size[1]} px", f"{world.size[0] / scale:.3g} × {world.size[1] / scale:.3g} m"),
+        (
+            "canvas",
+            f"{world.size[0]} × {world.size[1]} px",
+            f"{world.size[0] / scale:.3g} × {world.size[1] / scale:.3g} m",
+        ),
         ("duration", f"{world.duration:g} s", ""),
         ("engine", f"{world.steps_per_second:g} steps/s", ""),
         ("coefficients", world.combine.value, ""),

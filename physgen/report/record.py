@@ -82,7 +82,9 @@ class RunRecord:
             "seeds": self.seeds,
             "steps": self.steps,
             "warnings": self.warnings,
-            "stages": {name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()},
+            "stages": {
+                name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()
+            },
             "peak_memory_mib": round(peak_memory() / 2**20, 1),
             "files": self.files,
             "samples": self.samples,
@@ -122,7 +124,9 @@ def frame_hash(rgb: NDArray[np.uint8]) -> str:
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    partial.write_text(json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n", encoding="utf-8")
+    partial.write_text(
+        json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n", encoding="utf-8"
+    )
     partial.replace(path)
 
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from enum import Enum
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,9 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
     from av.video.reformatter import Colorspace
 
     width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
-    with av.open(str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"}) as container:
+    with av.open(
+        str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"}
+    ) as container:
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = dict(X264)
@@ -62,7 +65,11 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         context.flags |= 1 << 23  # bitexact: no encoder version in the stream
 
         def write(rgb: U8) -> None:
-            even = np.pad(rgb, ((0, height - size[1]), (0, width - size[0]), (0, 0)), mode="edge") if size != (width, height) else rgb
+            even = (
+                np.pad(rgb, ((0, height - size[1]), (0, width - size[0]), (0, 0)), mode="edge")
+                if size != (width, height)
+                else rgb
+            )
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
             frame = frame.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709)
             container.mux(stream.encode(frame))
@@ -81,7 +88,9 @@ def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         stream.options = {"quality": "88", "compression_level": "2", "threads": "1"}
 
         def write(rgb: U8) -> None:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format="bgra")))
+            container.mux(
+                stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format="bgra"))
+            )
 
         yield write
         container.mux(stream.encode(None))
@@ -101,8 +110,11 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 
         def put(rgb: U8) -> None:
             palette, table = chosen[0]
-            indices = np.asarray(Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG))
-            frame = av.VideoFrame.from_ndarray((np.ascontiguousarray(indices), table), format="pal8")
+            indices = np.asarray(
+                Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+            )
+            indexed: Any = (np.ascontiguousarray(indices), table)
+            frame = av.VideoFrame.from_ndarray(indexed, format="pal8")
             container.mux(stream.encode(frame))
 
         def choose() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -151,7 +152,9 @@ class _Run:
             where = np.where((count > 1)[:, None], both, one)
             self.dissipated += self._work_against(first, second, impulse, where, before)
 
-    def _work_against(self, first: Index, second: Index, impulse: Array, where: Array, before: Array) -> float:
+    def _work_against(
+        self, first: Index, second: Index, impulse: Array, where: Array, before: Array
+    ) -> float:
         """Impulse times the mean of the partners' relative velocity before and after the step, where they touch.
 
         The step is x += v dt, then v += g dt + J/m: the change of kinetic plus potential energy is exactly J times
@@ -196,7 +199,7 @@ def _add_wall(space: pymunk.Space, wall: Wall) -> pymunk.Body:
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
     points = wall.points.tolist()
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in pairwise(points):
         segment = pymunk.Segment(body, a, b, 0.0)
         segment.friction, segment.elasticity = wall.surface.friction, wall.surface.elasticity
         space.add(segment)
@@ -215,7 +218,9 @@ def _apply(body: pymunk.Body, push: Push, begin: float, end: float) -> None:
     """Impulses once in the step that begins nearest after their start; forces for the part of the step they last."""
     if push.load is Load.IMPULSE:
         if begin <= push.start + 1e-12 < end:
-            body.apply_impulse_at_world_point(tuple(push.vector.tolist()), body.local_to_world(push.at.tolist()))
+            body.apply_impulse_at_world_point(
+                tuple(push.vector.tolist()), body.local_to_world(push.at.tolist())
+            )
         return
     part = (min(push.end, end) - max(push.start, begin)) / (end - begin)
     if part <= 0:

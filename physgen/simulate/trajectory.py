@@ -69,9 +69,7 @@ class Trajectory:
     def sample_hashes(self) -> list[str]:
         """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
         return [
-            hashlib.sha256(
-                b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))
-            ).hexdigest()
+            hashlib.sha256(b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))).hexdigest()
             for t, p, v in zip(self.times, self.poses, self.velocities, strict=True)
         ]
 
@@ -104,7 +102,11 @@ def read_trajectory(path: Path) -> Trajectory:
     """The inverse of `Trajectory.save`; nothing is unpickled."""
     with np.load(path, allow_pickle=False) as file:
         parts = {
-            part: {name.removeprefix(f"{part}_"): file[name] for name in file.files if name.startswith(f"{part}_")}
+            part: {
+                name.removeprefix(f"{part}_"): file[name]
+                for name in file.files
+                if name.startswith(f"{part}_")
+            }
             for part in ("contacts", "energy")
         }
         parts["contacts"]["surfaces"] = tuple(map(str, file["contacts_surfaces"]))

@@ -1,0 +1,45 @@
+# make demo: install, perceive and render the bundled photos, print the gallery's path
+# make test: install what tests need, lint, type-check, test
+PYTHON ?= python3
+BIN = .venv/bin
+OUT = out/demo
+
+.PHONY: demo test docs bench clean
+
+demo: .venv/.demo
+	mkdir -p $(OUT)/perceived
+	$(BIN)/physgen perceive scenes/billiards/photo.png -o $(OUT)/perceived/billiards-perceived.yaml
+	$(BIN)/physgen perceive scenes/dominoes/photo.png -o $(OUT)/perceived/dominoes-perceived.yaml
+	$(BIN)/physgen render $(OUT)/perceived/billiards-perceived.yaml -o $(OUT) --set objects.ball-1.velocity=[900,-20]
+	$(BIN)/physgen render $(OUT)/perceived/dominoes-perceived.yaml -o $(OUT) --set objects.block-1.spin=70
+	$(BIN)/physgen render scenes/billiards/scene.yaml scenes/dominoes/scene.yaml -o $(OUT)
+	@echo
+	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
+
+test: .venv/.test
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/pytest
+
+docs: .venv/.demo
+	$(BIN)/physgen schema --markdown > docs/scene.md
+
+bench: .venv/.test
+	$(BIN)/python benchmarks/run.py
+
+.venv/.python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	@touch $@
+
+.venv/.demo: .venv/.python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+.venv/.test: .venv/.python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@ .venv/.demo
+
+clean:
+	rm -rf .venv out dist build

@@ -1,0 +1,173 @@
+"""Measures speed, memory and quality; writes benchmarks/results/*.json and docs/benchmarks.md from them.
+
+    python benchmarks/run.py                 # everything; peer scenes only where PHYSGEN_PEER_SCENES names their folder
+    python benchmarks/run.py render start    # some of it
+
+Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from tables import RESULTS, page
+
+from physgen.cli import main as physgen
+from physgen.percepts.maps import read_image, read_labels
+
+ROOT = Path(__file__).resolve().parent.parent
+BUNDLED = ("billiards", "dominoes")
+PEERS = ("pool", "domino", "pig_ball")
+FRAMES = (16, 300)
+
+
+def peer_folder() -> Path | None:
+    name = os.environ.get("PHYSGEN_PEER_SCENES")
+    return Path(name) if name else None
+
+
+def scenes(folder: Path) -> dict[str, Path]:
+    """Bundled scenes as shipped, peer scenes imported into `folder`."""
+    found = {name: ROOT / "scenes" / name / "scene.yaml" for name in BUNDLED}
+    if peers := peer_folder():
+        for name in PEERS:
+            found[name] = folder / f"{name}.yaml"
+            assert physgen(["import", "physgen", str(peers / name), "-o", str(found[name])]) == 0
+    return found
+
+
+def render(folder: Path) -> list[dict]:
+    """Seconds a stage and peak memory, each clip in a process of its own, at few and at many frames."""
+    rows = []
+    for name, path in scenes(folder).items():
+        for frames in FRAMES:
+            out = folder / "out" / str(frames)
+            command = [sys.executable, "-m", "physgen.cli", "render", str(path), "-o", str(out)]
+            subprocess.run([*command, "--set", f"render.frames={frames}"], check=True, capture_output=True)
+            run = out / (path.parent.name if path.name == "scene.yaml" else path.stem)
+            manifest = json.loads((run / "manifest.json").read_text())
+            rows.append(
+                {
+                    "scene": name,
+                    "objects": len(manifest["document"]["objects"]),
+                    "frames": len(manifest["frames"]),
+                    "cpu": {stage: times["cpu"] for stage, times in manifest["stages"].items()},
+                    "wall": round(sum(times["wall"] for times in manifest["stages"].values()), 3),
+                    "peak_mib": manifest["peak_memory_mib"],
+                    "video_kib": round((run / "video.mp4").stat().st_size / 1024),
+                }
+            )
+    return rows
+
+
+def cpu_of(*command: str, repeat: int = 5) -> float:
+    """Median CPU seconds of a process."""
+    times = []
+    for _ in range(repeat):
+        before = os.times()
+        subprocess.run(command, check=True, capture_output=True)
+        after = os.times()
+        times.append(
+            after.children_user + after.children_system - before.children_user - before.children_system
+        )
+    return round(float(np.median(times)), 3)
+
+
+def start(folder: Path) -> list[dict]:
+    """What starting costs."""
+    ball = folder / "ball.yaml"
+    ball.write_text(
+        "physgen: 1\nsize: [64, 48]\nobjects: {a: {shape: {circle: {center: [30, 20], radius: 8}}}}\n"
+    )
+    python = sys.executable
+    rows = [
+        ("python -c pass", cpu_of(python, "-c", "pass")),
+        ("physgen --help", cpu_of(python, "-m", "physgen.cli", "--help")),
+        ("physgen check, one ball", cpu_of(python, "-m", "physgen.cli", "check", str(ball))),
+        ("physgen simulate, one ball, 2 s", cpu_of(python, "-m", "physgen.cli", "simulate", str(ball))),
+    ]
+    return [{"command": command, "cpu": cpu} for command, cpu in rows]
+
+
+def check(folder: Path) -> list[dict]:
+    """Milliseconds to read and check a scene of 16 objects with 80-point polygons, after imports."""
+    angle = np.arange(80) * 2 * np.pi / 80
+    lines = ["physgen: 1", "size: [512, 512]", "objects:"]
+    for k in range(16):
+        x, y = 60 + 120 * (k % 4), 60 + 120 * (k // 4)
+        points = [[round(float(x + 40 * np.cos(a)), 2), round(float(y + 40 * np.sin(a)), 2)] for a in angle]
+        lines += [f"  thing-{k}:", "    label: thing", f"    shape: {{polygon: {points}}}", "    mass: 100"]
+    path = folder / "sixteen.yaml"
+    path.write_text("\n".join(lines) + "\n")
+    code = (
+        "import sys, time; from pathlib import Path; from physgen.scene.build import load\n"
+        "load(Path(sys.argv[1])); times = []\n"
+        "for _ in range(15):\n    t = time.process_time(); load(Path(sys.argv[1])); times.append(time.process_time() - t)\n"
+        "print(sorted(times)[7])"
+    )
+    run = subprocess.run([sys.executable, "-c", code, str(path)], check=True, capture_output=True, text=True)
+    return [{"scene": "16 objects, 80-point polygons", "ms": round(1000 * float(run.stdout), 1)}]
+
+
+def segmentation(folder: Path) -> list[dict]:
+    """Objects found at an intersection over union of 0.5, against the masks."""
+    from physgen import backends
+
+    photos = {
+        name: (ROOT / "scenes" / name / "photo.png", ROOT / "scenes" / name / "photo.assets/masks.png")
+        for name in BUNDLED
+    }
+    if peers := peer_folder():
+        photos |= {
+            name: (peers / name / "original.png", peers / name / "mask.png") for name in (*PEERS, "boxes")
+        }
+    find = backends.make("segment")
+    rows = []
+    for name, (photo, masks) in photos.items():
+        said, truth = find(read_image(photo)).labels, read_labels(masks)
+        joint = np.zeros((int(truth.max()) + 1, int(said.max()) + 1))
+        np.add.at(joint, (truth, said), 1)
+        union = joint.sum(1, keepdims=True) + joint.sum(0, keepdims=True) - joint
+        iou = (joint / np.maximum(union, 1))[1:, 1:]
+        hits = []
+        while iou.size and iou.max() >= 0.5:
+            i, j = np.unravel_index(iou.argmax(), iou.shape)
+            hits.append(float(iou[i, j]))
+            iou[i], iou[:, j] = 0, 0
+        true, found = len(np.unique(truth)) - 1, len(np.unique(said)) - 1
+        rows.append(
+            {
+                "photo": name,
+                "hit": len(hits),
+                "said": found,
+                "true": true,
+                "iou": round(float(np.mean(hits)), 3),
+            }
+        )
+    return rows
+
+
+PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation}
+
+
+def main(names: list[str]) -> None:
+    RESULTS.mkdir(exist_ok=True)
+    for name in names or PARTS:
+        with tempfile.TemporaryDirectory() as folder:
+            rows = PARTS[name](Path(folder))
+        machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+        result = {"machine": machine, "rows": rows}
+        (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+    (ROOT / "docs" / "benchmarks.md").write_text(page())
+    print(page())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

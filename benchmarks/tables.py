@@ -1,0 +1,101 @@
+"""benchmarks/results/*.json -> docs/benchmarks.md; a test fails when the two differ."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+RESULTS = Path(__file__).resolve().parent / "results"
+STAGES = ("load", "compile", "simulate", "cut out", "render", "encode", "report")
+
+
+def page() -> str:
+    parts = [
+        "# Benchmarks",
+        "",
+        "Written by `make bench` from `benchmarks/results/`; do not edit. One run each; CPU seconds.",
+        "",
+    ]
+    for name, table in (
+        ("render", _render),
+        ("start", _start),
+        ("check", _check),
+        ("segmentation", _segmentation),
+    ):
+        path = RESULTS / f"{name}.json"
+        if path.exists():
+            result = json.loads(path.read_text())
+            parts += [*table(result["rows"]), "", f"Measured on {result['machine']}.", ""]
+    return "\n".join(parts)
+
+
+def _table(head: list[str], rows: list[list[object]]) -> list[str]:
+    numbers = ["---" if k == 0 else "---:" for k in range(len(head))]
+    return ["| " + " | ".join(map(str, row)) + " |" for row in (head, numbers, *rows)]
+
+
+def _render(rows: list[dict]) -> list[str]:
+    body = [
+        [
+            r["scene"],
+            r["objects"],
+            r["frames"],
+            *(f"{r['cpu'].get(s, 0):.2f}" for s in STAGES),
+            f"{r['wall']:.1f}",
+            r["peak_mib"],
+        ]
+        for r in rows
+    ]
+    growth = []
+    for name in dict.fromkeys(r["scene"] for r in rows):
+        own = [r for r in rows if r["scene"] == name]
+        growth.append(f"{name} {own[-1]['peak_mib'] / own[0]['peak_mib'] - 1:+.1%}")
+    return [
+        "## Rendering",
+        "",
+        "CPU seconds of each stage, the wall time of all, and the most memory the process held. `encode` is H.264.",
+        "",
+        *_table(["scene", "objects", "frames", *STAGES, "wall", "MiB"], body),
+        "",
+        f"Memory from the fewest to the most frames: {', '.join(growth)}.",
+    ]
+
+
+def _start(rows: list[dict]) -> list[str]:
+    return [
+        "## Starting",
+        "",
+        *_table(["command", "CPU s"], [[f"`{r['command']}`", f"{r['cpu']:.2f}"] for r in rows]),
+    ]
+
+
+def _check(rows: list[dict]) -> list[str]:
+    return [
+        "## Checking",
+        "",
+        "After imports.",
+        "",
+        *_table(["scene", "ms"], [[r["scene"], r["ms"]] for r in rows]),
+    ]
+
+
+def _segmentation(rows: list[dict]) -> list[str]:
+    body = [
+        [
+            r["photo"],
+            r["hit"],
+            r["said"],
+            r["true"],
+            f"{r['hit'] / max(r['said'], 1):.2f}",
+            f"{r['hit'] / r['true']:.2f}",
+            r["iou"],
+        ]
+        for r in rows
+    ]
+    return [
+        "## Finding objects",
+        "",
+        "Without masks, at an intersection over union of 0.5.",
+        "",
+        *_table(["photo", "hit", "said", "true", "precision", "recall", "mean IoU"], body),
+    ]

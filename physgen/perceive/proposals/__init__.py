@@ -1,0 +1,1 @@
+"""Photo -> proposals of whole objects -> the subset that explains the photo best, without training."""

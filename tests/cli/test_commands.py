@@ -1,0 +1,286 @@
+"""The commands as a person runs them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen.cli import main
+from physgen.simulate.trajectory import read_trajectory
+
+LESSON = """\
+physgen: 1
+size: [160, 120]
+world: {duration: 0.5}
+objects:
+  ball: {shape: {circle: {center: [40, 85], radius: 15}}, mass: 100, velocity: [120, 0]}
+  crate: {shape: {box: {center: [110, 80], size: [30, 40]}}, mass: 200}
+boundaries:
+  floor: {segment: [[-100, 100], [300, 100]]}
+render: {fps: 24}
+variants:
+  heavy: {objects.ball.mass: 900}
+"""
+
+
+@pytest.fixture
+def lesson(tmp_path: Path) -> Path:
+    path = tmp_path / "lesson.yaml"
+    path.write_text(LESSON)
+    return path
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> tuple[Path, Path]:
+    """A drawn photo of two blocks and a ball on a floor, and its label map."""
+    rng = np.random.default_rng(3)
+    picture = np.full((120, 160, 3), 90, np.uint8)
+    picture[95:] = (60, 80, 100)
+    labels = np.zeros((120, 160), np.uint16)
+    for k, (x, colour) in enumerate(((20, (40, 60, 200)), (100, (200, 120, 40))), 1):
+        picture[65:95, x : x + 24] = colour
+        labels[65:95, x : x + 24] = k
+    cv2.circle(picture, (72, 81), 14, (40, 200, 210), -1, cv2.LINE_AA)
+    labels[np.hypot(*(np.mgrid[:120, :160] - np.array([81, 72])[:, None, None])) <= 14] = 3
+    noisy = np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "photo.png"), noisy)
+    cv2.imwrite(str(tmp_path / "truth.png"), labels)
+    return tmp_path / "photo.png", tmp_path / "truth.png"
+
+
+def test_render_writes_everything_it_promises(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    assert main(["render", str(lesson), "-o", str(out), "--format", "mp4,png,gif,webp"]) == 0
+    assert capsys.readouterr().out == f"{out / 'lesson'}\n"
+    folder = out / "lesson"
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert len(manifest["frames"]) == len(manifest["samples"]) == 12
+    for name, digest in manifest["files"].items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+    assert {"video.mp4", "video.gif", "video.webp", "report.html", "trajectory.npz"} <= set(manifest["files"])
+    assert manifest["inputs"] == {"lesson.yaml": hashlib.sha256(lesson.read_bytes()).hexdigest()}
+    first = cv2.imread(str(folder / "frames" / "00000.png"))[:, :, ::-1]
+    text = f"{first.shape}".encode() + np.ascontiguousarray(first).tobytes()
+    assert hashlib.sha256(text).hexdigest() == manifest["frames"][0]
+    assert read_trajectory(folder / "trajectory.npz").sample_hashes() == manifest["samples"]
+
+
+def test_runs_and_jobs_give_the_same_bytes(lesson: Path, tmp_path: Path) -> None:
+    other = lesson.with_name("other.yaml")
+    other.write_text(LESSON.replace("mass: 100", "mass: 150"))
+    assert main(["render", str(lesson), str(other), "-o", str(tmp_path / "a")]) == 0
+    assert main(["render", str(other), str(lesson), "-o", str(tmp_path / "b"), "--jobs", "2"]) == 0
+    for name in ("lesson", "other"):
+        for file in ("video.mp4", "trajectory.npz"):
+            assert (tmp_path / "a" / name / file).read_bytes() == (tmp_path / "b" / name / file).read_bytes()
+    assert (tmp_path / "a" / "index.html").read_text().count("report.html") == 2
+
+
+def test_variants_are_rendered_beside_the_scene(lesson: Path, tmp_path: Path, capsys) -> None:
+    assert main(["render", str(lesson), "-o", str(tmp_path / "out"), "--variant", "all", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [Path(folder).name for folder in result["folders"]] == ["lesson", "lesson-heavy"]
+    a, b = (
+        read_trajectory(tmp_path / "out" / name / "trajectory.npz") for name in ("lesson", "lesson-heavy")
+    )
+    assert b.velocities[-1, 1, 0] > a.velocities[-1, 1, 0] > 0  # the heavier ball drives the crate faster
+
+
+def test_one_bad_scene_does_not_stop_the_others(lesson: Path, tmp_path: Path, capsys) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(LESSON.replace("mass: 100", "mass: heavy"))
+    assert main(["render", str(bad), str(lesson), "-o", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr()
+    assert told.out == f"{tmp_path / 'out' / 'lesson'}\n"
+    assert 'objects.ball.mass: "heavy" is not a number; write grams, e.g. 170' in told.err
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["lesson"]
+
+
+def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys) -> None:
+    twin = tmp_path / "twin" / "lesson.yaml"
+    twin.parent.mkdir()
+    twin.write_text(LESSON)
+    assert main(["render", str(lesson), str(twin), "-o", str(tmp_path / "out")]) == 2
+    assert "both are called lesson" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_check_tells_all_and_resolves(lesson: Path, capsys) -> None:
+    assert main(["check", str(lesson)]) == 0
+    assert capsys.readouterr().out == ""
+    assert main(["check", str(lesson), "--set", "objects.ball.rolling=0.1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [p["path"] for p in told["problems"]] == ["objects.ball.rolling"]
+    assert told["problems"][0]["file"] == "--set objects.ball.rolling=0.1"
+    assert main(["check", str(lesson), "--set", "objects.ball.rolling=0.1", "--strict"]) == 2
+    capsys.readouterr()
+    assert main(["check", str(lesson), "--resolved"]) == 0
+    text = capsys.readouterr().out
+    assert "steps_per_second: 960" in text
+    assert "ball x crate: friction 0.5" in text or "ball, crate" in text
+
+
+def test_resolved_reads_back_as_the_same_scene(lesson: Path, tmp_path: Path, capsys) -> None:
+    main(["check", str(lesson), "--resolved"])
+    again = tmp_path / "again.yaml"
+    again.write_text(capsys.readouterr().out)
+    main(["simulate", str(lesson)])
+    one = capsys.readouterr().out
+    main(["simulate", str(again)])
+    assert capsys.readouterr().out == one
+
+
+def test_simulate_prints_csv_json_or_an_archive(lesson: Path, tmp_path: Path, capsys) -> None:
+    assert main(["simulate", str(lesson), "--rate", "100"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"
+    assert len(lines) == 1 + 51 * 2
+    assert main(["simulate", str(lesson), "--rate", "100", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["names"] == ["ball", "crate"]
+    assert main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.npz")]) == 0
+    assert np.array_equal(np.load(tmp_path / "t.npz")["poses"], np.array(data["poses"]))
+
+
+def test_perceive_writes_a_valid_scene_that_renders(photo: tuple[Path, Path], tmp_path: Path, capsys) -> None:
+    image, truth = photo
+    scene = tmp_path / "made" / "scene.yaml"
+    assert main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)]) == 0
+    assert main(["check", str(scene)]) == 0
+    told = capsys.readouterr()
+    assert told.out == ""
+    text = scene.read_text()
+    assert text.startswith("# yaml-language-server: $schema=")
+    assert "from: {" in text
+    assert {p.name for p in (tmp_path / "made" / "scene.assets").iterdir()} >= {
+        "masks.png",
+        "coverage.png",
+        "background.png",
+        "photo.png",
+    }
+    assert (
+        main(
+            [
+                "render",
+                str(scene),
+                "-o",
+                str(tmp_path / "out"),
+                "--format",
+                "png",
+                "--set",
+                "world.duration=0.2",
+            ]
+        )
+        == 0
+    )
+    [folder] = (p for p in (tmp_path / "out").iterdir() if p.is_dir())
+    assert np.array_equal(cv2.imread(str(folder / "frames" / "00000.png")), cv2.imread(str(image)))
+
+
+def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeypatch, capsys) -> None:
+    image, _ = photo
+    monkeypatch.chdir(image.parent)
+    assert main(["perceive", "photo.png", "--masks", "truth.png"]) == 0
+    Path("scene.yaml").write_text(capsys.readouterr().out)
+    assert Path("photo.assets/masks.png").is_file()
+    assert main(["check", "scene.yaml"]) == 0
+
+
+def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path) -> None:
+    image, truth = photo
+    scene = tmp_path / "scene.yaml"
+    main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)])
+    scene.write_text(scene.read_text() + "# mine\n")
+    main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)])
+    assert "# mine" in (tmp_path / "scene.yaml~").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["perceive", "no.png"], "no.png: no such file; check the path"),
+        (["perceive", "{photo}", "--box", "1,2"], '--box: "1,2" is not 4 numbers; write e.g. 120,80,60,60'),
+        (
+            ["perceive", "{photo}", "--masks", "{photo}", "--box", "1,2,3,4"],
+            "in more than one way where the objects are",
+        ),
+        (["perceive", "{photo}", "--backend", "segment=sam9"], "sam9"),
+        (["perceive", "{photo}", "--masks", "{truth}", "--label", "bal-1=steel ball"], "names no object"),
+        (["render", "{lesson}", "--set", "objects.ball.mass"], "--set"),
+        (["render", "{lesson}", "--variant", "hevy"], "heavy"),
+        (["simulate", "{lesson}", "--variant", "all"], "names more than one"),
+        (["import", "physgen", "no-such-folder"], "no-such-folder: is not a folder"),
+        (["import", "coco", "no.json"], "no.json"),
+    ],
+)
+def test_wrong_input_gets_one_message(arguments, message, lesson: Path, photo, capsys) -> None:
+    names = {"lesson": str(lesson), "photo": str(photo[0]), "truth": str(photo[1])}
+    before = sorted(lesson.parent.iterdir())
+    assert main([a.format(**names) for a in arguments]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert message in told.err
+    assert len(told.err.splitlines()) == 1
+    assert sorted(lesson.parent.iterdir()) == before
+
+
+def test_wrong_flags_get_one_line_and_exit_2(capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["render", "x.yaml", "--format", "avi"])
+    assert stop.value.code == 2
+    assert (
+        capsys.readouterr().err
+        == "physgen render: argument --format: avi is not among mp4, gif, webp, png; see physgen render --help\n"
+    )
+
+
+def test_every_command_shows_an_example(capsys) -> None:
+    for command in ("perceive", "import", "check", "simulate", "render", "backends", "schema"):
+        with pytest.raises(SystemExit) as stop:
+            main([command, "--help"])
+        assert stop.value.code == 0
+        assert f"example: physgen {command}" in capsys.readouterr().out
+
+
+def test_backends_and_schema_print(capsys) -> None:
+    assert main(["backends", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["backends"]
+    assert {"segment", "inpaint"} <= {row["role"] for row in rows}
+    assert main(["backends"]) == 0
+    assert main(["schema"]) == 0
+    assert '"$schema"' in capsys.readouterr().out
+
+
+def test_a_command_imports_only_what_it_uses() -> None:
+    def modules(*arguments: str) -> set[str]:
+        code = (
+            "import sys\nfrom physgen.cli import main\n"
+            f"try:\n    main({list(arguments)!r})\nexcept SystemExit:\n    pass\n"
+            "print('\\n'.join(sys.modules), file=sys.stderr)"
+        )
+        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        return {name.split(".")[0] for name in run.stderr.split()}
+
+    heavy = {"numpy", "cv2", "yaml", "jsonschema", "pymunk", "av", "jinja2", "PIL"}
+    assert not modules("--help") & heavy
+    assert not modules("schema") & heavy
+    assert not modules("backends") & heavy
+    assert not modules("check", str(Path(__file__).parents[2] / "scenes/billiards/scene.yaml")) & {
+        "pymunk",
+        "av",
+        "jinja2",
+    }
+
+
+def test_a_pipe_sees_no_progress(lesson: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "physgen.cli", "render", str(lesson), "-o", str(tmp_path / "out")]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert run.stdout == f"{tmp_path / 'out' / 'lesson'}\n"
+    assert run.stderr == ""

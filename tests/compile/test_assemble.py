@@ -1,0 +1,192 @@
+"""Scene -> World against closed forms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pytest import approx
+
+from physgen import pipeline
+from physgen.compile.pairs import pair_table
+from physgen.scene.model import Motion
+
+
+def scene(tmp_path: Path, body: str, head: str = "size: [200, 150]"):
+    path = tmp_path / "scene.yaml"
+    path.write_text(f"physgen: 1\n{head}\n{body}")
+    return pipeline.load(path)
+
+
+def compiled(tmp_path: Path, body: str, head: str = "size: [200, 150]"):
+    loaded = scene(tmp_path, body, head)
+    return pipeline.compile(loaded, pipeline.percepts(loaded))
+
+
+@pytest.mark.parametrize(("solid", "k"), [("sphere", 0.4), ("disc", 0.5), ("hoop", 1.0), ("plate", 0.5)])
+def test_moment_of_a_circle(tmp_path: Path, solid: str, k: float) -> None:
+    [body] = compiled(
+        tmp_path,
+        f"objects: {{a: {{shape: {{circle: {{center: [50, 60], radius: 10}}}}, solid: {solid}, mass: 7}}}}",
+    ).world.bodies
+    assert (body.mass, body.radius, body.moment) == (7, 10, approx(k * 7 * 100))
+    assert body.center.tolist() == [50, 60]
+
+
+def test_mass_or_density_for_every_shape(tmp_path: Path) -> None:
+    w = compiled(
+        tmp_path,
+        """\
+objects:
+  circle: {shape: {circle: {center: [50, 60], radius: 10}}, density: 2}
+  box: {shape: {box: {center: [100, 60], size: [30, 20], angle: 30}}, mass: 5}
+  frame:
+    density: 3
+    shape:
+      polygons:
+        - outline: [[120, 20], [160, 20], [160, 60], [120, 60]]
+          holes: [[[130, 30], [150, 30], [150, 50], [130, 50]]]
+  two:
+    shape:
+      polygons:
+        - {outline: [[0, 0], [10, 0], [10, 10], [0, 10]]}
+        - {outline: [[20, 0], [30, 0], [30, 10], [20, 10]]}
+""",
+    ).world
+    circle, box, frame, two = w.bodies
+    assert circle.mass == approx(2 * np.pi * 100)
+    assert (box.mass, box.moment) == (5, approx(5 * (30**2 + 20**2) / 12))
+    assert frame.mass == approx(3 * (1600 - 400))
+    assert frame.moment == approx(3 * (1600 * 3200 - 400 * 800) / 12)
+    assert frame.center == approx([140, 40])
+    area = sum(cv2.contourArea(piece.astype(np.float32)) for piece in frame.pieces)
+    assert area == approx(1200, rel=1e-6)
+    assert two.mass == approx(200)  # density 1 unless said
+    assert two.moment == approx(2 * (100 * 200 / 12 + 100 * 100))
+    assert two.center == approx([15, 5])
+
+
+def test_fitted_shape_and_pixels_share_one_centre(tmp_path: Path) -> None:
+    labels = np.zeros((150, 200), np.uint16)
+    labels[np.hypot(*(np.mgrid[:150, :200] - np.array([60, 50])[:, None, None])) <= 20] = 1
+    labels[80:120, 100:130] = 2
+    labels[100:120, 130:170] = 2  # an L
+    photo = np.full((150, 200, 3), 100, np.uint8)
+    cv2.imwrite(str(tmp_path / "photo.png"), photo)
+    (tmp_path / "photo.assets").mkdir()
+    cv2.imwrite(str(tmp_path / "photo.assets" / "masks.png"), labels)
+    c = compiled(
+        tmp_path, "objects: {ball: {mask: 1}, l: {mask: 2}}", "image: photo.png\nassets: photo.assets"
+    )
+    for k, body in enumerate(c.world.bodies, 1):
+        rows, columns = np.nonzero(labels == k)
+        assert body.center == approx([columns.mean(), rows.mean()], abs=0.1)
+    assert c.world.bodies[0].radius == approx(20, abs=0.5)
+    assert len(c.world.bodies[1].pieces) == 2
+    assert np.array_equal(c.labels, labels)
+
+
+def test_masks_written_in_the_scene(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((4, 6, 3), 100, np.uint8))
+    c = compiled(
+        tmp_path,
+        "objects: {a: {mask: {rle: {size: [4, 6], counts: [5, 2, 2, 2, 2, 2, 9]}}}}",
+        "image: photo.png",
+    )
+    expected = np.zeros((4, 6), int)
+    expected[1:3, 1:4] = 1  # COCO counts run down the columns
+    assert c.labels.tolist() == expected.tolist()
+    assert c.world.bodies[0].center == approx([2, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("combine", "friction", "elasticity"), [("geometric", 0.2, 0.6), ("multiply", 0.04, 0.36)]
+)
+def test_pair_coefficients(tmp_path: Path, combine: str, friction: float, elasticity: float) -> None:
+    w = compiled(
+        tmp_path,
+        f"""\
+world: {{combine: {combine}}}
+objects:
+  a: {{shape: {{circle: {{center: [50, 60], radius: 10}}}}, friction: 0.4, elasticity: 0.9}}
+boundaries: {{floor: {{segment: [[0, 100], [200, 100]], friction: 0.1, elasticity: 0.4}}}}
+""",
+    ).world
+    [pair] = pair_table(w)
+    assert (pair.first, pair.second) == ("a", "floor")
+    assert (pair.friction, pair.elasticity) == (approx(friction), approx(elasticity))
+
+
+def test_units_and_loads(tmp_path: Path) -> None:
+    w = compiled(
+        tmp_path,
+        """\
+world: {view: top, duration: 0.5}
+objects:
+  a: {shape: {circle: {center: [50, 60], radius: 10}}, spin: 180, velocity: [3, 4]}
+  p: {shape: {circle: {center: [90, 60], radius: 10}}, motion: {path: [[0, 90, 60], [1, 90, 80, 90]]}}
+forces:
+  - {object: a, force: [1, 2], at: [55, 60], start: 0.1, duration: 0.2}
+  - {object: a, torque: 5}
+render: {frames: 10}
+""",
+    ).world
+    assert w.gravity.tolist() == [0, 0]
+    assert w.bodies[0].spin == approx(np.pi)
+    assert w.bodies[1].motion is Motion.SCRIPTED
+    assert w.bodies[1].path[-1] == approx([1, 90, 80, np.pi / 2])
+    force, torque = w.pushes
+    assert force.at.tolist() == [5, 0]
+    assert (force.start, force.end, torque.end) == (0.1, approx(0.3), np.inf)
+    assert w.times == approx(np.arange(10) * 0.05)
+
+
+LINTS = {
+    "a is supported by nothing and falls at once": "objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}}}",
+    "b overlaps a by 5.0 px at t = 0": """\
+world: {view: top}
+objects:
+  a: {shape: {circle: {center: [50, 60], radius: 10}}}
+  b: {shape: {circle: {center: [65, 60], radius: 10}}}""",
+    "a reaches 4.0 px across boundary floor at t = 0": """\
+objects: {a: {shape: {box: {center: [50, 60], size: [20, 20]}}}}
+boundaries: {floor: {segment: [[0, 66], [200, 66]]}}""",
+    "0.1 has no effect yet: rolling resistance is not simulated": """\
+world: {view: top}
+objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}, rolling: 0.1}}""",
+    "0.2 has no effect seen from the side": "world: {table: {friction: 0.2}}\nobjects: {}",
+    "velocity has no effect on an object whose motion is static": """\
+objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}, motion: static, velocity: [1, 0]}}""",
+    "3 begins after the end of the clip at 2 s": """\
+world: {view: top}
+objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}}}
+forces: [{object: a, impulse: [1, 0], start: 3}]""",
+    "moves 104 px a step": """\
+world: {view: top}
+objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}, velocity: [1.0e5, 0]}}""",
+}
+
+
+@pytest.mark.parametrize("message", LINTS)
+def test_lints(tmp_path: Path, message: str) -> None:
+    loaded = scene(tmp_path, LINTS[message])
+    told = [str(p) for p in pipeline.lint(loaded, pipeline.compile(loaded, None))]
+    assert len(told) == 1
+    assert message in told[0]
+    assert "warning" in told[0]
+
+
+def test_a_standing_stack_has_no_lint(tmp_path: Path) -> None:
+    loaded = scene(
+        tmp_path,
+        """\
+objects:
+  low: {shape: {box: {center: [50, 130], size: [40, 40]}}}
+  high: {shape: {box: {center: [55, 90], size: [40, 40]}}}
+  ball: {shape: {circle: {center: [120, 135], radius: 15}}}
+boundaries: {floor: {segment: [[0, 150], [200, 150]]}}
+""",
+    )
+    assert pipeline.lint(loaded, pipeline.compile(loaded, None)) == []

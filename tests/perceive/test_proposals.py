@@ -1,0 +1,146 @@
+"""The parts of the proposal room, each against what is known by construction."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen.perceive.proposals.choose import best_set, exclusions
+from physgen.perceive.proposals.circles import discs
+from physgen.perceive.proposals.gradient import colour_gradient, sample
+from physgen.perceive.proposals.proposal import Proposal, cut_out, distinct, overlap, unions, variants
+from physgen.perceive.proposals.regions import basins, merge_tree
+from physgen.perceive.proposals.score import looks, normals
+from physgen.perceive.proposals.tighten import tighten
+
+
+def rectangle(x: int, y: int, width: int, height: int) -> Proposal:
+    return Proposal(x, y, np.ones((height, width), np.bool_), width * height)
+
+
+def disc_image(cx: float, cy: float, radius: float, size: int = 120) -> np.ndarray:
+    y, x = np.mgrid[:size, :size]
+    image = np.full((size, size, 3), (40, 0, 0), np.float32)
+    image[np.hypot(x - cx, y - cy) <= radius] = (80, 0, 0)
+    return cv2.GaussianBlur(image, (0, 0), 0.7)
+
+
+def test_the_gradient_of_a_step_lies_on_it_and_faces_across() -> None:
+    colour = np.zeros((40, 60, 3), np.float32)
+    colour[:, 30:] = 50
+    gradient = colour_gradient(colour)
+    assert set(gradient.strength[20].argsort()[-2:]) == {29, 30}
+    assert np.cos(gradient.angle[20, 29]) ** 2 == pytest.approx(1)
+    at = np.array([29.5]), np.array([20.0])
+    assert gradient.across(*at, np.array([0.0])) > 5
+    assert gradient.across(*at, np.array([np.pi / 2])) == pytest.approx(0, abs=1e-3)
+
+
+def test_sampling_is_bilinear_whatever_the_number_of_points() -> None:
+    image = np.arange(12, dtype=np.float32).reshape(3, 4)
+    assert sample(image, np.array([0.5]), np.array([1.0])) == pytest.approx(4.5)
+    many = np.full((2, 70_000), 1.25)
+    assert sample(image, many, many).shape == many.shape
+    assert sample(image, many, many)[1, -1] == pytest.approx(6.25)
+
+
+def test_basins_are_the_valleys_of_a_relief() -> None:
+    valleys = np.abs(np.abs(np.linspace(-2, 2, 41)) - 1)[None].repeat(5, 0).astype(np.float32)
+    labels = basins(valleys)
+    assert labels.max() == 1
+    assert np.all(labels[:, :20] == labels[0, 0])
+    assert np.all(labels[:, 21:] == labels[0, -1])
+    assert basins(np.zeros((6, 7), np.float32)).max() == 0
+
+
+def test_the_merge_tree_joins_the_most_alike_first() -> None:
+    labels = np.repeat(np.arange(3, dtype=np.int32), 4)[None].repeat(6, 0)
+    grey = np.array([0, 1, 9], np.float32)[labels]
+    tree = merge_tree(labels, np.stack([grey] * 3, -1), np.zeros(labels.shape, np.float32))
+    assert tree.parent.tolist() == [3, 3, 4, 4, -1]
+    assert tree.height[3] < tree.height[4]
+    first, last = tree.span[3]
+    assert sorted(tree.rank[:2].tolist()) == list(range(first, last))
+
+
+def test_circles_are_fitted_to_a_fraction_of_a_pixel() -> None:
+    found = discs(colour_gradient(disc_image(61.3, 54.6, 25.2)), 300, 5000)
+    y, x = np.nonzero(found[0].on((120, 120)))
+    assert (x.mean(), y.mean()) == pytest.approx((61.3, 54.6), abs=0.3)
+    assert np.sqrt(found[0].area / np.pi) == pytest.approx(25.2, abs=0.5)
+
+
+def test_cutting_out_keeps_the_largest_part_and_fills_it() -> None:
+    mask = np.zeros((20, 20), np.bool_)
+    mask[2:12, 3:13] = True
+    mask[6:8, 6:8] = False
+    mask[16:18, 16:18] = True
+    part = cut_out(mask, 100, 200, smallest=10)
+    assert part is not None
+    assert part.box == (103, 202, 113, 212)
+    assert part.area == 100
+    assert cut_out(mask, 0, 0, smallest=101) is None
+
+
+def test_overlap_and_doubles() -> None:
+    one, same, apart = rectangle(0, 0, 50, 50), rectangle(0, 0, 50, 49), rectangle(60, 0, 50, 50)
+    assert overlap(one, same) == 2450
+    assert overlap(one, apart) == 0
+    assert len(distinct([one, same, apart])) == 2
+
+
+def test_two_touching_halves_are_proposed_as_one() -> None:
+    halves = [rectangle(10, 10, 20, 40), rectangle(30, 10, 20, 40), rectangle(80, 80, 20, 20)]
+    joined = unions(halves, np.ones(3), largest=5000)
+    assert [one.box for one in joined] == [(10, 10, 50, 50)]
+
+
+def test_variants_undo_a_bay_and_stay_inside_the_photo() -> None:
+    mask = np.ones((40, 40), np.bool_)
+    mask[18:22, :10] = False
+    forms = variants(Proposal(0, 0, mask, int(mask.sum())), (40, 40))
+    assert forms[0].area == 1560
+    assert max(form.area for form in forms) == 1600
+    assert all(min(form.box) >= 0 and max(form.box) <= 40 for form in forms)
+
+
+def test_normals_point_out_of_a_contour_however_it_runs() -> None:
+    circle = np.rint(50 + 30 * np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 190)), np.sin(t)], 1))
+    for contour in (circle, circle[::-1]):
+        outward = (contour - 50) / np.linalg.norm(contour - 50, axis=1, keepdims=True)
+        assert (normals(contour.astype(np.int32)) * outward).sum(1).min() > 0.9
+
+
+def test_the_whole_outscores_a_part_and_a_shifted_copy() -> None:
+    colour = np.full((100, 100, 3), (40, 0, 0), np.float32)
+    colour[30:70, 20:80] = (80, 10, 30)
+    forms = [rectangle(20, 30, 60, 40), rectangle(20, 30, 30, 40), rectangle(28, 38, 60, 40)]
+    score = looks(forms, colour, colour_gradient(colour)).score
+    assert score[0] > 1.2 * max(score[1:])
+
+
+def test_the_best_set_prefers_two_to_the_one_that_excludes_both() -> None:
+    forms = [
+        rectangle(0, 0, 60, 20),
+        rectangle(0, 0, 30, 20),
+        rectangle(30, 0, 30, 20),
+        rectangle(90, 0, 9, 9),
+    ]
+    excludes = exclusions(forms)
+    assert excludes.tolist()[0] == [False, True, True, False]
+    gain, score = np.array([3.0, 2.0, 2.0, -1.0]), np.array([0.9, 0.8, 0.8, 0.1])
+    assert best_set(gain, score, excludes).tolist() == [False, True, True, False]
+    gain[0] = 5
+    assert best_set(gain, score, excludes).tolist() == [True, False, False, False]
+
+
+def test_a_rough_mask_is_drawn_to_the_edge_of_the_photo() -> None:
+    photo = np.full((200, 200, 3), (30, 90, 60), np.uint8)
+    cv2.circle(photo, (100, 100), 50, (220, 200, 60), -1)
+    truth = photo[..., 0] > 100
+    y, x = np.mgrid[:100, :100]
+    rough = np.hypot(x - 50.5, y - 49) <= 24
+    labels = tighten(photo, [rough])
+    found = labels == 1
+    assert (found & truth).sum() / (found | truth).sum() > 0.97

@@ -1,0 +1,46 @@
+"""Output appears whole or not at all, and nothing of the user's is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from physgen.pipeline import output_folder
+from physgen.problems import InputError
+from physgen.report.folder import whole_folder
+
+
+def test_a_folder_appears_when_it_is_whole(tmp_path: Path) -> None:
+    final = tmp_path / "deep" / "run"
+    with whole_folder(final) as folder:
+        (folder / "a").write_text("1")
+        assert not final.exists()
+    assert [p.name for p in final.iterdir()] == ["a"]
+    assert [p.name for p in final.parent.iterdir()] == ["run"]
+
+
+def test_an_error_leaves_the_old_folder_as_it_was(tmp_path: Path) -> None:
+    final = tmp_path / "run"
+    final.mkdir()
+    (final / "old").write_text("1")
+
+    def interrupted() -> None:
+        with whole_folder(final) as folder:
+            (folder / "new").write_text("2")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [p.name for p in final.iterdir()] == ["old"]
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_folder_of_somebody_elses_is_refused(tmp_path: Path) -> None:
+    mine = tmp_path / "pool"
+    mine.mkdir()
+    (mine / "scene.yaml").write_text("x")
+    with pytest.raises(InputError, match="was not made by physgen"):
+        output_folder(tmp_path, "pool")
+    (mine / "manifest.json").write_text("{}")
+    assert output_folder(tmp_path, "pool") == mine
