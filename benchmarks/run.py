@@ -109,7 +109,8 @@ def check(folder: Path) -> list[dict]:
     code = (
         "import sys, time; from pathlib import Path; from physgen.scene.build import load\n"
         "load(Path(sys.argv[1])); times = []\n"
-        "for _ in range(15):\n    t = time.process_time(); load(Path(sys.argv[1])); times.append(time.process_time() - t)\n"
+        "for _ in range(15):\n    t = time.process_time(); load(Path(sys.argv[1]))\n"
+        "    times.append(time.process_time() - t)\n"
         "print(sorted(times)[7])"
     )
     run = subprocess.run([sys.executable, "-c", code, str(path)], check=True, capture_output=True, text=True)

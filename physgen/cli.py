@@ -197,9 +197,9 @@ def list_backends(options: argparse.Namespace) -> int:
 
 def schema(options: argparse.Namespace) -> int:
     if options.markdown:
-        from physgen.scene.reference import reference
+        from physgen.scene.reference import markdown
 
-        sys.stdout.write(reference())
+        sys.stdout.write(markdown())
     else:
         from physgen.resources import resource
 

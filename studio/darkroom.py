@@ -1,4 +1,4 @@
-"""Mitsuba scene in, photograph and exact truth out: photo.png and, in photo.assets/, masks, coverage, clean plate, truth.json.
+"""Mitsuba scene in, photograph and exact truth out: photo.png and photo.assets/ with masks, clean plate, truth.json.
 
 Import this module before mitsuba: it finds the LLVM library that Mitsuba's fast processor variant needs.
 """
@@ -57,9 +57,22 @@ T = mi.ScalarTransform4f
 def flags(about: str, default_out: Path, default_spp: int) -> argparse.Namespace:
     """--spp, --scale, -o: the same three for every photo."""
     parser = argparse.ArgumentParser(description=about.splitlines()[0])
-    parser.add_argument("--spp", type=int, default=default_spp, help="light paths a pixel (default %(default)s)")
-    parser.add_argument("--scale", type=float, default=1.0, help="size of the photo, 0.25 for a quick look (default %(default)s)")
-    parser.add_argument("-o", type=Path, dest="out", default=default_out, help="the photo; its truth goes to PHOTO-STEM.assets/ beside it")
+    parser.add_argument(
+        "--spp", type=int, default=default_spp, help="light paths a pixel (default %(default)s)"
+    )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        help="size of the photo, 0.25 for a quick look (default %(default)s)",
+    )
+    parser.add_argument(
+        "-o",
+        type=Path,
+        dest="out",
+        default=default_out,
+        help="the photo; its truth goes to PHOTO-STEM.assets/ beside it",
+    )
     return parser.parse_args()
 
 
@@ -71,12 +84,20 @@ def texture(rgb: np.ndarray, repeat: tuple[float, float] = (1, 1)) -> dict:
 
 def environment(light: np.ndarray) -> dict:
     """Light from far away, (H, W, 3) longitude-latitude, row 0 straight up (+z)."""
-    return {"type": "envmap", "bitmap": mi.Bitmap(light.astype(np.float32)), "to_world": T().rotate([1, 0, 0], 90)}
+    return {
+        "type": "envmap",
+        "bitmap": mi.Bitmap(light.astype(np.float32)),
+        "to_world": T().rotate([1, 0, 0], 90),
+    }
 
 
-def mesh(vertices: np.ndarray, normals: np.ndarray | None, uv: np.ndarray, faces: np.ndarray, bsdf: dict) -> dict:
+def mesh(
+    vertices: np.ndarray, normals: np.ndarray | None, uv: np.ndarray, faces: np.ndarray, bsdf: dict
+) -> dict:
     """A triangle mesh: vertices (V, 3) m, normals (V, 3) or None for flat faces, uv (V, 2), faces (F, 3)."""
-    shape = mi.Mesh("mesh", len(vertices), len(faces), has_vertex_normals=normals is not None, has_vertex_texcoords=True)
+    shape = mi.Mesh(
+        "mesh", len(vertices), len(faces), has_vertex_normals=normals is not None, has_vertex_texcoords=True
+    )
     slots = mi.traverse(shape)
     slots["vertex_positions"] = vertices.astype(np.float32).ravel()
     if normals is not None:
@@ -95,10 +116,18 @@ _meshes: list[str] = []
 
 
 def expose(scene: mi.Scene, spp: int, batch: int = 64) -> np.ndarray:
-    """(H, W, 3) float64 linear light, the mean of `spp` paths a pixel, in batches that fit in memory (some 2 GB at 960 x 640)."""
+    """(H, W, 3) float64 linear light, the mean of `spp` paths a pixel, in batches of some 2 GB of memory."""
     counts = [batch] * (spp // batch) + [spp % batch] * (spp % batch > 0)
-    seeds = np.random.default_rng(0).integers(2**31, size=len(counts))  # seeds in a row would leave streaks (measured)
-    return sum(n * np.array(mi.render(scene, spp=n, seed=int(s)), dtype=np.float64)[..., :3] for n, s in zip(counts, seeds, strict=True)) / spp
+    seeds = np.random.default_rng(0).integers(
+        2**31, size=len(counts)
+    )  # seeds in a row would leave streaks (measured)
+    return (
+        sum(
+            n * np.array(mi.render(scene, spp=n, seed=int(s)), dtype=np.float64)[..., :3]
+            for n, s in zip(counts, seeds, strict=True)
+        )
+        / spp
+    )
 
 
 def develop(light: np.ndarray, exposure: float, vignette: float) -> np.ndarray:
@@ -109,12 +138,16 @@ def develop(light: np.ndarray, exposure: float, vignette: float) -> np.ndarray:
     """
     height, width = light.shape[:2]
     y, x = np.mgrid[:height, :width]
-    radius2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / ((width / 2) ** 2 + (height / 2) ** 2)
+    radius2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / (
+        (width / 2) ** 2 + (height / 2) ** 2
+    )
     value = light * exposure * (1 - vignette * radius2[..., None])
     knee, over = 0.55, np.maximum(value - 0.55, 0)
     value = np.where(value < knee, value, knee + (1 - knee) * over / (over + 1 - knee))
     srgb = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.maximum(value, 1e-9) ** (1 / 2.4) - 0.055)
-    dither = np.random.default_rng(0).uniform(-0.5, 0.5, (height, width, 1))  # the same for photo and clean plate
+    dither = np.random.default_rng(0).uniform(
+        -0.5, 0.5, (height, width, 1)
+    )  # the same for photo and clean plate
     return np.clip(np.round(srgb * 255 + dither), 0, 255).astype(np.uint8)
 
 
@@ -126,7 +159,9 @@ def masks(scene: mi.Scene, ids: dict[str, int], side: int = 8) -> tuple[np.ndarr
     sensor = scene.sensors()[0]
     width, height = sensor.film().crop_size()
     lookup = np.zeros(int(np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr())).max()) + 1, np.uint16)
-    for shape, key in zip(scene.shapes(), np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr())), strict=True):
+    for shape, key in zip(
+        scene.shapes(), np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr())), strict=True
+    ):
         lookup[key] = ids.get(shape.id(), 0)
     count = np.zeros((len(ids) + 1, height, width), np.uint16)
     pixel = dr.arange(mi.UInt32, width * height)
@@ -144,13 +179,25 @@ def masks(scene: mi.Scene, ids: dict[str, int], side: int = 8) -> tuple[np.ndarr
     return count.argmax(0).astype(np.uint16), coverage
 
 
-def photograph(world: dict, objects: dict[str, dict], truth: dict, *, out: Path, spp: int, exposure: float, vignette: float = 0.10) -> None:
+def photograph(
+    world: dict,
+    objects: dict[str, dict],
+    truth: dict,
+    *,
+    out: Path,
+    spp: int,
+    exposure: float,
+    vignette: float = 0.10,
+) -> None:
     """Render `world` with and without `objects` and write the photo and its truth.
 
     `truth["objects"]` is a list in the order of `objects`; ids 1..N are added here, and the counts and times.
     """
     start = time.monotonic()
-    camera = {**world["camera"], "sampler": {"type": "multijitter", "sample_count": 64}}  # half to a quarter of independent's variance
+    camera = {
+        **world["camera"],
+        "sampler": {"type": "multijitter", "sample_count": 64},
+    }  # half to a quarter of independent's variance
     world = {**world, "camera": camera}
     assets = out.parent / f"{out.stem}.assets"
     assets.mkdir(parents=True, exist_ok=True)
@@ -165,7 +212,14 @@ def photograph(world: dict, objects: dict[str, dict], truth: dict, *, out: Path,
         cv2.imwrite(str(path), picture[path][..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB, {time.monotonic() - start:.0f} s so far")
     height, width = label.shape
-    truth = {"image": out.name, "size": [width, height], "spp": spp, "exposure": exposure, "vignette": vignette, **truth}
+    truth = {
+        "image": out.name,
+        "size": [width, height],
+        "spp": spp,
+        "exposure": exposure,
+        "vignette": vignette,
+        **truth,
+    }
     truth["objects"] = [{"id": ids[entry["name"]], **entry} for entry in truth["objects"]]
     (assets / "truth.json").write_text(_readable(truth) + "\n")
     for path in _meshes:
@@ -182,7 +236,7 @@ def _readable(truth: dict) -> str:
 
 
 def _check(label: np.ndarray, photo: np.ndarray, clean: np.ndarray, truth: dict) -> None:
-    """Print how well the outlines in `truth` agree with the masks, and the plates with each other far from all objects."""
+    """Print how well the outlines in `truth` agree with the masks, and the plates with each other far from objects."""
     worst = 1.0
     for entry in truth["objects"]:
         seen = label == entry["id"]
@@ -199,4 +253,7 @@ def _check(label: np.ndarray, photo: np.ndarray, clean: np.ndarray, truth: dict)
     far = cv2.distanceTransform((label == 0).astype(np.uint8), cv2.DIST_L2, 5) > label.shape[0] / 4
     apart = np.abs(photo.astype(float) - clean)[far]
     print(f"worst IoU of outline and mask: {worst:.4f}")
-    print(f"photo against clean, far from objects: mean {apart.mean():.2f}, 99 % {np.percentile(apart, 99):.1f} of 255, {far.mean():.0%} of the picture")
+    print(
+        f"photo against clean, far from objects: mean {apart.mean():.2f}, "
+        f"99 % {np.percentile(apart, 99):.1f} of 255, {far.mean():.0%} of the picture"
+    )

@@ -59,7 +59,13 @@ def domino(index: int) -> dict:
     turn, centre = stand(index)
     uv = np.stack([(vertices[:, 0] + vertices[:, 1]) / 0.05 + 0.5, vertices[:, 2] / 0.05 + 0.5], 1)
     colour = srgb(*(np.array([238, 230, 208]) + rng.normal(0, 3) + rng.normal(0, [0, 0.4, 2.5])))
-    bone = {"type": "roughplastic", "alpha": 0.09, "int_ior": 1.54, "nonlinear": True, "diffuse_reflectance": texture(ivory(512, 512, colour, seed=index))}
+    bone = {
+        "type": "roughplastic",
+        "alpha": 0.09,
+        "int_ior": 1.54,
+        "nonlinear": True,
+        "diffuse_reflectance": texture(ivory(512, 512, colour, seed=index)),
+    }
     return mesh(vertices @ turn.T + centre, normals @ turn.T, uv, faces, bone)
 
 
@@ -72,15 +78,42 @@ def room() -> np.ndarray:
 def furniture() -> dict:
     """The table, the wall behind it, the window at the left."""
     board = wood(2048, 3072, srgb(74, 44, 27), srgb(164, 110, 70), seed=5, rings=24, figure=0.02)
-    top = {"type": "roughplastic", "alpha": 0.32, "int_ior": 1.4, "nonlinear": True, "diffuse_reflectance": texture(board, repeat=(3, 1))}
+    top = {
+        "type": "roughplastic",
+        "alpha": 0.32,
+        "int_ior": 1.4,
+        "nonlinear": True,
+        "diffuse_reflectance": texture(board, repeat=(3, 1)),
+    }
     paint = {"type": "diffuse", "reflectance": texture(plaster(512, 1024, srgb(112, 130, 138), seed=8))}
     aim = T().look_at(origin=list(WINDOW), target=[0, 0, 0.03], up=[0, 0, 1])
-    flag = T().translate([-0.62, 0.36, 0.50]).rotate([0, 1, 0], 25).rotate([1, 0, 0], 90).scale([0.25, 0.3, 1])  # keeps window light off part of the wall
+    flag = (
+        T().translate([-0.62, 0.36, 0.50]).rotate([0, 1, 0], 25).rotate([1, 0, 0], 90).scale([0.25, 0.3, 1])
+    )  # keeps window light off part of the wall
     return {
-        "table": {"type": "cube", "to_world": T().translate([0, -0.20, -0.015]).scale([0.9, 0.52, 0.015]), "bsdf": top},
-        "wall": {"type": "rectangle", "to_world": T().translate([0, 0.85, 0.2]).rotate([1, 0, 0], 90).scale([2.0, 1.0, 1]), "bsdf": paint},
-        "flag": {"type": "rectangle", "to_world": flag, "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.1}}}},
-        "window": {"type": "rectangle", "to_world": aim @ T().scale([0.36, 0.46, 1]), "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [29.0, 26.2, 22.4]}}},
+        "table": {
+            "type": "cube",
+            "to_world": T().translate([0, -0.20, -0.015]).scale([0.9, 0.52, 0.015]),
+            "bsdf": top,
+        },
+        "wall": {
+            "type": "rectangle",
+            "to_world": T().translate([0, 0.85, 0.2]).rotate([1, 0, 0], 90).scale([2.0, 1.0, 1]),
+            "bsdf": paint,
+        },
+        "flag": {
+            "type": "rectangle",
+            "to_world": flag,
+            "bsdf": {
+                "type": "twosided",
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.1}},
+            },
+        },
+        "window": {
+            "type": "rectangle",
+            "to_world": aim @ T().scale([0.36, 0.46, 1]),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [29.0, 26.2, 22.4]}},
+        },
         "room": environment(room()),
     }
 
@@ -102,10 +135,30 @@ def main() -> None:
     def rounded(points: np.ndarray) -> list:
         return np.round(points.astype(float), 3).tolist()
 
-    camera = {"type": "thinlens", "to_world": T().look_at(origin=list(eye), target=list(focus), up=[0, 0, 1]), "near_clip": 0.1, "far_clip": 20.0}
-    camera |= {"fov": float(np.degrees(2 * np.arctan(width / 2 / (ppm * DISTANCE)))), "fov_axis": "x", "focus_distance": DISTANCE, "aperture_radius": 0.024}
-    camera["film"] = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "gaussian", "stddev": 0.45}}
-    world = {"type": "scene", "integrator": {"type": "path", "max_depth": 7, "rr_depth": 5}, "camera": camera, **furniture()}
+    camera = {
+        "type": "thinlens",
+        "to_world": T().look_at(origin=list(eye), target=list(focus), up=[0, 0, 1]),
+        "near_clip": 0.1,
+        "far_clip": 20.0,
+    }
+    camera |= {
+        "fov": float(np.degrees(2 * np.arctan(width / 2 / (ppm * DISTANCE)))),
+        "fov_axis": "x",
+        "focus_distance": DISTANCE,
+        "aperture_radius": 0.024,
+    }
+    camera["film"] = {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "rfilter": {"type": "gaussian", "stddev": 0.45},
+    }
+    world = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 7, "rr_depth": 5},
+        "camera": camera,
+        **furniture(),
+    }
     objects = {f"domino-{k + 1}": domino(k) for k in range(COUNT)}
 
     entries, shape = [], rounded_box()[0]
@@ -113,16 +166,26 @@ def main() -> None:
         turn, centre = stand(k)
         outline = cv2.convexHull(pixel(shape @ turn.T + centre).astype(np.float32))
         corners = np.array([[-1, -1, 1], [1, -1, 1], [1, -1, -1], [-1, -1, -1]]) * BOX / 2
-        entries.append({"name": name, "polygon": rounded(cv2.approxPolyDP(outline, 0.15, True)[:, 0]), "front": rounded(pixel(corners @ turn.T + centre))})
+        entries.append(
+            {
+                "name": name,
+                "polygon": rounded(cv2.approxPolyDP(outline, 0.15, True)[:, 0]),
+                "front": rounded(pixel(corners @ turn.T + centre)),
+            }
+        )
     towards = (WINDOW - [0, 0, 0.024]) / np.linalg.norm(WINDOW - [0, 0, 0.024])
     truth = {
         "view": "side",
         "pixels_per_meter": ppm,
-        "camera": f"pinhole of an ideal lens, {DISTANCE} m from the front faces, looking down {np.degrees(PITCH):.1f} degrees; scale is at the front faces",
+        "camera": f"pinhole of an ideal lens, {DISTANCE} m from the front faces, "
+        f"looking down {np.degrees(PITCH):.1f} degrees; scale is at the front faces",
         "floor": round(float(pixel(np.array([0, -BOX[1] / 2, 0]))[1]), 3),
         "floor_behind": round(float(pixel(np.array([0, BOX[1] / 2, 0]))[1]), 3),
         "table_back_edge": round(float(pixel(np.array([0, 0.32, 0]))[1]), 3),
-        "light": {"direction": [round(float(v), 4) for v in (towards[0], -towards @ up, -towards @ forward)], "from": "the row's middle to the window"},
+        "light": {
+            "direction": [round(float(v), 4) for v in (towards[0], -towards @ up, -towards @ forward)],
+            "from": "the row's middle to the window",
+        },
         "objects": entries,
     }
     photograph(world, objects, truth, out=args.out, spp=args.spp, exposure=1.3)

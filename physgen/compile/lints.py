@@ -186,7 +186,19 @@ def _sunk(body: Body, wall: Wall, by: Array | None = None) -> float:
             continue
         for piece in body.pieces:
             points = piece + center - a
-            x, y = points @ along, points @ across
-            if x.max() > 0 and x.min() < length and y.min() < 0 < y.max():
-                deepest = max(deepest, float(min(y.max(), -y.min())))
+            deepest = max(deepest, _across(points @ along, points @ across, length))
     return deepest
+
+
+def _across(x: Array, y: Array, length: float) -> float:
+    """How far a convex piece lies on both sides of the segment y = 0, 0 <= x <= length, within that length, px."""
+    ends = [(x, y), (np.roll(x, -1), np.roll(y, -1))]
+    heights = [y[(x >= 0) & (x <= length)]]
+    for at in (0.0, length):  # where edges cross the segment's ends
+        (x0, y0), (x1, y1) = ends
+        cut = (x0 < at) != (x1 < at)
+        heights.append(y0[cut] + (at - x0[cut]) / (x1[cut] - x0[cut]) * (y1[cut] - y0[cut]))
+    inside = np.concatenate(heights)
+    if not len(inside):
+        return 0.0
+    return max(0.0, float(min(inside.max(), -inside.min())))

@@ -20,7 +20,7 @@ physgen: 1
 size: [160, 120]
 world: {duration: 0.5}
 objects:
-  ball: {shape: {circle: {center: [40, 85], radius: 15}}, mass: 100, velocity: [120, 0]}
+  ball: {shape: {circle: {center: [40, 85], radius: 15}}, mass: 100, velocity: [300, 0]}
   crate: {shape: {box: {center: [110, 80], size: [30, 40]}}, mass: 200}
 boundaries:
   floor: {segment: [[-100, 100], [300, 100]]}
@@ -90,7 +90,7 @@ def test_variants_are_rendered_beside_the_scene(lesson: Path, tmp_path: Path, ca
     a, b = (
         read_trajectory(tmp_path / "out" / name / "trajectory.npz") for name in ("lesson", "lesson-heavy")
     )
-    assert b.velocities[-1, 1, 0] > a.velocities[-1, 1, 0] > 0  # the heavier ball drives the crate faster
+    assert b.poses[-1, 1, 0] > a.poses[-1, 1, 0] > 110.5  # the heavier ball drives the crate farther
 
 
 def test_one_bad_scene_does_not_stop_the_others(lesson: Path, tmp_path: Path, capsys) -> None:
@@ -158,7 +158,7 @@ def test_perceive_writes_a_valid_scene_that_renders(photo: tuple[Path, Path], tm
     assert told.out == ""
     text = scene.read_text()
     assert text.startswith("# yaml-language-server: $schema=")
-    assert "from: {" in text
+    assert "from:" in text
     assert {p.name for p in (tmp_path / "made" / "scene.assets").iterdir()} >= {
         "masks.png",
         "coverage.png",

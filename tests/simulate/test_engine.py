@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pytest import approx
+from worlds import GRAVITY, ball, box, floor, push, world
 
 from physgen.scene.model import Load, Motion
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import read_trajectory
-from worlds import GRAVITY, ball, box, floor, push, world
 
 
 def test_free_fall() -> None:
@@ -50,7 +50,9 @@ def test_rolling_down_an_incline(k: float, name: str) -> None:
 
 def test_unequal_head_on() -> None:
     e, v = 0.6, 200.0
-    t = simulate(world(ball("a", 0, 0, v=(v, 0), e=e, mu=0), ball("b", 100, 0, mass=300, e=e, mu=0), gravity=(0, 0)))
+    t = simulate(
+        world(ball("a", 0, 0, v=(v, 0), e=e, mu=0), ball("b", 100, 0, mass=300, e=e, mu=0), gravity=(0, 0))
+    )
     assert t.velocities[-1, 0, 0] == approx((1 - 3 * e) * v / 4, rel=1e-3)
     assert t.velocities[-1, 1, 0] == approx((1 + e) * v / 4, rel=1e-3)
 
@@ -61,7 +63,9 @@ def test_loads_change_momentum_as_newton_says() -> None:
     assert t.velocities[-1, 0, :2] == approx([300, -100])
     t = simulate(world(ball("a", 0, 0), pushes=[push(Load.IMPULSE, (3e4, 0), start=0.5)], **free))
     assert t.velocities[[0, 14, -1], 0, 0] == approx([0, 0, 300])
-    t = simulate(world(ball("a", 0, 0), pushes=[push(Load.FORCE, (1e5, 0), start=0.1003, end=0.3141)], **free))
+    t = simulate(
+        world(ball("a", 0, 0), pushes=[push(Load.FORCE, (1e5, 0), start=0.1003, end=0.3141)], **free)
+    )
     assert t.velocities[-1, 0, 0] == approx(1e5 * 0.2138 / 100)
     t = simulate(world(ball("a", 0, 0), pushes=[push(Load.TORQUE, torque=1e6, start=0.2, end=0.7)], **free))
     assert t.velocities[-1, 0, 2] == approx(1e6 * 0.5 / (100 * 200))
@@ -70,7 +74,9 @@ def test_loads_change_momentum_as_newton_says() -> None:
 
 
 def test_scripted_body_follows_its_path_and_pushes() -> None:
-    pusher = box("pusher", 0, 0, motion=Motion.SCRIPTED, path=[(0, 0, 0, 0), (0.5, 100, 0, 0), (2, 100, 0, 0)])
+    pusher = box(
+        "pusher", 0, 0, motion=Motion.SCRIPTED, path=[(0, 0, 0, 0), (0.5, 100, 0, 0), (2, 100, 0, 0)]
+    )
     t = simulate(world(pusher, ball("a", 60, 0, e=0, mu=0), gravity=(0, 0)))
     x = t.poses[:, 0, 0]
     assert x == approx(np.interp(t.times, [0, 0.5], [0, 100]), abs=0.3)
@@ -120,7 +126,9 @@ def test_an_object_that_touches_nothing_can_be_taken_away() -> None:
 
 
 def test_static_bodies_stay_and_are_listed_in_place() -> None:
-    t = simulate(world(ball("a", 0, 0), box("s", 0, 200, motion=Motion.STATIC), ball("b", 300, 0), duration=0.5))
+    t = simulate(
+        world(ball("a", 0, 0), box("s", 0, 200, motion=Motion.STATIC), ball("b", 300, 0), duration=0.5)
+    )
     assert np.array_equal(t.poses[:, 1], np.tile([0, 200, 0], (len(t.times), 1)))
     assert t.poses[-1, 2, 1] == approx(GRAVITY * 0.125, rel=5e-3)
     assert t.poses[0, 2, 0] == 300
@@ -141,9 +149,19 @@ def test_another_process_gives_the_same_samples() -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from worlds import *; from physgen.simulate.engine import simulate\n"
-        "w = world(*(box(f'b{i}{j}', 100 + 41 * i + 20.5 * j, 380 - 40 * j, spin=0.01 * i) for j in range(4) for i in range(4 - j)), walls=[floor()])\n"
+        "places = [(i, j) for j in range(4) for i in range(4 - j)]\n"
+        "boxes = (box(f'b{i}{j}', 100 + 41 * i + 20.5 * j, 380 - 40 * j, spin=0.01 * i) for i, j in places)\n"
+        "w = world(*boxes, walls=[floor()])\n"
         "print(simulate(w).sample_hashes()[-1])"
     )
-    runs = [subprocess.run([sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True, check=True) for _ in range(2)]
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", code, str(Path(__file__).parent)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for _ in range(2)
+    ]
     assert runs[0].stdout == runs[1].stdout
     assert len(runs[0].stdout) == 65

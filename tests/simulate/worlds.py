@@ -11,21 +11,67 @@ from physgen.scene.model import Combine, Motion, View
 GRAVITY = 980.0
 
 
-def ball(name, x, y, r=20.0, mass=100.0, v=(0.0, 0.0), e=0.8, mu=0.5, k=0.5, spin=0.0, motion=Motion.DYNAMIC, path=()):
+def ball(
+    name,
+    x,
+    y,
+    r=20.0,
+    mass=100.0,
+    v=(0.0, 0.0),
+    e=0.8,
+    mu=0.5,
+    k=0.5,
+    spin=0.0,
+    motion=Motion.DYNAMIC,
+    path=(),
+):
     return Body(
-        name=name, motion=motion, center=np.array([x, y], float), mass=mass, moment=k * mass * r * r, radius=r, pieces=(),
-        rings=(), surface=surface(mu, e, Combine.GEOMETRIC), rolling=0.0, velocity=np.array(v, float), spin=spin,
+        name=name,
+        motion=motion,
+        center=np.array([x, y], float),
+        mass=mass,
+        moment=k * mass * r * r,
+        radius=r,
+        pieces=(),
+        rings=(),
+        surface=surface(mu, e, Combine.GEOMETRIC),
+        rolling=0.0,
+        velocity=np.array(v, float),
+        spin=spin,
         path=np.array(path, float).reshape(-1, 4),
-    )  # fmt: skip
+    )
 
 
-def box(name, x, y, w=40.0, h=40.0, mass=100.0, v=(0.0, 0.0), e=0.4, mu=0.5, spin=0.0, motion=Motion.DYNAMIC, path=()):
+def box(
+    name,
+    x,
+    y,
+    w=40.0,
+    h=40.0,
+    mass=100.0,
+    v=(0.0, 0.0),
+    e=0.4,
+    mu=0.5,
+    spin=0.0,
+    motion=Motion.DYNAMIC,
+    path=(),
+):
     piece = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) / 2
     return Body(
-        name=name, motion=motion, center=np.array([x, y], float), mass=mass, moment=mass * (w * w + h * h) / 12, radius=None,
-        pieces=(piece,), rings=(piece,), surface=surface(mu, e, Combine.GEOMETRIC), rolling=0.0,
-        velocity=np.array(v, float), spin=spin, path=np.array(path, float).reshape(-1, 4),
-    )  # fmt: skip
+        name=name,
+        motion=motion,
+        center=np.array([x, y], float),
+        mass=mass,
+        moment=mass * (w * w + h * h) / 12,
+        radius=None,
+        pieces=(piece,),
+        rings=(piece,),
+        surface=surface(mu, e, Combine.GEOMETRIC),
+        rolling=0.0,
+        velocity=np.array(v, float),
+        spin=spin,
+        path=np.array(path, float).reshape(-1, 4),
+    )
 
 
 def floor(y=400.0, e=0.8, mu=0.5, tilt=0.0):
@@ -35,10 +81,19 @@ def floor(y=400.0, e=0.8, mu=0.5, tilt=0.0):
 
 def world(*bodies, walls=(), pushes=(), gravity=(0.0, GRAVITY), duration=1.0, rate=30.0, steps=960.0):
     return World(
-        size=(512, 512), view=View.SIDE, gravity=np.array(gravity, float), pixels_per_meter=100.0, table_friction=0.0,
-        combine=Combine.GEOMETRIC, duration=duration, steps_per_second=steps, times=np.arange(int(duration * rate) + 1) / rate,
-        bodies=tuple(bodies), walls=tuple(walls), pushes=tuple(pushes),
-    )  # fmt: skip
+        size=(512, 512),
+        view=View.SIDE,
+        gravity=np.array(gravity, float),
+        pixels_per_meter=100.0,
+        table_friction=0.0,
+        combine=Combine.GEOMETRIC,
+        duration=duration,
+        steps_per_second=steps,
+        times=np.arange(int(duration * rate) + 1) / rate,
+        bodies=tuple(bodies),
+        walls=tuple(walls),
+        pushes=tuple(pushes),
+    )
 
 
 def push(load, vector=(0.0, 0.0), torque=0.0, at=(0.0, 0.0), start=0.0, end=np.inf, body=0):

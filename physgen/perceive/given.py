@@ -1,0 +1,126 @@
+"""What a person points at -> the objects to start from: a label map, boxes, or points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive.roles import Name, Rgb, Segment
+from physgen.perceive.scene import Found
+from physgen.problems import InputError
+
+Box = tuple[float, float, float, float]
+"""Left, top, width, height, px."""
+Point = tuple[float, float]
+"""x px, y px."""
+
+
+def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = None) -> Found:
+    """A label map, `(H, W)`, as it is; `names` tells what some ids are called."""
+    known = {i: Name(text, 1.0) for i, text in (names or {}).items()}
+    return Found(labels, "given", {}, known)
+
+
+def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segment) -> Found:
+    """One object a box and one a point, in that order: ids 1, 2, ...
+
+    In a box, GrabCut parts object from background (Rother et al. 2004). A point takes what `segment` finds there, else
+    what is of one colour around it. Raises InputError with every box or point that is off the photo or shows nothing.
+    """
+    labels = np.zeros(rgb.shape[:2], np.uint16)
+    sure: dict[int, float] = {}
+    problems = []
+    found = segment(rgb) if points else None
+    for k, box in enumerate(boxes, 1):
+        try:
+            mask = in_box(rgb, box)
+        except InputError as error:
+            problems += error.problems
+            continue
+        labels[mask] = k
+        sure[k] = 0.7
+    for k, point in enumerate(points, len(boxes) + 1):
+        try:
+            mask = at_point(rgb, point, None if found is None else found.labels)
+        except InputError as error:
+            problems += error.problems
+            continue
+        labels[mask & (labels == 0)] = k
+        sure[k] = 0.6
+    if problems:
+        raise InputError(problems)
+    return Found(labels, "pointed at", sure, {})
+
+
+def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
+    """(H, W): the object in a box, its largest piece."""
+    height, width = rgb.shape[:2]
+    x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
+    x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
+    flag = f"--box {','.join(f'{v:g}' for v in box)}"
+    if x1 - x0 < 4 or y1 - y0 < 4:
+        raise InputError.of(
+            flag, "", f"leaves under 4 px of the {width} x {height} photo", "write x,y,width,height in px"
+        )
+    # GrabCut needs background: a margin around the box, and the photo's own border where the box fills it
+    margin = max(8, (x1 - x0) // 4, (y1 - y0) // 4)
+    left, top, right, bottom = (
+        max(0, x0 - margin),
+        max(0, y0 - margin),
+        min(width, x1 + margin),
+        min(height, y1 + margin),
+    )
+    part = np.ascontiguousarray(rgb[top:bottom, left:right, ::-1])
+    state: NDArray[np.uint8] = np.full(part.shape[:2], cv2.GC_BGD, np.uint8)
+    state[y0 - top : y1 - top, x0 - left : x1 - left] = cv2.GC_PR_FGD
+    mask = np.zeros((height, width), bool)
+    if (state == cv2.GC_BGD).sum() < 16:
+        mask[y0:y1, x0:x1] = True
+        return mask
+    cv2.setRNGSeed(0)
+    cv2.grabCut(part, state, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), 5, cv2.GC_INIT_WITH_MASK)
+    taken = np.isin(state, (cv2.GC_FGD, cv2.GC_PR_FGD))
+    mask[top:bottom, left:right] = _largest(_opened(taken))
+    if mask.sum() < 0.05 * (x1 - x0) * (
+        y1 - y0
+    ):  # one colour inside and out: the box itself is all that is known
+        mask[y0:y1, x0:x1] = True
+    return mask
+
+
+def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDArray[np.bool_]:
+    """(H, W): the object at a point."""
+    height, width = rgb.shape[:2]
+    x, y = round(point[0]), round(point[1])
+    flag = f"--point {point[0]:g},{point[1]:g}"
+    if not (0 <= x < width and 0 <= y < height):
+        raise InputError.of(flag, "", f"is off the {width} x {height} photo", "write x,y in px")
+    if segments is not None and segments[y, x]:
+        return np.asarray(segments == segments[y, x])
+    lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), (0, 0), 1.0)
+    area = np.zeros((height + 2, width + 2), np.uint8)
+    flags = 4 | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE | (1 << 8)
+    cv2.floodFill(lab, area, (x, y), 0, (40, 18, 18), (40, 18, 18), flags)
+    mask = area[1:-1, 1:-1] > 0
+    if not 12 <= mask.sum() <= 0.4 * mask.size:
+        raise InputError.of(
+            flag, "", "shows no object that ends somewhere", "draw a box around it: --box x,y,w,h"
+        )
+    filled = cv2.morphologyEx(np.pad(mask, 8).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
+    return np.asarray(filled[8:-8, 8:-8] > 0)
+
+
+def _opened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    smooth = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
+    return np.asarray(smooth if smooth.any() else mask)
+
+
+def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    count, ids, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    if count < 2:
+        return mask
+    return np.asarray(ids == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))

@@ -1,0 +1,187 @@
+"""A COCO annotation file -> the objects of one photo: polygons and run lengths, plain or compressed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.outline.outline import Region, Ring
+from physgen.outline.raster import coverage
+from physgen.perceive.roles import Name
+from physgen.perceive.scene import Found
+from physgen.problems import InputError, Place, Problem
+
+MOST_BYTES = 256 * 2**20
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class CocoImage:
+    """One photo of a COCO file."""
+
+    file: Path
+    """As the file names it, beside the file."""
+    annotations: tuple[Mapping[str, Any], ...]
+    categories: Mapping[Any, str]
+
+
+def read_coco(path: Path, image: Path | None = None) -> CocoImage:
+    """The photo called as `image`, or the only one. Raises InputError: unreadable, no such photo, nothing annotated."""
+    data = _read(path)
+    if isinstance(data, list):  # the results format: annotations alone
+        data = {"annotations": data}
+    if not isinstance(data, dict) or not isinstance(data.get("annotations"), list):
+        raise InputError.of(str(path), "", "has no list of annotations", "give a COCO instances file")
+    annotations = [a for a in data["annotations"] if isinstance(a, dict)]
+    images = [i for i in data.get("images") or [] if isinstance(i, dict) and "id" in i]
+    categories = {
+        c["id"]: str(c.get("name", ""))
+        for c in data.get("categories") or []
+        if isinstance(c, dict) and _plain(c.get("id"))
+    }
+    named = {Path(str(i.get("file_name", ""))).name: i for i in images}
+    if image is not None and image.name in named:
+        chosen = named[image.name]
+    elif len(images) == 1:
+        chosen = images[0]
+    elif not images and len({str(a.get("image_id")) for a in annotations}) <= 1 and image is not None:
+        chosen = {"id": annotations[0].get("image_id") if annotations else None, "file_name": image.name}
+    else:
+        wanted = f'"{image.name}"' if image is not None else f"{len(images)} photos"
+        known = ", ".join(list(named)[:5]) + (", ..." if len(named) > 5 else "")
+        expected = "is not among its photos" if image is not None else "are in it and none was named"
+        raise InputError.of(
+            str(path), wanted, expected, f"it has {known}" if known else "name a photo with --image"
+        )
+    own = tuple(a for a in annotations if a.get("image_id") == chosen["id"] and not a.get("iscrowd"))
+    if not own:
+        name = chosen.get("file_name", chosen["id"])
+        raise InputError.of(
+            str(path), f'"{name}"', "has no annotated object", "annotate one, or take another photo"
+        )
+    return CocoImage(path.parent / str(chosen.get("file_name", "")), own, categories)
+
+
+def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Found:
+    """Label map and names of the objects on a photo of `size` (W, H); where masks overlap the smaller lies on top.
+
+    COCO measures from the photo's corner, where pixel i covers i to i + 1; ours covers i - 0.5 to i + 0.5.
+    """
+    masks: list[tuple[Mask, Name]] = []
+    problems = []
+    for number, annotation in enumerate(coco.annotations):
+        try:
+            mask = decode_segmentation(annotation.get("segmentation"), size)
+        except ValueError as error:
+            path_in = f"annotations[{number}].segmentation"
+            known = annotation.get("id", number)
+            problems.append(
+                Problem(Place(str(path)), path_in, f"annotation {known}", str(error), "export it again")
+            )
+            continue
+        label = coco.categories.get(_key(annotation.get("category_id")), "")
+        score = annotation.get("score", 1.0)
+        sure = float(score) if isinstance(score, int | float) and 0 <= score <= 1 else 1.0
+        masks.append((mask, Name(label or "object", sure)))
+    if problems:
+        raise InputError(problems)
+    labels = np.zeros((size[1], size[0]), np.uint16)
+    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k][0].sum())):
+        labels[masks[k][0]] = k + 1
+    return Found(
+        labels, "coco", {k + 1: name.confidence for k, (_, name) in enumerate(masks)},
+        {k + 1: name for k, (_, name) in enumerate(masks) if name.label != "object"},
+    )  # fmt: skip
+
+
+def decode_segmentation(segmentation: Any, size: tuple[int, int]) -> Mask:
+    """Polygons, plain or compressed run lengths -> `(H, W)`; ValueError says what is wrong with them."""
+    width, height = size
+    if isinstance(segmentation, list):
+        mask = np.zeros((height, width), bool)
+        for polygon in segmentation:
+            try:
+                points = np.asarray(polygon, np.float64).reshape(-1, 2) - 0.5
+            except (TypeError, ValueError):
+                raise ValueError("is not a list of x, y pairs") from None
+            if len(points) < 3 or not np.isfinite(points).all() or np.abs(points).max() > 1e6:
+                raise ValueError("has a polygon of fewer than 3 points, or points at no finite place")
+            mask |= coverage(Region((Ring(points),)), size) >= 0.5
+        return mask
+    if not isinstance(segmentation, dict) or "counts" not in segmentation:
+        raise ValueError("is neither polygons nor run lengths")
+    said = segmentation.get("size")
+    if said != [height, width]:
+        raise ValueError(f"is of size {said}, the photo is [{height}, {width}]")
+    counts = segmentation["counts"]
+    return run_lengths(uncompressed(counts) if isinstance(counts, str | bytes) else counts, size)
+
+
+def run_lengths(counts: Sequence[Any], size: tuple[int, int]) -> Mask:
+    """Run lengths down the columns, background first, -> `(H, W)`; ValueError unless they fill it."""
+    width, height = size
+    if not isinstance(counts, list) or not all(
+        isinstance(n, int) and 0 <= n <= width * height for n in counts
+    ):
+        raise ValueError("has run lengths that are not counts of pixels")
+    if sum(counts) != width * height:
+        raise ValueError(f"has run lengths of {sum(counts)} px in all, the photo has {width * height}")
+    values = np.arange(len(counts)) % 2 == 1
+    return np.ascontiguousarray(np.repeat(values, counts).reshape(width, height).T)
+
+
+def uncompressed(text: str | bytes) -> list[int]:
+    """COCO's compressed run lengths -> counts: 5 bits a character from "0" on, each count less the last but one.
+
+    >>> uncompressed("626")
+    [6, 2, 6]
+    """
+    codes = text.encode("ascii", "replace") if isinstance(text, str) else text
+    counts: list[int] = []
+    value = shift = 0
+    for code in codes:
+        bits = code - 48
+        if not 0 <= bits < 64 or shift > 50:
+            raise ValueError("has compressed run lengths that cannot be read")
+        value |= (bits & 31) << shift
+        shift += 5
+        if bits & 32:
+            continue
+        if bits & 16:
+            value -= 1 << shift
+        counts.append(value + counts[-2] if len(counts) > 2 else value)
+        value = shift = 0
+    if shift:
+        raise ValueError("has compressed run lengths that end too early")
+    return counts
+
+
+def _read(path: Path) -> Any:
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError.of(str(path), "", "is over 256 MiB", "cut out the annotations of one photo")
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError.of(str(path), "", "no such file", "check the path") from None
+    except json.JSONDecodeError as error:
+        raise InputError(
+            [Problem(Place(str(path), error.lineno, error.colno), "", "", f"not JSON: {error.msg}", "")]
+        ) from None
+    except (OSError, UnicodeDecodeError, RecursionError, ValueError):
+        raise InputError.of(
+            str(path), "", "is not a JSON file that can be read", "give a COCO instances file"
+        ) from None
+
+
+def _plain(value: Any) -> bool:
+    return isinstance(value, int | str)
+
+
+def _key(value: Any) -> Any:
+    return value if _plain(value) else None

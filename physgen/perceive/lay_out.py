@@ -1,0 +1,52 @@
+"""What was perceived -> assets on disk and the scene's text, with paths that hold from where it will lie."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from physgen.perceive.scene import Perceived
+from physgen.percepts.maps import write_assets, write_kept
+from physgen.scene.write import scene_text
+
+
+def lay_out(perceived: Perceived, photo: Path, output: Path | None, assets: Path | None = None) -> str:
+    """Write the assets, and the scene file where `output` is given; returns the scene's text.
+
+    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `PHOTO-STEM.assets/` in the current folder, unless `assets`
+    says otherwise. A photo from outside the scene's folder is copied into them. Files that are there and differ are
+    kept as `NAME~`.
+    """
+    folder = output.parent if output else Path()
+    if assets is None:
+        assets = folder / f"{(output or photo).stem}.assets"
+    if output is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    ranges = write_assets(perceived.percepts, assets)
+    if not photo.resolve().is_relative_to(folder.resolve()):
+        copy = assets / photo.name
+        if not (copy.exists() and copy.samefile(photo)):
+            shutil.copyfile(photo, copy)
+        photo = copy
+    placed: dict[str, Any] = {
+        "physgen": 1,
+        "image": _relative(photo, folder),
+        "assets": _relative(assets, folder),
+        **{
+            key: value
+            for key, value in perceived.document.items()
+            if key not in ("physgen", "image", "assets", "maps")
+        },
+    }
+    if ranges:
+        placed["maps"] = {name: list(bounds) for name, bounds in ranges.items()}
+    text = scene_text(placed, perceived.comments, perceived.header)
+    if output is not None:
+        write_kept(output, text.encode("utf-8"))
+    return text
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()

@@ -1,0 +1,161 @@
+"""What each role of perception takes and gives: protocols and frozen results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.outline.outline import Outline
+from physgen.photometry import DistantLight
+from physgen.scene.model import Solid, View
+
+Rgb = NDArray[np.uint8]
+"""(H, W, 3) uint8 sRGB."""
+Labels = NDArray[np.uint16]
+"""(H, W), 0 = background."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Objects found in a photo."""
+
+    labels: NDArray[np.uint16]
+    """(H, W), 0 = background, ids 1..N, left to right by centroid."""
+    confidence: NDArray[np.float64]
+    """(N,) in 0..1, that id k + 1 is a complete movable object."""
+
+
+class Segment(Protocol):
+    """Finds the movable objects of a photo."""
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> Segments:
+        """`rgb` is (H, W, 3) uint8 sRGB."""
+        ...
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One object as far as it is known: its id in the label map, its outline, and what it is called."""
+
+    id: int
+    outline: Outline
+    """px."""
+    label: str = ""
+    """`""` while nobody has named it."""
+    cut: bool = False
+    """Whether the photo's border cuts it off."""
+
+
+@dataclass(frozen=True)
+class Name:
+    """What an object is called."""
+
+    label: str
+    confidence: float
+    """0..1."""
+
+
+class Label(Protocol):
+    """Names objects."""
+
+    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> Mapping[int, Name]:
+        """A name for every thing, by id."""
+        ...
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What an object is made of, as physics needs it."""
+
+    mass: float
+    """g."""
+    friction: float
+    elasticity: float
+    solid: Solid
+    confidence: float
+    """0..1, of the mass."""
+    reason: str
+    """Where the numbers come from, a sentence for the scene's comments."""
+
+
+class Physics(Protocol):
+    """Gives objects mass, friction and elasticity."""
+
+    def __call__(
+        self, rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None
+    ) -> Mapping[int, Matter]:
+        """Matter of every thing, by id. `pixels_per_meter` is the photo's true scale, None when nobody knows it."""
+        ...
+
+
+@dataclass(frozen=True)
+class LightGuess:
+    """The light of a photo."""
+
+    light: DistantLight
+    confidence: float
+    """0..1."""
+    reason: str
+
+
+class Light(Protocol):
+    """Finds where the light comes from."""
+
+    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> LightGuess:
+        """Never fails: what cannot be seen is guessed with little confidence."""
+        ...
+
+
+class Matte(Protocol):
+    """Turns a label map into coverage."""
+
+    def __call__(self, rgb: Rgb, labels: Labels) -> NDArray[np.float32]:
+        """(H, W) in 0..1: how much of each pixel objects cover; 1 deep inside, 0 from 3 px outside on."""
+        ...
+
+
+class Inpaint(Protocol):
+    """Continues the background where objects are taken away."""
+
+    def __call__(self, rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
+        """The photo with `hole` (H, W) filled; it equals `rgb` outside the hole."""
+        ...
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A fixed line that objects rest on or bump into."""
+
+    name: str
+    points: tuple[tuple[float, float], ...]
+    """(K, 2) px, K >= 2; the first point again at the end closes it."""
+    friction: float
+    elasticity: float
+    confidence: float
+    """0..1."""
+    source: str
+    """In a word or three, for `from`."""
+    reason: str
+
+
+@dataclass(frozen=True)
+class Setting:
+    """From where the photo is taken, and what holds the objects."""
+
+    view: View
+    confidence: float
+    """0..1, of the view."""
+    reason: str
+    walls: tuple[Wall, ...]
+
+
+class Boundary(Protocol):
+    """Tells the view and finds floors, shelves and walls."""
+
+    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
+        """`view` is what a person said, None to find out. Walls touch the outlines and never enter them."""
+        ...

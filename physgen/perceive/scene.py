@@ -1,0 +1,264 @@
+"""Photo, and masks if there are any -> percepts, scene document and comments: the roles of perception, run in order."""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen import backends
+from physgen.outline.outline import bounds, mass_properties
+from physgen.outline.touching import fit_outlines
+from physgen.perceive import words
+from physgen.perceive.roles import LightGuess, Matter, Name, Rgb, Setting, Thing
+from physgen.percepts.maps import Percepts
+from physgen.problems import InputError, Problem
+from physgen.scene.model import View
+
+Progress = Callable[[str, int, int], None]
+"""Told the stage that begins, how much of it is done, and of how much."""
+SMALLEST = 12
+"""px: an id of fewer pixels is a speck, no object."""
+ROLES = ("segment", "label", "physics", "boundary", "light", "matte", "inpaint")
+
+
+@dataclass(frozen=True)
+class Found:
+    """The objects that perception starts from, found or given."""
+
+    labels: NDArray[np.uint16]
+    """(H, W), 0 = background."""
+    source: str
+    """Who found them, for `from`."""
+    confidence: Mapping[int, float]
+    """0..1, by id."""
+    names: Mapping[int, Name]
+    """What some of them are called already, by id."""
+
+
+@dataclass(frozen=True)
+class Perceived:
+    """What a photo became."""
+
+    percepts: Percepts
+    document: dict[str, Any]
+    """A scene as plain YAML data, valid once the assets are written; `maps` is for the writer of the assets to add."""
+    comments: dict[str, str]
+    """Dotted path -> a sentence or more to stand above it."""
+    header: str
+    """What to say at the top of the file."""
+    warnings: tuple[Problem, ...] = ()
+    """What was strange in the input and could be passed over."""
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """Progress that nobody follows."""
+
+
+def perceive(
+    rgb: Rgb,
+    found: Found | None = None,
+    *,
+    image: str = "photo.png",
+    assets: str = "photo.assets",
+    renames: Sequence[str] = (),
+    chosen: Mapping[str, str] | None = None,
+    view: View | None = None,
+    pixels_per_meter: float | None = None,
+    progress: Progress = silent,
+) -> Perceived:
+    """The whole of perception. `found` None: segment the photo.
+
+    `renames` are `NAME=TEXT`: NAME is the name of an object as it would be called without, its mask id, or a pattern
+    (`ball-*`). `chosen` maps role -> backend. `pixels_per_meter` is the photo's true scale, where somebody knows it.
+    Raises InputError where there is nothing to make a scene of.
+    """
+    who = dict(chosen or {})
+    for asked in who:
+        backends.find(asked, who[asked])
+
+    def role(name: str) -> Any:
+        progress(name, ROLES.index(name), len(ROLES))
+        return backends.make(name, who.get(name))
+
+    if found is None:
+        segments = role("segment")(rgb)
+        sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
+        found = Found(segments.labels, backends.find("segment", who.get("segment")).name, sure, {})
+    things, left_out = _things(rgb, found)
+    named = {**role("label")(rgb, found.labels, things), **found.names}
+    label_source = {t.id: "given" if t.id in found.names else _name(who, "label") for t in things}
+    things = [replace(t, label=named[t.id].label) for t in things]
+    things, renamed = _renamed(things, renames)
+    label_source |= dict.fromkeys(renamed, "")
+    matter: Mapping[int, Matter] = role("physics")(rgb, things, pixels_per_meter)
+    setting: Setting = role("boundary")(rgb, found.labels, things, view)
+    light: LightGuess = role("light")(rgb, found.labels, things)
+    coverage = role("matte")(rgb, found.labels)
+    background = role("inpaint")(rgb, coverage > 0)
+    percepts = Percepts(rgb=rgb, labels=found.labels, coverage=coverage, background=background)
+
+    called = words.names(things)
+    objects = {}
+    comments: dict[str, str] = {}
+    for thing in sorted(things, key=lambda t: list(called).index(t.id)):
+        name, it = called[thing.id], matter[thing.id]
+        told = {"mask": words.source(found.source, found.confidence.get(thing.id, 1.0))}
+        if label_source[thing.id]:
+            told["label"] = words.source(label_source[thing.id], named[thing.id].confidence)
+        table = _name(who, "physics")
+        told |= {
+            "mass": words.source(table, it.confidence),
+            "friction": words.source(table, 0.5 * it.confidence + 0.2),
+        }
+        told["elasticity"] = told["friction"]
+        one: dict[str, Any] = {"label": thing.label, "mask": thing.id, "shape": words.shape(thing.outline)}
+        one |= {
+            "solid": it.solid.value,
+            "mass": it.mass,
+            "friction": it.friction,
+            "elasticity": it.elasticity,
+        }
+        if thing.cut:
+            one["motion"] = "static"
+            comments[f"objects.{name}.motion"] = (
+                "cut off by the photo's border, so it is held; dynamic lets it go"
+            )
+        comments[f"objects.{name}.mass"] = f"g: {it.reason}"
+        objects[name] = {**one, "from": told}
+    document: dict[str, Any] = {
+        "physgen": 1,
+        "image": image,
+        "assets": assets,
+        "world": _world(setting, pixels_per_meter),
+        "objects": objects,
+        "boundaries": {w.name: words.wall(w) for w in setting.walls},
+        "forces": [],
+        "light": _light(light),
+    }
+    comments |= _comments(found, things, left_out, setting, light, called, matter)
+    header = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
+    return Perceived(percepts, document, comments, header)
+
+
+def _name(chosen: Mapping[str, str], role: str) -> str:
+    return backends.find(role, chosen.get(role)).name
+
+
+def _things(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
+    """Outlines of every object that is more than a speck, and how many specks there were."""
+    labels = found.labels
+    height, width = rgb.shape[:2]
+    if labels.shape != (height, width):
+        size = f"{labels.shape[1]} x {labels.shape[0]} px"
+        raise InputError.of(
+            "--masks", size, f"differs from the photo's {width} x {height} px", "make them one size"
+        )
+    counts = np.bincount(labels.ravel(), minlength=2)
+    every = np.flatnonzero(counts[1:]) + 1
+    ids = [int(i) for i in every if counts[i] >= SMALLEST]
+    if not ids:
+        raise InputError.of(
+            "--masks" if found.source == "given" else "the photo",
+            "",
+            "shows no object",
+            "mark them with --masks FILE, --box x,y,w,h or --point x,y",
+        )
+    outlines = fit_outlines(labels, ids)
+    frame = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    edge = np.bincount(frame, minlength=int(labels.max()) + 1)
+    things = []
+    for i in ids:
+        x0, y0, x1, y1 = bounds(outlines[i])
+        beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
+        things.append(Thing(i, outlines[i], cut=bool(edge[i] > 0 or beyond > 0)))
+    return things, len(every) - len(ids)
+
+
+def _renamed(things: Sequence[Thing], renames: Sequence[str]) -> tuple[list[Thing], set[int]]:
+    """Things under their new labels, and the ids of those that got one; raises InputError with every wrong NAME."""
+    called = words.names(things)
+    said: dict[int, str] = {}
+    problems = []
+    for rename in renames:
+        name, sign, text = (part.strip() for part in rename.partition("="))
+        hits = [i for i, n in called.items() if fnmatch.fnmatchcase(n, name) or str(i) == name]
+        if not (sign and text and hits):
+            near = difflib.get_close_matches(name, called.values(), 1)
+            known = ", ".join(list(called.values())[:8]) + (", ..." if len(called) > 8 else "")
+            fix = f"did you mean {near[0]}?" if near and near[0] != name else f"the objects are {known}"
+            expected = "names no object" if sign and text else "is not NAME=TEXT"
+            problems += InputError.of("--label", f'"{rename}"', expected, fix).problems
+        said |= dict.fromkeys(hits, text)
+    if problems:
+        raise InputError(problems)
+    return [replace(t, label=said[t.id]) if t.id in said else t for t in things], set(said)
+
+
+def _world(setting: Setting, pixels_per_meter: float | None) -> dict[str, Any]:
+    world: dict[str, Any] = {"view": setting.view.value, "pixels_per_meter": pixels_per_meter or 100}
+    if setting.view is View.TOP:
+        world["table"] = {"friction": 0}
+    return world | {"duration": 2.0}
+
+
+def _light(guess: LightGuess) -> dict[str, Any]:
+    x, y, z = (round(v, 3) for v in guess.light.direction)
+    light = guess.light
+    return {
+        "direction": [x, y, z],
+        "intensity": round(light.intensity, 3),
+        "ambient": round(light.ambient, 3),
+    }
+
+
+def _comments(
+    found: Found,
+    things: Sequence[Thing],
+    left_out: int,
+    setting: Setting,
+    light: LightGuess,
+    called: Mapping[int, str],
+    matter: Mapping[int, Matter],
+) -> dict[str, str]:
+    """Sentences about where each guess came from."""
+    how = "from the masks given" if found.source == "given" else f"found by {found.source}"
+    specks = f"; {left_out} specks of under {SMALLEST} px left out" if left_out else ""
+    comments = {
+        "world.view": f"side or top: {setting.reason} (confidence {setting.confidence:g})",
+        "world.pixels_per_meter": "1 px = 1 cm, as in the paper; a larger number makes things fall faster",
+        "objects": f"{words.counted({t.id: t.label for t in things})}, {how}, counted from left to right{specks}",
+        "light": f"{light.reason} (confidence {light.confidence:g})",
+        "forces": _push(setting, things, called, matter),
+    }
+    if setting.view is View.TOP:
+        comments["world.table"] = "nobody can see friction: 0 lets things glide for ever, 0.2 is cloth"
+    for wall in setting.walls:
+        comments[f"boundaries.{wall.name}"] = wall.reason
+    return comments
+
+
+def _push(
+    setting: Setting, things: Sequence[Thing], called: Mapping[int, str], matter: Mapping[int, Matter]
+) -> str:
+    """A force to try: the thing farthest from the others, pushed towards them at a fair speed."""
+    movable = [t for t in things if not t.cut] or list(things)
+    centers = np.array([mass_properties(t.outline).center for t in movable])
+    away = centers - centers.mean(0)
+    if setting.view is View.SIDE:
+        away[:, 1] = 0
+    k = int(np.argmax((away**2).sum(1)))
+    length = float(np.hypot(*away[k]))
+    towards = -away[k] / length if length > 1 else np.array([1.0, 0.0])
+    speed = 300.0 if setting.view is View.TOP else 100.0
+    push = matter[movable[k].id].mass * speed
+    x, y = (float(f"{push * c:.2g}") if abs(c) > 0.01 else 0.0 for c in towards)
+    return (
+        f"to set something going, replace [] by a list such as (impulse in g px/s, here {speed:g} px/s):\n"
+        f"  - {{object: {called[movable[k].id]}, impulse: [{x:g}, {y:g}]}}"
+    )

@@ -1,0 +1,94 @@
+"""Percepts' numbers -> the words and values of a scene document: names, shapes, provenance."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from math import floor
+from typing import Any
+
+import numpy as np
+
+from physgen.geometry import Array
+from physgen.outline.outline import Disc, Outline, mass_properties
+from physgen.perceive.roles import Thing, Wall
+
+
+def slug(label: str) -> str:
+    """A label as the start of a name: letters, digits and -, beginning with a letter, at most 48 long.
+
+    >>> slug("Billiard ball (red)"), slug("8 ball"), slug("Kugel Übergröße"), slug("")
+    ('billiard-ball-red', 'object-8-ball', 'kugel-bergr-e', 'object')
+    """
+    text = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")[:48].strip("-")
+    if not text:
+        return "object"
+    return text if text[0].isalpha() else f"object-{text}"
+
+
+def names(things: Sequence[Thing]) -> dict[int, str]:
+    """A name for every thing, by id: its label and a number, counted from left to right."""
+    ordered = sorted(things, key=lambda t: (round(float(mass_properties(t.outline).center[0]), 1), t.id))
+    counts: dict[str, int] = {}
+    result = {}
+    for thing in ordered:
+        start = slug(thing.label)
+        counts[start] = counts.get(start, 0) + 1
+        result[thing.id] = f"{start}-{counts[start]}"
+    return result
+
+
+def shape(outline: Outline) -> dict[str, Any]:
+    """`shape:` of an outline, to 0.01 px; radii are rounded down, so that balls that touch do not overlap."""
+    if isinstance(outline, Disc):
+        x, y = (round(float(c), 2) for c in outline.center)
+        return {"circle": {"center": [x, y], "radius": max(0.01, floor(outline.radius * 100) / 100)}}
+    rings = outline.rings
+    if len(rings) == 1 and not rings[0].holes:
+        return {"polygon": corners(rings[0].outer)}
+    pieces = []
+    for ring in rings:
+        piece: dict[str, Any] = {"outline": corners(ring.outer)}
+        if ring.holes:
+            piece["holes"] = [corners(hole) for hole in ring.holes]
+        pieces.append(piece)
+    return {"polygons": pieces}
+
+
+def corners(points: Array) -> list[list[float]]:
+    """`(K, 2)` px -> [[x, y], ...] to 0.01 px, none twice in a row."""
+    rounded = np.round(points, 2) + 0.0
+    fresh = np.any(rounded != np.roll(rounded, 1, axis=0), axis=1)
+    kept = rounded[fresh] if fresh.sum() >= 3 else rounded
+    return [[float(x), float(y)] for x, y in kept]
+
+
+def wall(found: Wall) -> dict[str, Any]:
+    """One boundary: a segment of two points, a polyline of more."""
+    points = [[float(x), float(y)] for x, y in found.points]
+    said: dict[str, Any] = {"segment": points} if len(points) == 2 else {"polyline": points}
+    said |= {"friction": found.friction, "elasticity": found.elasticity}
+    return said | {"from": source(found.source, found.confidence)}
+
+
+def source(who: str, confidence: float) -> str:
+    """Who said it and how sure, as `from` has it.
+
+    >>> source("table", 0.4)
+    'table 0.4'
+    """
+    return f"{who} {round(confidence, 2):g}"
+
+
+def counted(labels: Mapping[int, str]) -> str:
+    """How many of each label there are.
+
+    >>> counted({1: "ball", 2: "block", 3: "ball"})
+    '2 x ball, 1 x block'
+    """
+    each: dict[str, int] = {}
+    for label in labels.values():
+        each[label or "object"] = each.get(label or "object", 0) + 1
+    return ", ".join(
+        f"{n} x {label}" for label, n in sorted(each.items(), key=lambda item: (-item[1], item[0]))
+    )

@@ -1,0 +1,1 @@
+"""Scene file (text) -> frozen Scene, or every problem in it at once."""

@@ -1,0 +1,233 @@
+"""YAML text -> tree of Nodes: plain data in which every value knows its file, line and column.
+
+A scene file is untrusted input. It is read as a stream of events and never composed by PyYAML, whose C
+composer calls itself for each level and can crash; limits are counted on the way, the first excess ends it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+from yaml.events import (
+    AliasEvent,
+    DocumentStartEvent,
+    MappingEndEvent,
+    MappingStartEvent,
+    ScalarEvent,
+    SequenceEndEvent,
+    SequenceStartEvent,
+)
+
+from physgen.problems import InputError, Place, Problem
+from physgen.scene.node import Node, Source
+from physgen.scene.scalars import RefusedNumberError, Scalar, resolve
+from physgen.scene.words import dotted, quoted
+
+MAX_BYTES = 8 * 2**20
+MAX_DEPTH = 50
+MAX_NODES = 500_000
+MAX_OBJECTS = 10_000
+
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def decode(data: bytes, name: str) -> str:
+    """Bytes of a scene file -> text; refuses too many bytes and anything but UTF-8."""
+    if len(data) > MAX_BYTES:
+        raise InputError.of(name, "", f"larger than {MAX_BYTES // 2**20} MiB", "keep pixels in image files")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start]
+        place = Place(name, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
+        raise InputError([Problem(place, "", "", "not UTF-8 text", "save the file as UTF-8")]) from None
+
+
+def read(text: str, source: Source, counted: bool = True) -> Node:
+    """Text of a scene file -> its tree, a mapping at the top.
+
+    Raises InputError: syntax, limits, aliases and tags end the reading with one problem; duplicate keys and
+    numbers that are not finite are collected. `counted` is False for the value of a flag: it may be anything,
+    and has no line.
+    """
+    reader = _Reader(source, counted)
+    try:
+        root = reader.tree(yaml.parse(text, Loader=_LOADER))
+    except yaml.YAMLError as error:
+        raise InputError([_syntax(error, text, source)]) from None
+    if reader.problems:
+        raise InputError(reader.problems)
+    if not counted:
+        return root if root is not None else Node(None, source)
+    if root is None or root.value is None:
+        raise _stop(Place(source.name), "empty", "start with `physgen: 1` and `image: photo.png`")
+    if not isinstance(root.value, dict):
+        found = "a list" if isinstance(root.value, list) else "one value"
+        raise _stop(root.place, f"{found}, not a mapping", "start with `physgen: 1` and `image: photo.png`")
+    return root
+
+
+def _stop(place: Place, expected: str, fix: str, path: str = "") -> InputError:
+    return InputError([Problem(place, path, "", expected, fix)])
+
+
+class _Reader:
+    """Events -> Nodes with a stack of its own, so that depth costs no recursion."""
+
+    def __init__(self, source: Source, counted: bool) -> None:
+        self.source = source
+        self.counted = counted
+        self.problems: list[Problem] = []
+
+    def _place(self, event: Any) -> Place:
+        line = event.start_mark.line + 1 if self.counted else 0
+        return Place(self.source.name, line, event.start_mark.column + 1 if line else 0)
+
+    def tree(self, events: Iterator[Any]) -> Node | None:
+        source, counted = self.source, self.counted
+        root: Node | None = None
+        stack: list[Node] = []
+        above: Any = None  # the children of stack[-1]
+        key: str | None = None  # of a mapping, waits for its value
+        at: tuple[int, int] | None = None  # where the key is
+        documents = nodes = line = column = 0
+        for event in events:
+            kind = type(event)
+            if kind is SequenceEndEvent or kind is MappingEndEvent:
+                stack.pop()
+                above = stack[-1].value if stack else None
+                continue
+            if kind is ScalarEvent or kind is SequenceStartEvent or kind is MappingStartEvent:
+                if event.anchor is not None or event.tag is not None:
+                    raise self._refused(event)
+            elif kind is AliasEvent:
+                raise self._refused(event)
+            elif kind is DocumentStartEvent:
+                documents += 1
+                if documents > 1:
+                    raise _stop(self._place(event), "a second document", "write one scene a file")
+                continue
+            else:
+                continue
+
+            nodes += 1
+            if nodes > MAX_NODES:
+                much = f"more than {MAX_NODES:,} values"
+                raise _stop(self._place(event), much, "keep pixels in image files")
+            if counted:
+                mark = event.start_mark
+                line, column = mark.line + 1, mark.column + 1
+            if key is None and type(above) is dict:
+                key = self._key(event, above, stack)
+                at = (line, column)
+                continue
+            if kind is ScalarEvent:
+                value: Scalar = event.value
+                if event.implicit[0]:  # plain, not quoted
+                    try:
+                        value = resolve(event.value)
+                    except RefusedNumberError as error:
+                        self._number(error, event, _path(stack, key))
+                node = Node(value, source, line, column)
+            else:
+                node = Node([] if kind is SequenceStartEvent else {}, source, line, column)
+            if key is not None:
+                node.key = at
+                above.setdefault(key, node)
+                key = None
+            elif above is not None:
+                above.append(node)
+            else:
+                root = node
+            if kind is not ScalarEvent:
+                stack.append(node)
+                above = node.value
+                if len(stack) > MAX_DEPTH:
+                    raise _stop(self._place(event), f"nested deeper than {MAX_DEPTH} levels", "nest less")
+        return root
+
+    def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
+        """The text of a key, told where it was written before or may not stand."""
+        if type(event) is not ScalarEvent:
+            raise _stop(self._place(event), "a key that is not text", "write a name before the colon")
+        key: str = event.value
+        if key in siblings:
+            self._duplicate(_path(stack, key), siblings[key], self._place(event))
+        elif key == "<<" and event.implicit[0]:
+            raise _stop(self._place(event), "a merge key `<<`", "use extends or variants")
+        if len(stack) == 2 and len(siblings) == MAX_OBJECTS:
+            top = stack[0].value
+            assert isinstance(top, dict)
+            if next(reversed(top)) == "objects":
+                much = f"more than {MAX_OBJECTS:,} objects"
+                raise _stop(self._place(event), much, "split the scene", "objects")
+        return key
+
+    def _number(self, error: RefusedNumberError, event: Any, path: str) -> None:
+        found = quoted(event.value, "")
+        self._collect(Problem(self._place(event), path, found, error.expected, error.fix))
+
+    def _duplicate(self, path: str, first: Node, place: Place) -> None:
+        where = f", first on line {first.key[0]}" if first.key and self.counted else ""
+        self._collect(Problem(place, path, "", f"is written twice{where}", "keep one"))
+
+    def _collect(self, problem: Problem) -> None:
+        self.problems.append(problem)
+        if len(self.problems) > 100:  # nobody reads more
+            raise InputError(self.problems)
+
+    def _refused(self, event: Any) -> InputError:
+        if getattr(event, "tag", None) is not None:
+            return _stop(self._place(event), f"a tag, {quoted(event.tag, '')}", "write plain values")
+        what = "an alias" if type(event) is AliasEvent else "an anchor"
+        shown = quoted(event.anchor, "")
+        return _stop(
+            self._place(event), f"{what}, {shown}", "write the value out, or use extends or variants"
+        )
+
+
+def _path(stack: list[Node], key: str | None) -> str:
+    """Dotted path of the value that is being read: the last child of each open collection leads to it."""
+    parts: list[str | int] = []
+    for node in stack:
+        value = node.value
+        last = node is stack[-1]
+        if isinstance(value, dict):
+            parts.append(key if last and key is not None else next(reversed(value)))
+        elif isinstance(value, list):
+            parts.append(len(value) - (0 if last else 1))
+    return dotted(tuple(parts))
+
+
+def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
+    """PyYAML's complaint as a Problem, in its own words less its pictures."""
+    if isinstance(error, yaml.MarkedYAMLError):
+        mark = error.problem_mark or error.context_mark
+        place = Place(source.name, mark.line + 1, mark.column + 1) if mark else Place(source.name)
+        said = error.problem or error.context or "wrong YAML"
+        if error.context and error.problem:
+            said = f"{error.problem} {error.context}"
+    else:
+        position = min(getattr(error, "position", 0), len(text))
+        found = re.search(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text)
+        position = found.start() if found else position
+        start = text.rfind("\n", 0, position) + 1
+        place = Place(source.name, text.count("\n", 0, position) + 1, position - start + 1)
+        said = "control characters are not allowed"
+    if source.name.startswith("--set "):
+        place = Place(source.name)
+    fix = next((fix for start, fix in _FIXES if start in said), "write `key: value`, one a line")
+    return Problem(place, "", "", f"not YAML: {said}", fix)
+
+
+_FIXES = (
+    ("mapping values are not allowed", 'put text that holds ": " in quotes'),
+    ("cannot start any token", "indent with spaces, not tabs; put text that starts with @ or ` in quotes"),
+    ("flow sequence", "close the ["),
+    ("flow mapping", "close the {"),
+    ("quoted scalar", "close the quote"),
+    ("control characters", "take it out"),
+)

@@ -1,0 +1,151 @@
+"""Paths written in a scene file -> files that may be read; a scene file is untrusted input.
+
+The image and the assets of a file stay below that file's own folder. `extends` may also name a file in a
+sibling folder: it stays below the parent of the folder of the scene that was opened. Symbolic links are
+followed first. `--allow-outside` lifts both rules.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import warnings
+from pathlib import Path
+
+from physgen.problems import InputError, Problem
+from physgen.scene.document import MAX_BYTES, decode, read
+from physgen.scene.node import Node, Source
+from physgen.scene.overlay import merge
+from physgen.scene.words import shown
+
+MAX_PIXELS = 100_000_000
+MAX_EXTENDS = 10
+SUFFIXES = (".yaml", ".yml")
+FORMATS = ("PNG", "JPEG", "WEBP")
+MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
+"""The files `NAME.png` of an assets folder."""
+
+
+class RefusedError(Exception):
+    """A path that cannot be used; `expected` and `fix` as in a Problem."""
+
+    def __init__(self, expected: str, fix: str) -> None:
+        super().__init__(expected)
+        self.expected, self.fix = expected, fix
+
+
+def confined(
+    written: str, folder: Path, within: Path, allow_outside: bool, what: str = "the scene's folder"
+) -> Path:
+    """The path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
+    if "\0" in written:
+        raise RefusedError("has a character that no path can have", "write the name of a file")
+    path = folder / written
+    if allow_outside:
+        return path
+    if os.path.isabs(written) or written[1:3] in (":\\", ":/"):
+        raise RefusedError("is an absolute path", f"keep it below {what}, or use --allow-outside")
+    try:
+        real, root = os.path.realpath(path), os.path.realpath(within)
+    except (OSError, ValueError):
+        raise RefusedError("cannot be followed", "write the name of a file") from None
+    if os.path.commonpath([real, root]) != root:
+        raise RefusedError(f"leads out of {what}", f"keep it below {what}, or use --allow-outside")
+    return path
+
+
+def read_scene(path: Path, name: str) -> Node:
+    """The tree of one file, `name` being its path as messages show it. Raises InputError."""
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except IsADirectoryError:
+        raise InputError.of(name, "", "a folder", "name a scene file in it, e.g. scene.yaml") from None
+    except FileNotFoundError:
+        raise InputError.of(name, "", "no such file", "write the path of a scene file") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "the path is no path"
+        raise InputError.of(
+            name, "", f"cannot be read: {reason.lower()}", "name a file that can be read"
+        ) from None
+    folder = Path(os.path.abspath(path)).parent
+    return read(decode(data, name), Source(name, folder))
+
+
+def with_bases(root: Node, file: Path, allow_outside: bool) -> Node:
+    """The tree with what it extends underneath, and `extends` gone. Raises InputError."""
+    home = root.source.folder.parent
+    chain = [root]
+    seen = {os.path.realpath(file)}
+    while True:
+        top = chain[-1]
+        assert isinstance(top.value, dict)
+        link = top.value.get("extends")
+        if link is None:
+            break
+        base = _base(link, home, allow_outside, len(chain), seen)
+        chain.append(base)
+    whole = chain.pop()
+    while chain:
+        whole = merge(whole, chain.pop())
+    assert isinstance(whole.value, dict)
+    return whole.with_value({key: child for key, child in whole.value.items() if key != "extends"})
+
+
+def _base(link: Node, home: Path, allow_outside: bool, depth: int, seen: set[str]) -> Node:
+    """The tree of the file that `extends` names."""
+
+    def refused(expected: str, fix: str) -> InputError:
+        return InputError([Problem(link.place, "extends", shown(link.value), expected, fix)])
+
+    if not isinstance(link.value, str) or not link.value:
+        raise refused("is not a path", "write another scene file, e.g. ../pool/scene.yaml")
+    if depth > MAX_EXTENDS:
+        raise refused(f"is one of more than {MAX_EXTENDS} files that extend each other", "extend fewer files")
+    try:
+        path = confined(link.value, link.source.folder, home, allow_outside, "the folder above the scene's")
+    except RefusedError as error:
+        raise refused(error.expected, error.fix) from None
+    if path.suffix.lower() not in SUFFIXES:
+        raise refused("is not a scene file", "name a .yaml file")
+    real = os.path.realpath(path)
+    if real in seen:
+        raise refused("extends itself", "take one of the two extends out")
+    seen.add(real)
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        raise refused("does not exist", "write the path of a scene file, relative to this one") from None
+    if not stat.S_ISREG(mode):
+        raise refused("is not a file", "write the path of a scene file, relative to this one")
+    name = os.path.normpath(os.path.join(os.path.dirname(link.source.name), link.value))
+    return read_scene(path, name)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Width and height from an image's header, EXIF orientation ignored; no pixel is decoded.
+
+    Raises RefusedError.
+    """
+    from PIL import Image
+
+    if path.is_dir():
+        raise RefusedError("is a folder", "name an image file")
+    if not path.is_file():
+        raise RefusedError("does not exist", "write the path of an image, relative to this file")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns below our own limit
+            with Image.open(path, formats=FORMATS) as image:
+                width, height = image.size
+    except Image.DecompressionBombError:
+        raise RefusedError("has more than 100 megapixels", "make it smaller") from None
+    except Exception:  # Pillow's readers raise errors of many kinds for damaged headers
+        raise RefusedError(
+            "is not an image that can be read", "write the path of a PNG, JPEG or WebP image"
+        ) from None
+    if width * height > MAX_PIXELS:
+        raise RefusedError("has more than 100 megapixels", "make it smaller")
+    if width * height == 0:
+        raise RefusedError("has no pixels", "write the path of a photo")
+    return width, height

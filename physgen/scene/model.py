@@ -1,0 +1,284 @@
+"""A scene as a person writes it, after defaults and overlays: px, s, g, degrees; frozen.
+
+Image axes: origin at the top-left pixel's centre, +x right, +y down, a positive angle turns +x towards +y.
+Every field is explained once, in `schemas/scene-1.schema.json`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from physgen.problems import Place
+
+Point = tuple[float, float]
+"""x px, y px."""
+Points = tuple[Point, ...]
+
+
+class View(Enum):
+    """`SIDE`: gravity points down the photo. `TOP`: seen from above, gravity presses on the table."""
+
+    SIDE = "side"
+    TOP = "top"
+
+
+class Combine(Enum):
+    """How the coefficients of two surfaces make the pair's."""
+
+    GEOMETRIC = "geometric"
+    MULTIPLY = "multiply"
+
+
+class Solid(Enum):
+    """What the outline is a picture of; sets the moment of inertia."""
+
+    SPHERE = "sphere"
+    DISC = "disc"
+    HOOP = "hoop"
+    PLATE = "plate"
+
+
+class Motion(Enum):
+    """Moved by forces, not moved at all, or moved along a script that pushes others."""
+
+    DYNAMIC = "dynamic"
+    STATIC = "static"
+    SCRIPTED = "scripted"
+
+
+@dataclass(frozen=True)
+class Circle:
+    """`shape: {circle: ...}`: centre px, radius px."""
+
+    center: Point
+    radius: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """`shape: {box: ...}`: centre px, width and height px, angle degrees."""
+
+    center: Point
+    size: Point
+    angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ring:
+    """One outline with its holes; each `(K, 2)` px, not closed, in either direction."""
+
+    outline: Points
+    holes: tuple[Points, ...] = ()
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """`shape: {polygon: ...}` or `{polygons: ...}`: one ring a piece; the pieces move as one body."""
+
+    rings: tuple[Ring, ...]
+
+
+@dataclass(frozen=True)
+class Auto:
+    """`shape: auto`: fitted from the mask."""
+
+
+Shape = Circle | Box | Polygon | Auto
+
+
+@dataclass(frozen=True)
+class MaskId:
+    """The object's id in `masks.png`."""
+
+    id: int
+
+
+@dataclass(frozen=True)
+class MaskPolygon:
+    """`mask: {polygon: ...}`: an outline in px, filled by the even-odd rule."""
+
+    points: Points
+
+
+@dataclass(frozen=True)
+class MaskRle:
+    """`mask: {rle: ...}`: run lengths down the columns as in COCO, starting with background; size is `(H, W)`."""
+
+    size: tuple[int, int]
+    counts: tuple[int, ...]
+
+
+Mask = MaskId | MaskPolygon | MaskRle
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """One knot of a scripted motion: time s, centre px, angle degrees."""
+
+    time: float
+    position: Point
+    angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Object:
+    """One thing of the photo."""
+
+    name: str
+    label: str
+    mask: Mask | None
+    shape: Shape
+    solid: Solid | None
+    """None: disc for circles, plate for others."""
+    mass: float | None
+    """g; exactly one of mass and density is set."""
+    density: float | None
+    """g/px²."""
+    friction: float
+    elasticity: float
+    rolling: float
+    velocity: Point
+    """px/s at t = 0."""
+    spin: float
+    """degrees/s at t = 0."""
+    roll: str | Point
+    """`natural`, `none`, or degrees/s about x and y."""
+    motion: Motion
+    path: tuple[Waypoint, ...]
+    """Knots of a scripted motion, empty otherwise."""
+    layer: int
+    """Who is drawn over whom; larger is nearer."""
+    provenance: Mapping[str, str]
+    """`from`: who said each number and how sure, e.g. `{"mass": "table 0.4"}`."""
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """A fixed chain of segments that objects collide with."""
+
+    name: str
+    points: Points
+    """(K, 2) px, K >= 2."""
+    friction: float
+    elasticity: float
+
+
+class Load(Enum):
+    """What a force entry applies."""
+
+    IMPULSE = "impulse"
+    """(2,) g·px/s, once at `start`."""
+    FORCE = "force"
+    """(2,) g·px/s²."""
+    TORQUE = "torque"
+    """g·px²/s², positive turns +x towards +y."""
+
+
+@dataclass(frozen=True)
+class Force:
+    """One entry of `forces`."""
+
+    object: str
+    load: Load
+    vector: Point
+    """The impulse or the force, in image axes; (0, 0) for a torque."""
+    torque: float
+    at: Point | None
+    """Point of the photo at t = 0 where it acts, rides on the body; None: the centre of mass."""
+    start: float
+    duration: float | None
+    """s; None: to the end of the clip. Of no meaning for an impulse."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """`world:`."""
+
+    view: View
+    pixels_per_meter: float
+    gravity: Point
+    """px/s²."""
+    table_friction: float
+    combine: Combine
+    duration: float
+    steps_per_second: float
+
+
+@dataclass(frozen=True)
+class Light:
+    """`light:`: unit vector towards the light (+x right, +y down, +z to the viewer), and two strengths."""
+
+    direction: tuple[float, float, float]
+    intensity: float
+    ambient: float
+
+
+@dataclass(frozen=True)
+class Render:
+    """`render:`."""
+
+    fps: float
+    frames: int | None
+    """None: fps x duration, rounded. Given: t_k = k duration / frames, and fps only says how fast it plays."""
+    relight: bool
+    shadows: bool
+    motion_blur: float
+
+
+@dataclass(frozen=True)
+class Refine:
+    """`refine:`."""
+
+    backend: str
+    strength: float
+    stop: int
+    steps: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene file, with its overlays applied and every default filled in."""
+
+    name: str
+    """The file's stem, or its folder's name where the file is called `scene.yaml`."""
+    folder: Path
+    """Where relative paths start."""
+    image: Path | None
+    """The photo, resolved; None for a scene without one."""
+    size: tuple[int, int]
+    """Width and height of the canvas, px: the photo's, or as given."""
+    assets: Path | None
+    """Folder of the maps, resolved; None when the scene names none."""
+    world: Settings
+    objects: tuple[Object, ...]
+    boundaries: tuple[Boundary, ...]
+    forces: tuple[Force, ...]
+    light: Light | None
+    render: Render
+    refine: Refine
+    maps: Mapping[str, tuple[float, float]]
+    """What 0 and 65535 stand for in a 16-bit map: `{"depth": (lo, hi), "shading": (lo, hi)}`."""
+    places: Mapping[str, Place] = field(
+        default_factory=lambda: MappingProxyType({}), compare=False, repr=False
+    )
+    """Dotted path -> where it was written; the nearest written ancestor's place is used for a default."""
+    document: Mapping[str, Any] = field(
+        default_factory=lambda: MappingProxyType({}), compare=False, repr=False
+    )
+    """The resolved document as plain YAML data, defaults filled in: what `check --resolved` prints."""
+    variants: tuple[str, ...] = ()
+    """Names of the variants that the file offers."""
+
+    def place(self, path: str) -> Place:
+        """Where a value came from: its own place, or its nearest ancestor's."""
+        while path:
+            if path in self.places:
+                return self.places[path]
+            path = path[: max(path.rfind("."), path.rfind("["), 0)]
+        return self.places.get("", Place(str(self.folder / self.name)))

@@ -1,0 +1,190 @@
+"""Document (plain data) -> text of a scene file that a person wants to edit, and that reads back the same."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from physgen.scene.scalars import RefusedNumberError, resolve
+from physgen.scene.schema import Schema, expanded, published
+from physgen.scene.words import Path, dotted, number
+
+WIDTH = 100
+"""Columns after which a list of points goes on in the next line, and a mapping is written a key a line."""
+
+_LONGEST_KEY = 1000  # YAML takes 1024 characters before the colon
+_BLOCK = re.compile(r"world|objects(\.[^.]+)?|boundaries|variants|").fullmatch
+_PLAIN = re.compile(r"(?!\.\.\.)[\w./][\w./ ()+*=%-]*(?<! )").fullmatch
+
+
+def scene_text(
+    document: Mapping[str, Any], comments: Mapping[str, str] | None = None, header: str = ""
+) -> str:
+    """The document in the schema's order of keys, with the modeline from which editors complete and check.
+
+    `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a short one stands
+    behind it, a long one above. Raises ValueError for infinities, NaN and keys that are no text.
+    """
+    lines = [f"# yaml-language-server: $schema={published()['$id']}"]
+    lines += _comment_lines(header, "") if header else []
+    writer = _Writer(comments or {})
+    lines += writer.mapping(document, "", (), expanded()) if document else ["{}"]
+    return "\n".join(lines) + "\n"
+
+
+class _Writer:
+    def __init__(self, comments: Mapping[str, str]) -> None:
+        self.comments = comments
+        above = (re.split(r"(?=[.\[])", path) for path in comments)
+        self.commented = {"".join(parts[:n]) for parts in above for n in range(len(parts))}
+
+    def mapping(
+        self, value: Mapping[str, Any], indent: str, path: Path, schema: Schema | None
+    ) -> Iterator[str]:
+        for key in _ordered(value, schema):
+            part = _part(schema, key)
+            yield from self.entry(value[key], f"{indent}{_key(key)}:", indent + "  ", (*path, key), part)
+
+    def entry(self, value: Any, start: str, indent: str, path: Path, schema: Schema | None) -> Iterator[str]:
+        """The lines of `start` (a key with its colon, or a dash) and its value; `indent`: of lines below."""
+        where = dotted(path)
+        comment = self.comments.get(where, "")
+        value = _data(value)
+        text = _flow(value, schema)
+        block = bool(value) and (
+            (isinstance(value, Mapping) and (where in self.commented or bool(_BLOCK(where))))
+            or (
+                isinstance(value, Mapping | list)
+                and len(start) + 1 + len(text) > WIDTH
+                and not _points(value)
+            )
+            or (isinstance(value, list) and isinstance(value[0], Mapping))
+        )
+        first = start if block else f"{start} {text}"
+        dashed = (
+            block and isinstance(value, Mapping) and start.endswith("-")
+        )  # its first key stands behind the dash
+        if comment and (dashed or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 10):
+            yield from _comment_lines(comment, start[: len(start) - len(start.lstrip())])
+        elif comment:
+            first = f"{first}  {_comment_lines(comment, '')[0]}"
+        if not block:
+            yield from _wrapped(first, start, indent, value)
+        elif isinstance(value, Mapping):
+            inner = list(self.mapping(value, indent, path, schema))
+            if dashed:
+                inner[0] = f"{start} {inner[0].lstrip()}"
+            else:
+                yield first
+            yield from inner
+        else:
+            yield first
+            items = schema.get("items") if schema else None
+            for index, item in enumerate(value):
+                yield from self.entry(item, f"{indent}-", indent + "  ", (*path, index), items)
+
+
+def _comment_lines(text: str, indent: str) -> list[str]:
+    clean = (
+        "".join(c if c.isprintable() else " " for c in line).strip() for line in text.strip().split("\n")
+    )
+    return [f"{indent}# {line}".rstrip() for line in clean]
+
+
+def _wrapped(first: str, start: str, indent: str, value: Any) -> Iterator[str]:
+    """A line of points broken into several, at its commas between points."""
+    if len(first) <= WIDTH + 10 or not _points(value):
+        yield first
+        return
+    line = f"{start} ["
+    for n, item in enumerate(value):
+        text = _flow(item, None) + ("]" if n + 1 == len(value) else ",")
+        if len(line) + len(text) > WIDTH:
+            yield line.rstrip()
+            line = indent
+        line += text + " "
+    comment = first.rpartition("]")[2] if "]  # " in first else ""
+    yield line.rstrip() + comment
+
+
+def _points(value: Any) -> bool:
+    """Whether a value is a long list of numbers or points, which may be broken anywhere."""
+    return (
+        isinstance(value, list)
+        and len(value) > 2
+        and all(
+            isinstance(item, int | float)
+            or (isinstance(item, list) and all(isinstance(n, int | float) for n in item))
+            for item in value
+        )
+    )
+
+
+def _data(value: Any) -> Any:
+    """Tuples and numpy's scalars and arrays as what YAML knows."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _ordered(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
+    known = list(schema.get("properties", {})) if schema else []
+    return [key for key in known if key in value] + [key for key in value if key not in known]
+
+
+def _part(schema: Schema | None, key: str) -> Schema | None:
+    """The schema of a key's value."""
+    if schema is None:
+        return None
+    part = schema.get("properties", {}).get(key, schema.get("additionalProperties"))
+    return part if isinstance(part, dict) else None
+
+
+def _flow(value: Any, schema: Schema | None) -> str:
+    """A value on one line."""
+    value = _data(value)
+    if isinstance(value, Mapping):
+        pairs = (f"{_key(key)}: {_flow(value[key], _part(schema, key))}" for key in _ordered(value, schema))
+        return "{" + ", ".join(pairs) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        items = schema.get("items") if schema else None
+        return "[" + ", ".join(_flow(item, items) for item in value) + "]"
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        if not math.isfinite(value):
+            raise ValueError(f"a scene cannot hold {value}")
+        return number(value)
+    if isinstance(value, str):
+        return _text(value)
+    raise ValueError(f"a scene cannot hold {type(value).__name__}")
+
+
+def _key(key: Any) -> str:
+    if not isinstance(key, str) or len(key) > _LONGEST_KEY:
+        raise ValueError("a scene's keys are short texts")
+    return _text(key)
+
+
+def _text(text: str) -> str:
+    """Text, in double quotes only where it would be read as something else."""
+    if _PLAIN(text) and text.isprintable():
+        try:
+            if resolve(text) == text:
+                return text
+        except RefusedNumberError:
+            pass
+    return '"' + "".join(map(_escaped, text)) + '"'
+
+
+def _escaped(char: str) -> str:
+    if char in '"\\':
+        return "\\" + char
+    if char.isprintable():
+        return char
+    code = ord(char)
+    return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" if code < 65536 else f"\\U{code:08x}"

@@ -1,0 +1,150 @@
+"""Every row of the table, run on one small photo: a backend is held to its role without being told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import backends
+from physgen.outline.outline import Disc, Region, Ring
+from physgen.perceive.roles import LightGuess, Matter, Name, Segments, Setting, Thing
+from physgen.scene.model import View
+
+ROWS = [row for row in backends.BACKENDS if not row.missing()]
+SIZE = 160, 120
+
+
+def photo() -> tuple[np.ndarray, np.ndarray, list[Thing]]:
+    """A ball and a block on a table before a wall."""
+    width, height = SIZE
+    random = np.random.default_rng(1)
+    rgb = np.empty((height, width, 3), np.float64)
+    rgb[:90] = (90, 110, 140)
+    rgb[90:] = (150, 110, 70)
+    rgb += random.normal(0, 2, rgb.shape)
+    labels = np.zeros((height, width), np.uint16)
+    y, x = np.mgrid[:height, :width]
+    disc = np.hypot(x - 45, y - 75) <= 20
+    labels[disc] = 1
+    z = np.sqrt(np.maximum(0, 1 - ((x - 45) ** 2 + (y - 75) ** 2) / 400))
+    rgb[disc] = (np.array([200, 60, 40]) * (0.5 + 0.5 * z[..., None]))[disc]
+    labels[55:95, 100:130] = 2
+    rgb[55:95, 100:130] = (220, 200, 120)
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.7)
+    corners = np.array([[99.5, 54.5], [129.5, 54.5], [129.5, 94.5], [99.5, 94.5]])
+    things = [
+        Thing(1, Disc(np.array([45.0, 75.0]), 20.0), "ball"),
+        Thing(2, Region((Ring(corners),)), "wooden block"),
+    ]
+    return np.clip(rgb, 0, 255).astype(np.uint8), labels, things
+
+
+def check_segment(run, rgb, labels, things):
+    found = run(rgb)
+    assert isinstance(found, Segments)
+    assert found.labels.shape == rgb.shape[:2]
+    assert found.labels.dtype == np.uint16
+    assert set(np.unique(found.labels)) - {0} == set(range(1, len(found.confidence) + 1))
+    assert ((found.confidence >= 0) & (found.confidence <= 1)).all()
+
+
+def check_label(run, rgb, labels, things):
+    names = run(rgb, labels, things)
+    assert isinstance(names, Mapping)
+    assert set(names) == {1, 2}
+    for name in names.values():
+        assert isinstance(name, Name)
+        assert name.label
+        assert 0 <= name.confidence <= 1
+
+
+@pytest.fixture(scope="module")
+def scenery():
+    return photo()
+
+
+def check_physics(run, rgb, labels, things):
+    for scale in (None, 500.0):
+        found = run(rgb, things, scale)
+        assert set(found) == {1, 2}
+        for matter in found.values():
+            assert isinstance(matter, Matter)
+            assert 0 < matter.mass < 1e6
+            assert 0 <= matter.friction <= 10
+            assert 0 <= matter.elasticity <= 1
+            assert 0 <= matter.confidence <= 1
+            assert matter.reason
+
+
+def check_light(run, rgb, labels, things):
+    for seen in (things, []):
+        guess = run(rgb, labels, seen)
+        assert isinstance(guess, LightGuess)
+        assert np.linalg.norm(guess.light.direction) == pytest.approx(1, abs=1e-5)
+        assert guess.light.intensity >= 0
+        assert guess.light.ambient >= 0
+        assert 0 <= guess.confidence <= 1
+
+
+def check_matte(run, rgb, labels, things):
+    coverage = run(rgb, labels)
+    assert coverage.shape == labels.shape
+    assert coverage.dtype == np.float32
+    assert coverage.min() >= 0
+    assert coverage.max() <= 1
+    inside = (labels > 0).astype(np.uint8)
+    deep = cv2.distanceTransform(inside, cv2.DIST_L2, 5) > 4
+    far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5) > 4
+    assert (coverage[deep] == 1).all()
+    assert (coverage[far] == 0).all()
+    assert np.array_equal(np.round(coverage * 255), (coverage * 255).round(3))  # as 8 bits hold it
+    assert (run(rgb, np.zeros_like(labels)) == 0).all()
+
+
+def check_inpaint(run, rgb, labels, things):
+    hole = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    before = rgb.copy()
+    filled = run(rgb, hole)
+    assert filled.shape == rgb.shape
+    assert filled.dtype == np.uint8
+    assert np.array_equal(filled[~hole], rgb[~hole])
+    assert np.array_equal(rgb, before)
+    assert np.array_equal(run(rgb, np.zeros_like(hole)), rgb)
+    assert run(rgb, np.ones_like(hole)).shape == rgb.shape
+    assert np.array_equal(run(rgb, hole), filled)
+
+
+def check_boundary(run, rgb, labels, things):
+    for view in (None, View.SIDE, View.TOP):
+        setting = run(rgb, labels, things, view)
+        assert isinstance(setting, Setting)
+        assert view is None or setting.view is view
+        assert len({wall.name for wall in setting.walls}) == len(setting.walls)
+        for wall in setting.walls:
+            assert len(wall.points) >= 2
+            assert np.isfinite(wall.points).all()
+            assert wall.friction >= 0
+            assert 0 <= wall.elasticity <= 1
+    assert run(rgb, labels, [], None).view in View
+
+
+CHECKS = {
+    name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")
+}
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.role}-{row.name}")
+def test_keeps_to_its_role(row: backends.Backend, scenery):
+    if row.role in CHECKS:
+        CHECKS[row.role](backends.make(row.role, row.name), *scenery)
+    else:
+        assert callable(backends.make(row.role, row.name))
+
+
+def test_every_role_of_perception_has_a_check():
+    from physgen.perceive.scene import ROLES
+
+    assert set(ROLES) <= set(CHECKS)

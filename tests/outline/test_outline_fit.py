@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drawings import blob_labels, box_mask, disc_mask, iou
+
+from physgen.geometry import rotation
+from physgen.outline.fit import CIRCLE_IOU, clean, fit_outline
+from physgen.outline.outline import Disc, Region, mass_properties
+from physgen.outline.raster import coverage
+
+
+@pytest.mark.parametrize("radius", [6.0, 20.3, 44.8, 150.2])
+def test_a_drawn_disc_to_sub_pixel(radius):
+    size = int(2 * radius + 20)
+    center = np.array([size / 2 + 0.37, size / 2 - 0.21])
+    found = fit_outline(disc_mask(size, center, radius))
+    assert isinstance(found, Disc)
+    assert found.center == pytest.approx(center, abs=0.2)
+    assert found.radius == pytest.approx(radius, abs=0.15)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.1, 0.3, 0.5, 0.78, 1.2])
+def test_a_drawn_box_to_sub_pixel(angle):
+    center, half = np.array([45.3, 44.6]), np.array([30.0, 17.2])
+    found = fit_outline(box_mask(90, center, half, angle))
+    assert isinstance(found, Region)
+    (ring,) = found.rings
+    assert len(ring.outer) <= 10
+    m = mass_properties(found)
+    # the mask itself is off by what sampling a box at pixel centres costs
+    assert m.center == pytest.approx(center, abs=0.4)
+    assert m.area == pytest.approx(4 * half.prod(), rel=0.015)
+    local = (ring.outer - center) @ rotation(angle)
+    assert np.abs(np.abs(local) - half).min(axis=1).max() < 0.8
+
+
+def test_an_upright_box_is_exact():
+    mask = np.zeros((40, 40), dtype=bool)
+    mask[10:31, 5:12] = True
+    found = fit_outline(mask)
+    assert isinstance(found, Region)
+    assert len(found.rings[0].outer) == 4
+    assert mass_properties(found).area == pytest.approx(21 * 7)
+    assert mass_properties(found).center == pytest.approx([8.0, 20.0])
+
+
+def ellipse(ratio):
+    rows, columns = np.mgrid[:120, :120] - 60.0
+    return (columns / 50) ** 2 + (rows / (50 * ratio)) ** 2 < 1
+
+
+def test_the_edge_of_the_papers_rule():
+    # the circle of best IoU with an ellipse has the ellipse's area: IoU falls with the ratio of its axes
+    assert isinstance(fit_outline(ellipse(0.86)), Disc)
+    assert isinstance(fit_outline(ellipse(0.66)), Region)
+    assert CIRCLE_IOU == 0.85
+
+
+@pytest.mark.parametrize("rounded", [0, 6, 12])
+def test_a_toy_block_is_no_wheel(rounded):
+    inner = 30 - rounded
+    rows, columns = np.abs(np.mgrid[:80, :80] - 40.0)
+    mask = np.hypot(np.maximum(columns - inner, 0), np.maximum(rows - inner, 0)) <= rounded
+    assert isinstance(fit_outline(mask), Region)
+
+
+def test_a_disc_cut_by_the_photo_reaches_beyond_it():
+    found = fit_outline(disc_mask(100, (10.0, 50.0), 25.0))
+    assert isinstance(found, Disc)
+    assert found.center == pytest.approx([10.0, 50.0], abs=0.5)
+    assert found.radius == pytest.approx(25.0, abs=0.5)
+
+
+def test_a_disc_partly_hidden():
+    mask = disc_mask(100, (45.0, 50.0), 30.0) & ~disc_mask(100, (90.0, 50.0), 20.0)
+    found = fit_outline(mask)
+    assert isinstance(found, Disc)
+    assert found.center == pytest.approx([45.0, 50.0], abs=1.0)
+
+
+def test_holes_and_pieces_stay_and_specks_go():
+    mask = np.zeros((90, 140), dtype=bool)
+    mask[10:80, 10:70] = True
+    mask[30:50, 30:50] = False
+    mask[20:70, 90:100] = True
+    mask[5, 5] = mask[2, 120] = True
+    mask[60, 20] = False
+    found = fit_outline(mask)
+    assert isinstance(found, Region)
+    assert [len(ring.holes) for ring in found.rings] == [1, 0]
+    m = mass_properties(found)
+    assert m.area == pytest.approx(70 * 60 - 20 * 20 + 50 * 10, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_regions_match_their_masks(seed):
+    mask = blob_labels(seed, size=96, smooth=5.0) == 1
+    found = fit_outline(mask)
+    kept = clean(mask)
+    assert iou(coverage(found, (96, 96)), kept) > 0.93
+    m = mass_properties(found)
+    rows, columns = np.nonzero(kept)
+    assert m.area == pytest.approx(kept.sum(), rel=0.02)
+    assert m.center == pytest.approx([columns.mean(), rows.mean()], abs=0.3)
+
+
+def test_empty_mask_is_an_error():
+    with pytest.raises(ValueError, match="empty"):
+        fit_outline(np.zeros((5, 5), dtype=bool))
+
+
+def test_one_pixel():
+    mask = np.zeros((5, 5), dtype=bool)
+    mask[2, 3] = True
+    found = mass_properties(fit_outline(mask))
+    assert found.area > 0
+    assert found.center == pytest.approx([3.0, 2.0], abs=0.1)
+
+
+def test_mirrored_mask_gives_a_mirrored_outline():
+    mask = blob_labels(4, size=64, smooth=6.0) == 1
+    one, other = mass_properties(fit_outline(mask)), mass_properties(fit_outline(mask[:, ::-1]))
+    assert other.center[0] == pytest.approx(63 - one.center[0], abs=0.1)
+    assert other.area == pytest.approx(one.area, rel=0.01)

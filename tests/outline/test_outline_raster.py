@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drawings import L_SHAPE, box
+
+from physgen.outline.outline import Disc, Region, Ring, mass_properties
+from physgen.outline.raster import coverage, coverage_box
+
+
+def test_a_pixel_covers_half_a_pixel_to_each_side():
+    covered = coverage(Region((Ring(box(0.5, 0.5, 2.5, 1.5)),)), (4, 3))
+    assert covered.dtype == np.float32
+    assert covered.tolist() == [[0, 0, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0]]
+
+
+def test_shares_of_pixels():
+    covered = coverage(Region((Ring(box(0.0, 0.25, 1.0, 0.75)),)), (2, 2))
+    assert covered == pytest.approx(np.array([[0.125, 0.125], [0.125, 0.125]]))
+
+
+def test_triangle_halves_the_pixel():
+    assert coverage(Region((Ring(np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5]])),)), (1, 1))[0, 0] == 0.5
+
+
+@pytest.mark.parametrize(
+    "outline", [Disc(np.array([10.3, 7.2]), 5.1), Region((Ring(L_SHAPE + 2.3, (box(2.4, 2.5, 2.9, 3),)),))]
+)
+def test_sum_is_the_area_and_centre_the_centre(outline):
+    box_, (x0, y0) = coverage_box(outline)
+    m = mass_properties(outline)
+    assert box_.sum(dtype=float) == pytest.approx(m.area, rel=1e-6)
+    if isinstance(outline, Disc):
+        weights = box_.astype(float)
+        x = (weights.sum(axis=0) @ (np.arange(box_.shape[1]) + x0)) / weights.sum()
+        y = (weights.sum(axis=1) @ (np.arange(box_.shape[0]) + y0)) / weights.sum()
+        assert [x, y] == pytest.approx(m.center, abs=1e-3)
+
+
+def test_canvas_cuts_what_lies_outside():
+    disc = Disc(np.array([-0.5, 2.0]), 3.0)
+    assert coverage(disc, (10, 12)).sum(dtype=float) == pytest.approx(
+        np.pi * 9 / 2 - 3**2 / 2 * (2 * np.arccos(2.5 / 3) - np.sin(2 * np.arccos(2.5 / 3))) / 2, rel=1e-4
+    )
+    assert coverage(Disc(np.array([-50.0, 2.0]), 3.0), (10, 12)).sum() == 0
+
+
+def test_neighbours_fill_the_pixel_between_them():
+    left, right = Region((Ring(box(0, 0, 3.3, 4)),)), Region((Ring(box(3.3, 0, 6, 4)),))
+    both = coverage(left, (8, 6)) + coverage(right, (8, 6))
+    assert both[2, 1:6] == pytest.approx(np.ones(5))
+
+
+def test_pieces_of_one_region_add_up():
+    two = Region((Ring(box(0, 0, 2, 2)), Ring(box(5, 5, 6, 6)[::-1])))
+    assert coverage(two, (9, 9)).sum(dtype=float) == pytest.approx(5.0)

@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen.perceive.import_physgen import import_physgen
+from physgen.perceive.lay_out import lay_out
+from physgen.perceive.scene import perceive
+from physgen.problems import InputError, Severity
+from physgen.scene.build import load
+from physgen.scene.model import Circle, Combine, Load, Polygon, Solid, View
+
+SIM = """\
+cat: two
+animation_frames: 16
+size: [96, 96]
+num_steps: 120
+gravity: 980
+init_velocity:
+  1: [-100, 5]
+init_acc:
+  2: [-50, 0]
+edge_list: [[[0, 80], [96, 80]], [[1, 1], [1, 95]]]
+obj_info:
+  1: {label: ball, mass: 170, density: , friction: 0.3, elasticity: 0.7, primitive: circle}
+  2: {label: toy, mass: , density: 2.5, friction: 0.5, elasticity: 0.01, primitive: polygon}
+denoise_strength: 0.4
+"""
+
+
+def folder(path: Path, sim: str = SIM) -> Path:
+    """A ball (1), a round polygon (2) and something that is in the mask alone (3)."""
+    path.mkdir(exist_ok=True)
+    y, x = np.mgrid[:96, :96]
+    mask = np.zeros((96, 96), np.uint8)
+    mask[np.hypot(x - 30, y - 60) <= 16] = 1
+    mask[np.hypot(x - 70, y - 60) <= 14] = 2
+    mask[5:15, 40:60] = 3
+    rgb = np.full((96, 96, 3), 90, np.uint8) + (x // 4)[:, :, None].astype(np.uint8)
+    normals = np.zeros((96, 96, 3), np.float32)
+    normals[..., 2] = 1
+    for i, (cx, cy, r) in {1: (30, 60, 16.6), 2: (70, 60, 14.6)}.items():
+        on = mask == i
+        rgb[on] = (60, 60, 200)
+        nx, ny = ((x - cx) / r)[on], ((y - cy) / r)[on]
+        normals[on] = np.stack(
+            [-nx, -ny, np.sqrt(np.maximum(0, 1 - nx**2 - ny**2))], -1
+        )  # x left, y up, as theirs
+    flat = np.full((96, 96, 3), 70, np.uint8)
+    true = normals * (-1, -1, 1)
+    shading = 0.3 + 0.6 * np.maximum(0, true @ (np.array([-3, -4, 5]) / np.sqrt(50)))
+    cv2.imwrite(str(path / "original.png"), rgb)
+    cv2.imwrite(str(path / "mask.png"), mask)
+    cv2.imwrite(str(path / "inpaint.png"), flat)
+    np.save(path / "normal.npy", normals)
+    np.save(path / "shading.npy", shading.astype(np.float32))
+    np.save(path / "depth.npy", (1 - mask / 9).astype(np.float32))
+    (path / "sim.yaml").write_text(sim)
+    return path
+
+
+@pytest.fixture
+def scene(tmp_path: Path):
+    found = import_physgen(folder(tmp_path / "two"))
+    lay_out(found, tmp_path / "two" / "original.png", tmp_path / "scene.yaml")
+    return load(tmp_path / "scene.yaml")
+
+
+def test_it_means_what_its_author_meant(scene):
+    assert scene.world.combine is Combine.MULTIPLY
+    assert scene.world.view is View.SIDE
+    assert scene.world.gravity == (0, 980)
+    assert scene.world.duration == pytest.approx(2.0)
+    assert (scene.render.frames, scene.render.fps) == (16, 8)
+    assert scene.refine.strength == 0.4
+    ball, toy = scene.objects
+    assert isinstance(ball.shape, Circle)
+    assert ball.solid is Solid.DISC
+    assert (ball.mass, ball.friction, ball.elasticity, ball.velocity) == (170, 0.3, 0.7, (-100, 5))
+    assert isinstance(toy.shape, Polygon)  # as it says, though it is round
+    assert (toy.density, toy.friction, toy.elasticity) == (2.5, 0.5, 0.01)
+    assert [w.points for w in scene.boundaries] == [((0, 80), (96, 80)), ((1, 1), (1, 95))]
+    assert {(w.friction, w.elasticity) for w in scene.boundaries} == {(1, 0)}
+
+
+def test_a_change_of_velocity_becomes_an_impulse(scene):
+    (force,) = scene.forces
+    assert (force.object, force.load) == ("toy-1", Load.IMPULSE)
+    mass = 2.5 * np.pi * 14.0**2
+    assert force.vector == (pytest.approx(-50 * mass, rel=0.03), 0)
+
+
+def test_maps_are_in_our_axes(tmp_path: Path):
+    percepts = import_physgen(folder(tmp_path / "two")).percepts
+    assert set(np.unique(percepts.labels)) == {0, 1, 2}  # 3 is no object
+    assert percepts.normals is not None
+    assert percepts.normals[60, 42, 0] > 0.5  # the ball's right side looks right
+    assert percepts.normals[72, 30, 1] > 0.5  # its lower side looks down
+    assert percepts.depth is not None
+    assert percepts.depth[60, 30] < percepts.depth[30, 5]
+    assert percepts.albedo is not None
+    assert percepts.albedo.max() <= 1
+    assert percepts.background is not None
+    kept = percepts.coverage == 0
+    assert np.array_equal(percepts.background[kept], percepts.rgb[kept])
+    inside = percepts.background[percepts.labels == 1].astype(int)
+    expected = 90 + np.mgrid[:96, :96][1][percepts.labels == 1] // 4
+    assert np.abs(inside - expected[:, None]).max() <= 2  # the flat filling took the photo's gradient
+
+
+def test_the_light_comes_from_its_maps(scene):
+    assert scene.light is not None
+    assert scene.light.direction == pytest.approx(np.array([-3, -4, 5]) / np.sqrt(50), abs=0.02)
+    assert (scene.light.intensity, scene.light.ambient) == pytest.approx((0.6, 0.3), abs=0.02)
+
+
+def test_no_gravity_is_a_table_from_above(tmp_path: Path):
+    found = import_physgen(folder(tmp_path / "two", SIM.replace("gravity: 980", "gravity: 0")))
+    assert found.document["world"]["view"] == "top"
+    assert found.document["world"]["table"] == {"friction": 0}
+    assert "elasticity 0 times anything is 0" in found.comments["boundaries"]
+
+
+def test_only_three_files_are_needed(tmp_path: Path):
+    path = folder(tmp_path / "two")
+    for name in ("inpaint.png", "normal.npy", "shading.npy", "depth.npy"):
+        (path / name).unlink()
+    found = import_physgen(path)
+    assert found.percepts.normals is None
+    assert found.percepts.background is not None
+    assert "filled here" in found.comments["assets"]
+    for name in ("mask.png", "sim.yaml"):
+        (path / name).unlink()
+    with pytest.raises(InputError) as error:
+        import_physgen(path)
+    assert len(error.value.problems) == 2
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("num_steps: 120", "num_steps: many", '4:12: num_steps: "many" is not a number; write a count'),
+        (
+            "num_steps: 120",
+            "num_step: 120",
+            '4:1: num_step: "num_step" is not a key of sim.yaml; did you mean num',
+        ),
+        (
+            "primitive: circle",
+            "primitive: sphere",
+            'obj_info.1.primitive: "sphere" is not a primitive; write circle or',
+        ),
+        ("mass: 170", "mass: ", "obj_info.1.mass: missing, and a circle needs it; write it in g"),
+        ("mass: 170", "mass: -1", "obj_info.1.mass: -1 is out of range; write more than 0, in g"),
+        ("  2: [-50, 0]", "  4: [-50, 0]", "init_acc.4: 4 is not among obj_info; it has 1, 2"),
+        ("[1, 95]]", "[1]]", "edge_list[1]: a list is not two numbers; write [x, y]"),
+        ("  2: {label: toy", "  9: {label: toy", "obj_info.9: 9 has no pixel in mask.png"),
+        ("friction: 0.3", "fricton: 0.3", '"fricton" is not a key of sim.yaml; did you mean friction?'),
+        ("obj_info:", "obj_info: 3\nother:", "obj_info: 3 is not a mapping"),
+        ("cat: two", "cat: [", "not YAML"),
+    ],
+)
+def test_wrong_lines_are_named(tmp_path: Path, before: str, after: str, message: str):
+    assert before in SIM
+    text = SIM.replace(before, after)
+    if after.startswith("  9"):
+        text = text.replace("  2: [-50, 0]", "  9: [-50, 0]")
+    with pytest.raises(InputError) as error:
+        import_physgen(folder(tmp_path / "two", text))
+    assert message in str(error.value)
+    assert "sim.yaml:" in str(error.value)
+
+
+def test_foreign_keys_are_passed_over_with_a_warning(tmp_path: Path):
+    found = import_physgen(folder(tmp_path / "two", SIM + "my_own_note: 3\n"))
+    assert [p.severity for p in found.warnings] == [Severity.WARNING]
+    assert "my_own_note" in str(found.warnings[0])
+
+
+def break_array(path: Path):
+    (path / "depth.npy").write_bytes(b"\x93NUMPY\x01\x00junk")
+
+
+def pickled(path: Path):
+    np.save(path / "depth.npy", np.array([{}], object), allow_pickle=True)
+
+
+def small_array(path: Path):
+    np.save(path / "normal.npy", np.zeros((4, 4, 3)))
+
+
+def nan_array(path: Path):
+    np.save(path / "shading.npy", np.full((96, 96), np.nan, np.float32))
+
+
+def small_mask(path: Path):
+    cv2.imwrite(str(path / "mask.png"), np.ones((9, 9), np.uint8))
+
+
+def no_picture(path: Path):
+    (path / "inpaint.png").write_text("hello")
+
+
+@pytest.mark.parametrize("spoil", [break_array, pickled, small_array, nan_array, small_mask, no_picture])
+def test_spoilt_files_are_refused(tmp_path: Path, spoil):
+    path = folder(tmp_path / "two")
+    spoil(path)
+    with pytest.raises(InputError):
+        import_physgen(path)
+
+
+def test_no_folder(tmp_path: Path):
+    with pytest.raises(InputError, match="is not a folder"):
+        import_physgen(tmp_path / "none")
+
+
+@pytest.mark.peer_scenes
+@pytest.mark.parametrize(
+    ("name", "objects", "view"), [("pool", 16, "top"), ("domino", 6, "side"), ("pig_ball", 2, "side")]
+)
+def test_the_paper_s_scenes(peer_scenes: Path, tmp_path: Path, name: str, objects: int, view: str):
+    found = import_physgen(peer_scenes / name)
+    lay_out(found, peer_scenes / name / "original.png", tmp_path / "scene.yaml")
+    scene = load(tmp_path / "scene.yaml")
+    assert len(scene.objects) == objects
+    assert scene.world.view.value == view
+    percepts = found.percepts
+    assert percepts.background is not None
+    assert np.array_equal(percepts.background[percepts.coverage == 0], percepts.rgb[percepts.coverage == 0])
+    if name == "pool":
+        (force,) = scene.forces
+        assert force.vector == (pytest.approx(-1.0e6, rel=1e-5), 0)
+
+
+@pytest.mark.peer_scenes
+@pytest.mark.parametrize(
+    ("name", "view", "walls"),
+    [("pool", "top", 1), ("domino", "side", 2), ("pig_ball", "side", 2), ("boxes", "side", 2)],
+)
+def test_the_paper_s_photos_perceived(peer_scenes: Path, name: str, view: str, walls: int):
+    from physgen.perceive.given import from_masks
+    from physgen.percepts.maps import read_image, read_labels
+
+    rgb = read_image(peer_scenes / name / "original.png")
+    document = perceive(rgb, from_masks(read_labels(peer_scenes / name / "mask.png"))).document
+    assert document["world"]["view"] == view
+    assert len(document["boundaries"]) == walls
+    floor = document["boundaries"].get("floor", {})
+    points = np.array(floor.get("segment") or floor.get("polyline") or [[0, 0]])
+    known = {
+        "domino": (457, 457),
+        "pig_ball": (186, 186),
+        "boxes": (459.2, 467.3),
+    }  # at either side of the photo
+    if name in known:
+        ends = np.interp([0, 511], points[:, 0], points[:, 1])
+        assert ends == pytest.approx(known[name], abs=3)

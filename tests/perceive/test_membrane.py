@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from physgen.perceive.backends.inpaint_fill import fill
+from physgen.perceive.membrane import integrate, membrane, seamless
+
+H, W = 90, 130
+Y, X = np.mgrid[:H, :W].astype(np.float32)
+
+
+def blob(kind: str) -> np.ndarray:
+    hole = np.hypot(X - 60, Y - 45) < 25
+    if kind == "two":
+        hole = hole & (np.abs(X - 60) > 1) | (np.hypot(X - 110, Y - 20) < 9)
+    if kind == "ring":
+        hole &= np.hypot(X - 60, Y - 45) > 10
+    return hole
+
+
+@pytest.mark.parametrize("kind", ["disc", "two", "ring"])
+@pytest.mark.parametrize("plane", [(0.7, -0.3, 20), (0.0, 1.5, -4), (0.0, 0.0, 9)])
+def test_a_plane_is_harmonic(kind: str, plane: tuple[float, float, float]):
+    whole = (plane[0] * X + plane[1] * Y + plane[2])[:, :, None]
+    hole = blob(kind)
+    filled = membrane(np.where(hole[:, :, None], np.float32(-77), whole), hole, 1e-4)
+    assert np.abs(filled - whole).max() < 2e-3
+
+
+def test_a_saddle_is_harmonic():
+    whole = ((X - 60) ** 2 - (Y - 45) ** 2)[:, :, None] / 50
+    hole = blob("disc")
+    assert np.abs(membrane(np.where(hole[:, :, None], 0, whole), hole, 1e-4) - whole).max() < 2e-3
+
+
+def test_no_value_leaves_the_range_around_the_hole():
+    random = np.random.default_rng(0)
+    picture = random.uniform(50, 60, (H, W, 3)).astype(np.float32)
+    filled = membrane(picture, blob("disc"))
+    assert filled.min() >= 49.9
+    assert filled.max() <= 60.1
+
+
+def test_a_hole_at_the_border_continues_level():
+    picture = np.repeat(Y[:, :, None], 3, 2)
+    hole = (X < 30) & (np.abs(Y - 45) < 25)
+    assert np.abs(membrane(np.where(hole[:, :, None], 0, picture), hole, 1e-3) - picture).max() < 0.05
+
+
+def test_nothing_known_or_nothing_missing():
+    picture = np.ones((9, 9, 1), np.float32)
+    for hole in (np.zeros((9, 9), bool), np.ones((9, 9), bool)):
+        assert np.array_equal(membrane(picture, hole), picture)
+
+
+def test_steps_are_integrated():
+    random = np.random.default_rng(2)
+    whole = random.uniform(0, 255, (H, W, 3)).astype(np.float32)
+    right, down = np.zeros_like(whole), np.zeros_like(whole)
+    right[:, :-1], down[:-1] = np.diff(whole, axis=1), np.diff(whole, axis=0)
+    hole = blob("two")
+    found = integrate(np.where(hole[:, :, None], 0, whole), right, down, hole, 1e-3)
+    assert np.abs(found - whole).max() < 0.02
+
+
+def test_seamless_is_the_continuation_of_the_photo():
+    photo = np.stack([60 + X, 200 - X, 90 + Y], -1).astype(np.uint8)
+    hole = blob("disc")
+    torn = np.where(hole[:, :, None], 0, photo).astype(np.uint8)
+    flat = (photo.astype(int) - 37 + (X / 10)[:, :, None].astype(int)).astype(np.uint8)  # another's exposure
+    mended = seamless(flat, torn, hole)
+    assert np.array_equal(mended[~hole], photo[~hole])
+    assert np.abs(mended.astype(int) - photo)[hole].max() <= 2
+
+
+def wood() -> np.ndarray:
+    random = np.random.default_rng(4)
+    grain = 12 * np.sin(Y / 3 + np.sin(X / 40)) + random.normal(0, 4, Y.shape)
+    return np.clip(np.stack([150 + grain, 110 + grain, 70 + grain], -1), 0, 255).astype(np.uint8)
+
+
+def test_fill_leaves_the_rest_and_repeats_itself():
+    rgb, hole = wood(), blob("two")
+    marked = np.where(hole[:, :, None], (255, 0, 0), rgb).astype(np.uint8)
+    filled = fill()(marked, hole)
+    assert np.array_equal(filled[~hole], rgb[~hole])
+    assert np.array_equal(fill()(marked, hole), filled)
+
+
+def test_fill_has_the_colour_and_the_grain_of_what_is_around():
+    rgb, hole = wood(), blob("disc")
+    filled = fill()(np.where(hole[:, :, None], (255, 0, 0), rgb).astype(np.uint8), hole).astype(float)
+    inside, outside = filled[hole], rgb[~hole].astype(float)
+    assert np.abs(inside.mean(0) - outside.mean(0)).max() < 6
+    assert 0.7 < inside.std() / rgb[hole].std() < 1.3
+    lines = np.corrcoef(filled[hole][:, 0], 12 * np.sin(Y / 3 + np.sin(X / 40))[hole])[0, 1]
+    assert lines > 0.5  # the grain goes on through the hole
+
+
+def test_fill_learns_nothing_from_an_object_s_blurred_rim():
+    rgb = np.full((H, W, 3), 120, np.uint8)
+    hole = blob("disc")
+    rim = (np.hypot(X - 60, Y - 45) < 26.5) & ~hole
+    rgb[rim] = (220, 60, 60)
+    rgb[hole] = (255, 0, 0)
+    filled = fill()(rgb, hole)
+    assert np.abs(filled[hole].astype(int) - 120).max() <= 2
+
+
+def test_fill_carries_an_edge_across():
+    rgb = np.where((Y < 45)[:, :, None], (40, 60, 90), (170, 120, 80)).astype(np.uint8)
+    hole = (np.abs(X - 65) < 8) & (np.abs(Y - 45) < 30)
+    filled = fill()(np.where(hole[:, :, None], 255, rgb).astype(np.uint8), hole)
+    assert np.abs(filled.astype(int) - rgb)[hole].mean() < 2

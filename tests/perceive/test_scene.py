@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen.perceive import words
+from physgen.perceive.given import at_point, from_masks, from_prompts, in_box
+from physgen.perceive.lay_out import lay_out
+from physgen.perceive.scene import perceive
+from physgen.percepts.maps import read_image, read_labels
+from physgen.problems import InputError
+from physgen.scene.build import load
+from physgen.scene.model import Circle, Motion, Polygon, View
+
+
+def desk() -> tuple[np.ndarray, np.ndarray]:
+    """A ball and two blocks on a table, and a block that the photo's border cuts off."""
+    height, width = 150, 220
+    rgb = np.full((height, width, 3), (110, 130, 160), np.float32)
+    rgb[110:] = (140, 100, 70)
+    labels = np.zeros((height, width), np.uint16)
+    y, x = np.mgrid[:height, :width]
+    labels[np.hypot(x - 40, y - 99) <= 20] = 7
+    labels[80:120, 90:110] = 300
+    labels[90:120, 150:190] = 2
+    labels[70:120, 205:] = 65535
+    for i, colour in (
+        (7, (200, 40, 40)),
+        (300, (220, 200, 90)),
+        (2, (60, 140, 60)),
+        (65535, (240, 240, 240)),
+    ):
+        rgb[labels == i] = colour
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.6) + np.random.default_rng(0).normal(0, 2, rgb.shape)
+    return np.clip(rgb, 0, 255).astype(np.uint8), labels
+
+
+def test_a_photo_becomes_a_valid_scene(tmp_path: Path):
+    rgb, labels = desk()
+    seen = []
+    found = perceive(rgb, from_masks(labels), progress=lambda stage, done, total: seen.append(stage))
+    assert seen == ["label", "physics", "boundary", "light", "matte", "inpaint"]
+    cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
+    lay_out(found, tmp_path / "photo.png", tmp_path / "scene.yaml")
+    scene = load(tmp_path / "scene.yaml")
+    assert scene.world.view is View.SIDE
+    assert scene.world.gravity == (0, 980)
+    assert [o.name for o in scene.objects] == ["ball-1", "block-1", "block-2", "block-3"]
+    ball, first, _, last = scene.objects
+    assert isinstance(ball.shape, Circle)
+    assert ball.shape.center == pytest.approx((40, 99), abs=0.3)
+    assert ball.shape.radius == pytest.approx(20, abs=0.4)
+    assert isinstance(first.shape, Polygon)
+    assert last.motion is Motion.STATIC
+    assert ball.motion is Motion.DYNAMIC
+    assert ball.provenance["mask"] == "given 1"
+    assert ball.provenance["mass"].startswith("table 0.")
+    assert [b.name for b in scene.boundaries] == ["frame", "floor"]
+    text = (tmp_path / "scene.yaml").read_text()
+    assert "cut off by the photo's border" in text
+    assert "impulse: [" in text
+
+
+def test_percepts_agree_with_each_other():
+    rgb, labels = desk()
+    percepts = perceive(rgb, from_masks(labels)).percepts
+    assert np.array_equal(percepts.rgb, rgb)
+    assert np.array_equal(percepts.labels, labels)
+    assert percepts.background is not None
+    assert np.array_equal(percepts.background[percepts.coverage == 0], rgb[percepts.coverage == 0])
+    assert (percepts.coverage[labels == 7] > 0).all()
+
+
+def test_the_photo_without_masks_is_segmented(bundled: Path):
+    rgb = read_image(bundled / "dominoes" / "photo.png")
+    truth = read_labels(bundled / "dominoes" / "photo.assets" / "masks.png")
+    found = perceive(rgb)
+    assert abs(len(found.document["objects"]) - len(np.unique(truth)) + 1) <= 1
+    assert all(o["from"]["mask"].startswith("classical 0.") for o in found.document["objects"].values())
+    assert found.document["world"]["view"] == "side"
+
+
+@pytest.mark.parametrize(("scene", "view"), [("billiards", "top"), ("dominoes", "side")])
+def test_the_view_of_the_bundled_photos(bundled: Path, scene: str, view: str):
+    rgb = read_image(bundled / scene / "photo.png")
+    labels = read_labels(bundled / scene / "photo.assets" / "masks.png")
+    small = cv2.resize(rgb, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    found = perceive(small, from_masks(np.ascontiguousarray(labels[::2, ::2])))
+    assert found.document["world"]["view"] == view
+
+
+def test_told_things_win():
+    rgb, labels = desk()
+    found = perceive(rgb, from_masks(labels, {7: "tennis ball"}), view=View.TOP, pixels_per_meter=600)
+    assert found.document["world"]["view"] == "top"
+    assert found.document["world"]["table"] == {"friction": 0}
+    assert list(found.document["boundaries"]) == ["frame"]
+    assert found.document["world"]["pixels_per_meter"] == 600
+    assert found.document["objects"]["tennis-ball-1"]["mass"] == 57.7
+
+
+def test_objects_are_renamed_by_name_id_and_pattern():
+    rgb, labels = desk()
+    renames = ["ball-1=apple", "2=book", "block-*=wooden block"]
+    objects = perceive(rgb, from_masks(labels), renames=renames).document["objects"]
+    assert [o["label"] for o in objects.values()] == ["apple", "wooden block", "wooden block", "wooden block"]
+    assert next(iter(objects)) == "apple-1"
+    assert "label" not in objects["apple-1"]["from"]
+
+
+@pytest.mark.parametrize(
+    ("rename", "message"),
+    [
+        ("bal-1=apple", '--label: "bal-1=apple" names no object; did you mean ball-1?'),
+        ("zebra=apple", '--label: "zebra=apple" names no object; the objects are ball-1, block-1'),
+        ("ball-1", '--label: "ball-1" is not NAME=TEXT'),
+    ],
+)
+def test_wrong_renames(rename: str, message: str):
+    rgb, labels = desk()
+    with pytest.raises(InputError) as error:
+        perceive(rgb, from_masks(labels), renames=[rename])
+    assert str(error.value).startswith(message)
+
+
+def test_masks_of_another_size_or_of_nothing():
+    rgb, labels = desk()
+    with pytest.raises(InputError, match="220 x 149 px differs from the photo's 220 x 150 px"):
+        perceive(rgb, from_masks(labels[:-1]))
+    with pytest.raises(InputError, match="shows no object; mark them"):
+        perceive(rgb, from_masks(np.zeros_like(labels)))
+
+
+def test_specks_are_no_objects():
+    rgb, labels = desk()
+    labels[5, 5] = 9
+    found = perceive(rgb, from_masks(labels))
+    assert len(found.document["objects"]) == 4
+    assert "1 specks" in found.comments["objects"]
+
+
+def test_an_unknown_backend_is_refused_before_any_work():
+    rgb, labels = desk()
+    with pytest.raises(InputError, match="did you mean fill"):
+        perceive(rgb, from_masks(labels), chosen={"inpaint": "fil"})
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    return (a & b).sum() / (a | b).sum()
+
+
+def test_a_box_finds_what_is_in_it():
+    rgb, labels = desk()
+    assert overlap(in_box(rgb, (15, 74, 50, 50)), labels == 7) > 0.85
+
+
+def test_a_point_finds_what_is_of_one_colour():
+    rgb, labels = desk()
+    assert overlap(at_point(rgb, (100, 95), None), labels == 300) > 0.85
+    assert np.array_equal(at_point(rgb, (100, 95), labels), labels == 300)
+
+
+def test_prompts_are_numbered_and_collected():
+    rgb, _ = desk()
+
+    def nothing(photo: np.ndarray):
+        from physgen.perceive.roles import Segments
+
+        return Segments(np.zeros(photo.shape[:2], np.uint16), np.zeros(0))
+
+    found = from_prompts(rgb, [(15, 74, 50, 50)], [(100, 95)], nothing)
+    assert set(np.unique(found.labels)) == {0, 1, 2}
+    with pytest.raises(InputError) as error:
+        from_prompts(rgb, [(500, 0, 5, 5)], [(-3, 4), (5, 5)], nothing)
+    assert [str(p).split(":")[0] for p in error.value.problems] == [
+        "--box 500,0,5,5",
+        "--point -3,4",
+        "--point 5,5",
+    ]
+
+
+def test_slugs_make_valid_names():
+    for label in ("Ball", "8 ball", "été à la plage", "", "---", "x" * 200, "a\nb"):
+        assert words.slug(label)[0].isalpha()
+        assert len(words.slug(label)) <= 60

@@ -1,0 +1,319 @@
+"""Files made to hurt -> one message, within 2 s and 500 MB, never a traceback or a crash.
+
+Each is read by a process of its own under the kernel's limits, so that a crash of the parser in C is seen as one.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+SECONDS = 6
+"""Of processor time: 2 s on a machine of its own, more where its cores are shared with other work."""
+BYTES = 500 * 10**6
+HANG = 60  # s on the wall
+
+READ = """
+import sys
+from physgen.problems import InputError
+from physgen.scene.build import load
+try:
+    load(sys.argv[1], sys.argv[2:])
+except InputError as error:
+    print(error)
+"""
+
+
+def _limits() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def said(folder: Path, name: str = "scene.yaml", flags: tuple[str, ...] = ()) -> list[str]:
+    """The messages about a file, read in its folder."""
+    done = subprocess.run(
+        [sys.executable, "-c", READ, name, *flags],
+        cwd=folder,
+        capture_output=True,
+        timeout=HANG,
+        preexec_fn=_limits,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, (done.returncode, done.stderr.decode()[-2000:])
+    assert done.stderr == b""
+    lines = done.stdout.decode().splitlines()
+    assert all(len(line) < 700 for line in lines)
+    return lines
+
+
+HEAD = "physgen: 1\nsize: [64, 48]\n"
+BALL = HEAD + "objects:\n  ball:\n    shape: {circle: {center: [20, 20], radius: 8}}\n"
+
+
+def _bomb() -> str:
+    """The billion laughs: nine levels of ten aliases."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
+    return "\n".join(lines)
+
+
+def _comb(corners: int) -> str:
+    """One outline of many corners whose long lines fill its box and never cross: a comb, slanted."""
+    points = []
+    for k in range(corners // 4):
+        points += [f"[{20 * k}, {7 * k}]", f"[{20 * k + 5e5:.0f}, {7 * k + 5e5:.0f}]"]
+        points += [f"[{20 * k + 5e5 + 10:.0f}, {7 * k + 5e5:.0f}]", f"[{20 * k + 10}, {7 * k}]"]
+    return ", ".join(points)
+
+
+TEXTS: dict[str, tuple[Callable[[], str], str]] = {
+    "alias bomb": (_bomb, "scene.yaml:1:5: an anchor, a0; write the value out, or use extends or variants"),
+    "million objects": (
+        lambda: HEAD + "objects:\n" + "".join(f" {n:x}:\n" for n in range(10**6)),
+        "scene.yaml:10004:2: objects: more than 10,000 objects; split the scene",
+    ),
+    "million nodes": (
+        lambda: HEAD + "boundaries: [" + "0," * 10**6 + "]\n",
+        "scene.yaml:3:999996: more than 500,000 values; keep pixels in image files",
+    ),
+    "brackets": (lambda: "[" * 100_000, "scene.yaml:1:51: nested deeper than 50 levels; nest less"),
+    "braces": (lambda: "{a: " * 100_000, "scene.yaml:1:201: nested deeper than 50 levels; nest less"),
+    "question marks": (
+        lambda: "? " * 100_000,
+        "scene.yaml:1:3: a key that is not text; write a name before the colon",
+    ),
+    "dashes": (lambda: "- " * 100_000, "scene.yaml:1:101: nested deeper than 50 levels; nest less"),
+    "deep blocks": (
+        lambda: "\n".join(" " * n + "a:" for n in range(3000)),
+        "scene.yaml:51:51: nested deeper than 50 levels; nest less",
+    ),
+    "tag": (
+        lambda: "physgen: !!python/object/apply:os.system [touch hurt]\n",
+        "scene.yaml:1:10: a tag, tag:yaml.org,2002:python/object/apply...; write plain values",
+    ),
+    "long line": (
+        lambda: "physgen: 1\nimage: " + "x" * 10**6,
+        'scene.yaml:2:8: image: "' + "x" * 37 + '..." is 1000000 characters long; write at most 1024',
+    ),
+    "long key": (
+        lambda: HEAD + "x" * 10**6 + ": 1",
+        "scene.yaml:3:1000001: not YAML: could not find expected ':'",
+    ),
+    "long number": (
+        lambda: BALL + "    mass: " + "9" * 10**6,
+        "scene.yaml:6:11: objects.ball.mass: 99999999999",
+    ),
+    "long hexadecimal": (
+        lambda: BALL + "    mass: 0x" + "f" * 10**6,
+        "scene.yaml:6:11: objects.ball.mass: 0xfffffff",
+    ),
+    "duplicate keys": (
+        lambda: HEAD + "world: {" + "view: side, " * 2 + "}\n",
+        "scene.yaml:3:21: world.view: is written twice, first on line 3; keep one",
+    ),
+    "not a number": (
+        lambda: BALL + "    mass: .NaN\n",
+        "scene.yaml:6:11: objects.ball.mass: .NaN is not a finite number; write a finite number",
+    ),
+    "infinity": (
+        lambda: BALL + "    velocity: [0, -.Inf]\n",
+        "scene.yaml:6:19: objects.ball.velocity[1]: -.Inf is not a finite number; write a finite number",
+    ),
+    "empty": (lambda: "", "scene.yaml: empty; start with `physgen: 1` and `image: photo.png`"),
+    "list": (lambda: "[1, 2]", "scene.yaml:1:1: a list, not a mapping; start with"),
+    "pixels": (
+        lambda: "physgen: 1\nsize: [100000, 10000]\n",
+        "scene.yaml:2:7: size: 100000 x 10000 is more than 100",
+    ),
+    "nine MiB": (lambda: "#" * (9 * 2**20), "scene.yaml: larger than 8 MiB; keep pixels in image files"),
+    "tangled outline": (
+        lambda: HEAD + "objects: {a: {shape: {polygon: [" + _comb(80_000) + "]}}}\n",
+        "scene.yaml:3:32: objects.a.shape.polygon: is too tangled to check for crossings; simplify it",
+    ),
+    "too many variants": (
+        lambda: (
+            HEAD
+            + "objects:\n"
+            + "".join(f"  o{n}: {{shape: {{circle: {{center: [1, 1], radius: 1}}}}}}\n" for n in range(5000))
+            + "variants:\n"
+            + "".join(f"  v{n}: {{objects.*.mass: 1}}\n" for n in range(9000))
+        ),
+        "scene.yaml:5004:1: variants: are too many for a scene of this size; use sweep",
+    ),
+    "pattern": (
+        lambda: HEAD + "refine: {backend: " + "a" * 10**6 + "!}",
+        'scene.yaml:3:19: refine.backend: "aaaa',
+    ),
+    "terminal codes": (
+        lambda: BALL + '    "\\e[31m\\u202e": 1\n',
+        'scene.yaml:6:5: objects.ball."\\u001b[31m\\u202e": unk',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_text(name: str, tmp_path: Path) -> None:
+    make, message = TEXTS[name]
+    (tmp_path / "scene.yaml").write_text(make(), encoding="utf-8")
+    (line,) = said(tmp_path)
+    assert line.startswith(message)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.yaml"]
+
+
+def test_many_problems_end(tmp_path: Path) -> None:
+    """Every value wrong: told as far as anybody reads, then stopped."""
+    text = BALL.replace("ball", "o0") + "".join(
+        f"  o{n}: {{mass: no, frictoin: 1}}\n" for n in range(1, 9999)
+    )
+    (tmp_path / "scene.yaml").write_text(text)
+    lines = said(tmp_path)
+    assert len(lines) == 201
+    assert "more problems follow; mend these first" in "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"physgen: 1\nimage: \xff\xfe.png\n", "scene.yaml:2:8: not UTF-8 text; save the file as UTF-8"),
+        ("physgen: 1\n".encode("utf-16"), "scene.yaml:1:1: not UTF-8 text; save the file as UTF-8"),
+        (bytes(range(256)) * 4000, "scene.yaml:2:118: not UTF-8 text; save the file as UTF-8"),
+        (b"\0" * 10**6, "scene.yaml:1:1: not YAML: control characters are not allowed; take it out"),
+    ],
+)
+def test_bytes(data: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_bytes(data)
+    assert said(tmp_path) == [message]
+
+
+def _png(width: int, height: int) -> bytes:
+    """A PNG that says it has so many pixels and holds none."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("side", [(10_000, 10_001), (40_000, 25_000), (2**31 - 1, 2**31 - 1)])
+def test_image_of_many_pixels(side: tuple[int, int], tmp_path: Path) -> None:
+    (tmp_path / "photo.png").write_bytes(_png(*side))
+    (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
+    assert said(tmp_path) == [
+        'scene.yaml:2:8: image: "photo.png" has more than 100 megapixels; make it smaller'
+    ]
+
+
+def test_map_of_many_pixels(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "depth.png").write_bytes(_png(40_000, 25_000))
+    (tmp_path / "scene.yaml").write_text(HEAD + "assets: maps\n")
+    (line,) = said(tmp_path)
+    assert line == 'scene.yaml:3:9: assets: "maps/depth.png" has more than 100 megapixels; make it smaller'
+
+
+def test_damaged_images(tmp_path: Path) -> None:
+    whole = _png(64, 48)
+    (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
+    for length in (0, 8, 20, 30):
+        (tmp_path / "photo.png").write_bytes(whole[:length])
+        (line,) = said(tmp_path)
+        assert '"photo.png" is not an image that can be read' in line
+
+
+def _secret(tmp_path: Path) -> Path:
+    (tmp_path / "secret").mkdir()
+    (tmp_path / "secret" / "photo.png").write_bytes(_png(64, 48))
+    (tmp_path / "secret" / "masks.png").write_bytes(_png(64, 48))
+    (tmp_path / "secret" / "scene.yaml").write_text("physgen: 1\nsize: [1, 1]\npassword: x\n")
+    home = tmp_path / "work" / "scene"
+    home.mkdir(parents=True)
+    return home
+
+
+@pytest.mark.parametrize(
+    ("line", "link"),
+    [
+        ("image: ../../secret/photo.png", None),
+        ("image: ../photo.png", None),
+        ("image: photo.png", "photo.png"),
+        ("image: way/photo.png", "way"),
+        ("assets: ../../secret", None),
+        ("assets: way", "way"),
+        ("extends: ../../secret/scene.yaml", None),
+        ("extends: way/scene.yaml", "way"),
+        ("extends: scene2.yaml", "scene2.yaml"),
+    ],
+)
+def test_paths_that_leave_the_folder(line: str, link: str | None, tmp_path: Path) -> None:
+    home = _secret(tmp_path)
+    if link:
+        target = {"photo.png": "secret/photo.png", "way": "secret", "scene2.yaml": "secret/scene.yaml"}[link]
+        (home / link).symlink_to(tmp_path / target)
+    size = "" if line.startswith("image") else "size: [64, 48]\n"
+    (home / "scene.yaml").write_text(f"physgen: 1\n{size}{line}\n")
+    (message,) = said(home)
+    assert "leads out of the" in message
+    assert str(tmp_path) not in message
+
+
+def test_map_that_is_a_link_out(tmp_path: Path) -> None:
+    home = _secret(tmp_path)
+    (home / "maps").mkdir()
+    (home / "maps" / "masks.png").symlink_to(tmp_path / "secret" / "masks.png")
+    (home / "scene.yaml").write_text(HEAD + "assets: maps\n")
+    (message,) = said(home)
+    assert '"maps/masks.png" leads out of the scene\'s folder' in message
+
+
+def test_extends_without_end(tmp_path: Path) -> None:
+    for n in range(20):
+        (tmp_path / f"s{n}.yaml").write_text(f"physgen: 1\nextends: s{n + 1}.yaml\n")
+    (tmp_path / "s20.yaml").write_text(HEAD)
+    (message,) = said(tmp_path, "s0.yaml")
+    assert message.startswith('s10.yaml:2:10: extends: "s11.yaml" is one of more than 10 files')
+
+
+def test_extends_a_pipe(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    (tmp_path / "scene.yaml").write_text("physgen: 1\nextends: pipe.yaml\n")
+    (message,) = said(tmp_path)
+    assert '"pipe.yaml" is not a file' in message
+
+
+def test_image_is_a_pipe(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "photo.png")
+    (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
+    (message,) = said(tmp_path)
+    assert '"photo.png" does not exist' in message or "is not a file" in message
+
+
+@pytest.mark.parametrize("value", ["[" * 1000, "&a [*a]", "!!python/name:os.system", ".nan", "9" * 5000])
+def test_flags(value: str, tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(BALL)
+    (message,) = said(tmp_path, flags=(f"objects.ball.mass={value}",))
+    assert message.startswith("--set objects.ball.mass=")
+
+
+def test_many_corners_are_checked(tmp_path: Path) -> None:
+    """A contour of 80,000 corners is no attack; it is read within the same limits."""
+    import math
+
+    corners = ", ".join(
+        f"[{4000 + (3000 + n % 2) * math.cos(n / 80_000 * math.tau):.3f}, "
+        f"{4000 + (3000 + n % 2) * math.sin(n / 80_000 * math.tau):.3f}]"
+        for n in range(80_000)
+    )
+    (tmp_path / "scene.yaml").write_text(
+        f"physgen: 1\nsize: [9000, 9000]\nobjects: {{a: {{shape: {{polygon: [{corners}]}}}}}}\n"
+    )
+    assert said(tmp_path) == []

@@ -1,0 +1,223 @@
+"""A file -> the Scene that it says, with defaults from the schema and the place of everything."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from physgen.problems import InputError, Place
+from physgen.scene import model
+from physgen.scene.build import load
+
+FULL = Path(__file__).parent / "full.yaml"
+HEAD = "physgen: 1\nsize: [64, 48]\n"
+
+
+def write(folder: Path, text: str, name: str = "scene.yaml") -> Path:
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def fails(path: Path, **flags: bool) -> str:
+    with pytest.raises(InputError) as caught:
+        load(path, **flags)  # type: ignore[arg-type]
+    return str(caught.value)
+
+
+def test_everything_that_is_written() -> None:
+    found = load(FULL)
+    assert found.name == "full"
+    assert (found.size, found.image, found.assets) == ((512, 384), None, None)
+    assert found.world == model.Settings(model.View.TOP, 200, (1, 2), 0.2, model.Combine.MULTIPLY, 1.5, 480)
+    ball, crate, ring, blob, kite = found.objects
+    assert ball == model.Object(
+        name="ball",
+        label="billiard ball",
+        mask=model.MaskPolygon(((440, 227), (500, 227), (500, 287), (440, 287))),
+        shape=model.Circle((470.5, 257.0), 30.2),
+        solid=model.Solid.SPHERE,
+        mass=170,
+        density=None,
+        friction=0.3,
+        elasticity=0.7,
+        rolling=0.01,
+        velocity=(-100, 0),
+        spin=90,
+        roll=(1, 2),
+        motion=model.Motion.DYNAMIC,
+        path=(),
+        layer=3,
+        provenance={"mass": "vlm 0.8"},
+    )
+    assert crate.shape == model.Box((120, 200), (24, 120), 15)
+    assert (crate.motion, crate.mass, crate.density) == (model.Motion.STATIC, None, 2.5)
+    assert isinstance(ring.shape, model.Polygon)
+    assert [len(piece.holes) for piece in ring.shape.rings] == [1, 0]
+    assert ring.path == (model.Waypoint(0, (20, 20), 0), model.Waypoint(1, (30, 20), 45))
+    assert (ring.motion, ring.roll) == (model.Motion.SCRIPTED, "none")
+    assert (blob.shape, blob.mask) == (model.Auto(), model.MaskRle((384, 512), (100000, 50, 96558)))
+    assert kite.shape == model.Polygon((model.Ring(((200, 200), (230, 200), (215, 240))),))
+    floor, frame = found.boundaries
+    assert floor == model.Boundary("floor", ((0, 457), (512, 457)), 0.6, 0.3)
+    assert len(frame.points) == 3
+    assert found.forces == (
+        model.Force("ball", model.Load.IMPULSE, (-1e6, 0), 0, None, 0.5, None),
+        model.Force("crate", model.Load.TORQUE, (0, 0), 2e6, None, 0.1, 0.2),
+        model.Force("kite", model.Load.FORCE, (0, -4e5), 0, (301, 98), 0, None),
+    )
+    assert found.light == model.Light((0, 0.6, 0.8), 2, 0.1)
+    assert found.render == model.Render(24, 16, False, False, 0.5)
+    assert found.refine == model.Refine("svd", 0.3, 4, 20, 7)
+    assert found.maps == {"depth": (1, 9.5), "shading": (0, 2)}
+    assert found.variants == ("hard",)
+
+
+def test_defaults(tmp_path: Path) -> None:
+    found = load(write(tmp_path, HEAD + "objects: {a: {shape: {circle: {center: [9, 9], radius: 3}}}}\n"))
+    (a,) = found.objects
+    assert (a.label, a.mask, a.solid, a.mass, a.density) == ("", None, None, None, 1)
+    assert (a.friction, a.elasticity, a.rolling, a.velocity, a.spin) == (0.5, 0.4, 0, (0, 0), 0)
+    assert (a.roll, a.motion, a.layer, a.provenance) == ("natural", model.Motion.DYNAMIC, 0, {})
+    assert found.world == model.Settings(model.View.SIDE, 100, (0, 980), 0, model.Combine.GEOMETRIC, 2, 960)
+    assert found.render == model.Render(30, None, True, True, 0)
+    assert found.refine == model.Refine("none", 0.5, 5, 50, 0)
+    assert (found.light, found.forces, found.boundaries, found.maps, found.variants) == (None, (), (), {}, ())
+
+
+@pytest.mark.parametrize(
+    ("world", "gravity"),
+    [
+        ("{}", (0, 980)),
+        ("{pixels_per_meter: 250}", (0, 2450)),
+        ("{view: top}", (0, 0)),
+        ("{view: top, gravity: [5, 0]}", (5, 0)),
+        ("{pixels_per_meter: 1, gravity: [0, 980]}", (0, 980)),
+    ],
+)
+def test_gravity(world: str, gravity: model.Point, tmp_path: Path) -> None:
+    found = load(write(tmp_path, HEAD + f"world: {world}\n"))
+    assert found.world.gravity == gravity
+    assert found.document["world"]["gravity"] == list(gravity)
+
+
+def test_a_scene_may_be_empty(tmp_path: Path) -> None:
+    assert load(write(tmp_path, HEAD + "objects: {}\n")).objects == ()
+
+
+def test_whole_numbers_written_as_floats(tmp_path: Path) -> None:
+    found = load(write(tmp_path, "physgen: 1.0\nsize: [64.0, 48]\nrender: {frames: 16.0}\n"))
+    assert (found.size, found.render.frames) == ((64, 48), 16)
+    assert isinstance(found.size[0], int)
+
+
+def test_names_of_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert load(write(tmp_path / "pool", HEAD)).name == "pool"
+    assert load(write(tmp_path / "pool", HEAD, "break.yaml")).name == "break"
+    monkeypatch.chdir(tmp_path / "pool")
+    found = load("scene.yaml")
+    assert (found.name, found.folder) == ("pool", tmp_path / "pool")
+
+
+def test_a_photo_and_its_maps(tmp_path: Path) -> None:
+    home = tmp_path / "scene"
+    path = write(home, "physgen: 1\nimage: photo.jpg\nassets: maps\nobjects: {a: {mask: 7}}\n")
+    (home / "maps").mkdir()
+    exif = Image.Exif()
+    exif[0x112] = 6  # turned by a quarter; the pixels as stored are what counts
+    Image.new("RGB", (30, 20)).save(home / "photo.jpg", exif=exif)
+    Image.new("I;16", (30, 20)).save(home / "maps" / "masks.png")
+    found = load(path)
+    assert found.size == (30, 20)
+    assert (found.image, found.assets) == ((home / "photo.jpg").resolve(), (home / "maps").resolve())
+    assert found.objects[0].mask == model.MaskId(7)
+
+
+def test_links_within_the_folder_are_followed(tmp_path: Path) -> None:
+    home = tmp_path / "scene"
+    path = write(home, "physgen: 1\nimage: photo.png\n")
+    Image.new("RGB", (30, 20)).save(home / "original.png")
+    (home / "photo.png").symlink_to("original.png")
+    assert load(path).image == (home / "original.png").resolve()
+    (tmp_path / "short").symlink_to(home)
+    assert load(tmp_path / "short" / "scene.yaml").size == (30, 20)
+
+
+def test_outside_files_need_the_flag(tmp_path: Path) -> None:
+    Image.new("RGB", (30, 20)).save(tmp_path / "photo.png")
+    for text in ("../photo.png", str(tmp_path / "photo.png")):
+        path = write(tmp_path / "scene", f"physgen: 1\nimage: {text}\n")
+        assert "--allow-outside" in fails(path)
+        assert load(path, allow_outside=True).size == (30, 20)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    assert fails(tmp_path / "none.yaml").endswith("none.yaml: no such file; write the path of a scene file")
+    assert fails(tmp_path).endswith(": a folder; name a scene file in it, e.g. scene.yaml")
+    assert "cannot be read" in fails(tmp_path / ("x" * 3000))
+    assert "cannot be read: the path is no path" in fails(Path("a\0b"))
+    write(tmp_path, HEAD, "file.yaml")
+    assert "cannot be read: not a directory" in fails(tmp_path / "file.yaml" / "scene.yaml")
+
+
+def test_a_scene_from_a_pipe(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "from physgen.scene.build import load; print(load('/dev/stdin').size)"],
+        input=HEAD.encode(),
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        check=True,
+    )
+    assert done.stdout == b"(64, 48)\n"
+
+
+def test_places() -> None:
+    found = load(FULL)
+    line = {key: number for number, key in enumerate(FULL.read_text().splitlines(), 1)}
+    assert found.place("objects.ball.mass") == Place(str(FULL), line["    mass: 170"], 11)
+    assert found.place("objects.ball.elasticity").column == 17
+    assert (
+        found.place("forces[1].torque").line
+        == line["  - {object: crate, torque: 2.0e6, start: 0.1, duration: 0.2}"]
+    )
+    assert found.place("objects.kite.shape.polygon[1][0]") == found.place("objects.kite.shape.polygon")
+    assert found.place("objects.kite.mass") == found.place("objects.kite")
+    assert found.place("nothing.of.the[3].kind") == found.place("")
+
+
+def test_the_document_is_resolved() -> None:
+    document = load(FULL, ["objects.ball.mass=3"], "hard").document
+    assert document["objects"]["ball"]["mass"] == 3
+    assert document["objects"]["ball"]["velocity"] == [-900, 0]
+    assert document["objects"]["kite"]["density"] == 1
+    assert document["objects"]["kite"]["friction"] == 0.5
+    assert document["forces"][0]["start"] == 0.5
+    assert document["variants"] == {"hard": {"objects.ball.velocity": [-900, 0]}}
+
+
+def test_scenes_compare_by_what_they_say(tmp_path: Path) -> None:
+    a = load(write(tmp_path / "a", HEAD + "world: {duration: 2}\n", "s.yaml"))
+    b = load(write(tmp_path / "a", "# moved\n" + HEAD, "s.yaml"))
+    assert a == b
+    assert a.places != b.places
+
+
+def test_only_what_is_needed_is_imported() -> None:
+    """A scene without a photo needs neither numpy nor Pillow nor jsonschema to be checked."""
+    code = (
+        "import sys; from physgen.scene.build import load; load(sys.argv[1]);"
+        "print({'numpy', 'PIL', 'jsonschema', 'cv2'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(FULL)],
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        check=True,
+    )
+    assert done.stdout == b"set()\n"

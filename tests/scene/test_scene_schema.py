@@ -1,0 +1,161 @@
+"""The schema itself: whole, true to its own examples, and told in docs/scene.md."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+
+import physgen.scene
+from physgen.problems import InputError
+from physgen.scene.build import load
+from physgen.scene.check import checker
+from physgen.scene.document import read
+from physgen.scene.node import Source, plain
+from physgen.scene.reference import EXAMPLE, markdown
+from physgen.scene.report import Report
+from physgen.scene.schema import at, expanded, published, with_defaults
+from physgen.scene.write import scene_text
+
+ROOT = Path(__file__).parents[2]
+
+
+def properties(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every property, with its path; what is in a list is in []."""
+    for key, part in schema.get("properties", {}).items():
+        yield f"{path}.{key}".lstrip("."), part
+        yield from properties(part, f"{path}.{key}")
+    for key, end in (("additionalProperties", ".*"), ("items", "[]"), ("propertyNames", ".name")):
+        if isinstance(schema.get(key), dict):
+            yield f"{path}{end}".lstrip("."), schema[key]
+            yield from properties(schema[key], path + end)
+
+
+ALL = dict(properties(expanded()))
+
+
+def test_it_is_a_schema() -> None:
+    jsonschema.Draft202012Validator.check_schema(published())
+    jsonschema.Draft202012Validator.check_schema(expanded())
+
+
+@pytest.mark.parametrize("path", [path for path in ALL if not path.endswith(("[]", "*"))])
+def test_every_key_is_told_and_shown(path: str) -> None:
+    part = ALL[path]
+    assert part["description"].endswith(".")
+    assert part["examples"]
+
+
+@pytest.mark.parametrize("path", ALL)
+def test_examples_and_defaults_are_valid(path: str) -> None:
+    part = ALL[path]
+    check = jsonschema.Draft202012Validator(part)
+    for value in [*part.get("examples", []), *([part["default"]] if "default" in part else [])]:
+        check.validate(value)
+
+
+def test_numbers_have_bounds() -> None:
+    """No number of a file can grow past what a float or an index holds."""
+    for path, part in ALL.items():
+        if part.get("type") in ("number", "integer"):
+            assert "maximum" in part, path
+            assert "minimum" in part or "exclusiveMinimum" in part, path
+
+
+def test_units_are_known() -> None:
+    units = {part["x-unit"] for part in ALL.values() if "x-unit" in part}
+    words = "px px/m px/s px/s² s 1/s g g/px² g·px/s g·px/s² g·px²/s² degrees degrees/s"
+    assert units == set(words.split())
+
+
+def test_a_part_by_its_path() -> None:
+    assert at("objects.*.mass")["x-unit"] == "g"
+    assert at("world.table.friction")["default"] == 0
+
+
+def test_defaults_are_filled_without_touching_the_schema() -> None:
+    filled = with_defaults({"physgen": 1, "size": [1, 1], "objects": {"a": {"mask": 1}}})
+    filled["objects"]["a"]["velocity"].append(3)
+    filled["world"]["table"]["friction"] = 9
+    again = with_defaults({"physgen": 1, "objects": {"a": {}}})
+    assert again["objects"]["a"]["velocity"] == [0, 0]
+    assert again["world"]["table"]["friction"] == 0
+
+
+def test_the_reference_is_true() -> None:
+    """Write it anew with: python -m physgen.scene.reference > docs/scene.md"""
+    assert (ROOT / "docs" / "scene.md").read_text(encoding="utf-8") == markdown()
+
+
+def test_the_reference_shows_every_key() -> None:
+    text = markdown()
+    for path in ALL:
+        key = path.rpartition(".")[2]
+        if path.endswith(("[]", "*", ".name")):
+            continue
+        assert f"| `{key}` |" in text, path
+
+
+def test_links_of_the_reference_lead_somewhere() -> None:
+    text = markdown()
+    heads = {
+        "".join(c for c in line[3:].lower() if c.isalnum() or c in "_ -").replace(" ", "-")
+        for line in text.splitlines()
+        if line.startswith("## ")
+    }
+    links = {part.partition(")")[0] for part in text.split("](#")[1:]}
+    assert links
+    assert links <= heads
+
+
+def test_the_example_of_the_reference_loads(tmp_path: Path) -> None:
+    path = tmp_path / "example.yaml"
+    path.write_text(EXAMPLE)
+    assert load(path, variant="on-the-moon").world.gravity == (0, 162)
+
+
+def test_a_schema_that_we_do_not_compile_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from physgen.scene import check
+
+    for schema in ({"type": "object", "properties": {"a": {"oneOf": []}}}, {"type": "array", "contains": {}}):
+        with pytest.raises(NotImplementedError):
+            check._compile(schema, "")
+
+
+def test_the_examples_make_a_scene() -> None:
+    """The schema's own example of every key of `world`, `render` and `refine` at once."""
+    document: dict[str, Any] = {"physgen": 1, "size": [512, 512]}
+    for name in ("world", "render", "refine"):
+        parts = expanded()["properties"][name]["properties"]
+        document[name] = {key: part["examples"][0] for key, part in parts.items()}
+    text = scene_text(document)
+    node = read(text, Source("x", Path()))
+    report = Report()
+    checker()(node, (), report)
+    assert not report.problems
+    assert plain(node) == yaml.safe_load(text) == document
+
+
+@pytest.mark.parametrize("module", [name for _, name, _ in pkgutil.iter_modules(physgen.scene.__path__)])
+def test_doctests(module: str) -> None:
+    found = doctest.testmod(importlib.import_module(f"physgen.scene.{module}"))
+    assert found.failed == 0
+
+
+def test_every_message_of_a_missing_key_has_an_example(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [9, 9]\nlight: {}\nforces: [{}]\nobjects: {a: {shape: {box: {}, circle: {}}}}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        load(path)
+    missing = [problem for problem in caught.value.problems if problem.expected == "missing"]
+    assert len(missing) == 6
+    assert all("e.g." in problem.fix for problem in missing)
