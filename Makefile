@@ -10,8 +10,8 @@ demo: .venv/.demo
 	mkdir -p $(OUT)/perceived
 	$(BIN)/physgen perceive scenes/billiards/photo.png -o $(OUT)/perceived/billiards-perceived.yaml
 	$(BIN)/physgen perceive scenes/dominoes/photo.png -o $(OUT)/perceived/dominoes-perceived.yaml
-	$(BIN)/physgen render $(OUT)/perceived/billiards-perceived.yaml -o $(OUT) --set objects.ball-1.velocity=[900,-20]
-	$(BIN)/physgen render $(OUT)/perceived/dominoes-perceived.yaml -o $(OUT) --set objects.block-1.spin=70
+	$(BIN)/physgen render $(OUT)/perceived/billiards-perceived.yaml -o $(OUT) --set "objects.ball-1.velocity=[1500,-127]"
+	$(BIN)/physgen render $(OUT)/perceived/dominoes-perceived.yaml -o $(OUT) --set world.pixels_per_meter=1000 --set "forces=[{object: block-1, impulse: [1200, 0], at: [160, 262]}]"
 	$(BIN)/physgen render scenes/billiards/scene.yaml scenes/dominoes/scene.yaml -o $(OUT)
 	@echo
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"

@@ -46,8 +46,12 @@ def fit_circle(mask: NDArray[np.bool_], border: Array) -> tuple[Disc, float]:
                 best, value = trials[k], values[k]
             else:
                 step /= 2
-    exact = value if stride == 1 else _Score(mask, 1).iou(best)
-    return Disc(best[:2].copy(), float(best[2])), exact
+    if stride > 1:
+        # the grid knows the circle to a share of its spacing only; a start may be better at full size
+        full = _Score(mask, 1)
+        best = max((best, *starts), key=full.iou)
+        value = full.iou(best)
+    return Disc(best[:2].copy(), float(best[2])), value
 
 
 def robust_circle(points: Array) -> Array:
@@ -99,5 +103,5 @@ class _Score:
             return 0.0
         off = np.sqrt((self._x[None, :] - x) ** 2 + (self._y[:, None] - y) ** 2)
         inside = np.clip((radius - off) / max(self._dx, self._dy) + 0.5, 0.0, 1.0)
-        shared = float((inside * self._mask).sum())
+        shared = float(np.minimum(inside, self._mask).sum())
         return shared / max(self._area + float(inside.sum()) - shared, 1e-9)

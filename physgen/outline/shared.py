@@ -23,6 +23,9 @@ CONTACT_TOLERANCE = 1.0
 _JUNCTION_REACH = 0.5
 """px that a junction may move."""
 
+_TINY = 30
+"""px²: the borders of a smaller object between others stay as they are, lest nothing is left of it."""
+
 
 def fit_regions(labels: Labels) -> dict[int, Region]:
     """Regions of all labels but 0 in a map `(H, W)`."""
@@ -32,7 +35,9 @@ def fit_regions(labels: Labels) -> dict[int, Region]:
     part = labels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     offset = np.array([columns[0], rows[0]], dtype=np.float64)
     traced = trace_borders(part)
-    lines = _untangle(traced, _settle_junctions(traced.borders))
+    counts = np.bincount(part.ravel())
+    tiny = {label for label in traced.loops if counts[label] < _TINY}
+    lines = _untangle(traced, _settle_junctions(traced.borders, tiny), tiny)
     closed = [border.closed for border in traced.borders]
     found = {}
     for label, loops in sorted(traced.loops.items()):
@@ -65,7 +70,7 @@ def _tolerance(border: Border) -> float:
     return CONTACT_TOLERANCE if border.left and border.right else TOLERANCE
 
 
-def _settle_junctions(borders: tuple[Border, ...]) -> list[Array]:
+def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array]:
     """The half-level lines, with their open ends moved to where the straight borders at each junction agree."""
     lines = [border.middles for border in borders]
     meeting: dict[tuple[float, float], list[tuple[int, int]]] = {}
@@ -78,6 +83,8 @@ def _settle_junctions(borders: tuple[Border, ...]) -> list[Array]:
         for index in {index for ends in meeting.values() for index, _ in ends}
     }
     for place, ends in meeting.items():
+        if any({borders[index].left, borders[index].right} & tiny for index, _ in ends):
+            continue
         junction = np.array(place)
         normal = 0.5 * np.eye(2)
         target = 0.5 * junction
@@ -98,11 +105,14 @@ def _settle_junctions(borders: tuple[Border, ...]) -> list[Array]:
     return lines
 
 
-def _untangle(traced: BorderMap, middles: list[Array]) -> list[Array]:
+def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[Array]:
     """Simplify each border; where two of them then cross, simplify those less."""
     borders = traced.borders
     tolerance = [_tolerance(border) for border in borders]
-    lines = [simplify(m, t, b.closed) for m, t, b in zip(middles, tolerance, borders, strict=True)]
+    lines = [
+        m if not b.closed and {b.left, b.right} & tiny else simplify(m, t, b.closed)
+        for m, t, b in zip(middles, tolerance, borders, strict=True)
+    ]
     whole = [_there_and_back(line, b) for line, b in zip(lines, borders, strict=True)]
     for attempt in range(6):
         crossed = np.unique(crossings(whole))

@@ -70,18 +70,18 @@ def seamless(other: NDArray[np.uint8], photo: NDArray[np.uint8], hole: Mask) -> 
 
 
 def meet(filled: F32, photo: NDArray[np.uint8], hole: Mask) -> NDArray[np.uint8]:
-    """`filled` (H, W, 3) in the hole and `photo` outside, without a step between them: uint8.
+    """`filled` (H, W, 3) in the hole and `photo` outside: uint8; shadows at the border reach a few pixels in, and fade.
 
-    What differs at the border is carried a few pixels into the hole and fades, so that the shadow that stays between
-    two objects ends softly, and its darkness does not fill the place where they lay.
+    So the shadow that stays between two objects ends softly, and its darkness does not fill the place where they lay.
+    A shadow dims every colour: what is brighter in any is an object's blurred rim and is not carried.
     """
     if not hole.any() or hole.all():
         return photo.copy()
-    gap = np.where(hole[:, :, None], np.float32(0), photo.astype(np.float32) - filled)
-    depth = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, 5)
-    carried = membrane(gap, hole) * np.exp(-((depth / FADE) ** 2))[:, :, None]
-    result = np.clip(filled + carried + 0.5, 0, 255).astype(np.uint8)
-    return np.where(hole[:, :, None], result, photo)
+    dimmed = ((photo.astype(np.float32) + 1) / (np.maximum(filled, 0) + 1)).max(axis=2, keepdims=True)
+    loss = np.where(hole[:, :, None], np.float32(0), np.minimum(dimmed, 1) - 1).astype(np.float32)
+    depth = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, 5)[:, :, None]
+    kept = 1 + membrane(loss, hole, tolerance=2e-3) * np.exp(-((depth / FADE) ** 2))
+    return np.where(hole[:, :, None], np.clip(filled * kept + 0.5, 0, 255).astype(np.uint8), photo)
 
 
 def closed(hole: Mask) -> Mask:

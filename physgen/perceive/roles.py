@@ -114,7 +114,7 @@ class Matte(Protocol):
     """Turns a label map into coverage."""
 
     def __call__(self, rgb: Rgb, labels: Labels) -> NDArray[np.float32]:
-        """(H, W) in 0..1: how much of each pixel objects cover; 1 deep inside, 0 from 3 px outside on."""
+        """(H, W) in 0..1: how much of each pixel objects cover; 1 deep inside, 0 from 5 px outside on."""
         ...
 
 

@@ -20,8 +20,12 @@ F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 
-SOFT = 3
+SOFT = 5
 """px beyond a mask's border that its soft coverage may reach."""
+BLUR = 1.2
+"""px: how gently touching objects share the pixels between them."""
+LEAST = 1e-4
+"""Of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border."""
 MARGIN = 2
 """px of nothing around a sprite, so that interpolation fades to nothing."""
 CLEAN = 2
@@ -85,14 +89,14 @@ def cut_sprites(
         x0, y0, x1, y1 = boxes[k + 1]
         box = np.s_[y0:y1, x0:x1]
         share = soft[k] / np.maximum(total[box], 1e-6)
-        alpha = np.where(soft[k] > 1e-3, coverage[box] * share, 0.0).astype(np.float32)
+        alpha = np.where(soft[k] > LEAST, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = alpha[..., None] * _foreground(photo[box], labels[box] == k + 1, alpha)
         composite[box] = light + (1 - alpha[..., None]) * composite[box]
         top[box][alpha > 0] = k + 1
         parts.append((k, light, alpha))
     rest = photo - composite
-    rest[_soft(absent) > 1e-3] = 0.0
+    rest[_soft(absent) > LEAST] = 0.0
     sprites = []
     for k, light, alpha in parts:
         x0, y0, x1, y1 = boxes[k + 1]
@@ -112,8 +116,8 @@ def cut_sprites(
 
 
 def _soft(mask: NDArray[np.bool_]) -> F32:
-    """A mask blurred by a pixel: shares of touching masks add up to that of their union."""
-    return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.0), np.float32)
+    """A blurred mask: shares of touching masks add up to that of their union."""
+    return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), BLUR), np.float32)
 
 
 def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:

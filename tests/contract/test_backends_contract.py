@@ -97,7 +97,7 @@ def check_matte(run, rgb, labels, things):
     assert coverage.max() <= 1
     inside = (labels > 0).astype(np.uint8)
     deep = cv2.distanceTransform(inside, cv2.DIST_L2, 5) > 4
-    far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5) > 4
+    far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5) > 5
     assert (coverage[deep] == 1).all()
     assert (coverage[far] == 0).all()
     assert np.array_equal(np.round(coverage * 255), (coverage * 255).round(3))  # as 8 bits hold it

@@ -10,7 +10,7 @@ from physgen.outline.outline import Disc, Region, mass_properties
 from physgen.outline.raster import coverage
 
 
-@pytest.mark.parametrize("radius", [6.0, 20.3, 44.8, 150.2])
+@pytest.mark.parametrize("radius", [6.0, 20.3, 44.8, 150.2, 600.4])
 def test_a_drawn_disc_to_sub_pixel(radius):
     size = int(2 * radius + 20)
     center = np.array([size / 2 + 0.37, size / 2 - 0.21])

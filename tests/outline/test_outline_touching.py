@@ -237,3 +237,12 @@ def test_every_object_keeps_its_centre(peer_scenes, scene):
         m = mass_properties(fit_outline(labels == i))
         assert m.area == pytest.approx(len(rows), rel=0.02)
         assert m.center == pytest.approx([columns.mean(), rows.mean()], abs=0.75)
+
+
+def test_a_pixel_between_two_objects_stays():
+    labels = np.ones((20, 20), dtype=np.int64)
+    labels[:, 10:] = 2
+    labels[10, 9] = 3
+    found = fit_outlines(labels, [1, 2, 3])
+    assert mass_properties(found[3]).area > 0
+    assert deepest(found) <= 1e-6

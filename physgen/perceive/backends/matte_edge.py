@@ -18,7 +18,7 @@ F32 = NDArray[np.float32]
 
 REACH = 1.0
 """px from one half to 0 or 1."""
-SHIFT = 1.5
+SHIFT = 2.75
 """px by which the photo may move the border."""
 CONTRAST = 0.08
 """Difference of square roots of linear light from which colours tell object and background apart."""
