@@ -24,6 +24,9 @@ FADE = 3.0
 """px of motion over which the photo's own border pixels give way to the object's clean ones."""
 
 
+Slices = tuple[slice, slice]
+
+
 @dataclass(frozen=True)
 class Frame:
     """One picture of the video."""
@@ -49,11 +52,14 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
     """Frames at the trajectory's times. Each object's own box is warped, and only touched pixels are encoded again."""
     behind = decode(stage.background)
     centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
+    canvas: F32 = behind.copy()
+    touched: list[Slices] = []
     for index, time in enumerate(trajectory.times):
-        canvas: F32 = behind.copy()
+        for box in touched:
+            canvas[box] = behind[box]
+        touched.clear()
         rgb = stage.background.copy()
         ids = np.zeros(rgb.shape[:2], np.uint16)
-        touched = []
         for sprite in stage.sprites:
             start = Pose(*centers[sprite.body].tolist())
             placed = _place(sprite, start, trajectory.pose(index, sprite.body), (rgb.shape[1], rgb.shape[0]))
@@ -66,9 +72,6 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
         for box in touched:
             rgb[box] = encode_u8(canvas[box])
         yield Frame(index, float(time), rgb, ids)
-
-
-Slices = tuple[slice, slice]
 
 
 def _place(sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int]) -> tuple[Slices, F32, F32] | None:
