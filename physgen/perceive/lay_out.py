@@ -9,7 +9,11 @@ from typing import Any
 
 from physgen.perceive.scene import Perceived
 from physgen.percepts.maps import write_assets, write_kept
+from physgen.resources import resource
 from physgen.scene.write import scene_text
+
+SCHEMA = "scene-1.schema.json"
+"""Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 
 
 def lay_out(perceived: Perceived, photo: Path, output: Path | None, assets: Path | None = None) -> str:
@@ -42,7 +46,9 @@ def lay_out(perceived: Perceived, photo: Path, output: Path | None, assets: Path
     }
     if ranges:
         placed["maps"] = {name: list(bounds) for name, bounds in ranges.items()}
-    text = scene_text(placed, perceived.comments, perceived.header)
+    schema = assets / SCHEMA
+    write_kept(schema, resource("schemas", SCHEMA).read_bytes())
+    text = scene_text(placed, perceived.comments, perceived.header, _relative(schema, folder))
     if output is not None:
         write_kept(output, text.encode("utf-8"))
     return text

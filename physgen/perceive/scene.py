@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import backends
-from physgen.outline.outline import bounds, mass_properties
+from physgen.outline import raster
+from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
 from physgen.perceive.roles import LightGuess, Matter, Name, Rgb, Setting, Thing
@@ -91,6 +92,8 @@ def perceive(
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
         found = Found(segments.labels, backends.find("segment", who.get("segment")).name, sure, {})
     things, left_out = _things(rgb, found)
+    if found.source != "given":
+        found = replace(found, labels=_rounded(found.labels, things))
     named = {**role("label")(rgb, found.labels, things), **found.names}
     label_source = {t.id: "given" if t.id in found.names else _name(who, "label") for t in things}
     things = [replace(t, label=named[t.id].label) for t in things]
@@ -178,6 +181,17 @@ def _things(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
         beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
         things.append(Thing(i, outlines[i], cut=bool(edge[i] > 0 or beyond > 0)))
     return things, len(every) - len(ids)
+
+
+def _rounded(labels: NDArray[np.uint16], things: Sequence[Thing]) -> NDArray[np.uint16]:
+    """Masks of round things made as round as they are: what leaked out is given back, what was missed is taken in."""
+    result = labels.copy()
+    for thing in things:
+        if isinstance(thing.outline, Disc):
+            inside = raster.coverage(thing.outline, (labels.shape[1], labels.shape[0])) >= 0.5
+            result[(labels == thing.id) & ~inside] = 0
+            result[(result == 0) & inside] = thing.id
+    return result
 
 
 def _renamed(things: Sequence[Thing], renames: Sequence[str]) -> tuple[list[Thing], set[int]]:

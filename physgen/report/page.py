@@ -58,6 +58,7 @@ def report_page(
                 "share": round(100 * t.wall / longest, 1),
             }
             for name, t in record.stages.items()
+            if name != "report"  # this page, not yet done
         ],
         command=shlex.join(record.command),
         scene_text=scene_text,

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from physgen.scene.advice import measure
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
 from physgen.scene.files import FORMATS, MAX_EXTENDS, MAX_PIXELS, SUFFIXES
-from physgen.scene.schema import Schema, expanded, published
+from physgen.scene.schema import Schema, expanded
 from physgen.scene.words import example, listed
 
 EXAMPLE = """\
@@ -49,7 +49,7 @@ positive angle turns +x towards +y. This one needs no photo and renders as it st
 Editors with a YAML language server complete and check as you type when the first line is
 
 ```yaml
-# yaml-language-server: $schema={id}
+# yaml-language-server: $schema=photo.assets/scene-1.schema.json
 ```
 
 Words mean what they say: `on`, `yes` and `1:30` are text, `1.0e6` is a number (YAML 1.2's core schema, not 1.1).
@@ -104,7 +104,7 @@ def markdown() -> str:
     schema = expanded()
     groups = [group for _, part in _mappings(schema, "") for group in part.get("x-exclusive", [])]
     rivals = listed("/".join(f"`{key}`" for key in group) for group in groups)
-    parts = [_INTRO.format(example=EXAMPLE, id=published()["$id"])]
+    parts = [_INTRO.format(example=EXAMPLE)]
     for path, part in _mappings(schema, ""):
         parts.append("\n".join(_section(path, part)) + "\n")
     parts.append(_OVERLAYS.format(rivals=rivals, extends=MAX_EXTENDS))

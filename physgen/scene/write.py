@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from physgen.scene.scalars import RefusedNumberError, resolve
-from physgen.scene.schema import Schema, expanded, published
+from physgen.scene.schema import Schema, expanded
 from physgen.scene.words import Path, dotted, number
 
 WIDTH = 100
@@ -20,14 +20,18 @@ _PLAIN = re.compile(r"(?!\.\.\.)[\w./][\w./ ()+*=%-]*(?<! )").fullmatch
 
 
 def scene_text(
-    document: Mapping[str, Any], comments: Mapping[str, str] | None = None, header: str = ""
+    document: Mapping[str, Any],
+    comments: Mapping[str, str] | None = None,
+    header: str = "",
+    schema: str | None = None,
 ) -> str:
-    """The document in the schema's order of keys, with the modeline from which editors complete and check.
+    """The document in the schema's order of keys.
 
-    `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a short one stands
+    `schema` is the path from the scene to its JSON Schema, for the modeline from which editors complete and check;
+    None leaves the line out. `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a short one stands
     behind it, a long one above. Raises ValueError for infinities, NaN and keys that are no text.
     """
-    lines = [f"# yaml-language-server: $schema={published()['$id']}"]
+    lines = [f"# yaml-language-server: $schema={schema}"] if schema else []
     lines += _comment_lines(header, "") if header else []
     writer = _Writer(comments or {})
     lines += writer.mapping(document, "", (), expanded()) if document else ["{}"]

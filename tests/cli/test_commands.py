@@ -157,7 +157,10 @@ def test_perceive_writes_a_valid_scene_that_renders(photo: tuple[Path, Path], tm
     told = capsys.readouterr()
     assert told.out == ""
     text = scene.read_text()
-    assert text.startswith("# yaml-language-server: $schema=")
+    assert text.startswith("# yaml-language-server: $schema=scene.assets/scene-1.schema.json\n")
+    assert json.loads((tmp_path / "made/scene.assets/scene-1.schema.json").read_text())["properties"][
+        "objects"
+    ]
     assert "from:" in text
     assert {p.name for p in (tmp_path / "made" / "scene.assets").iterdir()} >= {
         "masks.png",

@@ -118,9 +118,14 @@ def test_how_it_looks() -> None:
         "forces[0]": "the break",
     }
     assert (
-        scene_text(document, comments, "Written by physgen perceive photo.png.\nEdit freely.")
+        scene_text(
+            document,
+            comments,
+            "Written by physgen perceive photo.png.\nEdit freely.",
+            "photo.assets/scene-1.schema.json",
+        )
         == """\
-# yaml-language-server: $schema=https://physgen.dev/schemas/scene-1.schema.json
+# yaml-language-server: $schema=photo.assets/scene-1.schema.json
 # Written by physgen perceive photo.png.
 # Edit freely.
 physgen: 1
