@@ -28,8 +28,8 @@ def scene_text(
     """The document in the schema's order of keys.
 
     `schema` is the path from the scene to its JSON Schema, for the modeline from which editors complete and check;
-    None leaves the line out. `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a short one stands
-    behind it, a long one above. Raises ValueError for infinities, NaN and keys that are no text.
+    None leaves the line out. `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a
+    short one stands behind it, a long one above. Raises ValueError for infinities, NaN and keys that are no text.
     """
     lines = [f"# yaml-language-server: $schema={schema}"] if schema else []
     lines += _comment_lines(header, "") if header else []
