@@ -6,27 +6,24 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
-from physgen import __version__
+from physgen.flags import WRONG_INPUT, build_parser
 from physgen.problems import InputError, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Job
 
-OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-FORMATS = ("mp4", "gif", "webp", "png")
+OK, FAILED, INTERRUPTED = 0, 1, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `physgen`."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    parser = build_parser()
-    options = parser.parse_args(given)
+    options = build_parser().parse_args(given)
     options.command_line = ["physgen", *given]
-    run: Callable[[argparse.Namespace], int] = options.run
     try:
-        return run(options)
+        return COMMANDS[options.command](options)
     except InputError as error:
         tell_problems(error.problems)
         return WRONG_INPUT
@@ -207,188 +204,18 @@ def schema(options: argparse.Namespace) -> int:
     return OK
 
 
-# ---- flags -------------------------------------------------------------------------------------------------------
+COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
+    "perceive": perceive,
+    "import": import_,
+    "check": check,
+    "simulate": simulate,
+    "render": render,
+    "backends": list_backends,
+    "schema": schema,
+}
 
 
-class Parser(argparse.ArgumentParser):
-    """Wrong flags: one line that says what to do, exit code 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message and a hint."""
-        self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-def build_parser() -> argparse.ArgumentParser:
-    """Every command with its flags and an example."""
-    parser = Parser(
-        prog="physgen",
-        description="One photo becomes an editable scene file; the scene file becomes a physically true video.",
-        epilog="example: physgen perceive photo.png > scene.yaml && physgen render scene.yaml",
-    )
-    parser.add_argument("--version", action="version", version=f"physgen {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-
-    def command(
-        name: str, run: Callable[[argparse.Namespace], int], about: str, example: str
-    ) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=about, description=about, epilog=f"example: {example}")
-        sub.set_defaults(run=run)
-        return sub
-
-    sub = command(
-        "perceive", perceive, "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml"
-    )
-    sub.add_argument("image", metavar="IMAGE", type=Path, help="the photo")
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="SCENE",
-        type=Path,
-        help="write the scene here (assets beside it); default: stdout",
-    )
-    sub.add_argument(
-        "--masks",
-        metavar="FILE",
-        type=Path,
-        help="label map of the photo's size: an id or colour an object, 0 or black for none",
-    )
-    sub.add_argument("--coco", metavar="FILE", type=Path, help="COCO annotations that hold the photo's masks")
-    sub.add_argument(
-        "--box",
-        metavar="X,Y,W,H",
-        action="append",
-        default=[],
-        help="an object lies in this box; may be repeated",
-    )
-    sub.add_argument(
-        "--point",
-        metavar="X,Y",
-        action="append",
-        default=[],
-        help="an object lies at this point; may be repeated",
-    )
-    sub.add_argument(
-        "--label", metavar="NAME=TEXT", action="append", default=[], help="what an object is; may be repeated"
-    )
-    sub.add_argument("--assets", metavar="DIR", type=Path, help="folder for the maps")
-    sub.add_argument(
-        "--backend",
-        metavar="ROLE=NAME",
-        action="append",
-        default=[],
-        help="who does a step; see physgen backends",
-    )
-
-    sub = command(
-        "import",
-        import_,
-        "Somebody else's files to a scene.",
-        "physgen import physgen data/pool -o pool.yaml",
-    )
-    sub.add_argument(
-        "kind", choices=("physgen", "coco"), help="physgen: a folder of the paper's code; coco: annotations"
-    )
-    sub.add_argument("path", metavar="PATH", type=Path, help="the folder or file")
-    sub.add_argument(
-        "--image", type=Path, help="coco: the photo; default: the file that the annotations name"
-    )
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="SCENE",
-        type=Path,
-        help="write the scene here (assets beside it); default: stdout",
-    )
-
-    sub = command(
-        "check", check, "Problems and warnings of scene files.", "physgen check scenes/*/scene.yaml --strict"
-    )
-    sub.add_argument("scenes", metavar="SCENE", nargs="+")
-    sub.add_argument("--strict", action="store_true", help="warnings count as errors")
-    sub.add_argument(
-        "--resolved", action="store_true", help="print the scene with overlays applied and defaults filled in"
-    )
-    sub.add_argument("--json", action="store_true", help="print problems as JSON")
-    _overlays(sub)
-
-    sub = command(
-        "simulate", simulate, "Scene to trajectory.", "physgen simulate scene.yaml -o trajectory.npz"
-    )
-    sub.add_argument("scene", metavar="SCENE")
-    sub.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, help="write a NumPy archive; default: CSV on stdout"
-    )
-    sub.add_argument("--rate", metavar="HZ", type=_positive, help="samples a second; default: the video's")
-    sub.add_argument("--json", action="store_true", help="print everything as JSON")
-    _overlays(sub)
-
-    sub = command(
-        "render",
-        render,
-        "Scenes to videos, reports and manifests.",
-        "physgen render scene.yaml -o out --format mp4,gif",
-    )
-    sub.add_argument("scenes", metavar="SCENE", nargs="+")
-    sub.add_argument(
-        "-o", "--output", metavar="DIR", default="out", help="folder of the results; default: out"
-    )
-    sub.add_argument(
-        "--jobs", metavar="N", type=_count, default=1, help="scenes rendered at a time; default: 1"
-    )
-    sub.add_argument(
-        "--format",
-        metavar="LIST",
-        type=_formats,
-        default=["mp4"],
-        help="any of mp4,gif,webp,png; default: mp4",
-    )
-    sub.add_argument("--json", action="store_true", help="print the folders as JSON")
-    _overlays(sub)
-
-    sub = command(
-        "backends", list_backends, "Who can do each step, and what is missing.", "physgen backends --json"
-    )
-    sub.add_argument("--json", action="store_true", help="print as JSON")
-
-    sub = command("schema", schema, "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
-    sub.add_argument("--markdown", action="store_true", help="the reference page instead")
-    return parser
-
-
-def _overlays(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="edit a key: objects.ball-1.mass=200; * stands for every object",
-    )
-    sub.add_argument("--variant", metavar="NAME", help="apply a named variant of the file, or all")
-    sub.add_argument(
-        "--allow-outside", action="store_true", help="let the scene read files outside its folder"
-    )
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1000000")
-    return value
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 1024:
-        raise argparse.ArgumentTypeError(f"{text} is not between 1 and 1024")
-    return value
-
-
-def _formats(text: str) -> list[str]:
-    names = [name.strip() for name in text.split(",")]
-    wrong = [name for name in names if name not in FORMATS]
-    if wrong:
-        raise argparse.ArgumentTypeError(f"{', '.join(wrong)} is not among {', '.join(FORMATS)}")
-    return list(dict.fromkeys(names))
+# ---- values of flags ---------------------------------------------------------------------------------------------
 
 
 def _numbers(flag: str, text: str, count: int) -> tuple[float, ...]:

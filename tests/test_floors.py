@@ -23,7 +23,8 @@ FLOORS = {
     8: ("pipeline", "cache"),
     9: ("batch",),
     10: ("evaluate", "pytest_plugin", "notebook"),
-    11: ("cli",),
+    11: ("flags",),
+    12: ("cli",),
 }
 HEAVY = {"torch", "transformers", "diffusers", "accelerate", "openai", "jax", "tensorflow"}
 VAGUE = {"utils", "helpers", "common", "misc", "manager", "base"}
