@@ -68,12 +68,12 @@ def perceive(
     from physgen.perceive.import_coco import coco_objects, read_coco
     from physgen.perceive.lay_out import lay_out
     from physgen.perceive.scene import perceive as run
-    from physgen.percepts.maps import read_image, read_labels
+    from physgen.percepts.maps import read_labels, read_upright
 
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was told in more than one way where the objects are", fix)
-    rgb = read_image(image)
+    rgb, as_it_is = read_upright(image)
     found = None
     if masks is not None:
         found = from_masks(read_labels(masks))
@@ -82,7 +82,7 @@ def perceive(
     elif boxes or points:
         found = from_prompts(rgb, boxes, points, table.make("segment", backends.get("segment")))
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
-    return lay_out(perceived, image, output, assets)
+    return lay_out(perceived, image if as_it_is else None, image.stem, output, assets)
 
 
 def import_physgen(
@@ -96,7 +96,7 @@ def import_physgen(
     for problem in imported.warnings:
         warn(problem)
     assets = None if output else Path(f"{folder.resolve().name}.assets")
-    return lay_out(imported, folder / "original.png", output, assets)
+    return lay_out(imported, folder / "original.png", "original", output, assets)
 
 
 def import_coco(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.perceive.scene import Perceived
-from physgen.percepts.maps import write_assets, write_kept
+from physgen.percepts.maps import write_assets, write_kept, write_png
 from physgen.resources import resource
 from physgen.scene.write import scene_text
 
@@ -16,20 +16,25 @@ SCHEMA = "scene-1.schema.json"
 """Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 
 
-def lay_out(perceived: Perceived, photo: Path, output: Path | None, assets: Path | None = None) -> str:
+def lay_out(
+    perceived: Perceived, photo: Path | None, name: str, output: Path | None, assets: Path | None = None
+) -> str:
     """Write the assets, and the scene file where `output` is given; returns the scene's text.
 
-    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `PHOTO-STEM.assets/` in the current folder, unless `assets`
-    says otherwise. A photo from outside the scene's folder is copied into them. Files that are there and differ are
-    kept as `NAME~`.
+    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder, unless `assets` says
+    otherwise. `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the
+    file as it is: it is then written as `NAME.png`. Files that are there and differ are kept as `NAME~`.
     """
     folder = output.parent if output else Path()
     if assets is None:
-        assets = folder / f"{(output or photo).stem}.assets"
+        assets = folder / f"{output.stem if output else name}.assets"
     if output is not None:
         folder.mkdir(parents=True, exist_ok=True)
     ranges = write_assets(perceived.percepts, assets)
-    if not photo.resolve().is_relative_to(folder.resolve()):
+    if photo is None:
+        photo = assets / f"{name}.png"
+        write_png(photo, perceived.percepts.rgb)
+    elif not photo.resolve().is_relative_to(folder.resolve()):
         copy = assets / photo.name
         if not (copy.exists() and copy.samefile(photo)):
             shutil.copyfile(photo, copy)

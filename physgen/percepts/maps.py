@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -13,10 +16,17 @@ from numpy.typing import NDArray
 
 from physgen.problems import InputError
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 F32 = NDArray[np.float32]
 
+EXIF_ORIENTATION = 0x0112
+SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
+FORMATS = (*SCENE_FORMATS, "BMP", "TIFF", "GIF", "MPO", "PPM")
+"""What Pillow may open: none of its readers that call other programs."""
 MOST_PIXELS = 100_000_000
 """A picture larger than this is refused before it is decoded."""
 
@@ -47,7 +57,13 @@ class Percepts:
 
 def read_image(path: Path) -> U8:
     """A photo as (H, W, 3) uint8 sRGB; grey, palette, alpha (over white) and 16-bit pictures are converted."""
-    raw = _decode(path)
+    with _opened(path) as image:
+        if image.mode in ("P", "PA"):
+            raw: NDArray[np.uint8] | NDArray[np.uint16] = np.asarray(image.convert("RGBA"))[
+                :, :, [2, 1, 0, 3]
+            ]
+        else:
+            raw = _decode(path)
     if raw.dtype == np.uint16:
         raw = (raw / 257.0 + 0.5).astype(np.uint8)
     if raw.ndim == 2:
@@ -57,6 +73,16 @@ def read_image(path: Path) -> U8:
         alpha = raw[:, :, 3:] / 255.0
         rgb = (rgb * alpha + 255.0 * (1 - alpha) + 0.5).astype(np.uint8)
     return np.ascontiguousarray(rgb)
+
+
+def read_upright(path: Path) -> tuple[U8, bool]:
+    """A photo, turned as its EXIF data says, and whether a scene can name the file: upright, PNG, JPEG or WebP."""
+    from PIL import ImageOps
+
+    with _opened(path) as image:
+        if "exif" not in image.info or image.getexif().get(EXIF_ORIENTATION, 1) == 1:
+            return read_image(path), image.format in SCENE_FORMATS
+        return np.array(ImageOps.exif_transpose(image).convert("RGB")), False
 
 
 def read_labels(path: Path) -> U16:
@@ -200,31 +226,38 @@ def write_kept(path: Path, data: bytes) -> None:
 
 def _decode(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """The picture's own channels (BGR order for colour), 8 or 16 bits; the header is read before the pixels."""
+    with _opened(path) as image:
+        if image.mode == "P":  # ids of a palette picture are its indices, which OpenCV turns into colours
+            return np.asarray(image).astype(np.uint8)
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+        picture = None if image.mode == "CMYK" else cv2.imdecode(data, flags)
+        if picture is None:
+            picture = np.asarray(image.convert("RGB"))[:, :, ::-1]
+    if picture.dtype not in (np.uint8, np.uint16):
+        found = f"{picture.dtype} pixels"
+        raise InputError.of(str(path), found, "are not 8 or 16 bits", "save it as an 8-bit PNG")
+    return picture  # type: ignore[return-value]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """Pillow's view of a picture, its size checked before pixels are decoded; trouble on the way becomes InputError."""
     from PIL import Image
 
     try:
-        with Image.open(path) as header:
-            width, height = header.size
-            mode = header.mode
+        with warnings.catch_warnings(), Image.open(path, formats=FORMATS) as image:
+            warnings.simplefilter("ignore")  # Pillow warns below our own limit
+            width, height = image.size
             if width * height > MOST_PIXELS:
                 found = f"{width} x {height} px"
                 raise InputError.of(str(path), found, "is over 100 megapixels", "make the picture smaller")
-            if mode == "P":  # ids of a palette picture are its indices, which OpenCV turns into colours
-                return np.asarray(header).astype(np.uint8)
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-        if picture is None:
-            with Image.open(path) as image:
-                picture = np.asarray(image.convert("RGB"))[:, :, ::-1]
+            yield image
     except FileNotFoundError:
         raise InputError.of(str(path), "", "no such file", "check the path") from None
+    except IsADirectoryError:
+        raise InputError.of(str(path), "", "is a folder", "name a picture in it") from None
     except (OSError, SyntaxError, ValueError, cv2.error, Image.DecompressionBombError) as error:
         reason = str(error).splitlines()[0][:120]
-        raise InputError.of(
-            str(path), "", f"is not a picture that can be read ({reason})", "save it as PNG or JPEG"
-        ) from None
-    if picture.dtype not in (np.uint8, np.uint16):
-        raise InputError.of(
-            str(path), f"{picture.dtype} pixels", "are not 8 or 16 bits", "save it as an 8-bit PNG"
-        )
-    return picture  # type: ignore[return-value]
+        expected = f"is not a picture that can be read ({reason})"
+        raise InputError.of(str(path), "", expected, "save it as PNG or JPEG") from None

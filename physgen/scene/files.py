@@ -21,6 +21,7 @@ from physgen.scene.words import shown
 MAX_PIXELS = 100_000_000
 MAX_EXTENDS = 10
 SUFFIXES = (".yaml", ".yml")
+EXIF_ORIENTATION = 0x0112
 FORMATS = ("PNG", "JPEG", "WEBP")
 MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
 """The files `NAME.png` of an assets folder."""
@@ -123,7 +124,7 @@ def _base(link: Node, home: Path, allow_outside: bool, depth: int, seen: set[str
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Width and height from an image's header, EXIF orientation ignored; no pixel is decoded.
+    """Width and height from an image's header; no pixel is decoded.
 
     Raises RefusedError.
     """
@@ -138,6 +139,8 @@ def image_size(path: Path) -> tuple[int, int]:
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
             with Image.open(path, formats=FORMATS) as image:
                 width, height = image.size
+                # a PNG without EXIF in its header would be decoded in search of it
+                orientation = image.getexif().get(EXIF_ORIENTATION, 1) if "exif" in image.info else 1
     except Image.DecompressionBombError:
         raise RefusedError("has more than 100 megapixels", "make it smaller") from None
     except Exception:  # Pillow's readers raise errors of many kinds for damaged headers
@@ -146,6 +149,9 @@ def image_size(path: Path) -> tuple[int, int]:
         ) from None
     if width * height > MAX_PIXELS:
         raise RefusedError("has more than 100 megapixels", "make it smaller")
+    if orientation != 1:
+        fix = "save it upright, or let physgen perceive make the scene"
+        raise RefusedError("is stored turned and says so in its EXIF data alone", fix)
     if width * height == 0:
         raise RefusedError("has no pixels", "write the path of a photo")
     return width, height

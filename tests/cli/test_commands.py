@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from physgen.cli import main
 from physgen.simulate.trajectory import read_trajectory
@@ -194,6 +195,24 @@ def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeyp
     Path("scene.yaml").write_text(capsys.readouterr().out)
     assert Path("photo.assets/masks.png").is_file()
     assert main(["check", "scene.yaml"]) == 0
+
+
+def test_a_photo_turned_by_its_exif_is_perceived_upright(
+    photo: tuple[Path, Path], tmp_path: Path, capsys
+) -> None:
+    image, truth = photo
+    with Image.open(image) as upright:
+        turned = upright.transpose(Image.Transpose.ROTATE_90)
+        exif = Image.Exif()
+        exif[0x0112] = 6  # to be seen turned by 90 degrees clockwise
+        turned.save(tmp_path / "phone.png", exif=exif)
+    scene = tmp_path / "scene.yaml"
+    assert main(["perceive", str(tmp_path / "phone.png"), "--masks", str(truth), "-o", str(scene)]) == 0
+    assert np.array_equal(cv2.imread(str(tmp_path / "scene.assets" / "phone.png")), cv2.imread(str(image)))
+    assert main(["check", str(scene)]) == 0
+    scene.write_text(scene.read_text().replace("scene.assets/phone.png", "phone.png"))
+    assert main(["check", str(scene)]) == 2
+    assert "is stored turned" in capsys.readouterr().err
 
 
 def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path) -> None:
