@@ -129,14 +129,16 @@ def test_a_photo_and_its_maps(tmp_path: Path) -> None:
     home = tmp_path / "scene"
     path = write(home, "physgen: 1\nimage: photo.jpg\nassets: maps\nobjects: {a: {mask: 7}}\n")
     (home / "maps").mkdir()
-    exif = Image.Exif()
-    exif[0x112] = 6  # turned by a quarter; the pixels as stored are what counts
-    Image.new("RGB", (30, 20)).save(home / "photo.jpg", exif=exif)
+    Image.new("RGB", (30, 20)).save(home / "photo.jpg")
     Image.new("I;16", (30, 20)).save(home / "maps" / "masks.png")
     found = load(path)
     assert found.size == (30, 20)
     assert (found.image, found.assets) == ((home / "photo.jpg").resolve(), (home / "maps").resolve())
     assert found.objects[0].mask == model.MaskId(7)
+    exif = Image.Exif()
+    exif[0x112] = 6  # turned by a quarter: is the author's canvas 30 x 20 or 20 x 30? we do not guess
+    Image.new("RGB", (30, 20)).save(home / "photo.jpg", exif=exif)
+    assert '2:8: image: "photo.jpg" is stored turned' in fails(path)
 
 
 def test_links_within_the_folder_are_followed(tmp_path: Path) -> None:
