@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.flags import WRONG_INPUT, build_parser
 from physgen.problems import InputError, Problem, Severity
+from physgen.whole import meant, write_whole
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Job
+    from physgen.simulate.trajectory import Trajectory
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -34,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return OK
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
+        where = f"{meant(str(error.filename))}: " if error.filename else ""
         tell(f"{where}{error.strerror or error}")
         return FAILED
 
@@ -45,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def perceive(options: argparse.Namespace) -> int:
     from physgen import backends, pipeline
 
+    _scene_name(options.output)
     bar = Bar()
     text = pipeline.perceive(
         options.image,
@@ -57,24 +60,25 @@ def perceive(options: argparse.Namespace) -> int:
         assets=options.assets,
         backends=backends.chosen(options.backend),
         progress=bar.show,
+        keep=tell_kept,
     )
     bar.clear()
-    if options.output is None:
-        sys.stdout.write(text)
+    _hand_over(text, options.output)
     return OK
 
 
 def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
+    _scene_name(options.output)
     bar = Bar()
     if options.kind == "physgen":
-        text = pipeline.import_physgen(options.path, options.output, bar.show, lambda p: tell_problems([p]))
+        tell_one: Callable[[Problem], None] = lambda problem: tell_problems([problem])  # noqa: E731
+        text = pipeline.import_physgen(options.path, options.output, bar.show, tell_one, tell_kept)
     else:
-        text = pipeline.import_coco(options.path, options.image, options.output, bar.show)
+        text = pipeline.import_coco(options.path, options.image, options.output, bar.show, tell_kept)
     bar.clear()
-    if options.output is None:
-        sys.stdout.write(text)
+    _hand_over(text, options.output)
     return OK
 
 
@@ -110,21 +114,48 @@ def check(options: argparse.Namespace) -> int:
 def simulate(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
+    kind = _trajectory_kind(options.output)
     scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
     compiled = pipeline.compile(scene, pipeline.percepts(scene))
     tell_problems(pipeline.lint(scene, compiled))
     trajectory = pipeline.simulate(compiled.world, options.rate)
-    if options.output is not None:
+    if kind == "npz":
         trajectory.save(options.output)
-    if options.json:
-        _print_json({name: array.tolist() for name, array in trajectory.as_arrays().items()})
-    elif options.output is None:
-        sys.stdout.write("time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s\n")
-        for t, time in enumerate(trajectory.times):
-            for n, name in enumerate(trajectory.names):
-                row = (*trajectory.poses[t, n], *trajectory.velocities[t, n])
-                sys.stdout.write(f"{float(time)!r},{name}," + ",".join(repr(float(v)) for v in row) + "\n")
+    if options.output is None or kind != "npz":
+        text = _trajectory_json(trajectory) if options.json or kind == "json" else _trajectory_csv(trajectory)
+        if options.output is None:
+            sys.stdout.write(text)
+        else:
+            write_whole(options.output, text.encode("utf-8"))
+    elif options.json:
+        sys.stdout.write(_trajectory_json(trajectory))
     return OK
+
+
+def _trajectory_kind(output: Path | None) -> str:
+    """`npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
+    if output is None:
+        return ""
+    if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():
+        raise InputError.of(
+            "-o", f'"{output}"', "is no name for a trajectory", "end it in .npz, .csv or .json"
+        )
+    return output.suffix[1:]
+
+
+def _trajectory_json(trajectory: Trajectory) -> str:
+    import json
+
+    return json.dumps({name: array.tolist() for name, array in trajectory.as_arrays().items()}) + "\n"
+
+
+def _trajectory_csv(trajectory: Trajectory) -> str:
+    lines = ["time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"]
+    for t, time in enumerate(trajectory.times):
+        for n, name in enumerate(trajectory.names):
+            row = (*trajectory.poses[t, n], *trajectory.velocities[t, n])
+            lines.append(f"{float(time)!r},{name}," + ",".join(repr(float(v)) for v in row))
+    return "\n".join(lines) + "\n"
 
 
 def render(options: argparse.Namespace) -> int:
@@ -148,23 +179,24 @@ def render(options: argparse.Namespace) -> int:
     _refuse_twins(jobs)
     bar = Bar()
     folders = []
+    told: set[str] = set()
     for done in run_all(jobs, options.jobs, lambda job: bar.of(Path(job.path).name if len(jobs) > 1 else "")):
         bar.clear()
-        tell_problems(done.problems)
+        tell_problems([p for p in done.problems if str(p) not in told])
+        told.update(map(str, done.problems))
         if done.folder is not None:
             folders.append(done.folder)
             if not options.json:
                 print(done.folder, flush=True)
-    index = None
-    if len(folders) > 1:
+    root = Path(options.output)
+    index = root / "index.html" if len(folders) > 1 or (root / "index.html").exists() else None
+    if index is not None:
         from physgen.report.page import gallery_page
 
-        root = Path(options.output)
-        index = root / "index.html"
         index.write_text(
             gallery_page(sorted(p.parent for p in root.glob("*/manifest.json")), root), encoding="utf-8"
         )
-        if not options.json:
+        if not options.json and len(folders) > 1:
             print(index)
     if options.json:
         _print_json(
@@ -239,6 +271,22 @@ def _two(flag: str, text: str) -> tuple[float, float]:
     return a, b
 
 
+def _scene_name(output: Path | None) -> None:
+    """Refuses what would overwrite a photo, or leave a scene that no command reads."""
+    if output is not None and (output.suffix not in (".yaml", ".yml") or output.is_dir()):
+        raise InputError.of(
+            "-o",
+            f'"{output}"',
+            "is no name for a scene file",
+            "end it in .yaml; without -o it goes to stdout",
+        )
+
+
+def _hand_over(text: str, output: Path | None) -> None:
+    """The scene on stdout, or the path of the file that it went to."""
+    sys.stdout.write(text if output is None else f"{output}\n")
+
+
 def _one_variant(options: argparse.Namespace) -> str | None:
     if options.variant == "all":
         raise InputError.of("--variant", "all", "names more than one", "write one name, or use render")
@@ -284,6 +332,11 @@ def tell_problems(problems: Sequence[Problem]) -> None:
     """One line each to stderr."""
     for problem in problems:
         tell(str(problem))
+
+
+def tell_kept(kept: Path) -> None:
+    """One line to stderr for a file that stood in the way."""
+    tell(f"{str(kept).rpartition('~')[0]}: was there already and differed; kept as {kept.name}")
 
 
 def _print_json(data: Any) -> None:

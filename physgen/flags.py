@@ -111,7 +111,11 @@ def build_parser() -> argparse.ArgumentParser:
     sub = command("simulate", "Scene to trajectory.", "physgen simulate scene.yaml -o trajectory.npz")
     sub.add_argument("scene", metavar="SCENE")
     sub.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, help="write a NumPy archive; default: CSV on stdout"
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=Path,
+        help="write here; .npz, .csv or .json; default: CSV on stdout",
     )
     sub.add_argument("--rate", metavar="HZ", type=_positive, help="samples a second; default: the video's")
     sub.add_argument("--json", action="store_true", help="print everything as JSON")
@@ -162,17 +166,19 @@ def _overlays(sub: argparse.ArgumentParser) -> None:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1000000")
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0 and up to 1000000")
     return value
 
 
 def _count(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 1024:
-        raise argparse.ArgumentTypeError(f"{text} is not between 1 and 1024")
-    return value
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 1024")
+    return int(text)
 
 
 def _formats(text: str) -> list[str]:

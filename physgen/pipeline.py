@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -41,6 +42,10 @@ Warn = Callable[[Problem], None]
 """Told of everything that is allowed and probably not meant."""
 
 
+Keep = Callable[[Path], None]
+"""Told of every file that stood in the way and was kept under another name."""
+
+
 def unheard(problem: Problem) -> None:
     """Warnings that nobody reads."""
 
@@ -57,11 +62,12 @@ def perceive(
     assets: Path | None = None,
     backends: Mapping[str, str] = MappingProxyType({}),
     progress: Progress = silent,
+    keep: Keep = lambda kept: None,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
     Objects come from `masks` (a label map), `coco` (annotations), `boxes` (x, y, w, h px) and `points` (x, y px), or
-    from the segment backend. `labels` are `NAME=TEXT`.
+    from the segment backend. `labels` are `NAME=TEXT`. `keep` is told of files that stood in the way and were kept.
     """
     from physgen import backends as table
     from physgen.perceive.given import from_masks, from_prompts
@@ -82,11 +88,15 @@ def perceive(
     elif boxes or points:
         found = from_prompts(rgb, boxes, points, table.make("segment", backends.get("segment")))
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
-    return lay_out(perceived, image if as_it_is else None, image.stem, output, assets)
+    return lay_out(perceived, image if as_it_is else None, image.stem, output, assets, keep)
 
 
 def import_physgen(
-    folder: Path, output: Path | None = None, progress: Progress = silent, warn: Warn = unheard
+    folder: Path,
+    output: Path | None = None,
+    progress: Progress = silent,
+    warn: Warn = unheard,
+    keep: Keep = lambda kept: None,
 ) -> str:
     """A folder of the paper's public code -> the scene's text; writes as `perceive` does."""
     from physgen.perceive.import_physgen import import_physgen as run
@@ -96,16 +106,20 @@ def import_physgen(
     for problem in imported.warnings:
         warn(problem)
     assets = None if output else Path(f"{folder.resolve().name}.assets")
-    return lay_out(imported, folder / "original.png", "original", output, assets)
+    return lay_out(imported, folder / "original.png", "original", output, assets, keep)
 
 
 def import_coco(
-    file: Path, image: Path | None = None, output: Path | None = None, progress: Progress = silent
+    file: Path,
+    image: Path | None = None,
+    output: Path | None = None,
+    progress: Progress = silent,
+    keep: Keep = lambda kept: None,
 ) -> str:
     """One photo of a COCO file -> the scene's text; writes as `perceive` does."""
     from physgen.perceive.import_coco import read_coco
 
-    return perceive(image or read_coco(file).file, output, coco=file, progress=progress)
+    return perceive(image or read_coco(file).file, output, coco=file, progress=progress, keep=keep)
 
 
 def load(
@@ -263,17 +277,36 @@ def render_scene(
 
 
 def output_folder(out: Path, name: str) -> Path:
-    """`out/<name>`; refuses a folder that holds anything but an earlier run of ours, so that nothing is lost."""
+    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost."""
+    if out.exists() and not out.is_dir():
+        raise InputError.of(str(out), "", "is a file", "name a folder with -o")
     final = out / name
-    if (
-        final.exists()
-        and not (final / "manifest.json").is_file()
-        and (not final.is_dir() or any(final.iterdir()))
-    ):
+    strange = _strangers(final)
+    if strange is None:
+        fix = "choose another folder with -o"
+        raise InputError.of(str(final), "", "is there already and was not made by physgen", fix)
+    if strange:
+        found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
+        fix = "move it out, or choose another folder with -o"
         raise InputError.of(
-            str(final), "", "is there already and was not made by physgen", "choose another folder with -o"
+            str(final), "", f"would be replaced, and holds {found}, which physgen did not make", fix
         )
     return final
+
+
+def _strangers(folder: Path) -> list[str] | None:
+    """Files of an earlier run's folder that the run did not write; None for a folder that no run made."""
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return []
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        own = {"manifest.json", *manifest["files"]} if manifest["manifest"] == 1 else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    if own is None:
+        return None
+    files = (p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir())
+    return [name for name in files if name not in own]
 
 
 def _inputs(scene: Scene, path: Path) -> dict[str, str]:

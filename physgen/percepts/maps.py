@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.problems import InputError
+from physgen.whole import write_kept
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 F32 = NDArray[np.float32]
+
+Keep = Callable[[Path], None]
+"""Told of every file that was kept under another name."""
+
+
+def silent(kept: Path) -> None:
+    """Nobody is told."""
+
 
 EXIF_ORIENTATION = 0x0112
 SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
@@ -87,6 +95,10 @@ def read_upright(path: Path) -> tuple[U8, bool]:
 
 def read_labels(path: Path) -> U16:
     """A label map: one channel of ids as it is; the distinct colours of a colour picture numbered, black = 0."""
+    with _opened(path) as image:
+        if image.format in ("JPEG", "MPO"):
+            fix = "save it as PNG, without smoothing"
+            raise InputError.of(str(path), "", "is a JPEG, whose compression changes ids", fix)
     raw = _decode(path)
     if raw.ndim == 2:
         return raw.astype(np.uint16)
@@ -173,10 +185,10 @@ def read_percepts(
     )
 
 
-def write_assets(percepts: Percepts, folder: Path) -> dict[str, tuple[float, float]]:
+def write_assets(percepts: Percepts, folder: Path, keep: Keep = silent) -> dict[str, tuple[float, float]]:
     """Write the maps into `folder` (created); returns what 0 and 65535 stand for in the 16-bit ones, by map.
 
-    A map that is there already and differs, perhaps painted by hand, is kept as `NAME~`.
+    A map that is there already and differs, perhaps painted by hand, is kept as `NAME~`, and `keep` told of it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     ranges: dict[str, tuple[float, float]] = {}
@@ -187,41 +199,38 @@ def write_assets(percepts: Percepts, folder: Path) -> dict[str, tuple[float, flo
         low, high = float(values.min()), float(values.max())
         high = high if high > low else low + 1.0
         ranges[name] = (low, high)
-        write_png(folder / f"{name}.png", ((values - low) / (high - low) * 65535 + 0.5).astype(np.uint16))
+        write_png(
+            folder / f"{name}.png", ((values - low) / (high - low) * 65535 + 0.5).astype(np.uint16), keep
+        )
 
-    write_png(folder / "masks.png", percepts.labels)
+    write_png(folder / "masks.png", percepts.labels, keep)
     if percepts.coverage is not None:
-        write_png(folder / "coverage.png", (percepts.coverage * 255 + 0.5).astype(np.uint8))
+        write_png(folder / "coverage.png", (percepts.coverage * 255 + 0.5).astype(np.uint8), keep)
     for name, picture in (("background", percepts.background), ("clean", percepts.clean)):
         if picture is not None:
-            write_png(folder / f"{name}.png", picture)
+            write_png(folder / f"{name}.png", picture, keep)
     scalar("depth", percepts.depth)
     scalar("shading", percepts.shading)
     if percepts.normals is not None:
-        write_png(folder / "normals.png", np.clip(percepts.normals * 127 + 128.5, 0, 255).astype(np.uint8))
+        write_png(
+            folder / "normals.png", np.clip(percepts.normals * 127 + 128.5, 0, 255).astype(np.uint8), keep
+        )
     if percepts.albedo is not None:
-        write_png(folder / "albedo.png", (np.clip(percepts.albedo, 0, 1) * 65535 + 0.5).astype(np.uint16))
+        write_png(
+            folder / "albedo.png", (np.clip(percepts.albedo, 0, 1) * 65535 + 0.5).astype(np.uint16), keep
+        )
     return ranges
 
 
-def write_png(path: Path, picture: U8 | U16) -> None:
-    """(H, W) or (H, W, 3) RGB, 8 or 16 bits, under its final name only when it is whole."""
+def write_png(path: Path, picture: U8 | U16, keep: Keep = silent) -> None:
+    """(H, W) or (H, W, 3) RGB, 8 or 16 bits; whole or not at all, a differing file that is there is kept as `NAME~`."""
     bgr = picture if picture.ndim == 2 else picture[:, :, ::-1]
     done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     if not done:
         raise ValueError(
             f"{path.name}: a picture of shape {picture.shape} and type {picture.dtype} cannot be a PNG"
         )
-    write_kept(path, data.tobytes())
-
-
-def write_kept(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all; one that is there already and differs is kept as `NAME~`."""
-    if path.is_file() and path.read_bytes() != data:
-        path.replace(path.with_name(path.name + "~"))
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    partial.write_bytes(data)
-    partial.replace(path)
+    write_kept(path, data.tobytes(), keep)
 
 
 def _decode(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
@@ -229,6 +238,7 @@ def _decode(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     with _opened(path) as image:
         if image.mode == "P":  # ids of a palette picture are its indices, which OpenCV turns into colours
             return np.asarray(image).astype(np.uint8)
+        image.load()  # a damaged picture is told of here, in one line; OpenCV's readers print
         data = np.frombuffer(path.read_bytes(), np.uint8)
         flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
         picture = None if image.mode == "CMYK" else cv2.imdecode(data, flags)

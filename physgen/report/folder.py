@@ -8,21 +8,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from physgen.whole import partial
+
 
 @contextmanager
 def whole_folder(final: Path) -> Iterator[Path]:
     """A fresh folder beside `final`, renamed to it at the end; removed, and `final` left as it was, on any error."""
     final.parent.mkdir(parents=True, exist_ok=True)
-    partial = final.with_name(f".{final.name}.{os.getpid()}.part")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
+    beside = partial(final)
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
+    old = final.with_name(f".{final.name}.{os.getpid()}.old")
     try:
-        yield partial
-        old = final.with_name(f".{final.name}.{os.getpid()}.old")
+        yield beside
         if final.exists():
             final.rename(old)
-        partial.rename(final)
-        shutil.rmtree(old, ignore_errors=True)
+        beside.rename(final)
     except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
+        shutil.rmtree(beside, ignore_errors=True)
+        if old.exists() and not final.exists():
+            old.rename(final)
         raise
+    shutil.rmtree(old, ignore_errors=True)

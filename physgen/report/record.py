@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import platform
 import resource
 import sys
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import __version__
+from physgen.whole import write_whole
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
 
@@ -123,11 +123,8 @@ def frame_hash(rgb: NDArray[np.uint8]) -> str:
 
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    partial.write_text(
-        json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n", encoding="utf-8"
-    )
-    partial.replace(path)
+    text = json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
+    write_whole(path, text.encode("utf-8"))
 
 
 def _plain(value: object) -> object:

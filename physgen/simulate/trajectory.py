@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import os
+import io
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry import Pose
+from physgen.whole import write_whole
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -75,11 +76,10 @@ class Trajectory:
 
     def save(self, path: Path) -> None:
         """Write a NumPy archive (no pickles) under its final name when it is whole; the same bytes every time."""
-        partial = path.with_name(f".{path.name}.{os.getpid()}.part")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **self.as_arrays())
-        partial.replace(path)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, allow_pickle=False, **self.as_arrays())
+        write_whole(path, buffer.getvalue())
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Flat names of the archive's arrays."""

@@ -146,6 +146,10 @@ def test_simulate_prints_csv_json_or_an_archive(lesson: Path, tmp_path: Path, ca
     assert main(["simulate", str(lesson), "--rate", "100", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["names"] == ["ball", "crate"]
+    assert main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.json")]) == 0
+    assert json.loads((tmp_path / "t.json").read_text()) == data
+    assert main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.csv")]) == 0
+    assert (tmp_path / "t.csv").read_text().splitlines() == lines
     assert main(["simulate", str(lesson), "--rate", "100", "-o", str(tmp_path / "t.npz")]) == 0
     assert np.array_equal(np.load(tmp_path / "t.npz")["poses"], np.array(data["poses"]))
 
@@ -156,7 +160,7 @@ def test_perceive_writes_a_valid_scene_that_renders(photo: tuple[Path, Path], tm
     assert main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)]) == 0
     assert main(["check", str(scene)]) == 0
     told = capsys.readouterr()
-    assert told.out == ""
+    assert told.out == f"{scene}\n"
     text = scene.read_text()
     assert text.startswith("# yaml-language-server: $schema=scene.assets/scene-1.schema.json\n")
     assert json.loads((tmp_path / "made/scene.assets/scene-1.schema.json").read_text())["properties"][
@@ -215,13 +219,15 @@ def test_a_photo_turned_by_its_exif_is_perceived_upright(
     assert "is stored turned" in capsys.readouterr().err
 
 
-def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path) -> None:
+def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path, capsys) -> None:
     image, truth = photo
     scene = tmp_path / "scene.yaml"
     main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)])
     scene.write_text(scene.read_text() + "# mine\n")
+    capsys.readouterr()
     main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)])
     assert "# mine" in (tmp_path / "scene.yaml~").read_text()
+    assert capsys.readouterr().err == f"{scene}: was there already and differed; kept as scene.yaml~\n"
 
 
 @pytest.mark.parametrize(
@@ -240,6 +246,18 @@ def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path
         (["simulate", "{lesson}", "--variant", "all"], "names more than one"),
         (["import", "physgen", "no-such-folder"], "no-such-folder: is not a folder"),
         (["import", "coco", "no.json"], "no.json"),
+        (
+            ["simulate", "{lesson}", "-o", "{lesson}"],
+            "is no name for a trajectory; end it in .npz, .csv or .json",
+        ),
+        (["simulate", "{lesson}", "-o", "."], "is no name for a trajectory"),
+        (["perceive", "{photo}", "-o", "{photo}"], "is no name for a scene file; end it in .yaml"),
+        (["perceive", "{photo}", "-o", "-"], "is no name for a scene file"),
+        (
+            ["perceive", "{photo}", "--masks", "{truth}", "--assets", "/elsewhere"],
+            "lies outside the scene's folder",
+        ),
+        (["render", "{lesson}", "-o", "{lesson}"], "is a file; name a folder with -o"),
     ],
 )
 def test_wrong_input_gets_one_message(arguments, message, lesson: Path, photo, capsys) -> None:

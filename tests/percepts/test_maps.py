@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from physgen.percepts.maps import Percepts, read_image, read_labels, read_percepts, write_assets, write_kept
+from physgen.percepts.maps import Percepts, read_image, read_labels, read_percepts, write_assets
 from physgen.problems import InputError
+from physgen.whole import write_kept
 
 H, W = 40, 60
 
@@ -72,10 +73,15 @@ def test_nothing_painted_is_lost(percepts: Percepts, tmp_path: Path) -> None:
     write_assets(percepts, tmp_path)
     painted = tmp_path / "masks.png"
     painted.write_bytes(b"by hand")
-    write_assets(percepts, tmp_path)
+    told: list[Path] = []
+    write_assets(percepts, tmp_path, told.append)
     assert (tmp_path / "masks.png~").read_bytes() == b"by hand"
-    write_assets(percepts, tmp_path)
+    painted.write_bytes(b"by hand again")
+    write_assets(percepts, tmp_path, told.append)
     assert (tmp_path / "masks.png~").read_bytes() == b"by hand"
+    assert (tmp_path / "masks.png~2").read_bytes() == b"by hand again"
+    write_assets(percepts, tmp_path, told.append)
+    assert [path.name for path in told] == ["masks.png~", "masks.png~2"]
     write_kept(tmp_path / "new", b"1")
     assert not (tmp_path / "new~").exists()
 

@@ -42,5 +42,8 @@ def test_a_folder_of_somebody_elses_is_refused(tmp_path: Path) -> None:
     (mine / "scene.yaml").write_text("x")
     with pytest.raises(InputError, match="was not made by physgen"):
         output_folder(tmp_path, "pool")
-    (mine / "manifest.json").write_text("{}")
+    (mine / "manifest.json").write_text('{"manifest": 1, "files": {"scene.yaml": ""}}')
     assert output_folder(tmp_path, "pool") == mine
+    (mine / "notes.txt").write_text("x")
+    with pytest.raises(InputError, match=r"holds notes\.txt, which physgen did not make"):
+        output_folder(tmp_path, "pool")

@@ -1,0 +1,50 @@
+"""Bytes -> files that appear whole or not at all, and never over something of the user's."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+_PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+\.part$")
+
+
+def partial(path: Path) -> Path:
+    """A name of our own beside `path`, on the same file system."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
+def meant(path: str) -> str:
+    """The name that a reader knows for a partial one.
+
+    >>> meant("out/.a.npz.123.part")
+    'out/a.npz'
+    """
+    return _PARTIAL.sub(r"\g<name>", path)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write beside, then rename; on any error nothing is left and the old file is as it was."""
+    beside = partial(path)
+    try:
+        beside.write_bytes(data)
+        beside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink()
+        raise
+
+
+def write_kept(path: Path, data: bytes, keep: Callable[[Path], None] = lambda kept: None) -> None:
+    """As `write_whole`; a file that is there already and differs is kept as `NAME~` (`NAME~2`, ...), and told of."""
+    if path.is_file() and path.read_bytes() != data:
+        kept = path.with_name(f"{path.name}~")
+        count = 1
+        while kept.exists():
+            count += 1
+            kept = path.with_name(f"{path.name}~{count}")
+        path.replace(kept)
+        keep(kept)
+    write_whole(path, data)
