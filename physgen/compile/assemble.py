@@ -25,6 +25,10 @@ INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
 """k of I = k m r² about an axis through the centre; any mechanics text."""
 
 
+MOST_FRAMES = 100_000
+"""As the schema allows `render.frames`."""
+
+
 @dataclass(frozen=True)
 class Compiled:
     """What the stages after this one read."""
@@ -80,6 +84,11 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
 def frame_times(scene: Scene) -> Array:
     """(T,) s: k duration / frames where `render.frames` is given, else k / fps for fps x duration frames."""
     duration, render = scene.world.duration, scene.render
+    if render.frames is None and render.fps * duration > MOST_FRAMES:
+        found = f"{render.fps * duration:,.0f} frames"
+        fix = f"write render.frames, at most {MOST_FRAMES:,}, or a smaller duration or fps"
+        expected = "from duration times fps are too many"
+        raise InputError([Problem(scene.place("render.fps"), "render", found, expected, fix)])
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
     return np.arange(max(1, round(render.fps * duration)), dtype=np.float64) / render.fps

@@ -16,7 +16,7 @@ from physgen.scene.advice import advice, bounds, limit, measure
 from physgen.scene.node import Node
 from physgen.scene.quick import quick_list, quick_number
 from physgen.scene.report import Report
-from physgen.scene.schema import Schema, expanded
+from physgen.scene.schema import Schema, at, expanded
 from physgen.scene.words import UNITS, Path, example, listed, nearest, quoted, shown
 
 Check = Callable[[Node, Path, Report], None]
@@ -255,6 +255,10 @@ def _mapping(schema: Schema, unit: str) -> Check:
 def _unknown(child: Node, path: Path, known: list[str], report: Report) -> None:
     key = str(path[-1])
     close = nearest(key, known)
+    if len(path) == 1 and key in at("objects.*")["properties"]:
+        report.add(child.key_place, path, "", "unknown key", f"it belongs to an object: objects.NAME.{key}")
+        report.bad.add(child)
+        return
     fix = f'did you mean "{close}"?' if close else f"write {listed(islice(known, 30))}"
     report.add(child.key_place, path, "", "unknown key", fix)
     report.bad.add(child)

@@ -41,6 +41,9 @@ def decode(data: bytes, name: str) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if data.startswith((b"\x89PNG", b"\xff\xd8\xff", b"RIFF")):
+            fix = "make a scene of it with physgen perceive"
+            raise InputError.of(name, "", "is a picture, not a scene file", fix) from None
         before = data[: error.start]
         place = Place(name, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
         raise InputError([Problem(place, "", "", "not UTF-8 text", "save the file as UTF-8")]) from None
@@ -224,7 +227,11 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
 
 
 _FIXES = (
-    ("mapping values are not allowed", 'put text that holds ": " in quotes'),
+    ("could not find expected ':'", "put a space after the colon of a key, here or in the line above"),
+    (
+        "mapping values are not allowed",
+        'put text that holds ": " in quotes, and a space after the colon of every key, also in the line above',
+    ),
     ("cannot start any token", "indent with spaces, not tabs; put text that starts with @ or ` in quotes"),
     ("flow sequence", "close the ["),
     ("flow mapping", "close the {"),

@@ -98,6 +98,10 @@ class Edit:
     def __init__(self, key: str, value: Node, path: Path) -> None:
         self.key, self.value, self.path = key, value, path
 
+    def makes_object(self, path: Path) -> bool:
+        """Whether a key such as `objects.new.shape` may be the first of an object."""
+        return len(path) > 2 and path[2] in ("shape", "mask")
+
     def problem(self, expected: str, fix: str) -> InputError:
         """Why the edit cannot be made."""
         path = "" if self.value.line == 0 else dotted((*self.path, self.key))
@@ -172,6 +176,13 @@ def _put(
             fix = f'did you mean "{known}"?' if known else "leave it out"
             raise edit.problem(f"{dotted((*at, key))} is not there to take away", fix)
         return
+    if at == ("objects",) and not last and key not in changed and not edit.makes_object(path):
+        known = nearest(key, changed)
+        names = ", ".join(list(changed)[:8]) + (", ..." if len(changed) > 8 else "")
+        fix = (
+            f'did you mean "{known}"?' if known else f"the objects are {names}" if names else "there are none"
+        )
+        raise edit.problem(f"no object is called {quoted(key)}", fix)
     child = _set(changed.get(key), path, depth + 1, edit, star, (*at, key))
     for rival in rivals(_kind(at)).get(key, ()):
         changed.pop(rival, None)

@@ -11,6 +11,7 @@ from pytest import approx
 
 from physgen import pipeline
 from physgen.compile.pairs import pair_table
+from physgen.problems import InputError
 from physgen.scene.model import Motion
 
 
@@ -144,7 +145,6 @@ render: {frames: 10}
 
 
 LINTS = {
-    "a is supported by nothing and falls at once": "objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}}}",
     "b overlaps a by 5.0 px at t = 0": """\
 world: {view: top}
 objects:
@@ -176,6 +176,22 @@ def test_lints(tmp_path: Path, message: str) -> None:
     assert len(told) == 1
     assert message in told[0]
     assert "warning" in told[0]
+
+
+def test_an_object_of_a_photo_that_hangs_in_the_air(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((150, 200, 3), 100, np.uint8))
+    body = "objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}}}"
+    photo = scene(tmp_path, body, "image: photo.png")
+    [told] = pipeline.lint(photo, pipeline.compile(photo, pipeline.percepts(photo)))
+    assert "a is supported by nothing and falls at once" in str(told)
+    lesson = scene(tmp_path, body)
+    assert pipeline.lint(lesson, pipeline.compile(lesson, None)) == []
+
+
+def test_too_many_frames_are_refused(tmp_path: Path) -> None:
+    loaded = scene(tmp_path, "world: {duration: 3600}\nrender: {fps: 1000}\nobjects: {}")
+    with pytest.raises(InputError, match="3,600,000 frames from duration times fps are too many"):
+        pipeline.compile(loaded, None)
 
 
 def test_a_standing_stack_has_no_lint(tmp_path: Path) -> None:
