@@ -266,7 +266,7 @@ def render_scene(
                 files.close()
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
-            video = next((kind.file for kind in kinds if kind is not Format.PNG), None)
+            video = next((kind.file for kind in kinds if kind is not Format.PNG), "frames/00000.png")
             text = scene_text(scene.document)
             page = report_page(scene, compiled.world, record, first, video, text)
             (folder / "report.html").write_text(page, encoding="utf-8")

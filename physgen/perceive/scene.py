@@ -97,6 +97,7 @@ def perceive(
     named = {**role("label")(rgb, found.labels, things), **found.names}
     label_source = {t.id: "given" if t.id in found.names else _name(who, "label") for t in things}
     things = [replace(t, label=named[t.id].label) for t in things]
+    before = words.names(things)
     things, renamed = _renamed(things, renames)
     label_source |= dict.fromkeys(renamed, "")
     matter: Mapping[int, Matter] = role("physics")(rgb, things, pixels_per_meter)
@@ -106,7 +107,7 @@ def perceive(
     background = role("inpaint")(rgb, coverage > 0)
     percepts = Percepts(rgb=rgb, labels=found.labels, coverage=coverage, background=background)
 
-    called = words.names(things)
+    called = words.names(things, {i: name for i, name in before.items() if i not in renamed})
     objects = {}
     comments: dict[str, str] = {}
     for thing in sorted(things, key=lambda t: list(called).index(t.id)):
@@ -245,7 +246,8 @@ def _comments(
     specks = f"; {left_out} specks of under {SMALLEST} px left out" if left_out else ""
     comments = {
         "world.view": f"side or top: {setting.reason} (confidence {setting.confidence:g})",
-        "world.pixels_per_meter": "1 px = 1 cm, as in the paper; a larger number makes things fall faster",
+        "world.pixels_per_meter": "1 px = 1 cm, as in the paper: things look large and fall slowly; masses do not "
+        "follow from it. A larger number makes things fall faster",
         "objects": f"{words.counted({t.id: t.label for t in things})}, {how}, counted from left to right{specks}",
         "light": f"{light.reason} (confidence {light.confidence:g})",
         "forces": _push(setting, things, called, matter),

@@ -26,14 +26,21 @@ def slug(label: str) -> str:
     return text if text[0].isalpha() else f"object-{text}"
 
 
-def names(things: Sequence[Thing]) -> dict[int, str]:
-    """A name for every thing, by id: its label and a number, counted from left to right."""
+def names(things: Sequence[Thing], kept: Mapping[int, str] | None = None) -> dict[int, str]:
+    """A name for every thing, by id, from left to right: its label and a number; `kept` are names that stay."""
+    kept = kept or {}
+    taken = set(kept.values())
     ordered = sorted(things, key=lambda t: (round(float(mass_properties(t.outline).center[0]), 1), t.id))
     counts: dict[str, int] = {}
     result = {}
     for thing in ordered:
+        if thing.id in kept:
+            result[thing.id] = kept[thing.id]
+            continue
         start = slug(thing.label)
         counts[start] = counts.get(start, 0) + 1
+        while f"{start}-{counts[start]}" in taken:
+            counts[start] += 1
         result[thing.id] = f"{start}-{counts[start]}"
     return result
 

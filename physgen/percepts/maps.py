@@ -33,7 +33,7 @@ def silent(kept: Path) -> None:
 
 EXIF_ORIENTATION = 0x0112
 SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
-FORMATS = (*SCENE_FORMATS, "BMP", "TIFF", "GIF", "MPO", "PPM")
+FORMATS = (*SCENE_FORMATS, "BMP", "TIFF", "GIF", "PPM")
 """What Pillow may open: none of its readers that call other programs."""
 MOST_PIXELS = 100_000_000
 """A picture larger than this is refused before it is decoded."""

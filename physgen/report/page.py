@@ -73,7 +73,8 @@ def gallery_page(folders: Sequence[Path], root: Path) -> str:
     cards = []
     for folder in folders:
         manifest: Mapping[str, Any] = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        video = next((f for f in ("video.mp4", "video.webp", "video.gif") if f in manifest["files"]), None)
+        shown = ("video.mp4", "video.webp", "video.gif", "frames/00000.png")
+        video = next((f for f in shown if f in manifest["files"]), None)
         href = folder.relative_to(root).as_posix()
         count = len(manifest["document"].get("objects", {}))
         facts = f"{count} object{'s' if count != 1 else ''}, {len(manifest['frames'])} frames"

@@ -44,7 +44,7 @@ def test_a_photo_becomes_a_valid_scene(tmp_path: Path):
     found = perceive(rgb, from_masks(labels), progress=lambda stage, done, total: seen.append(stage))
     assert seen == ["label", "physics", "boundary", "light", "matte", "inpaint"]
     cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
-    lay_out(found, tmp_path / "photo.png", tmp_path / "scene.yaml")
+    lay_out(found, tmp_path / "photo.png", "photo", tmp_path / "scene.yaml")
     scene = load(tmp_path / "scene.yaml")
     assert scene.world.view is View.SIDE
     assert scene.world.gravity == (0, 980)
@@ -186,3 +186,10 @@ def test_slugs_make_valid_names():
     for label in ("Ball", "8 ball", "été à la plage", "", "---", "x" * 200, "a\nb"):
         assert words.slug(label)[0].isalpha()
         assert len(words.slug(label)) <= 60
+
+
+def test_a_label_renames_its_object_alone() -> None:
+    rgb, labels = desk()
+    plain = list(perceive(rgb, from_masks(labels)).document["objects"])
+    named = list(perceive(rgb, from_masks(labels), renames=[f"{plain[1]}=steel ball"]).document["objects"])
+    assert named == [plain[0], "steel-ball-1", *plain[2:]]
