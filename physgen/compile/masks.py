@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.outline.outline import Outline
-from physgen.outline.raster import coverage
+from physgen.outline.raster import coverage_box
 from physgen.problems import InputError, Problem
 from physgen.scene.model import MaskId, MaskPolygon, MaskRle, Object, Points, Scene
 
@@ -25,13 +25,13 @@ def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None
     for k in sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer):
         item, outline = scene.objects[k], written[k]
         mask = _mask(item, scene.size, labels)
-        if mask is None:
-            mask = (
-                np.zeros((height, width), bool) if outline is None else coverage(outline, scene.size) >= 0.5
-            )
-        elif not mask.any():
-            problems.append(_missing(scene, item))
-        out[mask] = k + 1
+        if mask is not None:
+            out[mask] = k + 1
+            if not mask.any():
+                problems.append(_missing(scene, item))
+        elif outline is not None:
+            box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
+            out[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]][box >= 0.5] = k + 1
     if problems:
         raise InputError(problems)
     return out

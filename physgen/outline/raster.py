@@ -24,19 +24,27 @@ def coverage(outline: Outline, size: tuple[int, int]) -> Coverage:
     """Covered share of each pixel of a photo of `size` (W, H) px: `(H, W)` float32 in 0..1."""
     width, height = size
     canvas = np.zeros((height, width), dtype=np.float32)
-    box, (x0, y0) = coverage_box(outline)
-    left, top = max(x0, 0), max(y0, 0)
-    right, bottom = min(x0 + box.shape[1], width), min(y0 + box.shape[0], height)
-    if left < right and top < bottom:
-        canvas[top:bottom, left:right] = box[top - y0 : bottom - y0, left - x0 : right - x0]
+    box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
+    canvas[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]] = box
     return canvas
 
 
-def coverage_box(outline: Outline) -> tuple[Coverage, tuple[int, int]]:
-    """The outline's own box of pixels, wherever it lies: `(h, w)` float32 in 0..1 and its first pixel `(x0, y0)`."""
+def coverage_box(
+    outline: Outline, window: tuple[int, int, int, int] | None = None
+) -> tuple[Coverage, tuple[int, int]]:
+    """The outline's own box of pixels: `(h, w)` float32 in 0..1 and its first pixel `(x0, y0)`.
+
+    Only what lies in `window` (first and last pixel + 1 in x and y: x0, y0, x1, y1) is computed and held, however
+    large the outline is; the box is then empty where they do not meet.
+    """
     low_x, low_y, high_x, high_y = bounds(outline)
-    x0, y0 = floor(low_x + 0.5), floor(low_y + 0.5)
-    width, height = ceil(high_x + 0.5) - x0, ceil(high_y + 0.5) - y0
+    x0, y0, x1, y1 = floor(low_x + 0.5), floor(low_y + 0.5), ceil(high_x + 0.5), ceil(high_y + 0.5)
+    if window is not None:
+        x0, x1 = (min(max(x, window[0]), window[2]) for x in (x0, x1))
+        y0, y1 = (min(max(y, window[1]), window[3]) for y in (y0, y1))
+    width, height = x1 - x0, y1 - y0
+    if window is not None and (width <= 0 or height <= 0):
+        return np.zeros((max(height, 0), max(width, 0)), np.float32), (x0, y0)
     corner = np.array([x0 - 0.5, y0 - 0.5])
     sums = np.zeros((max(height, 1), max(width, 1) + 1))
     for points, sign in _borders(outline):
@@ -72,9 +80,10 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
     turn = float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum())
     if turn < 0:
         sign = -sign
+    height, width = sums.shape
+    start, end = _within(start, end, width - 1, height)
     for axis in (0, 1):
         start, end = _cut(start, end, axis)
-    height, width = sums.shape
     rise = (end[:, 1] - start[:, 1]) * sign
     middle = (start + end) / 2
     column = np.clip(np.floor(middle[:, 0]).astype(np.intp), 0, width - 2)
@@ -83,6 +92,23 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
     # the inside lies to the left of a segment that goes down (+y) on a ring that turns +x towards +y
     np.add.at(sums, (row, column), -rise * (1 - fraction))
     np.add.at(sums, (row, column + 1), -rise * fraction)
+
+
+def _within(start: Array, end: Array, width: int, height: int) -> tuple[Array, Array]:
+    """Segments `(K, 2)` as they count in a box: rows outside dropped; what is left or right of it moved to its side."""
+    for axis, line in ((0, 0.0), (0, float(width)), (1, 0.0), (1, float(height))):
+        a, b = start[:, axis], end[:, axis]
+        crosses = (a < line) != (b < line)
+        share = (line - a[crosses]) / (b[crosses] - a[crosses])
+        middle = start[crosses] + share[:, None] * (end[crosses] - start[crosses])
+        middle[:, axis] = line
+        start = np.concatenate([start[~crosses], start[crosses], middle])
+        end = np.concatenate([end[~crosses], middle, end[crosses]])
+    y = (start[:, 1] + end[:, 1]) / 2
+    inside = (y > 0) & (y < height)
+    start, end = start[inside], end[inside]
+    low, high = np.zeros(2), np.array([float(width), float(height)])
+    return np.clip(start, low, high), np.clip(end, low, high)
 
 
 def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from physgen.perceive.roles import Name
 from physgen.perceive.scene import Found
 from physgen.problems import InputError, Place, Problem
 
+MOST_OBJECTS = 10_000
 MOST_BYTES = 256 * 2**20
 Mask = NDArray[np.bool_]
 
@@ -38,6 +39,9 @@ def read_coco(path: Path, image: Path | None = None) -> CocoImage:
         data = {"annotations": data}
     if not isinstance(data, dict) or not isinstance(data.get("annotations"), list):
         raise InputError.of(str(path), "", "has no list of annotations", "give a COCO instances file")
+    for key in ("images", "categories"):
+        if not isinstance(data.get(key) or [], list):
+            raise InputError.of(str(path), f'"{key}"', "is not a list", "export the file again")
     annotations = [a for a in data["annotations"] if isinstance(a, dict)]
     images = [i for i in data.get("images") or [] if isinstance(i, dict) and "id" in i]
     categories = {
@@ -73,7 +77,11 @@ def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Found:
 
     COCO measures from the photo's corner, where pixel i covers i to i + 1; ours covers i - 0.5 to i + 0.5.
     """
-    masks: list[tuple[Mask, Name]] = []
+    if len(coco.annotations) > MOST_OBJECTS:
+        found = f"{len(coco.annotations):,} objects"
+        fix = f"keep at most {MOST_OBJECTS:,}"
+        raise InputError.of(str(path), found, "on one photo are more than a scene holds", fix)
+    masks: list[tuple[int, NDArray[np.uint8], Name]] = []
     problems = []
     for number, annotation in enumerate(coco.annotations):
         try:
@@ -88,15 +96,15 @@ def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Found:
         label = coco.categories.get(_key(annotation.get("category_id")), "")
         score = annotation.get("score", 1.0)
         sure = float(score) if isinstance(score, int | float) and 0 <= score <= 1 else 1.0
-        masks.append((mask, Name(label or "object", sure)))
+        masks.append((int(mask.sum()), np.packbits(mask), Name(label or "object", sure)))
     if problems:
         raise InputError(problems)
     labels = np.zeros((size[1], size[0]), np.uint16)
-    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k][0].sum())):
-        labels[masks[k][0]] = k + 1
+    for k in sorted(range(len(masks)), key=lambda k: -masks[k][0]):
+        labels[np.unpackbits(masks[k][1], count=labels.size).reshape(labels.shape) > 0] = k + 1
     return Found(
-        labels, "coco", {k + 1: name.confidence for k, (_, name) in enumerate(masks)},
-        {k + 1: name for k, (_, name) in enumerate(masks) if name.label != "object"},
+        labels, "coco", {k + 1: name.confidence for k, (_, _, name) in enumerate(masks)},
+        {k + 1: name for k, (_, _, name) in enumerate(masks) if name.label != "object"},
     )  # fmt: skip
 
 

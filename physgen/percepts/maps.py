@@ -107,7 +107,7 @@ def read_labels(path: Path) -> U16:
         channels[..., 0], channels[..., 2]
     ):
         return channels[..., 0].astype(np.uint16)
-    code = (channels.astype(np.uint32) * np.array([1, 256, 65536], np.uint32)).sum(axis=2)
+    code = (channels.astype(np.uint64) * np.array([1, 2**16, 2**32], np.uint64)).sum(axis=2)
     colours, ids = np.unique(code, return_inverse=True)
     if len(colours) > 65535:
         raise InputError.of(
@@ -268,6 +268,8 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     except IsADirectoryError:
         raise InputError.of(str(path), "", "is a folder", "name a picture in it") from None
     except (OSError, SyntaxError, ValueError, cv2.error, Image.DecompressionBombError) as error:
-        reason = str(error).splitlines()[0][:120]
+        if isinstance(error, Image.DecompressionBombError):
+            raise InputError.of(str(path), "", "is over 100 megapixels", "make the picture smaller") from None
+        reason = (str(error) or type(error).__name__).splitlines()[0][:120]
         expected = f"is not a picture that can be read ({reason})"
         raise InputError.of(str(path), "", expected, "save it as PNG or JPEG") from None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.outline.outline import Outline
+from physgen.outline.outline import Outline, bounds
 from physgen.outline.raster import coverage_box
 from physgen.photometry import decode
 from physgen.render.sprites import MARGIN, Sprite
@@ -24,6 +24,8 @@ PALETTE = (
     (208, 172, 82), (92, 166, 172), (170, 128, 104), (196, 134, 170), (128, 134, 146),
 )  # fmt: skip
 """sRGB, one an object in turn: apart in hue and close in lightness, so that no object shouts."""
+LARGE = 4_000_000
+"""px² that the sprite of one object may take in full."""
 FINE = 8
 """Sub-pixels a side when lines are drawn."""
 
@@ -42,10 +44,19 @@ def flat_background(world: World) -> U8:
 
 
 def flat_sprites(world: World, outlines: Sequence[Outline], order: Sequence[int]) -> list[Sprite]:
-    """One sprite an object: its colour, a darker rim, and for circles a spoke that shows how it turns."""
+    """One sprite an object: its colour, a darker rim, and for circles a spoke that shows how it turns.
+
+    Of an object much larger than the canvas, only what lies in it and around is drawn.
+    """
     sprites = []
+    width, height = world.size
+    around = min(max(width, height), LARGE // max(width, height))
     for k in order:
-        alpha, (x0, y0) = coverage_box(outlines[k])
+        x0, y0, x1, y1 = bounds(outlines[k])
+        window = (-around, -around, width + around, height + around)
+        alpha, (x0, y0) = coverage_box(outlines[k], window if (x1 - x0) * (y1 - y0) > LARGE else None)
+        if not alpha.size:
+            continue
         alpha = np.pad(alpha, MARGIN)
         corner = (x0 - MARGIN, y0 - MARGIN)
         fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))

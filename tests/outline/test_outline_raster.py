@@ -54,3 +54,26 @@ def test_neighbours_fill_the_pixel_between_them():
 def test_pieces_of_one_region_add_up():
     two = Region((Ring(box(0, 0, 2, 2)), Ring(box(5, 5, 6, 6)[::-1])))
     assert coverage(two, (9, 9)).sum(dtype=float) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_window_shows_a_part_of_the_whole(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for outline in (
+        Disc(rng.uniform(-10, 60, 2), float(rng.uniform(5, 60))),
+        Region((Ring(rng.uniform(-40, 90, (3, 2))),)),
+    ):
+        whole, (x0, y0) = coverage_box(outline)
+        part, (u0, v0) = coverage_box(outline, (0, 0, 50, 40))
+        full = np.zeros((400, 400))
+        full[y0 + 150 : y0 + 150 + whole.shape[0], x0 + 150 : x0 + 150 + whole.shape[1]] = whole
+        seen = np.zeros((40, 50))
+        seen[v0 : v0 + part.shape[0], u0 : u0 + part.shape[1]] = part
+        assert np.abs(seen - full[150:190, 150:200]).max() < 1e-5
+
+
+def test_a_huge_outline_costs_what_is_seen_of_it() -> None:
+    seen = coverage(Disc(np.array([20.0, 1e6 + 10]), 1e6), (40, 30))
+    assert seen.shape == (30, 40)
+    assert (seen[:9] == 0).all()
+    assert (seen[12:] == 1).all()

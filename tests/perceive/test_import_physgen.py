@@ -65,7 +65,7 @@ def folder(path: Path, sim: str = SIM) -> Path:
 @pytest.fixture
 def scene(tmp_path: Path):
     found = import_physgen(folder(tmp_path / "two"))
-    lay_out(found, tmp_path / "two" / "original.png", tmp_path / "scene.yaml")
+    lay_out(found, tmp_path / "two" / "original.png", "original", tmp_path / "scene.yaml")
     return load(tmp_path / "scene.yaml")
 
 
