@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = build_parser().parse_args(given)
     options.command_line = ["physgen", *given]
+    with suppress(ValueError):  # not the main thread: then nobody stops us that way
+        signal.signal(signal.SIGTERM, _stop)
     try:
         return COMMANDS[options.command](options)
     except InputError as error:
@@ -39,6 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f"{meant(str(error.filename))}: " if error.filename else ""
         tell(f"{where}{error.strerror or error}")
         return FAILED
+
+
+def _stop(number: int, frame: object) -> None:
+    """Ended from outside: leave as by Ctrl-C, with nothing half-written."""
+    raise KeyboardInterrupt
 
 
 # ---- commands ----------------------------------------------------------------------------------------------------
@@ -118,7 +127,9 @@ def simulate(options: argparse.Namespace) -> int:
     scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
     compiled = pipeline.compile(scene, pipeline.percepts(scene))
     tell_problems(pipeline.lint(scene, compiled))
-    trajectory = pipeline.simulate(compiled.world, options.rate)
+    bar = Bar()
+    trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
+    bar.clear()
     if kind == "npz":
         trajectory.save(options.output)
     if options.output is None or kind != "npz":
@@ -146,7 +157,13 @@ def _trajectory_kind(output: Path | None) -> str:
 def _trajectory_json(trajectory: Trajectory) -> str:
     import json
 
-    return json.dumps({name: array.tolist() for name, array in trajectory.as_arrays().items()}) + "\n"
+    arrays = {name: array.tolist() for name, array in trajectory.as_arrays().items()}
+    # a touch that outlasts the clip has no end; JSON has no infinity
+    ends = [
+        [begin, None if end == float("inf") else end]
+        for begin, end in trajectory.contacts.touch_times.tolist()
+    ]
+    return json.dumps({**arrays, "contacts_touch_times": ends}, allow_nan=False) + "\n"
 
 
 def _trajectory_csv(trajectory: Trajectory) -> str:
@@ -193,9 +210,7 @@ def render(options: argparse.Namespace) -> int:
     if index is not None:
         from physgen.report.page import gallery_page
 
-        index.write_text(
-            gallery_page(sorted(p.parent for p in root.glob("*/manifest.json")), root), encoding="utf-8"
-        )
+        write_whole(index, gallery_page(root).encode("utf-8"))
         if not options.json and len(folders) > 1:
             print(index)
     if options.json:
@@ -303,19 +318,16 @@ def _variants(path: str, options: argparse.Namespace) -> list[str | None]:
 
 
 def _refuse_twins(jobs: Sequence[Job]) -> None:
-    seen: dict[tuple[str, str | None], str] = {}
+    from physgen import pipeline
+
+    seen: dict[str, str] = {}
     problems = []
     for job in jobs:
-        path = Path(job.path)
-        name = path.resolve().parent.name if path.name == "scene.yaml" else path.stem
-        other = seen.setdefault((name, job.variant), job.path)
-        if other is not job.path:
-            problems += InputError.of(
-                job.path,
-                "",
-                f"would be written over {other}: both are called {name}",
-                "render them into two folders",
-            ).problems
+        name = pipeline.output_name(job.path, job.variant)
+        if name in seen:
+            expected = f"would be written over {seen[name]}: both are called {name}"
+            problems += InputError.of(job.path, "", expected, "render them into two folders").problems
+        seen.setdefault(name, job.path)
     if problems:
         raise InputError(problems)
 

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from physgen.report.video import Format
     from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
+
+MOST_POSES = 20_000_000
+"""Samples times objects of one trajectory: about 2 GB."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how much is done and how much there is."""
@@ -152,13 +156,19 @@ def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
     return lint_scene(scene, compiled)
 
 
-def simulate(world: World, rate: float | None = None) -> Trajectory:
+def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:
     """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
     from physgen.simulate.engine import simulate as run
 
     if rate is None:
-        return run(world)
-    return run(world, np.arange(int(world.duration * rate + 1e-9) + 1) / rate)
+        return run(world, progress=progress)
+    count = int(world.duration * rate + 1e-9) + 1
+    if count * max(len(world.bodies), 1) > MOST_POSES:
+        found = f"{count:,} samples of {len(world.bodies)} objects"
+        raise InputError.of(
+            "--rate", found, "are too many to hold", f"keep samples x objects below {MOST_POSES:,}"
+        )
+    return run(world, np.arange(count) / rate, progress)
 
 
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
@@ -223,8 +233,7 @@ def render_scene(
     record.overrides, record.variant = list(overrides), variant
     with record.stage("load"):
         scene = load(path, overrides, variant, allow_outside)
-        if variant is not None:
-            scene = replace(scene, name=f"{scene.name}-{variant}")
+        scene = replace(scene, name=output_name(path, variant))
         maps = percepts(scene)
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document
@@ -239,7 +248,7 @@ def render_scene(
     record.warnings = [{**problem.as_dict(), "text": str(problem)} for problem in lints]
     progress("simulate", 0, 1)
     with record.stage("simulate"):
-        trajectory = simulate(compiled.world)
+        trajectory = simulate(compiled.world, progress=progress)
     record.samples, record.steps = trajectory.sample_hashes(), trajectory.steps
     with record.stage("cut out"):
         drawn = stage(scene, compiled, maps)
@@ -274,6 +283,14 @@ def render_scene(
             record.files[file.relative_to(folder).as_posix()] = file_hash(file)
         write_json(folder / "manifest.json", record.manifest())
     return final
+
+
+def output_name(path: str | Path, variant: str | None) -> str:
+    """Name of a clip's folder: the scene's, and the variant's behind it."""
+    from physgen.scene.build import scene_name
+
+    name = scene_name(Path(path))
+    return f"{name}-{variant}" if variant is not None else name
 
 
 def output_folder(out: Path, name: str) -> Path:
@@ -313,16 +330,13 @@ def _inputs(scene: Scene, path: Path) -> dict[str, str]:
     """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
     from physgen.report.record import file_hash
 
-    files = [path]
+    files = [path, *(Path(place.file) for place in scene.places.values() if place.line)]
     if scene.image is not None:
         files.append(scene.image)
         if scene.assets is not None and scene.assets.is_dir():
             files += sorted(p for p in scene.assets.iterdir() if p.suffix == ".png")
     folder = scene.folder.resolve()
     named = {}
-    for file in files:
-        place = file.resolve()
-        named[place.relative_to(folder).as_posix() if place.is_relative_to(folder) else file.name] = (
-            file_hash(file)
-        )
+    for file in dict.fromkeys(file.resolve() for file in files):
+        named[Path(os.path.relpath(file, folder)).as_posix()] = file_hash(file)
     return named

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 from physgen import pipeline
 from physgen.problems import InputError, Problem
 from physgen.report.video import Format
+from physgen.whole import meant
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,18 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
         )
     except InputError as error:
         return Done(job, None, (*warnings, *error.problems))
+    except (OSError, MemoryError) as error:
+        return Done(job, None, (*warnings, _failure(job, error)))
     return Done(job, folder, tuple(warnings))
+
+
+def _failure(job: Job, error: BaseException) -> Problem:
+    """The machine's fault rather than the scene's, as one line."""
+    if isinstance(error, OSError):
+        where = f"{meant(str(error.filename))}: " if error.filename else ""
+        return InputError.of(job.path, "", f"failed: {where}{error.strerror or error}", "").problems[0]
+    said = "ran out of memory" if isinstance(error, MemoryError) else "failed: its process died"
+    return InputError.of(job.path, "", said, "try fewer --jobs or a smaller scene").problems[0]
 
 
 def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:
@@ -62,16 +77,29 @@ def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.P
         for job in jobs:
             yield run(job, watch(job))
         return
-    with _pool(workers) as pool:
+    with _pool(min(workers, len(jobs))) as pool:
         futures: list[Future[Done]] = [pool.submit(run, job) for job in jobs]
-        for future in futures:
-            yield future.result()
+        for job, future in zip(jobs, futures, strict=True):
+            try:
+                yield future.result()
+            except BrokenProcessPool as error:
+                yield Done(job, None, (_failure(job, error),))
 
 
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    """Workers leave Ctrl-C to this process: it ends them, and they clear away what they were writing."""
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_obey)
     try:
         yield pool
+    except BaseException:
+        for worker in active_children():
+            worker.terminate()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _obey() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))

@@ -25,6 +25,8 @@ INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
 """k of I = k m r² about an axis through the centre; any mechanics text."""
 
 
+MOST_STEPS = 20_000_000
+"""Engine steps of one simulation: some hours."""
 MOST_FRAMES = 100_000
 """As the schema allows `render.frames`."""
 
@@ -40,8 +42,17 @@ class Compiled:
     """(H, W): id k + 1 is the k-th object; 0 = background."""
 
 
+class PathError(Exception):
+    """A scripted motion that does not begin where its object is."""
+
+
 def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
     """`labels` is the photo's label map, None for a scene without one. Raises InputError."""
+    steps = scene.world.duration * scene.world.steps_per_second
+    if steps > MOST_STEPS:
+        place, found = scene.place("world.duration"), f"{steps:,.0f} steps"
+        expected = "from duration times steps_per_second are too many"
+        raise InputError([Problem(place, "world", found, expected, f"make it at most {MOST_STEPS:,}")])
     written = [_written(item.shape) for item in scene.objects]
     of_objects = object_labels(scene, labels, written)
     fitted = [k + 1 for k, outline in enumerate(written) if outline is None]
@@ -52,6 +63,10 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
     for item, outline in zip(scene.objects, outlines, strict=True):
         try:
             bodies.append(_body(item, outline, scene))
+        except PathError as error:
+            path = f"objects.{item.name}.motion.path"
+            expected, _, fix = str(error).partition("; ")
+            problems.append(Problem(scene.place(path), path, "the first knot", expected, fix))
         except ValueError as error:
             path = f"objects.{item.name}.shape"
             problems.append(
@@ -143,10 +158,20 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         rolling=item.rolling,
         velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
         spin=radians(item.spin) if moving else 0.0,
-        path=np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(
-            -1, 4
-        ),
+        path=_path(item, center),
     )
+
+
+def _path(item: Object, center: Array) -> Array:
+    """(K, 4): s, x px, y px, rad; starts where the shape is."""
+    path = np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(-1, 4)
+    if len(path):
+        off = path[0, 1:3] - center
+        if np.hypot(*off) > 0.5 or path[0, 3] != 0:
+            x, y = center
+            raise PathError(f"is not where the object is; begin with [{path[0, 0]:g}, {x:.2f}, {y:.2f}]")
+        path[:, 1:3] -= off
+    return path
 
 
 def _circle(radius: float) -> Array:

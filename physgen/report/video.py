@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.problems import InputError
+
 U8 = NDArray[np.uint8]
 
 THREADS = 2
@@ -35,12 +37,22 @@ class Format(Enum):
         return "frames" if self is Format.PNG else f"video.{self.value}"
 
 
+LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
+"""px of a side that the encoders take."""
+
 Write = Callable[[U8], None]
 
 
 @contextmanager
 def open_video(folder: Path, kind: Format, size: tuple[int, int], fps: float) -> Iterator[Write]:
     """A function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s."""
+    most = LONGEST.get(kind)
+    if most is not None and max(size) > most:
+        found = f"{size[0]} x {size[1]} px"
+        fix = "render with --format png"
+        raise InputError.of(
+            f"--format {kind.value}", found, f"is over the {most} px that it allows a side", fix
+        )
     rate = Fraction(fps).limit_denominator(1001)
     opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[kind]
     with opener(folder / kind.file, size, rate) as write:

@@ -29,6 +29,11 @@ MAX_EDITS = 20_000
 """Values that the variants of a file set, a * counted as often as it applies."""
 
 
+def scene_name(file: Path) -> str:
+    """The file's stem, or its folder's name where the file is called `scene.yaml`."""
+    return Path(os.path.abspath(file)).parent.name if file.name == "scene.yaml" else file.stem
+
+
 def load(
     path: str | os.PathLike[str],
     overrides: Sequence[str] = (),
@@ -141,7 +146,7 @@ def _scene(root: Node, file: Path, source: Source, ground: Ground) -> model.Scen
             item["density"] = 1
     assert ground.size is not None
     return model.Scene(
-        name=source.folder.name if file.name == "scene.yaml" else file.stem,
+        name=scene_name(file),
         folder=source.folder,
         image=None if ground.image is None else Path(os.path.realpath(ground.image)),
         size=ground.size,

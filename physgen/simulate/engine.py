@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from math import ceil
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Push, Wall, World
+from physgen.problems import InputError
 from physgen.scene.model import Load, Motion
 from physgen.simulate.contacts import ContactLog
 from physgen.simulate.trajectory import Energy, Trajectory
@@ -37,8 +39,18 @@ _CONTACT = (
 )
 
 
-def simulate(world: World, times: Array | None = None) -> Trajectory:
+Progress = Callable[[str, int, int], None]
+"""Told the stage, samples done and samples in all."""
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """Progress that nobody watches."""
+
+
+def simulate(world: World, times: Array | None = None, progress: Progress = silent) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
+
+    Raises InputError where a body leaves all numbers.
 
     Steps never depend on the samples: both lie on their own grids and samples are interpolated between two steps.
     """
@@ -57,13 +69,18 @@ def simulate(world: World, times: Array | None = None) -> Trajectory:
         run.step(step)
         after = run.state()
         while index < T and times[index] <= step * dt * (1 + 1e-12):
-            part = float(np.clip(times[index] / dt - (step - 1), 0.0, 1.0))
-            states[index] = before + part * (after - before)
-            lost = lost_before + part * (run.dissipated - lost_before)
+            part = times[index] / dt - (step - 1)
+            if part > 1 - 1e-9:
+                states[index], lost = after, run.dissipated
+            else:
+                states[index], lost = run.between(before, after, max(float(part), 0.0)), lost_before
             energy[index] = (*run.energy(states[index]), lost)
+            _refuse_infinities(world, states[index], float(times[index]))
             run.log.sample(index)
             index += 1
         before, lost_before = after, run.dissipated
+        if step % 256 == 0:
+            progress("simulate", index, T)
     return Trajectory(
         times=times,
         names=tuple(body.name for body in world.bodies),
@@ -73,6 +90,14 @@ def simulate(world: World, times: Array | None = None) -> Trajectory:
         energy=Energy(*np.ascontiguousarray(energy.T)),
         steps=step,
     )
+
+
+def _refuse_infinities(world: World, state: Array, time: float) -> None:
+    wrong = np.flatnonzero(~np.isfinite(state).all(axis=1))
+    if len(wrong):
+        expected = f"leaves all numbers by t = {time:.3f} s"
+        fix = "bring its mass, velocity and forces nearer to the others'"
+        raise InputError.of(f"objects.{world.bodies[wrong[0]].name}", "", expected, fix)
 
 
 class _Run:
@@ -101,11 +126,25 @@ class _Run:
         self._state_buffer, self._contact_buffer = batch.Buffer(), batch.Buffer()
         self.log = ContactLog(tuple(name for name, _ in world.surfaces))
         self.dissipated = 0.0
+        self._touching: set[int] = set()
         self._state = self._read_state()
 
     def state(self) -> Array:
         """(N, 6): x, y, angle, vx, vy, spin."""
         return self._state
+
+    def between(self, before: Array, after: Array, part: float) -> Array:
+        """The state a part of the last step after its beginning.
+
+        The engine moves bodies by the velocity they have, then changes it: contacts act at the step's end.
+        """
+        state: Array = before + part * (after - before)
+        touched = np.zeros(len(before), bool)
+        touched[[k for k in self._touching if k < len(before)]] = True
+        state[touched, 3:] = before[touched, 3:]
+        falling = touched & (self._mass > 0)
+        state[falling, 3:5] += self._world.gravity * (part * self._dt)
+        return state
 
     def energy(self, state: Array) -> tuple[float, float]:
         """Kinetic and potential energy of the dynamic bodies."""
@@ -146,6 +185,7 @@ class _Run:
         count, impulse = ints[order, 2], floats[order, :2]
         points = floats[order, 2:].reshape(-1, 4, 2)
         self.log.step(time, first, second, impulse)
+        self._touching = set(first.tolist()) | set(second.tolist())
         if len(order):
             one = (points[:, 0] + points[:, 1]) / 2
             both = (one + (points[:, 2] + points[:, 3]) / 2) / 2
@@ -182,6 +222,7 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
         body = pymunk.Body(body_type=pymunk.Body.STATIC)
     else:
         body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        _follow(body, model.path, 0.0, 1e-6)
     body.position = tuple(model.center.tolist())
     space.add(body)
     if model.radius is not None:
