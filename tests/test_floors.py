@@ -12,7 +12,7 @@ import physgen
 PACKAGE = Path(physgen.__file__).parent
 
 FLOORS = {
-    0: ("geometry", "problems", "backends", "photometry", "materials", "resources", "whole"),
+    0: ("geometry", "problems", "backends", "photometry", "materials", "resources", "whole", "pictures"),
     1: ("percepts", "outline", "scene.model"),
     2: ("scene",),
     3: ("perceive", "compile"),

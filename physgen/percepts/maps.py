@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.pictures import EXIF_ORIENTATION, FORMATS, MOST_PIXELS, SCENE_FORMATS
 from physgen.problems import InputError
 from physgen.whole import write_kept
 
@@ -29,14 +30,6 @@ Keep = Callable[[Path], None]
 
 def silent(kept: Path) -> None:
     """Nobody is told."""
-
-
-EXIF_ORIENTATION = 0x0112
-SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
-FORMATS = (*SCENE_FORMATS, "BMP", "TIFF", "GIF", "PPM")
-"""What Pillow may open: none of its readers that call other programs."""
-MOST_PIXELS = 100_000_000
-"""A picture larger than this is refused before it is decoded."""
 
 
 @dataclass(frozen=True)

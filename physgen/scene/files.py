@@ -12,17 +12,15 @@ import stat
 import warnings
 from pathlib import Path
 
+from physgen.pictures import EXIF_ORIENTATION, MOST_PIXELS, SCENE_FORMATS
 from physgen.problems import InputError, Problem
 from physgen.scene.document import MAX_BYTES, decode, read
 from physgen.scene.node import Node, Source
 from physgen.scene.overlay import merge
 from physgen.scene.words import shown
 
-MAX_PIXELS = 100_000_000
 MAX_EXTENDS = 10
 SUFFIXES = (".yaml", ".yml")
-EXIF_ORIENTATION = 0x0112
-FORMATS = ("PNG", "JPEG", "WEBP")
 MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
 """The files `NAME.png` of an assets folder."""
 
@@ -137,7 +135,7 @@ def image_size(path: Path) -> tuple[int, int]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
-            with Image.open(path, formats=FORMATS) as image:
+            with Image.open(path, formats=SCENE_FORMATS) as image:
                 width, height = image.size
                 # a PNG without EXIF in its header would be decoded in search of it
                 orientation = image.getexif().get(EXIF_ORIENTATION, 1) if "exif" in image.info else 1
@@ -147,7 +145,7 @@ def image_size(path: Path) -> tuple[int, int]:
         raise RefusedError(
             "is not an image that can be read", "write the path of a PNG, JPEG or WebP image"
         ) from None
-    if width * height > MAX_PIXELS:
+    if width * height > MOST_PIXELS:
         raise RefusedError("has more than 100 megapixels", "make it smaller")
     if orientation != 1:
         fix = "save it upright, or let physgen perceive make the scene"

@@ -6,7 +6,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from physgen.scene.files import MAPS, MAX_PIXELS, RefusedError, confined, image_size
+from physgen.pictures import MOST_PIXELS
+from physgen.scene.files import MAPS, RefusedError, confined, image_size
 from physgen.scene.node import Node, whole
 from physgen.scene.report import Report
 from physgen.scene.words import quoted, shown
@@ -67,7 +68,7 @@ def _canvas(root: Node, top: dict[str, Node], ground: Ground, report: Report, fi
             report.add(image.place, "image", shown(image.value), error.expected, error.fix)
     elif size and size not in report.bad:
         width, height = whole(size)
-        if width * height > MAX_PIXELS:
+        if width * height > MOST_PIXELS:
             text = f"{width} x {height}"
             report.add(
                 size.place, "size", text, "is more than 100 megapixels", "make it smaller, e.g. [512, 512]"

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from physgen.pictures import MOST_PIXELS, SCENE_FORMATS
 from physgen.scene.advice import measure
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
-from physgen.scene.files import FORMATS, MAX_EXTENDS, MAX_PIXELS, SUFFIXES
+from physgen.scene.files import MAX_EXTENDS, SUFFIXES
 from physgen.scene.schema import Schema, expanded
 from physgen.scene.words import example, listed
 
@@ -114,8 +115,8 @@ def markdown() -> str:
             depth=MAX_DEPTH,
             nodes=MAX_NODES,
             objects=MAX_OBJECTS,
-            pixels=MAX_PIXELS // 10**6,
-            formats=listed({"WEBP": "WebP"}.get(name, name) for name in FORMATS),
+            pixels=MOST_PIXELS // 10**6,
+            formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
             suffixes=listed(f"`{suffix}`" for suffix in SUFFIXES),
         )
     )

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import cv2
 import numpy as np
@@ -324,3 +329,77 @@ def test_a_pipe_sees_no_progress(lesson: Path, tmp_path: Path) -> None:
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     assert run.stdout == f"{tmp_path / 'out' / 'lesson'}\n"
     assert run.stderr == ""
+
+
+def test_the_gallery_shows_ours_alone_and_every_link_leads_somewhere(lesson: Path, tmp_path: Path) -> None:
+    odd = tmp_path / "50% a#b.yaml"
+    odd.write_text(LESSON)
+    out = tmp_path / "out"
+    for name in ("foreign", ".lesson.1.part"):
+        (out / name).mkdir(parents=True)
+        (out / name / "manifest.json").write_text("{}")
+    assert main(["render", str(lesson), str(odd), "-o", str(out)]) == 0
+    links = re.findall(r'href="([^"]+)"', (out / "index.html").read_text())
+    assert len(links) == 2
+    for link in links:
+        assert (out / unquote(urlsplit(link).path)).is_file()
+
+
+def test_a_variant_and_a_scene_that_share_a_folder_are_refused(lesson: Path, tmp_path: Path, capsys) -> None:
+    twin = tmp_path / "lesson-heavy.yaml"
+    twin.write_text(LESSON.partition("variants")[0])
+    assert main(["render", str(lesson), str(twin), "--variant", "all", "-o", str(tmp_path / "out")]) == 2
+    assert "both are called lesson-heavy" in capsys.readouterr().err
+
+
+def test_the_manifest_names_every_file_that_was_read(lesson: Path, tmp_path: Path) -> None:
+    child = tmp_path / "child.yaml"
+    child.write_text("extends: lesson.yaml\nphysgen: 1\nworld: {duration: 0.1}\n")
+    assert main(["render", str(child), "-o", str(tmp_path / "out")]) == 0
+    manifest = json.loads((tmp_path / "out" / "child" / "manifest.json").read_text())
+    assert set(manifest["inputs"]) == {"child.yaml", "lesson.yaml"}
+
+
+def test_a_clip_that_cannot_be_encoded_does_not_stop_the_others(lesson: Path, tmp_path: Path, capsys) -> None:
+    wide = tmp_path / "wide.yaml"
+    wide.write_text("physgen: 1\nsize: [17000, 4]\nworld: {duration: 0.1}\nobjects: {}\n")
+    assert main(["render", str(wide), str(lesson), "-o", str(tmp_path / "out"), "--jobs", "2"]) == 2
+    told = capsys.readouterr()
+    assert told.out == f"{tmp_path / 'out' / 'lesson'}\n"
+    assert "17000 x 4 px is over the 16384 px" in told.err
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_batch_ends_and_leaves_nothing(sign: signal.Signals, lesson: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(LESSON)
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "physgen.cli",
+        "render",
+        str(lesson),
+        str(other),
+        "-o",
+        str(out),
+        "--jobs",
+        "2",
+    ]
+    batch = subprocess.Popen(
+        [*command, "--set", "render.frames=20000"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60
+    while not (out.exists() and len(list(out.glob(".*.part"))) == 2) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    if sign is signal.SIGINT:
+        os.killpg(batch.pid, sign)  # as a terminal does
+    else:
+        batch.send_signal(sign)
+    _, told = batch.communicate(timeout=60)
+    assert batch.returncode == 130
+    assert b"Traceback" not in told
+    assert list(out.iterdir()) == []

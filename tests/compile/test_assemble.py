@@ -206,3 +206,22 @@ boundaries: {floor: {segment: [[0, 150], [200, 150]]}}
 """,
     )
     assert pipeline.lint(loaded, pipeline.compile(loaded, None)) == []
+
+
+def test_a_path_begins_where_its_object_is(tmp_path: Path) -> None:
+    box = "shape: {box: {center: [20, 50], size: [10, 10]}}"
+    body = f"objects: {{a: {{{box}, motion: {{path: [[0, 60, 50], [1, 100, 50]]}}}}}}"
+    with pytest.raises(
+        InputError,
+        match=r"3:\d+: objects.a.motion.path: the first knot is not where the object is; begin with",
+    ):
+        compiled(tmp_path, body)
+
+
+def test_endless_work_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match="360,000,000 steps from duration times steps_per_second are too many"
+    ):
+        compiled(
+            tmp_path, "world: {duration: 3600, steps_per_second: 100000}\nrender: {frames: 2}\nobjects: {}"
+        )

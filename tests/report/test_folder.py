@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -47,3 +48,24 @@ def test_a_folder_of_somebody_elses_is_refused(tmp_path: Path) -> None:
     (mine / "notes.txt").write_text("x")
     with pytest.raises(InputError, match=r"holds notes\.txt, which physgen did not make"):
         output_folder(tmp_path, "pool")
+
+
+def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path: Path) -> None:
+    dead = 2**22 + 12345  # above Linux's largest process number
+    (tmp_path / f".run.{dead}.part").mkdir()
+    (tmp_path / f".run.{dead}.old").mkdir()
+    (tmp_path / f".run.{dead}.old" / "kept").write_text("1")
+    (tmp_path / f".run.{os.getpid()}.old").mkdir()  # of somebody who lives
+    (tmp_path / ".running").mkdir()
+
+    def interrupted() -> None:
+        with whole_folder(tmp_path / "run"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert (tmp_path / "run" / "kept").read_text() == "1"
+    assert sorted(p.name for p in tmp_path.iterdir() if p.name != "run") == [
+        f".run.{os.getpid()}.old",
+        ".running",
+    ]

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 from pytest import approx
 
+from physgen.problems import InputError
 from physgen.report.video import Format, open_video
 
 COUNT = 24
@@ -69,3 +70,9 @@ def test_the_same_bytes_every_run(tmp_path: Path, kind: Format) -> None:
         zip(sorted(one.iterdir()), sorted(two.iterdir()), strict=True) if one.is_dir() else [(one, two)]
     ):
         assert a.read_bytes() == b.read_bytes()
+
+
+def test_pictures_larger_than_an_encoder_takes_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="17000 x 4 px is over the 16384 px that it allows a side"):
+        open_video(tmp_path, Format.MP4, (17000, 4), 30).__enter__()
+    assert not list(tmp_path.iterdir())

@@ -11,6 +11,7 @@ import pytest
 from pytest import approx
 from worlds import GRAVITY, ball, box, floor, push, world
 
+from physgen.problems import InputError
 from physgen.scene.model import Load, Motion
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import read_trajectory
@@ -165,3 +166,30 @@ def test_another_process_gives_the_same_samples() -> None:
     ]
     assert runs[0].stdout == runs[1].stdout
     assert len(runs[0].stdout) == 65
+
+
+def test_samples_inside_a_contact_step_are_before_or_after_it() -> None:
+    wall = floor(y=100, e=1)
+    t = simulate(
+        world(ball("a", 0, 40, v=(0, 300), e=1), walls=[wall], gravity=(0, 0), rate=10000, duration=0.5)
+    )
+    assert np.abs(np.abs(t.velocities[:, 0, 1]) - 300).max() < 1e-6
+    assert np.ptp(t.energy.kinetic) < 1e-6 * t.energy.kinetic[0]
+    t = simulate(world(ball("a", 0, 300, e=1), walls=[floor(e=1)], rate=1000, duration=2))
+    total = t.energy.kinetic + t.energy.potential + t.energy.dissipated
+    assert np.ptp(total) < 0.01 * t.energy.kinetic.max()
+
+
+def test_a_scripted_body_moves_from_the_first_instant() -> None:
+    path = [(0, 60, 50, 0), (1, 100, 50, 1), (2, 100, 90, 1)]
+    t = simulate(world(box("a", 60, 50, motion=Motion.SCRIPTED, path=path), duration=2))
+    assert t.velocities[0, 0] == approx([40, 0, 1])
+    for k in range(3):
+        expected = np.interp(t.times, [0, 1, 2], [knot[k + 1] for knot in path])
+        assert t.poses[:, 0, k] == approx(expected, abs=0.05)
+
+
+def test_motion_beyond_all_numbers_is_told() -> None:
+    light = ball("a", 0, 0, mass=1e-300, v=(1e12, 0))
+    with pytest.raises(InputError, match=r"objects\.a: leaves all numbers by t ="):
+        simulate(world(light, pushes=[push(Load.FORCE, (1e12, 0))]))
