@@ -223,7 +223,7 @@ def test_no_folder(tmp_path: Path):
 )
 def test_the_paper_s_scenes(peer_scenes: Path, tmp_path: Path, name: str, objects: int, view: str):
     found = import_physgen(peer_scenes / name)
-    lay_out(found, peer_scenes / name / "original.png", tmp_path / "scene.yaml")
+    lay_out(found, peer_scenes / name / "original.png", "original", tmp_path / "scene.yaml")
     scene = load(tmp_path / "scene.yaml")
     assert len(scene.objects) == objects
     assert scene.world.view.value == view
