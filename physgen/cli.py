@@ -68,7 +68,9 @@ def perceive(options: argparse.Namespace) -> int:
         labels=options.label,
         assets=options.assets,
         backends=backends.chosen(options.backend),
+        side=options.side,
         progress=bar.show,
+        warn=tell_one,
         keep=tell_kept,
     )
     bar.clear()
@@ -82,7 +84,6 @@ def import_(options: argparse.Namespace) -> int:
     _scene_name(options.output)
     bar = Bar()
     if options.kind == "physgen":
-        tell_one: Callable[[Problem], None] = lambda problem: tell_problems([problem])  # noqa: E731
         text = pipeline.import_physgen(options.path, options.output, bar.show, tell_one, tell_kept)
     else:
         text = pipeline.import_coco(options.path, options.image, options.output, bar.show, tell_kept)
@@ -344,6 +345,11 @@ def tell_problems(problems: Sequence[Problem]) -> None:
     """One line each to stderr."""
     for problem in problems:
         tell(str(problem))
+
+
+def tell_one(problem: Problem) -> None:
+    """One line to stderr."""
+    tell(str(problem))
 
 
 def tell_kept(kept: Path) -> None:

@@ -68,6 +68,12 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--label", metavar="NAME=TEXT", action="append", default=[], help="what an object is; may be repeated"
     )
+    sub.add_argument(
+        "--side",
+        metavar="PX",
+        type=_side,
+        help="longest side of the scene's photo, px; default: at most 1600",
+    )
     sub.add_argument("--assets", metavar="DIR", type=Path, help="folder for the maps")
     sub.add_argument(
         "--backend",
@@ -173,6 +179,12 @@ def _positive(text: str) -> float:
     if not 0 < value <= 1e6:
         raise argparse.ArgumentTypeError(f"{text} is not a number above 0 and up to 1000000")
     return value
+
+
+def _side(text: str) -> int:
+    if not text.isdecimal() or not 16 <= int(text) <= 100_000:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 16 to 100000")
+    return int(text)
 
 
 def _count(text: str) -> int:

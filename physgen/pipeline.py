@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.compile.assemble import Compiled
@@ -65,32 +65,48 @@ def perceive(
     labels: Sequence[str] = (),
     assets: Path | None = None,
     backends: Mapping[str, str] = MappingProxyType({}),
+    side: int | None = None,
     progress: Progress = silent,
+    warn: Warn = unheard,
     keep: Keep = lambda kept: None,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
     Objects come from `masks` (a label map), `coco` (annotations), `boxes` (x, y, w, h px) and `points` (x, y px), or
-    from the segment backend. `labels` are `NAME=TEXT`. `keep` is told of files that stood in the way and were kept.
+    from the segment backend. `labels` are `NAME=TEXT`. A photo whose longer side is over `side` px (1600 unless given)
+    is made smaller, and `warn` told; masks, boxes and points are those of the photo as given. `keep` is told of files
+    that stood in the way and were kept.
     """
     from physgen import backends as table
     from physgen.perceive.given import from_masks, from_prompts
     from physgen.perceive.import_coco import coco_objects, read_coco
     from physgen.perceive.lay_out import lay_out
     from physgen.perceive.scene import perceive as run
+    from physgen.perceive.smaller import LONGEST_SIDE, fitted, smaller
     from physgen.percepts.maps import read_labels, read_upright
 
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was told in more than one way where the objects are", fix)
-    rgb, as_it_is = read_upright(image)
+    full, as_it_is = read_upright(image)
+    rgb = smaller(full, side or LONGEST_SIDE)
+    if rgb is not full:
+        as_it_is = False
+        was, now = (f"{picture.shape[1]} x {picture.shape[0]} px" for picture in (full, rgb))
+        fix = f"--side {max(full.shape)} keeps its size"
+        warn(Problem(Place(str(image)), "", f"the photo of {was}", f"was made {now}", fix, Severity.WARNING))
     found = None
     if masks is not None:
         found = from_masks(read_labels(masks))
     elif coco is not None:
-        found = coco_objects(coco, read_coco(coco, image), (rgb.shape[1], rgb.shape[0]))
+        found = coco_objects(coco, read_coco(coco, image), (full.shape[1], full.shape[0]))
     elif boxes or points:
+        x, y = rgb.shape[1] / full.shape[1], rgb.shape[0] / full.shape[0]
+        boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
+        points = [(point[0] * x, point[1] * y) for point in points]
         found = from_prompts(rgb, boxes, points, table.make("segment", backends.get("segment")))
+    if found is not None:
+        found = fitted(found, full, rgb)
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
     return lay_out(perceived, image if as_it_is else None, image.stem, output, assets, keep)
 

@@ -197,6 +197,27 @@ def test_perceive_writes_a_valid_scene_that_renders(photo: tuple[Path, Path], tm
     assert np.array_equal(cv2.imread(str(folder / "frames" / "00000.png")), cv2.imread(str(image)))
 
 
+def test_a_large_photo_is_made_smaller_with_its_masks(
+    photo: tuple[Path, Path], tmp_path: Path, capsys
+) -> None:
+    image, truth = photo
+    for name, kind in ((image, cv2.INTER_CUBIC), (truth, cv2.INTER_NEAREST)):
+        picture = cv2.imread(str(name), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(tmp_path / f"big-{name.name}"), cv2.resize(picture, (2000, 1500), interpolation=kind))
+    scene, masks = tmp_path / "scene.yaml", ["--masks", str(tmp_path / "big-truth.png")]
+    assert main(["perceive", str(tmp_path / "big-photo.png"), *masks, "--side", "400", "-o", str(scene)]) == 0
+    assert (
+        "the photo of 2000 x 1500 px was made 400 x 300 px; --side 2000 keeps its size"
+        in capsys.readouterr().err
+    )
+    labels = cv2.imread(str(tmp_path / "scene.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    assert labels.shape == (300, 400)
+    assert set(np.unique(labels)) == {0, 1, 2, 3}
+    assert main(["check", str(scene)]) == 0
+    again = ["--masks", str(tmp_path / "scene.assets" / "masks.png"), "--side", "400", "-o", str(scene)]
+    assert main(["perceive", str(tmp_path / "big-photo.png"), *again]) == 0
+
+
 def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeypatch, capsys) -> None:
     image, _ = photo
     monkeypatch.chdir(image.parent)
