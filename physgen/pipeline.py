@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -271,6 +272,7 @@ def render_scene(
     del maps
     kinds = tuple(formats) if formats else (Format.MP4,)
     with whole_folder(final) as folder:
+        started = time.process_time()
         with ExitStack() as files:
             with record.stage("encode"):
                 writers = [
@@ -278,7 +280,7 @@ def render_scene(
                 ]
             frames = render(drawn, trajectory)
             for index in range(len(trajectory.times)):
-                with record.stage("render"):
+                with record.stage("render", time.thread_time):
                     frame = next(frames)
                     record.frames.append(frame_hash(frame.rgb))
                 if index == 0:
@@ -289,6 +291,8 @@ def render_scene(
                 progress("render", index + 1, len(trajectory.times))
             with record.stage("encode"):
                 files.close()
+        # the encoder's own threads run on while frames are rendered: its share is what rendering did not take
+        record.stages["encode"].cpu = time.process_time() - started - record.stages["render"].cpu
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
             video = next((kind.file for kind in kinds if kind is not Format.PNG), "frames/00000.png")
