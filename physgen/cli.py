@@ -10,13 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.flags import WRONG_INPUT, build_parser
+from physgen.flags import WRONG_INPUT, build_parser, four, two
 from physgen.problems import InputError, Problem, Severity
 from physgen.whole import meant, write_whole
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Job
-    from physgen.simulate.trajectory import Trajectory
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -63,8 +62,8 @@ def perceive(options: argparse.Namespace) -> int:
         options.output,
         masks=options.masks,
         coco=options.coco,
-        boxes=[_four("--box", text) for text in options.box],
-        points=[_two("--point", text) for text in options.point],
+        boxes=[four("--box", text) for text in options.box],
+        points=[two("--point", text) for text in options.point],
         labels=options.label,
         assets=options.assets,
         backends=backends.chosen(options.backend),
@@ -134,13 +133,13 @@ def simulate(options: argparse.Namespace) -> int:
     if kind == "npz":
         trajectory.save(options.output)
     if options.output is None or kind != "npz":
-        text = _trajectory_json(trajectory) if options.json or kind == "json" else _trajectory_csv(trajectory)
+        text = trajectory.as_json() if options.json or kind == "json" else trajectory.as_csv()
         if options.output is None:
             sys.stdout.write(text)
         else:
             write_whole(options.output, text.encode("utf-8"))
     elif options.json:
-        sys.stdout.write(_trajectory_json(trajectory))
+        sys.stdout.write(trajectory.as_json())
     return OK
 
 
@@ -153,27 +152,6 @@ def _trajectory_kind(output: Path | None) -> str:
             "-o", f'"{output}"', "is no name for a trajectory", "end it in .npz, .csv or .json"
         )
     return output.suffix[1:]
-
-
-def _trajectory_json(trajectory: Trajectory) -> str:
-    import json
-
-    arrays = {name: array.tolist() for name, array in trajectory.as_arrays().items()}
-    # a touch that outlasts the clip has no end; JSON has no infinity
-    ends = [
-        [begin, None if end == float("inf") else end]
-        for begin, end in trajectory.contacts.touch_times.tolist()
-    ]
-    return json.dumps({**arrays, "contacts_touch_times": ends}, allow_nan=False) + "\n"
-
-
-def _trajectory_csv(trajectory: Trajectory) -> str:
-    lines = ["time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"]
-    for t, time in enumerate(trajectory.times):
-        for n, name in enumerate(trajectory.names):
-            row = (*trajectory.poses[t, n], *trajectory.velocities[t, n])
-            lines.append(f"{float(time)!r},{name}," + ",".join(repr(float(v)) for v in row))
-    return "\n".join(lines) + "\n"
 
 
 def render(options: argparse.Namespace) -> int:
@@ -264,27 +242,6 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
 
 
 # ---- values of flags ---------------------------------------------------------------------------------------------
-
-
-def _numbers(flag: str, text: str, count: int) -> tuple[float, ...]:
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if len(values) != count or not all(abs(v) < 1e6 for v in values):
-        form = ",".join(("120", "80", "60", "60")[:count])
-        raise InputError.of(flag, f'"{text}"', f"is not {count} numbers", f"write e.g. {form}")
-    return values
-
-
-def _four(flag: str, text: str) -> tuple[float, float, float, float]:
-    a, b, c, d = _numbers(flag, text, 4)
-    return a, b, c, d
-
-
-def _two(flag: str, text: str) -> tuple[float, float]:
-    a, b = _numbers(flag, text, 2)
-    return a, b
 
 
 def _scene_name(output: Path | None) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from physgen import __version__
+from physgen.problems import InputError
 
 WRONG_INPUT = 2
 FORMATS = ("mp4", "gif", "webp", "png")
@@ -199,3 +200,26 @@ def _formats(text: str) -> list[str]:
     if wrong:
         raise argparse.ArgumentTypeError(f"{', '.join(wrong)} is not among {', '.join(FORMATS)}")
     return list(dict.fromkeys(names))
+
+
+def _numbers(flag: str, text: str, count: int) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(abs(v) < 1e6 for v in values):
+        form = ",".join(("120", "80", "60", "60")[:count])
+        raise InputError.of(flag, f'"{text}"', f"is not {count} numbers", f"write e.g. {form}")
+    return values
+
+
+def four(flag: str, text: str) -> tuple[float, float, float, float]:
+    """`x,y,w,h` px; raises InputError."""
+    a, b, c, d = _numbers(flag, text, 4)
+    return a, b, c, d
+
+
+def two(flag: str, text: str) -> tuple[float, float]:
+    """`x,y` px; raises InputError."""
+    a, b = _numbers(flag, text, 2)
+    return a, b

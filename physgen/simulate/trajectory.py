@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 from dataclasses import dataclass, fields
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +98,22 @@ class Trajectory:
                 if field.name != "surfaces":
                     arrays[f"{part}_{field.name}"] = getattr(of, field.name)
         return arrays
+
+    def as_json(self) -> str:
+        """The same arrays as one JSON object; a touch that outlasts the clip ends at null, JSON having no infinity."""
+        arrays = {name: array.tolist() for name, array in self.as_arrays().items()}
+        times = self.contacts.touch_times.tolist()
+        arrays["contacts_touch_times"] = [[begin, end if isfinite(end) else None] for begin, end in times]
+        return json.dumps(arrays, allow_nan=False) + "\n"
+
+    def as_csv(self) -> str:
+        """A line a sample and object: s, name, px, px, rad, px/s, px/s, rad/s."""
+        lines = ["time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"]
+        for t, time in enumerate(self.times.tolist()):
+            for n, name in enumerate(self.names):
+                row = (*self.poses[t, n].tolist(), *self.velocities[t, n].tolist())
+                lines.append(f"{time!r},{name}," + ",".join(map(repr, row)))
+        return "\n".join(lines) + "\n"
 
 
 def read_trajectory(path: Path) -> Trajectory:
