@@ -242,7 +242,8 @@ def _comments(
     matter: Mapping[int, Matter],
 ) -> dict[str, str]:
     """Sentences about where each guess came from."""
-    how = "from the masks given" if found.source == "given" else f"found by {found.source}"
+    told = {"given": "from the masks given", "pointed at": "where you pointed", "coco": "from the annotations"}
+    how = told.get(found.source, f"found by {found.source}")
     specks = f"; {left_out} specks of under {SMALLEST} px left out" if left_out else ""
     comments = {
         "world.view": f"side or top: {setting.reason} (confidence {setting.confidence:g})",
