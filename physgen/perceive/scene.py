@@ -92,7 +92,7 @@ def perceive(
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
         found = Found(segments.labels, backends.find("segment", who.get("segment")).name, sure, {})
     things, left_out = _things(rgb, found)
-    if found.source != "given":
+    if found.source not in ("given", "coco"):
         found = replace(found, labels=_rounded(found.labels, things))
     named = {**role("label")(rgb, found.labels, things), **found.names}
     label_source = {t.id: "given" if t.id in found.names else _name(who, "label") for t in things}
