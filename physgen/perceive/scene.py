@@ -242,7 +242,11 @@ def _comments(
     matter: Mapping[int, Matter],
 ) -> dict[str, str]:
     """Sentences about where each guess came from."""
-    told = {"given": "from the masks given", "pointed at": "where you pointed", "coco": "from the annotations"}
+    told = {
+        "given": "from the masks given",
+        "pointed at": "where you pointed",
+        "coco": "from the annotations",
+    }
     how = told.get(found.source, f"found by {found.source}")
     specks = f"; {left_out} specks of under {SMALLEST} px left out" if left_out else ""
     comments = {

@@ -55,8 +55,15 @@ def open_video(folder: Path, kind: Format, size: tuple[int, int], fps: float) ->
         )
     rate = Fraction(fps).limit_denominator(1001)
     opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[kind]
-    with opener(folder / kind.file, size, rate) as write:
-        yield write
+    from av.error import FFmpegError
+
+    try:
+        with opener(folder / kind.file, size, rate) as write:
+            yield write
+    except FFmpegError as error:
+        found = f"{size[0]} x {size[1]} px at {fps:g} fps"
+        expected = f"could not be encoded ({error.strerror or error})"
+        raise InputError.of(f"--format {kind.value}", found, expected, "render with --format png") from None
 
 
 @contextmanager

@@ -122,6 +122,12 @@ def test_every_kind_of_label_map(tmp_path: Path) -> None:
     read = read_labels(saved(tmp_path, Image.fromarray(colours), "colour.png"))
     assert (read > 0).tolist() == (ids > 0).tolist()
     assert len(np.unique(read)) == 3
+    deep = np.zeros((H, W, 3), np.uint16)
+    deep[ids == 3], deep[ids == 7] = (256, 0, 0), (0, 1, 0)
+    cv2.imwrite(str(tmp_path / "deep.png"), deep)
+    assert len(np.unique(read_labels(tmp_path / "deep.png"))) == 3
+    with pytest.raises(InputError, match="is a JPEG, whose compression changes ids"):
+        read_labels(saved(tmp_path, Image.fromarray(ids), "lossy.jpg"))
 
 
 def test_what_cannot_be_read_is_said(percepts: Percepts, tmp_path: Path) -> None:
