@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -10,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.flags import WRONG_INPUT, build_parser, four, two
+from physgen.flags import WRONG_INPUT, build_parser, four, joined, two
 from physgen.problems import InputError, Problem, Severity
 from physgen.whole import meant, write_whole
 
@@ -23,7 +24,10 @@ OK, FAILED, INTERRUPTED = 0, 1, 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `physgen`."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    options = build_parser().parse_args(given)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
+            stream.reconfigure(errors="backslashreplace")
+    options = build_parser().parse_args(joined(given))
     options.command_line = ["physgen", *given]
     with suppress(ValueError):  # not the main thread: then nobody stops us that way
         signal.signal(signal.SIGTERM, _stop)

@@ -21,6 +21,26 @@ class Parser(argparse.ArgumentParser):
         self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
+def joined(arguments: list[str]) -> list[str]:
+    """`--point -1,3` as `--point=-1,3`: argparse takes a value that begins with - for a flag.
+
+    >>> joined(["perceive", "a.png", "--point", "-1,3"])
+    ['perceive', 'a.png', '--point=-1,3']
+    """
+    result: list[str] = []
+    for argument in arguments:
+        if (
+            result
+            and result[-1] in ("--box", "--point")
+            and argument[:1] == "-"
+            and argument[1:2].isdecimal()
+        ):
+            result[-1] += f"={argument}"
+        else:
+            result.append(argument)
+    return result
+
+
 def build_parser() -> argparse.ArgumentParser:
     """Every command with its flags and an example."""
     parser = Parser(

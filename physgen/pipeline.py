@@ -310,6 +310,9 @@ def output_name(path: str | Path, variant: str | None) -> str:
     from physgen.scene.build import scene_name
 
     name = scene_name(Path(path))
+    if not name.isprintable():
+        fix = "rename the file: its name becomes that of a folder"
+        raise InputError.of(repr(str(path)), "", "has characters in its name that cannot be shown", fix)
     return f"{name}-{variant}" if variant is not None else name
 
 

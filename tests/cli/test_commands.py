@@ -276,6 +276,7 @@ def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path
             ["simulate", "{lesson}", "-o", "{lesson}"],
             "is no name for a trajectory; end it in .npz, .csv or .json",
         ),
+        (["perceive", "{photo}", "--point", "-1,3"], "is off the 160 x 120 photo"),
         (["simulate", "{lesson}", "-o", "."], "is no name for a trajectory"),
         (["perceive", "{photo}", "-o", "{photo}"], "is no name for a scene file; end it in .yaml"),
         (["perceive", "{photo}", "-o", "-"], "is no name for a scene file"),
@@ -343,6 +344,19 @@ def test_a_command_imports_only_what_it_uses() -> None:
         "av",
         "jinja2",
     }
+
+
+@pytest.mark.parametrize("name", [b"bad\xff.yaml", b"two\nlines.yaml"])
+def test_a_file_whose_name_cannot_be_shown_is_refused_in_one_line(name: bytes, tmp_path: Path) -> None:
+    path = os.path.join(os.fsencode(tmp_path), name)
+    Path(os.fsdecode(path)).write_text(LESSON)
+    command = [sys.executable, "-m", "physgen.cli", "render", path, "-o", str(tmp_path / "out")]
+    run = subprocess.run(command, capture_output=True, check=False)
+    assert run.returncode == 2
+    assert run.stdout == b""
+    assert len(run.stderr.splitlines()) == 1
+    assert b"cannot be shown" in run.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_pipe_sees_no_progress(lesson: Path, tmp_path: Path) -> None:
