@@ -12,11 +12,11 @@ from physgen.compile.masks import object_labels
 from physgen.compile.pairs import surface
 from physgen.compile.world import Body, Push, Wall, World
 from physgen.geometry import rotation
-from physgen.outline.outline import Disc, Outline, Region, Ring, mass_properties
+from physgen.outline.outline import Disc, Outline, Region, Ring, mass_properties, mean_distance
 from physgen.outline.pieces import convex_pieces
 from physgen.outline.touching import fit_outlines
 from physgen.problems import InputError, Problem
-from physgen.scene.model import Box, Circle, Force, Load, Motion, Object, Polygon, Scene, Shape, Solid
+from physgen.scene.model import Box, Circle, Force, Load, Motion, Object, Polygon, Scene, Shape, Solid, View
 
 Array = NDArray[np.float64]
 U16 = NDArray[np.uint16]
@@ -25,6 +25,8 @@ INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
 """k of I = k m r² about an axis through the centre; any mechanics text."""
 
 
+EARTH = 9.8
+"""m/s²."""
 MOST_STEPS = 20_000_000
 """Engine steps of one simulation: some hours."""
 MOST_FRAMES = 100_000
@@ -79,7 +81,8 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
         view=scene.world.view,
         gravity=np.array(scene.world.gravity, np.float64),
         pixels_per_meter=scene.world.pixels_per_meter,
-        table_friction=scene.world.table_friction,
+        press=EARTH * scene.world.pixels_per_meter if scene.world.view is View.TOP else 0.0,
+        table=surface(scene.world.table_friction, 0.0, scene.world.combine),
         combine=scene.world.combine,
         duration=scene.world.duration,
         steps_per_second=scene.world.steps_per_second,
@@ -87,11 +90,15 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
         bodies=tuple(bodies),
         walls=tuple(
             Wall(
-                b.name, np.array(b.points, np.float64), surface(b.friction, b.elasticity, scene.world.combine)
+                b.name,
+                (np.array(b.points, np.float64),),
+                surface(b.friction, b.elasticity, scene.world.combine),
             )
             for b in scene.boundaries
         ),
         pushes=_pushes(scene, bodies),
+        joints=(),
+        fields=(),
     )
     return Compiled(world, outlines, of_objects)
 
@@ -155,11 +162,24 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         pieces=pieces,
         rings=rings,
         surface=surface(item.friction, item.elasticity, scene.world.combine),
+        solid=item.solid or (Solid.DISC if radius is not None else Solid.PLATE),
         rolling=item.rolling,
+        patch=1.5 * mean_distance(outline, center),
+        roll=_roll(item, radius, scene.world.view),
         velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
         spin=radians(item.spin) if moving else 0.0,
         path=_path(item, center),
     )
+
+
+def _roll(item: Object, radius: float | None, view: View) -> Array:
+    """rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
+    if view is not View.TOP or item.solid is not Solid.SPHERE or radius is None or item.roll == "none":
+        return np.zeros(2)
+    if item.roll == "natural":
+        vx, vy = item.velocity
+        return np.array([vy, -vx]) / radius
+    return np.radians(np.array(item.roll, np.float64))
 
 
 def _path(item: Object, center: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,13 +105,13 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     if scene.refine.backend != "none":
         why = "has no effect yet: no refinement backend is installed"
         yield _warning(scene, "refine.backend", scene.refine.backend, why, "write none")
-    if world.table_friction > 0:
+    if scene.world.table_friction > 0:
         why = (
             "has no effect seen from the side"
             if world.view is View.SIDE
             else "has no effect yet: tables are not simulated"
         )
-        yield _warning(scene, "world.table.friction", f"{world.table_friction:g}", why, "take it out")
+        yield _warning(scene, "world.table.friction", f"{scene.world.table_friction:g}", why, "take it out")
     for item in scene.objects:
         path = f"objects.{item.name}"
         if item.rolling > 0:
@@ -177,7 +178,7 @@ def _sunk(body: Body, wall: Wall, by: Array | None = None) -> float:
     """How far a body at t = 0, moved by `by`, reaches across a wall's segments, px; 0 when it does not touch."""
     center = body.center if by is None else body.center + by
     deepest = 0.0
-    for a, b in zip(wall.points, wall.points[1:], strict=False):
+    for a, b in (pair for chain in wall.chains for pair in pairwise(chain)):
         along = b - a
         length = float(np.hypot(*along))
         along = along / length

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.scene.model import Combine, Load, Motion, View
+from physgen.scene.model import Combine, FieldKind, JointKind, Load, Motion, Solid, View
 
 Array = NDArray[np.float64]
 
@@ -45,13 +45,28 @@ class Body:
     rings: tuple[Array, ...]
     """Outline for drawing, outer rings and holes alike, each (K, 2) px in the body's frame."""
     surface: Surface
+    solid: Solid
     rolling: float
+    """Rolling resistance c: a moment of c x normal force x radius."""
+    patch: float
+    """px: radius of the disc that resists spinning on a table as the body's own area does: 3/2 of the mean distance
+    from its centre of mass."""
+    roll: Array
+    """(2,) rad/s at t = 0 about +x and +y by the right hand: how a sphere seen from above rolls; rolling towards +x is
+    negative about +y. Zeros for all others."""
     velocity: Array
     """(2,) px/s at t = 0."""
     spin: float
     """rad/s at t = 0."""
     path: Array
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
+
+    @property
+    def reach(self) -> float:
+        """Distance of its farthest point from the centre of mass, px."""
+        if self.radius is not None:
+            return self.radius
+        return float(max(np.hypot(*piece.T).max() for piece in self.pieces))
 
     @property
     def size(self) -> float:
@@ -64,11 +79,11 @@ class Body:
 
 @dataclass(frozen=True)
 class Wall:
-    """A fixed chain of segments."""
+    """Fixed chains of segments."""
 
     name: str
-    points: Array
-    """(K, 2) px."""
+    chains: tuple[Array, ...]
+    """Each (K, 2) px; closed where the last point is the first again."""
     surface: Surface
 
 
@@ -90,6 +105,49 @@ class Push:
 
 
 @dataclass(frozen=True)
+class Joint:
+    """Holds two bodies, or one and the world, together."""
+
+    name: str
+    kind: JointKind
+    first: int
+    """Index into `World.bodies`."""
+    second: int | None
+    """None: the world."""
+    first_at: Array
+    """(2,) px in the first body's frame."""
+    second_at: Array
+    """(2,) px in the second body's frame; of the photo for the world."""
+    length: float
+    """px at rest, of a spring."""
+    stiffness: float
+    """g/s²."""
+    damping: float
+    """g/s."""
+    speed: float
+    """rad/s of the first against the second."""
+    limit: float
+    """g·px²/s²; infinite: as much as it takes."""
+    collide: bool
+    """Whether the two bodies also bump into each other."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A force on many bodies; see `scene.model.Field`."""
+
+    name: str
+    kind: FieldKind
+    bodies: tuple[int, ...]
+    """Indices into `World.bodies`, dynamic ones only."""
+    vector: Array
+    """(2,) px/s of wind; px of an attractor."""
+    drag: float
+    strength: float
+    soften: float
+
+
+@dataclass(frozen=True)
 class World:
     """Everything that moves or is bumped into, and the laws."""
 
@@ -99,7 +157,10 @@ class World:
     gravity: Array
     """(2,) px/s²."""
     pixels_per_meter: float
-    table_friction: float
+    press: float
+    """px/s² at which the bodies press on the table; 0 seen from the side."""
+    table: Surface
+    """Of the table; its pair coefficient with a body is the product of the two factors, as for walls."""
     combine: Combine
     duration: float
     steps_per_second: float
@@ -108,6 +169,8 @@ class World:
     bodies: tuple[Body, ...]
     walls: tuple[Wall, ...]
     pushes: tuple[Push, ...]
+    joints: tuple[Joint, ...]
+    fields: tuple[Field, ...]
 
     @property
     def surfaces(self) -> tuple[tuple[str, Surface], ...]:

@@ -76,6 +76,39 @@ def mass_properties(outline: Outline) -> MassProperties:
     return MassProperties(float(area), center, float(second))
 
 
+def mean_distance(outline: Outline, center: Array) -> float:
+    """Mean distance of the outline's area from a point, px: what a table's friction takes hold of when it spins.
+
+    Each edge adds the integral of r² dr dphi over the triangle that it makes with the point; signs subtract holes.
+
+    >>> round(mean_distance(Disc(np.zeros(2), 3.0), np.zeros(2)), 6)
+    2.0
+    """
+    if isinstance(outline, Disc):
+        return 2 * outline.radius / 3
+    total = area = 0.0
+    for ring in outline.rings:
+        for points, sign in ((ring.outer, 1.0), *((hole, -1.0) for hole in ring.holes)):
+            a = points - center
+            b = np.roll(a, -1, axis=0)
+            along = b - a
+            length = np.maximum(np.hypot(*along.T), 1e-12)
+            twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+            height = np.maximum(np.abs(twice) / length, 1e-12)
+            start, end = ((p * along).sum(axis=1) / length / height for p in (a, b))
+            part = np.abs(height**3 / 6 * (_sec_cubed(end) - _sec_cubed(start))) * np.sign(twice)
+            turn = sign * np.sign(twice.sum())
+            total += turn * float(part.sum())
+            area += turn * float(twice.sum()) / 2
+    return total / area
+
+
+def _sec_cubed(tangent: Array) -> Array:
+    """Twice the integral of 1/cos³ up to the angle of that tangent."""
+    secant = np.hypot(1, tangent)
+    return np.asarray(secant * tangent + np.arcsinh(tangent))
+
+
 def bounds(outline: Outline) -> tuple[float, float, float, float]:
     """Smallest box `(x0, y0, x1, y1)` px that holds the outline."""
     if isinstance(outline, Disc):

@@ -113,7 +113,7 @@ def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
     return [
         {
             "name": wall.name,
-            "points": _points(wall.points),
+            "chains": [_points(chain) for chain in wall.chains],
             "friction": b.friction,
             "elasticity": b.elasticity,
         }
@@ -189,5 +189,5 @@ def _world_facts(world: World) -> list[tuple[str, str, str]]:
         ("coefficients", world.combine.value, ""),
     ]
     if world.view is View.TOP:
-        facts.append(("table friction", f"{world.table_friction:g}", ""))
+        facts.append(("table friction", f"{world.table.friction:g}", ""))
     return facts

@@ -163,6 +163,8 @@ def _scene(root: Node, file: Path, source: Source, ground: Ground) -> model.Scen
         objects=tuple(_object(name, item) for name, item in data["objects"].items()),
         boundaries=tuple(_boundary(name, item) for name, item in data["boundaries"].items()),
         forces=tuple(map(_force, data["forces"])),
+        joints=(),
+        fields=(),
         light=_light(data["light"]) if "light" in data else None,
         render=_render(data["render"]),
         refine=model.Refine(
@@ -246,7 +248,7 @@ def _shape(value: Any) -> model.Shape:
 
 def _boundary(name: str, item: Mapping[str, Any]) -> model.Boundary:
     points = _points(item["segment"] if "segment" in item else item["polyline"])
-    return model.Boundary(name, points, float(item["friction"]), float(item["elasticity"]))
+    return model.Boundary(name, points, None, float(item["friction"]), float(item["elasticity"]))
 
 
 def _force(item: Mapping[str, Any]) -> model.Force:

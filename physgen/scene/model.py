@@ -159,13 +159,76 @@ class Object:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A fixed chain of segments that objects collide with."""
+    """Fixed lines that objects collide with: a chain of segments, or the outlines of a mask."""
 
     name: str
     points: Points
-    """(K, 2) px, K >= 2."""
+    """(K, 2) px, K >= 2; empty where a mask is given."""
+    mask: Mask | None
     friction: float
     elasticity: float
+
+
+class JointKind(Enum):
+    """How a joint holds."""
+
+    PIVOT = "pivot"
+    """A pin through one point; both sides turn freely about it."""
+    SPRING = "spring"
+    """A spring with a damper between two points."""
+    WELD = "weld"
+    """Held in place and in angle."""
+    MOTOR = "motor"
+    """A pin whose two sides are turned against each other at a speed, with at most a limit of torque."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One entry of `joints`."""
+
+    name: str
+    kind: JointKind
+    objects: tuple[str, ...]
+    """One name (joined to the world) or two."""
+    points: Points
+    """Points of the photo at t = 0: where it is pinned; a spring has two, its ends on the first and the second side."""
+    length: float | None
+    """px at rest; None: as long as at t = 0."""
+    stiffness: float
+    """g/s²."""
+    damping: float
+    """g/s."""
+    speed: float
+    """degrees/s of the first object against the second, or the world."""
+    limit: float | None
+    """g·px²/s²; None: as much as it takes."""
+    collide: bool
+    """Whether the two objects also bump into each other."""
+
+
+class FieldKind(Enum):
+    """What a force field does."""
+
+    WIND = "wind"
+    ATTRACTOR = "attractor"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One entry of `fields`: a force on many objects at once."""
+
+    name: str
+    kind: FieldKind
+    objects: tuple[str, ...]
+    """Names; empty: every dynamic object."""
+    vector: Point
+    """Wind: its velocity, px/s. Attractor: its place, px."""
+    drag: float
+    """Wind, g/px²: the force is drag x width x |u| u, u being the wind's velocity against the object."""
+    strength: float
+    """Attractor, px³/s²: the acceleration is strength / distance²; negative repels."""
+    soften: float
+    """Attractor, px: distance² becomes distance² + soften²."""
 
 
 class Load(Enum):
@@ -259,6 +322,8 @@ class Scene:
     objects: tuple[Object, ...]
     boundaries: tuple[Boundary, ...]
     forces: tuple[Force, ...]
+    joints: tuple[Joint, ...]
+    fields: tuple[Field, ...]
     light: Light | None
     render: Render
     refine: Refine

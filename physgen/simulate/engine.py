@@ -239,8 +239,7 @@ def _add_wall(space: pymunk.Space, wall: Wall) -> pymunk.Body:
     """A body of its own, so that contacts know which wall they touch."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
-    points = wall.points.tolist()
-    for a, b in pairwise(points):
+    for a, b in (pair for chain in wall.chains for pair in pairwise(chain.tolist())):
         segment = pymunk.Segment(body, a, b, 0.0)
         segment.friction, segment.elasticity = wall.surface.friction, wall.surface.elasticity
         space.add(segment)

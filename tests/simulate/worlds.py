@@ -6,7 +6,7 @@ import numpy as np
 
 from physgen.compile.pairs import surface
 from physgen.compile.world import Body, Push, Wall, World
-from physgen.scene.model import Combine, Motion, View
+from physgen.scene.model import Combine, Motion, Solid, View
 
 GRAVITY = 980.0
 
@@ -24,7 +24,11 @@ def ball(
     spin=0.0,
     motion=Motion.DYNAMIC,
     path=(),
+    solid=Solid.DISC,
+    rolling=0.0,
+    roll=(0.0, 0.0),
 ):
+    patch = r
     return Body(
         name=name,
         motion=motion,
@@ -35,7 +39,10 @@ def ball(
         pieces=(),
         rings=(),
         surface=surface(mu, e, Combine.GEOMETRIC),
-        rolling=0.0,
+        solid=solid,
+        rolling=rolling,
+        patch=patch,
+        roll=np.array(roll, float),
         velocity=np.array(v, float),
         spin=spin,
         path=np.array(path, float).reshape(-1, 4),
@@ -56,6 +63,7 @@ def box(
     motion=Motion.DYNAMIC,
     path=(),
 ):
+    solid, rolling, roll, patch = Solid.PLATE, 0.0, (0.0, 0.0), 0.57 * min(w, h)
     piece = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) / 2
     return Body(
         name=name,
@@ -67,7 +75,10 @@ def box(
         pieces=(piece,),
         rings=(piece,),
         surface=surface(mu, e, Combine.GEOMETRIC),
-        rolling=0.0,
+        solid=solid,
+        rolling=rolling,
+        patch=patch,
+        roll=np.array(roll, float),
         velocity=np.array(v, float),
         spin=spin,
         path=np.array(path, float).reshape(-1, 4),
@@ -76,16 +87,29 @@ def box(
 
 def floor(y=400.0, e=0.8, mu=0.5, tilt=0.0):
     ends = np.array([[-5000.0, y - 5000 * np.tan(tilt)], [5000.0, y + 5000 * np.tan(tilt)]])
-    return Wall("floor", ends, surface(mu, e, Combine.GEOMETRIC))
+    return Wall("floor", (ends,), surface(mu, e, Combine.GEOMETRIC))
 
 
-def world(*bodies, walls=(), pushes=(), gravity=(0.0, GRAVITY), duration=1.0, rate=30.0, steps=960.0):
+def world(
+    *bodies,
+    walls=(),
+    pushes=(),
+    gravity=(0.0, GRAVITY),
+    duration=1.0,
+    rate=30.0,
+    steps=960.0,
+    joints=(),
+    fields=(),
+    press=0.0,
+    table=0.0,
+):
     return World(
         size=(512, 512),
         view=View.SIDE,
         gravity=np.array(gravity, float),
         pixels_per_meter=100.0,
-        table_friction=0.0,
+        press=press,
+        table=surface(table, 0.0, Combine.GEOMETRIC),
         combine=Combine.GEOMETRIC,
         duration=duration,
         steps_per_second=steps,
@@ -93,6 +117,8 @@ def world(*bodies, walls=(), pushes=(), gravity=(0.0, GRAVITY), duration=1.0, ra
         bodies=tuple(bodies),
         walls=tuple(walls),
         pushes=tuple(pushes),
+        joints=tuple(joints),
+        fields=tuple(fields),
     )
 
 
