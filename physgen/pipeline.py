@@ -13,7 +13,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -197,20 +197,28 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
     if maps is None:
         return Stage(flat_background(compiled.world), flat_sprites(compiled.world, compiled.outlines, order))
-    coverage, background = filled(maps, compiled.labels)
-    absent = (maps.labels > 0) & (compiled.labels == 0)
+    coverage, background = filled(maps, compiled.labels, compiled.scenery)
+    absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
     sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
     return Stage(background, sprites)
 
 
-def filled(maps: Percepts, labels: NDArray[np.uint16]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Coverage and background as stored; made now where the assets lack them or know less than the scene's masks."""
+def filled(
+    maps: Percepts, labels: NDArray[np.uint16], scenery: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Coverage and background as stored; made now where the assets lack them or know less than the scene's masks.
+
+    They are also made now where the assets took a boundary, whose pixels are `scenery`, for an object.
+    """
+    from physgen.render.sprites import covers_scenery
+
     new = bool(((labels > 0) & (maps.labels == 0)).any())
+    new |= maps.coverage is not None and covers_scenery(maps.coverage, labels, scenery)
     if maps.coverage is not None and maps.background is not None and not new:
         return maps.coverage, maps.background
     from physgen import backends
 
-    union = np.where(labels > 0, labels, maps.labels)
+    union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.labels))
     coverage = maps.coverage
     if coverage is None or new:
         coverage = backends.make("matte")(maps.rgb, union)
@@ -266,7 +274,7 @@ def render_scene(
     progress("simulate", 0, 1)
     with record.stage("simulate"):
         trajectory = simulate(compiled.world, progress=progress)
-    record.samples, record.steps = trajectory.sample_hashes(), trajectory.steps
+    record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
     with record.stage("cut out"):
         drawn = stage(scene, compiled, maps)
     del maps

@@ -55,7 +55,7 @@ class RunRecord:
     warnings: list[dict[str, object]] = field(default_factory=list)
     document: Mapping[str, Any] = field(default_factory=dict)
     """The resolved scene."""
-    steps: int = 0
+    effort: dict[str, int] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str, clock: Callable[[], float] = time.process_time) -> Iterator[None]:
@@ -80,7 +80,7 @@ class RunRecord:
             "platform": {"machine": platform.machine(), "system": platform.system()},
             "inputs": self.inputs,
             "seeds": self.seeds,
-            "steps": self.steps,
+            "effort": self.effort,
             "warnings": self.warnings,
             "stages": {
                 name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()

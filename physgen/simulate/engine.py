@@ -1,43 +1,44 @@
-"""World -> Trajectory, on Chipmunk through pymunk; the only module that imports it."""
+"""World -> Trajectory: a leapfrog on Chipmunk's contacts, with blows of our own and steps divided where they must be.
+
+Positions are those of whole steps, velocities those of the middles between them (Störmer and Verlet): a half step is
+taken first, so that free fall is exact. Steps never depend on the samples: both lie on their own grids.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
-from math import ceil
+from math import ceil, nan
 
 import numpy as np
-import pymunk
-import pymunk.batch as batch
 from numpy.typing import NDArray
-from pymunk.batch import ArbiterFields, BodyFields
 
-from physgen.compile.world import Body, Push, Wall, World
-from physgen.problems import InputError
+from physgen.compile.world import World
 from physgen.scene.model import Load, Motion
-from physgen.simulate.contacts import ContactLog
-from physgen.simulate.trajectory import Energy, Trajectory
+from physgen.simulate.chipmunk import Chipmunk
+from physgen.simulate.divide import Reach
+from physgen.simulate.impacts import Blows, Things, strike
+from physgen.simulate.ledger import Ledger, Step
+from physgen.simulate.loads import Loads
+from physgen.simulate.resistance import Resistance
+from physgen.simulate.scripts import Scripts
+from physgen.simulate.table import Table
+from physgen.simulate.trajectory import Effort, Trajectory
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int32]
+Flags = NDArray[np.bool_]
 
-ITERATIONS = 30
-"""Solver sweeps a step. Chipmunk's default of 10 leaves stacks and racks soft."""
-SLOP = 0.02
-"""px of overlap that the engine lets stand; keeps resting contacts alive without a visible sink."""
-
-_STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
-_CONTACT = (
-    ArbiterFields.BODY_A_ID
-    | ArbiterFields.BODY_B_ID
-    | ArbiterFields.TOTAL_IMPULSE
-    | ArbiterFields.CONTACT_COUNT
-    | ArbiterFields.POINT_A_1
-    | ArbiterFields.POINT_B_1
-    | ArbiterFields.POINT_A_2
-    | ArbiterFields.POINT_B_2
-)
-
+FEWEST, MOST = 12, 120
+"""Sweeps of the contact solver a step; more where contacts still close after a step."""
+SLACK = 0.02
+"""Closing speed that a step may leave, in units of gravity x step."""
+REST = 3.0
+"""Speed, in units of gravity x step, below which contacts do not bounce."""
+STILL = 0.01
+"""px/s below which contacts do not bounce where there is no gravity."""
+ATTEMPTS = 24
+"""Times that a step is taken again because blows changed what it does."""
+PHASE = 0.2
+"""rad that the stiffest spring may turn in a step."""
 
 Progress = Callable[[str, int, int], None]
 """Told the stage, samples done and samples in all."""
@@ -47,226 +48,304 @@ def silent(stage: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
 
 
-def simulate(world: World, times: Array | None = None, progress: Progress = silent) -> Trajectory:
+def simulate(
+    world: World, times: Array | None = None, progress: Progress = silent, iterations: int | None = None
+) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
-    Raises InputError where a body leaves all numbers.
-
-    Steps never depend on the samples: both lie on their own grids and samples are interpolated between two steps.
+    `iterations` fixes the contact solver's sweeps a step, which are otherwise chosen as contacts need them. Raises
+    InputError where a body leaves all numbers.
     """
     times = world.times if times is None else np.asarray(times, np.float64)
-    dt = 1.0 / world.steps_per_second
-    run = _Run(world, dt)
-    T, N = len(times), len(world.bodies)
-    states = np.empty((T, N, 6))
-    energy = np.empty((T, 3))
-    before, index, step = run.state(), 0, 0
-    lost_before = 0.0
-    while index < T and times[index] <= 0.0:
-        states[index], energy[index] = before, (*run.energy(before), 0.0)
-        index += 1
-    for step in range(1, ceil(float(times[-1]) / dt - 1e-9) + 1 if T else 1):
-        run.step(step)
-        after = run.state()
-        while index < T and times[index] <= step * dt * (1 + 1e-12):
-            part = times[index] / dt - (step - 1)
-            if part > 1 - 1e-9:
-                states[index], lost = after, run.dissipated
-            else:
-                states[index], lost = run.between(before, after, max(float(part), 0.0)), lost_before
-            energy[index] = (*run.energy(states[index]), lost)
-            _refuse_infinities(world, states[index], float(times[index]))
-            run.log.sample(index)
-            index += 1
-        before, lost_before = after, run.dissipated
-        if step % 256 == 0:
-            progress("simulate", index, T)
+    run = _Run(world, times, iterations)
+    run.start()
+    h = 1.0 / world.steps_per_second
+    last = ceil(float(times[-1]) / h - 1e-9) if len(times) else 0
+    for number in range(1, last + 1):
+        run.advance((number - 1) * h, number * h)
+        if number % 256 == 0:
+            progress("simulate", run.ledger.done, len(times))
+    ledger = run.ledger
+    ledger.flush()
     return Trajectory(
         times=times,
         names=tuple(body.name for body in world.bodies),
-        poses=np.ascontiguousarray(states[:, :, [0, 1, 2]]),
-        velocities=np.ascontiguousarray(states[:, :, [3, 4, 5]]),
-        contacts=run.log.result(),
-        energy=Energy(*np.ascontiguousarray(energy.T)),
-        steps=step,
+        poses=ledger.poses,
+        velocities=ledger.velocities,
+        rolls=ledger.rolled(),
+        contacts=ledger.log.result(),
+        energy=ledger.energy(),
+        effort=run.effort(),
     )
 
 
-def _refuse_infinities(world: World, state: Array, time: float) -> None:
-    wrong = np.flatnonzero(~np.isfinite(state).all(axis=1))
-    if len(wrong):
-        expected = f"leaves all numbers by t = {time:.3f} s"
-        fix = "bring its mass, velocity and forces nearer to the others'"
-        raise InputError.of(f"objects.{world.bodies[wrong[0]].name}", "", expected, fix)
-
-
 class _Run:
-    """One space in motion."""
+    """One world in motion."""
 
-    def __init__(self, world: World, dt: float) -> None:
-        self._world, self._dt = world, dt
-        space = pymunk.Space()
-        space.gravity = tuple(world.gravity.tolist())
-        space.iterations = ITERATIONS
-        space.collision_slop = SLOP
-        space.collision_persistence = 1  # else the batch reader still lists contacts that have parted
-        self._space = space
-        self._bodies = [_add_body(space, body) for body in world.bodies]
-        walls = [_add_wall(space, wall) for wall in world.walls]
-        everything = [*self._bodies, *walls]
-        self._id_order = np.array([body.id for body in everything], np.uint64)
-        self._by_id = np.argsort(self._id_order)
-        # the batch reader skips static bodies and goes by the order in which bodies were added
-        self._moving = np.array([b.motion is not Motion.STATIC for b in world.bodies], bool)
-        self._at_rest = np.array([[*b.center, 0.0, 0.0, 0.0, 0.0] for b in world.bodies]).reshape(-1, 6)
-        dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
-        self._mass = np.where(dynamic, [b.mass for b in world.bodies], 0.0)
-        self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0)
-        self._wall_states = np.zeros((len(walls), 6))
-        self._state_buffer, self._contact_buffer = batch.Buffer(), batch.Buffer()
-        self.log = ContactLog(tuple(name for name, _ in world.surfaces))
-        self.dissipated = 0.0
-        self._touching: set[int] = set()
-        self._state = self._read_state()
+    def __init__(self, world: World, times: Array, iterations: int | None) -> None:
+        bodies, walls = world.bodies, world.walls
+        self._world = world
+        self._space = Chipmunk(world)
+        self._fixed = iterations
+        self._space.iterations = iterations or FEWEST
+        self._loads, self._table, self._scripts = Loads(world), Table(world), Scripts(world)
+        self._resistance = Resistance(world)
+        self.ledger = Ledger(world, self._space, self._loads, self._scripts, times)
+        moving = self._space.moving
+        self._row = {int(body): row for row, body in enumerate(moving)}
+        self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
+        self._mass = np.array([b.mass for b in bodies]).reshape(-1)
+        self._moment = np.array([b.moment for b in bodies]).reshape(-1)
+        nothing = [0.0] * len(walls)
+        surfaces = [surface for _, surface in world.surfaces]
+        self._things = Things(
+            lightness=[1 / b.mass if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
+            ease=[1 / b.moment if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
+            friction=[surface.friction for surface in surfaces],
+            elasticity=[surface.elasticity for surface in surfaces],
+            radius=[b.radius if b.radius is not None else nan for b in bodies] + [nan] * len(walls),
+        )
+        self._gravity = float(np.hypot(*world.gravity))
+        self._impulses = sorted(
+            (p for p in world.pushes if p.load is Load.IMPULSE and self._dynamic[p.body]), key=lambda p: p.start
+        )
+        self._reach = Reach(world, moving)
+        self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
+        self._roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
+        self._busy = self._loads.busy or self._table.busy
+        self._words = b""
+        self._states = b""
+        self._h = 0.0
+        self._parts = 1
+        self._kicks: list[tuple[float, float]] = []
+        self._suspicious = True
+        """Whether velocities were changed since the last step, so that what touches may close."""
+        spring = self._loads.fastest() / world.steps_per_second / PHASE
+        self._stiff = min(256, max(1, ceil(spring)))
+        self._steps = self._divided = self._most_parts = self._impacts = 0
+        self._most_iterations = self._space.iterations
 
-    def state(self) -> Array:
-        """(N, 6): x, y, angle, vx, vy, spin."""
-        return self._state
+    def effort(self) -> Effort:
+        """What it took."""
+        return Effort(self._steps, self._divided, self._most_parts, self._most_iterations, self._impacts)
 
-    def between(self, before: Array, after: Array, part: float) -> Array:
-        """The state a part of the last step after its beginning.
+    def start(self) -> None:
+        """The half step to t = 0: velocities from t = 0 to the middle of the first step."""
+        world = self._world
+        h = 1.0 / world.steps_per_second / self._parts_at_start()
+        pose, velocity = self._center.copy(), np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(-1, 3)
+        if self._scripts.busy:
+            self._scripts.sample(0.0, pose, velocity)
+        shown = velocity.copy()
+        while self._impulses and self._impulses[0].start <= 1e-12:
+            self._impulse(velocity, pose, 0.0)
+            shown = velocity.copy()
+        moving = self._space.moving
+        state = np.concatenate([pose[moving] - velocity[moving] * (h / 2), velocity[moving]], axis=1)
+        self._space.place(state)
+        self._h = h
+        step = self._take(0.0, h / 2, state, first=True)
+        self._states = step.states
+        if step.before is None:
+            step.before = state[:, 3:].copy()
+        self.ledger.begin(step, pose, shown, self._roll_before)
 
-        The engine moves bodies by the velocity they have, then changes it: contacts act at the step's end.
-        """
-        state: Array = before + part * (after - before)
-        touched = np.zeros(len(before), bool)
-        touched[[k for k in self._touching if k < len(before)]] = True
-        state[touched, 3:] = before[touched, 3:]
-        falling = touched & (self._mass > 0)
-        state[falling, 3:5] += self._world.gravity * (part * self._dt)
-        return state
+    def _parts_at_start(self) -> int:
+        self._parts = self._stiff
+        return self._parts
 
-    def energy(self, state: Array) -> tuple[float, float]:
-        """Kinetic and potential energy of the dynamic bodies."""
-        v2 = state[:, 3] ** 2 + state[:, 4] ** 2
-        kinetic = float((self._mass * v2 + self._moment * state[:, 5] ** 2).sum() / 2)
-        return kinetic, -float((self._mass * (state[:, :2] @ self._world.gravity)).sum())
+    def advance(self, begin: float, end: float) -> None:
+        """A base step, in as many parts as it needs."""
+        h = end - begin
+        parts = self._stiff
+        if self._reach.watchful:
+            parts = max(parts, self._reach.parts(self._state(), h))
+        elif self._steps % 8 == 0:
+            self._reach.look(self._state(), h * 8, self._gravity, h)
+            if self._reach.watchful:
+                parts = max(parts, self._reach.parts(self._state(), h))
+        if parts > 1:
+            self._divided += 1
+            self._most_parts = max(self._most_parts, parts)
+        for part in range(parts):
+            self._part(begin + h * part / parts, h / parts)
 
-    def step(self, number: int) -> None:
-        """Take step `number` (from 1), which ends at number x dt."""
-        begin, end = (number - 1) * self._dt, number * self._dt
-        for body, model in zip(self._bodies, self._world.bodies, strict=True):
-            if model.motion is Motion.SCRIPTED:
-                _follow(body, model.path, begin, end)
-        for push in self._world.pushes:
-            _apply(self._bodies[push.body], push, begin, end)
-        before = self._state
-        self._space.step(self._dt)
-        self._state = self._read_state()
-        self._read_contacts(end, before)
+    def _state(self) -> Array:
+        return np.frombuffer(self._states, np.float64).reshape(-1, 6)
 
-    def _read_state(self) -> Array:
-        self._state_buffer.clear()
-        batch.get_space_bodies(self._space, _STATE, self._state_buffer)
-        rows = np.frombuffer(self._state_buffer.float_buf(), np.float64).reshape(-1, 6)
-        state = self._at_rest.copy()
-        state[self._moving] = rows[: int(self._moving.sum())][:, [0, 1, 2, 3, 4, 5]]
-        return state
+    def _part(self, begin: float, h: float) -> None:
+        end = begin + h
+        state: Array | None = None
+        if abs(h - self._h) > 1e-9 * h:
+            state = self._state().copy()
+            # velocities belong to the middle of a step: carry them to the middle of one of another length
+            state[:, 3:] += self._pull * ((h - self._h) / (2 * self._h))
+            self._h = h
+        if self._impulses and self._impulses[0].start < end - 1e-12:
+            state = self._state().copy() if state is None else state
+            self._struck_in(begin, end, state)
+        if self._scripts.busy:
+            state = self._state().copy() if state is None else state
+            self._scripts.drive(end, h, state, self._row)
+        if state is not None:
+            self._space.place(state)
+        step = self._take(end, h, state)
+        self._states = step.states
+        self.ledger.add(step)
+        if self._fixed is None and self._steps % 64 == 0:
+            self._choose_iterations(h)
 
-    def _read_contacts(self, time: float, before: Array) -> None:
-        self._contact_buffer.clear()
-        batch.get_space_arbiters(self._space, _CONTACT, self._contact_buffer)
-        ints = np.frombuffer(self._contact_buffer.int_buf(), np.uint64).reshape(-1, 3)
-        floats = np.frombuffer(self._contact_buffer.float_buf(), np.float64).reshape(-1, 10)
-        partners = self._by_id[np.searchsorted(self._id_order[self._by_id], ints[:, :2])].astype(np.int32)
-        # the engine lists contacts in an order that depends on memory addresses: sort before any sum
-        order = np.lexsort((floats[:, 3], floats[:, 2], partners[:, 1], partners[:, 0]))
-        first, second = partners[order, 0], partners[order, 1]
-        count, impulse = ints[order, 2], floats[order, :2]
-        points = floats[order, 2:].reshape(-1, 4, 2)
-        self.log.step(time, first, second, impulse)
-        self._touching = set(first.tolist()) | set(second.tolist())
-        if len(order):
-            one = (points[:, 0] + points[:, 1]) / 2
-            both = (one + (points[:, 2] + points[:, 3]) / 2) / 2
-            where = np.where((count > 1)[:, None], both, one)
-            self.dissipated += self._work_against(first, second, impulse, where, before)
+    def _choose_iterations(self, h: float) -> None:
+        """More sweeps where contacts still close after a step; fewer where there is nothing left to solve."""
+        limit = SLACK * max(self._gravity * h, STILL)
+        now = self._space.iterations
+        if self.ledger.residual > limit:
+            self._space.iterations = min(MOST, now + now // 2)
+        elif self.ledger.residual < limit / 10 and now > FEWEST:
+            self._space.iterations = max(FEWEST, now - now // 8)
+        self._most_iterations = max(self._most_iterations, self._space.iterations)
 
-    def _work_against(
-        self, first: Index, second: Index, impulse: Array, where: Array, before: Array
-    ) -> float:
-        """Impulse times the mean of the partners' relative velocity before and after the step, where they touch.
+    def _struck_in(self, begin: float, end: float, state: Array) -> None:
+        """Impulses that are given within this step, at their times."""
+        moving = self._space.moving
+        while self._impulses and self._impulses[0].start < end - 1e-12:
+            since = max(0.0, self._impulses[0].start - begin)
+            velocity, pose = np.zeros((len(self._center), 3)), self._center.copy()
+            velocity[moving], pose[moving] = state[:, 3:], state[:, :3]
+            was = velocity.copy()
+            self._impulse(velocity, pose, since)
+            change = (velocity - was)[moving]
+            state[:, 3:] += change
+            state[:, :3] -= change * since
 
-        The step is x += v dt, then v += g dt + J/m: the change of kinetic plus potential energy is exactly J times
-        that mean velocity, but for a term m g dt dv/2 that cancels over the run.
-        """
-        mean = (before + self._state) / 2
-        mean[:, :2] = self._state[:, :2]
-        states = np.concatenate([mean, self._wall_states])
+    def _impulse(self, velocity: Array, pose: Array, since: float) -> None:
+        """Give the next impulse to the velocities (N, 3), `since` s after the bodies had the pose (N, 3)."""
+        push = self._impulses.pop(0)
+        body = push.body
+        angle = pose[body, 2] + velocity[body, 2] * since
+        c, s = np.cos(angle), np.sin(angle)
+        arm = np.array([c * push.at[0] - s * push.at[1], s * push.at[0] + c * push.at[1]])
+        change = np.zeros(3)
+        change[:2] = push.vector / self._mass[body]
+        change[2] = (arm[0] * push.vector[1] - arm[1] * push.vector[0]) / self._moment[body]
+        work = self._mass[body] * (change[:2] @ (velocity[body, :2] + change[:2] / 2))
+        work += self._moment[body] * change[2] * (velocity[body, 2] + change[2] / 2)
+        self._kicks.append((push.start, float(work)))
+        velocity[body] += change
+        self._suspicious = True
 
-        def velocity(index: Index) -> Array:
-            state = states[index]
-            arm = where - state[:, :2]
-            spin = state[:, 5:]
-            return np.asarray(state[:, 3:5] + np.concatenate([-spin * arm[:, 1:], spin * arm[:, :1]], axis=1))
+    def _take(self, end: float, h: float, state: Array | None, first: bool = False) -> Step:
+        """Step to the time `end`; again, with other velocities, where blows fall. state (M, 6) is as placed, if it was."""
+        self._steps += 1
+        M = len(self._space.moving)
+        before = None if state is None else state[:, 3:].copy()
+        original: Array | None = None
+        blows: list[Blows] = []
+        self._roll_before = self._roll
+        for _ in range(ATTEMPTS):
+            load = None
+            if self._busy:
+                placed = self._state() if state is None else state
+                load = self._push(placed, end, h, first)
+            if self._resistance.busy:
+                self._resistance.press(self._space, h)
+            states, words, numbers = self._space.step(h)
+            if words == self._words and not self._suspicious:
+                break
+            if state is None:
+                state = self._state().copy()
+            after = np.frombuffer(states, np.float64).reshape(M, 6)
+            blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, first)
+            if blow is None:
+                break
+            moving = self._space.moving
+            if original is None:
+                original = state[:, 3:].copy()
+            blows.append(blow)
+            self._impacts += len(blow.first)
+            state[:, 3:] = blow.velocity[moving]
+            before = state[:, 3:].copy()
+            state[:, :3] = after[:, :3] + blow.shift[moving] - before * h
+            self._space.place(state)
+        self._words, self._suspicious = words, False
+        lost = work = 0.0
+        roll = None
+        velocity = np.frombuffer(states, np.float64).reshape(M, 6)[:, 3:]
+        used = before if before is not None else (self._state()[:, 3:] if self._states else velocity)
+        if load is not None:
+            lost, work, roll = self._settle(load, used, velocity, h)
+        if self._resistance.busy:
+            touch = self._space.touching(words, numbers)
+            lost += self._resistance.settle(self._space, touch, used, velocity, self._row, h)
+        kicks, self._kicks = self._kicks, []
+        self._pull = velocity - used
+        return Step(end, states, words, numbers, before, original, blows, lost, work, roll, kicks)
 
-        return -float((impulse * (velocity(first) - velocity(second))).sum())
+    def _strike(
+        self, pose: Array, velocity: Array, words: bytes, numbers: bytes, h: float, first: bool
+    ) -> Blows | None:
+        N, W = len(self._world.bodies), len(self._world.walls)
+        moving = self._space.moving
+        touch = self._space.touching(words, numbers)
+        if not len(touch.first):
+            return None
+        place = touch.on_first[:, 0]
+        order = np.lexsort((place[:, 1], place[:, 0], touch.second, touch.first))
+        touch = touch.sorted(order)
+        wide, fast = np.zeros((N + W, 3)), np.zeros((N + W, 3))
+        wide[:N], wide[moving] = self._center, pose
+        fast[moving] = velocity
+        if first:
+            touched = np.ones(len(touch.first), bool)
+            carried = np.unique(np.concatenate([touch.first, touch.second]))
+        else:
+            was = self._space.touching(self._words, b"\0" * (len(self._words) // 3 * 14))
+            keys = was.first * (N + W) + was.second
+            touched = np.isin(touch.first * (N + W) + touch.second, keys)
+            carried = np.unique(np.concatenate([was.first, was.second]))
+        drift = np.zeros((N + W, 2))
+        drift[:N][self._dynamic] = self._world.gravity
+        drift[carried] = 0.0
+        threshold = max(REST * self._gravity * h, STILL)
+        return strike(self._things, wide, fast, drift, touch, touched, h, threshold)
 
+    def _push(self, state: Array, end: float, h: float, first: bool):  # type: ignore[no-untyped-def]
+        """Lasting forces for the step to `end`, taken where the bodies then are."""
+        N, moving = len(self._world.bodies), self._space.moving
+        velocity, pose = np.zeros((N, 3)), self._center.copy()
+        velocity[moving] = state[:, 3:]
+        pose[moving] = state[:, :3] + state[:, 3:] * h
+        begin = end if first else end - h / 2
+        total = np.zeros((N, 3))
+        loads = None
+        if self._loads.busy:
+            loads = self._loads.at(pose, velocity, begin, begin + h)
+            total = loads.hold + loads.drive + loads.spend
+        grip = rolled = None
+        if self._table.busy:
+            weight = np.stack([self._mass, self._mass, self._moment], axis=1)
+            trial = velocity + total / weight * h
+            trial[:, :2] += self._world.gravity * h
+            change, rolled = self._table.kick(trial, self._roll_before, h)
+            grip = change * weight / h
+            total = total + grip
+        total[~self._dynamic] = 0.0
+        self._space.push(total[moving])
+        return loads, grip, rolled, self._roll_before
 
-def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
-    if model.motion is Motion.DYNAMIC:
-        body = pymunk.Body(model.mass, model.moment)
-        body.velocity = tuple(model.velocity.tolist())
-        body.angular_velocity = model.spin
-    elif model.motion is Motion.STATIC:
-        body = pymunk.Body(body_type=pymunk.Body.STATIC)
-    else:
-        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-        _follow(body, model.path, 0.0, 1e-6)
-    body.position = tuple(model.center.tolist())
-    space.add(body)
-    if model.radius is not None:
-        shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
-    else:
-        shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
-    for shape in shapes:
-        shape.friction, shape.elasticity = model.surface.friction, model.surface.elasticity
-        space.add(shape)
-    return body
-
-
-def _add_wall(space: pymunk.Space, wall: Wall) -> pymunk.Body:
-    """A body of its own, so that contacts know which wall they touch."""
-    body = pymunk.Body(body_type=pymunk.Body.STATIC)
-    space.add(body)
-    for a, b in (pair for chain in wall.chains for pair in pairwise(chain.tolist())):
-        segment = pymunk.Segment(body, a, b, 0.0)
-        segment.friction, segment.elasticity = wall.surface.friction, wall.surface.elasticity
-        space.add(segment)
-    return body
-
-
-def _follow(body: pymunk.Body, path: Array, begin: float, end: float) -> None:
-    """Give a scripted body the velocity that brings it to the path's next pose at the step's end."""
-    now, then = (np.array([np.interp(t, path[:, 0], path[:, k]) for k in (1, 2, 3)]) for t in (begin, end))
-    velocity = (then - now) / (end - begin)
-    body.velocity = (float(velocity[0]), float(velocity[1]))
-    body.angular_velocity = float(velocity[2])
-
-
-def _apply(body: pymunk.Body, push: Push, begin: float, end: float) -> None:
-    """Impulses once in the step that begins nearest after their start; forces for the part of the step they last."""
-    if push.load is Load.IMPULSE:
-        if begin <= push.start + 1e-12 < end:
-            body.apply_impulse_at_world_point(
-                tuple(push.vector.tolist()), body.local_to_world(push.at.tolist())
-            )
-        return
-    part = (min(push.end, end) - max(push.start, begin)) / (end - begin)
-    if part <= 0:
-        return
-    if push.load is Load.TORQUE:
-        body.torque += push.torque * part
-    else:
-        force = push.vector * part
-        body.apply_force_at_world_point(tuple(force.tolist()), body.local_to_world(push.at.tolist()))
+    def _settle(self, load, before: Array, after: Array, h: float):  # type: ignore[no-untyped-def]
+        """Lost and work of a step's lasting forces, and the roll after it."""
+        loads, grip, rolled, roll = load
+        mean = np.zeros((len(self._world.bodies), 3))
+        mean[self._space.moving] = (before + after) / 2
+        lost = work = 0.0
+        if loads is not None:
+            work = float((loads.drive * mean).sum()) * h
+            lost = -float((loads.spend * mean).sum()) * h
+        if grip is not None:
+            lost -= float((grip * mean).sum()) * h
+            # what the table takes from a sphere's motion partly goes into its rolling
+            lost -= float((self._moment[:, None] * rolled * (roll + rolled / 2)).sum())
+            self._roll = roll + rolled
+            return lost, work, self._roll
+        return lost, work, None

@@ -42,9 +42,29 @@ class Energy:
     kinetic: Array
     """(T,)."""
     potential: Array
-    """(T,), 0 for a body at the photo's origin."""
+    """(T,), of gravity (0 for a body at the photo's origin), springs and attractors."""
     dissipated: Array
-    """(T,): work done against contacts since t = 0, summed from contact impulses and sliding and closing speeds."""
+    """(T,): lost since t = 0 to elasticity below 1, sliding, rolling resistance and dampers, summed from impulses and
+    closing, sliding and turning speeds; never a remainder."""
+    work: Array
+    """(T,): done since t = 0 by pushes, wind, motors and scripted bodies. kinetic + potential + dissipated - work
+    stays what it was."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What the engine did to reach its accuracy."""
+
+    steps: int
+    """Steps taken, divided ones counted by their parts."""
+    divided: int
+    """Base steps that were divided, because something moved too far or a spring was too stiff for one."""
+    most_parts: int
+    """Into how many parts, at most."""
+    iterations: int
+    """Sweeps of the contact solver a step, at most."""
+    impacts: int
+    """Contact points that bounced, resolved one after the other."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +79,11 @@ class Trajectory:
     """(T, N, 3): x px, y px, angle rad, of the centre of mass, image axes."""
     velocities: Array
     """(T, N, 3): px/s, px/s, rad/s."""
+    rolls: Array
+    """(T, N, 2) rad/s about +x and +y by the right hand: of spheres on a table seen from above; (T, 0, 2) without."""
     contacts: Contacts
     energy: Energy
-    steps: int
-    """Engine steps that were taken."""
+    effort: Effort
 
     def pose(self, sample: int, body: int) -> Pose:
         """Pose of one body at one sample."""
@@ -90,13 +111,13 @@ class Trajectory:
             "names": np.array(self.names, dtype=np.str_),
             "poses": self.poses,
             "velocities": self.velocities,
-            "steps": np.array(self.steps),
+            "rolls": self.rolls,
             "contacts_surfaces": np.array(self.contacts.surfaces, dtype=np.str_),
         }
-        for part, of in (("contacts", self.contacts), ("energy", self.energy)):
+        for part, of in (("contacts", self.contacts), ("energy", self.energy), ("effort", self.effort)):
             for field in fields(of):
                 if field.name != "surfaces":
-                    arrays[f"{part}_{field.name}"] = getattr(of, field.name)
+                    arrays[f"{part}_{field.name}"] = np.asarray(getattr(of, field.name))
         return arrays
 
     def as_json(self) -> str:
@@ -125,7 +146,7 @@ def read_trajectory(path: Path) -> Trajectory:
                 for name in file.files
                 if name.startswith(f"{part}_")
             }
-            for part in ("contacts", "energy")
+            for part in ("contacts", "energy", "effort")
         }
         parts["contacts"]["surfaces"] = tuple(map(str, file["contacts_surfaces"]))
         return Trajectory(
@@ -133,7 +154,8 @@ def read_trajectory(path: Path) -> Trajectory:
             names=tuple(map(str, file["names"])),
             poses=file["poses"],
             velocities=file["velocities"],
+            rolls=file["rolls"],
             contacts=Contacts(**parts["contacts"]),
             energy=Energy(**parts["energy"]),
-            steps=int(file["steps"]),
+            effort=Effort(**{name: int(value) for name, value in parts["effort"].items()}),
         )

@@ -1,0 +1,262 @@
+"""World -> a Chipmunk space that is stepped, read and written in bulk; the only module that imports pymunk.
+
+Chipmunk finds what touches and carries what rests: normal forces, friction, joints. Bounces are ours (impacts.py): its
+shapes have no elasticity, because it solves all contacts of a step at once, which sends the first of a row of balls back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+import pymunk
+import pymunk.batch as batch
+from numpy.typing import NDArray
+from pymunk.batch import ArbiterFields, BodyFields
+
+from physgen.compile.world import Body, Joint, Wall, World
+from physgen.scene.model import JointKind, Motion
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SLOP = 0.005
+"""px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
+SEAM = 0.5
+"""px between the ends of two walls that make one smooth line."""
+STRAIGHT = 0.999
+"""Cosine of the angle up to which two walls that meet make one smooth line."""
+
+_STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
+_LOAD = BodyFields.FORCE | BodyFields.TORQUE
+_CONTACT = (
+    ArbiterFields.BODY_A_ID
+    | ArbiterFields.BODY_B_ID
+    | ArbiterFields.TOTAL_IMPULSE
+    | ArbiterFields.NORMAL
+    | ArbiterFields.CONTACT_COUNT
+    | ArbiterFields.POINT_A_1
+    | ArbiterFields.POINT_B_1
+    | ArbiterFields.DISTANCE_1
+    | ArbiterFields.POINT_A_2
+    | ArbiterFields.POINT_B_2
+    | ArbiterFields.DISTANCE_2
+)
+WORDS, NUMBERS = 3, 14
+"""Integers and floats of one contact."""
+
+
+@dataclass(frozen=True)
+class Touching:
+    """K pairs of shapes that touch; things count the bodies first, then the walls."""
+
+    first: Index
+    """(K,)."""
+    second: Index
+    count: Index
+    """(K,): 1 or 2 points."""
+    impulse: Array
+    """(K, 2) g·px/s that the second gave the first in the last step."""
+    normal: Array
+    """(K, 2): from the first to the second."""
+    on_first: Array
+    """(K, 2, 2) px: the points, on the first's surface; those beyond `count` are zeros."""
+    on_second: Array
+    depth: Array
+    """(K, 2) px of overlap."""
+
+    def sorted(self, order: Index) -> Touching:
+        """The same in another order."""
+        return Touching(*(getattr(self, field.name)[order] for field in fields(self)))
+
+
+class Chipmunk:
+    """One space in motion; states are (M, 6): x, y, angle, vx, vy, spin of the bodies that are not static."""
+
+    def __init__(self, world: World) -> None:
+        space = pymunk.Space()
+        space.gravity = tuple(world.gravity.tolist())
+        space.collision_slop = SLOP
+        space.collision_persistence = 1  # else the batch reader still lists contacts that have parted
+        self._space = space
+        bodies = [_add_body(space, body) for body in world.bodies]
+        smooth = _neighbours(world.walls)
+        walls = [_add_wall(space, wall, smooth) for wall in world.walls]
+        self._bodies = bodies
+        _add_joints(space, world.joints, bodies)
+        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
+        self._by_id = np.argsort(ids)
+        self._ids = ids[self._by_id]
+        self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
+        """(M,): bodies that the state lists, in order."""
+        M = len(self.moving)
+        self._states, self._contacts = batch.Buffer(), batch.Buffer()
+        # the batch functions go through the bodies that move in the order they were added, then the static ones
+        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * len(walls)
+        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((M + len(still), 3))
+        self._placing[M:, :2] = np.array(still).reshape(-1, 2)
+        self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
+        if M:
+            self._place_buffer.set_float_buf(self._placing)
+            self._push_buffer.set_float_buf(self._pushing)
+        self._brakes: dict[tuple[int, int], pymunk.SimpleMotor] = {}
+
+    @property
+    def iterations(self) -> int:
+        """Sweeps of the contact solver a step."""
+        return int(self._space.iterations)
+
+    @iterations.setter
+    def iterations(self, count: int) -> None:
+        self._space.iterations = count
+
+    def step(self, h: float) -> tuple[bytes, bytes, bytes]:
+        """Move by the velocities, then find contacts and change the velocities; states, contact words and numbers."""
+        self._space.step(h)
+        self._states.clear()
+        batch.get_space_bodies(self._space, _STATE, self._states)
+        self._contacts.clear()
+        batch.get_space_arbiters(self._space, _CONTACT, self._contacts)
+        return (
+            bytes(self._states.float_buf()[: 48 * len(self.moving)]),
+            bytes(self._contacts.int_buf()),
+            bytes(self._contacts.float_buf()),
+        )
+
+    def place(self, state: Array) -> None:
+        """Set positions and velocities, (M, 6)."""
+        self._placing[: len(state)] = state
+        if len(state):
+            batch.set_space_bodies(self._space, _STATE, self._place_buffer)
+
+    def push(self, load: Array) -> None:
+        """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
+        self._pushing[: len(load)] = load
+        if len(load):
+            batch.set_space_bodies(self._space, _LOAD, self._push_buffer)
+
+    def brake(self, first: int, second: int | None, torque: float) -> None:
+        """Let a torque of at most so much resist the turning of one body against another or the world."""
+        key = (first, -1 if second is None else second)
+        if key not in self._brakes:
+            other = self._space.static_body if second is None else self._bodies[second]
+            motor = pymunk.SimpleMotor(self._bodies[first], other, 0.0)
+            self._space.add(motor)
+            self._brakes[key] = motor
+        self._brakes[key].max_force = torque
+
+    def braked(self) -> dict[tuple[int, int], float]:
+        """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
+        return {key: float(motor.impulse) for key, motor in self._brakes.items()}
+
+    def touching(self, words: bytes, numbers: bytes) -> Touching:
+        """Contacts of one or more steps as they were read, in their order."""
+        ints = np.frombuffer(words, np.uint64).reshape(-1, WORDS)
+        rows = np.frombuffer(numbers, np.float64).reshape(-1, NUMBERS)
+        things = self._by_id[np.searchsorted(self._ids, ints[:, :2])]
+        return Touching(
+            first=things[:, 0],
+            second=things[:, 1],
+            count=ints[:, 2].astype(np.int64),
+            impulse=rows[:, :2],
+            normal=rows[:, 2:4],
+            on_first=rows[:, [4, 5, 9, 10]].reshape(-1, 2, 2),
+            on_second=rows[:, [6, 7, 11, 12]].reshape(-1, 2, 2),
+            depth=-rows[:, [8, 13]],
+        )
+
+
+def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
+    if model.motion is Motion.DYNAMIC:
+        body = pymunk.Body(model.mass, model.moment)
+    elif model.motion is Motion.STATIC:
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+    else:
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    body.position = tuple(model.center.tolist())
+    space.add(body)
+    if model.radius is not None:
+        shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
+    else:
+        shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
+    for shape in shapes:
+        shape.friction = model.surface.friction
+        space.add(shape)
+    return body
+
+
+def _add_wall(
+    space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
+) -> pymunk.Body:
+    """A body of its own, so that contacts know which wall they touch."""
+    body = pymunk.Body(body_type=pymunk.Body.STATIC)
+    space.add(body)
+    for chain in wall.chains:
+        for a, b in pairwise(chain.tolist()):
+            segment = pymunk.Segment(body, a, b, 0.0)
+            segment.friction = wall.surface.friction
+            before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
+            if before is not None or after is not None:
+                # without a neighbour, a point on the segment's own line lets its end be hit from outside only
+                segment.set_neighbors(before or a, after or b)
+            space.add(segment)
+    return body
+
+
+def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]:
+    """(near end, far end) of a segment -> far end of the one that carries on from its near end in a straight line.
+
+    Told of its neighbours, a segment's end no longer trips what slides over the seam.
+    """
+    ends = [
+        (np.array(near), np.array(far))
+        for wall in walls
+        for chain in wall.chains
+        for a, b in pairwise(chain.tolist())
+        for near, far in ((a, b), (b, a))
+    ]
+    found: dict[tuple[float, ...], list[float]] = {}
+    if not ends:
+        return found
+    nears = np.array([near for near, _ in ends])
+    away = np.array([far - near for near, far in ends])
+    away /= np.maximum(np.hypot(*away.T), 1e-12)[:, None]
+    order = np.argsort(nears[:, 0], kind="stable")
+    sorted_x = nears[order, 0]
+    for k in range(len(ends)):
+        low, high = np.searchsorted(sorted_x, [nears[k, 0] - SEAM, nears[k, 0] + SEAM])
+        others = order[low:high]
+        meets = np.hypot(*(nears[others] - nears[k]).T) <= SEAM
+        straight = away[others] @ away[k] <= -STRAIGHT
+        for other in others[meets & straight].tolist():
+            if other // 2 != k // 2:
+                key = (*ends[k][0].tolist(), *ends[k][1].tolist())
+                found.setdefault(key, ends[other][1].tolist())
+    return found
+
+
+def _add_joints(space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body]) -> None:
+    """Pins, welds and motors; springs are loads (loads.py). Errors are undone within a step.
+
+    With all of a joint's error taken back each step, the velocity between two steps points at where the pin is next:
+    the leapfrog with constraints (SHAKE).
+    """
+    for joint in joints:
+        if joint.kind is JointKind.SPRING:
+            continue
+        a = bodies[joint.first]
+        b = space.static_body if joint.second is None else bodies[joint.second]
+        parts: list[pymunk.Constraint] = [
+            pymunk.PivotJoint(a, b, joint.first_at.tolist(), joint.second_at.tolist())
+        ]
+        if joint.kind is JointKind.WELD:
+            parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
+        elif joint.kind is JointKind.MOTOR:
+            motor = pymunk.SimpleMotor(a, b, joint.speed)
+            motor.max_force = joint.limit
+            parts.append(motor)
+        for part in parts:
+            part.error_bias = 0.0
+            part.collide_bodies = joint.collide
+            space.add(part)

@@ -1,0 +1,467 @@
+"""Contacts that close -> velocities after the blows, resolved one after the other, and when within the step they fell.
+
+Newton's elasticity and Coulomb's friction at each point. Points that close at the same instant are solved together; the
+blow then travels on through whatever touches: each round takes the points that close now. So the last of a row of balls
+takes all, whether their gaps are 0, a hair, or a hair of overlap; and a symmetric rack stays symmetric. Few points close
+at a time, so the rounds are plain numbers, and only what a blow has moved is looked at again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import hypot, isnan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.simulate.chipmunk import Touching
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+ROUNDS = 400
+"""Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
+SWEEPS = 300
+EXACT = 1e-13
+"""Relative change of an impulse at which points that close together are solved."""
+TOGETHER = 0.02
+"""Part of a step within which two contacts of one body count as simultaneous."""
+
+
+@dataclass(frozen=True)
+class Things:
+    """What the N bodies and walls bring to a blow; the mass and moment of whatever is not dynamic is infinite."""
+
+    lightness: list[float]
+    """1/g."""
+    ease: list[float]
+    """1/(g·px²)."""
+    friction: list[float]
+    """Factors; a pair's coefficient is their product."""
+    elasticity: list[float]
+    radius: list[float]
+    """px; NaN where it is not a circle."""
+
+
+@dataclass(frozen=True)
+class Blows:
+    """What the blows of one step did."""
+
+    velocity: Array
+    """(N, 3): px/s, px/s, rad/s after the last."""
+    shift: Array
+    """(N, 3): how far the blows, having fallen within the step, move the bodies at its end: px, px, rad."""
+    first: Index
+    """(B,): the struck pairs."""
+    second: Index
+    impulse: Array
+    """(B, 2) g·px/s that the second gave the first."""
+    earlier: Array
+    """(B,) s before the end of the step."""
+    lost: float
+    """g·px²/s² that went into elasticity below 1 and friction."""
+    work: float
+    """g·px²/s² that scripted bodies did."""
+
+
+@dataclass(slots=True)
+class _Point:
+    """One contact point, when it closed."""
+
+    a: int
+    b: int
+    nx: float
+    ny: float
+    """From a to b; (-ny, nx) is along the surface."""
+    earlier: float
+    own: bool
+    """Whether it closed by the motion before all blows."""
+    ma: float
+    mb: float
+    ea: float
+    eb: float
+    na: float
+    nb: float
+    """Levers of the normal and of the tangent about both centres."""
+    ta: float
+    tb: float
+    nn: float
+    nt: float
+    tt: float
+    """Change of closing and sliding speed by a unit of impulse."""
+    elasticity: float
+    friction: float
+
+
+def strike(
+    things: Things,
+    pose: Array,
+    velocity: Array,
+    drift: Array,
+    touching: Touching,
+    touched: Flags,
+    h: float,
+    threshold: float,
+) -> Blows | None:
+    """None where nothing closes faster than `threshold` px/s.
+
+    pose (N, 3) at the step's end; velocity (N, 3) within the step, before contacts; drift (N, 2) px/s²: acceleration of
+    what flies freely, zero for the rest; touched (K,): the pair touched a step ago already.
+    """
+    use = np.arange(2) < touching.count[:, None]
+    row = np.repeat(np.arange(len(use)), use.sum(axis=1))
+    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
+    on1, on2 = touching.on_first[use], touching.on_second[use]
+    closing = ((_at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)) * normal).sum(axis=1)
+    own = closing > threshold
+    if not own.any():
+        return None
+    # when each point closed, before the end of the step; what touched before closes when a blow makes it
+    depth = np.maximum(touching.depth[use], 0.0)
+    earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(closing, 1e-300), h), 0.0)
+    # two points of one pair close together: what lands flat stays flat
+    pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
+    pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
+    earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
+    return _Instant(things, pose, velocity, drift, first, second, normal, on1, on2, earlier, own, h, threshold).run()
+
+
+def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
+    """(P, 2) px/s of points on bodies."""
+    v, arm = velocity[things], points - pose[things, :2]
+    out = v[:, :2].copy()
+    out[:, 0] -= v[:, 2] * arm[:, 1]
+    out[:, 1] += v[:, 2] * arm[:, 0]
+    return out
+
+
+class _Instant:
+    """One step's blows in the making."""
+
+    def __init__(
+        self,
+        things: Things,
+        pose: Array,
+        velocity: Array,
+        drift: Array,
+        first: Index,
+        second: Index,
+        normal: Array,
+        on1: Array,
+        on2: Array,
+        earlier: Array,
+        own: Flags,
+        h: float,
+        threshold: float,
+    ) -> None:
+        self._things, self._pose, self._velocity, self._drift = things, pose, velocity, drift
+        self._first, self._second, self._normal = first, second, normal
+        self._on, self._earlier, self._own, self._h = (on1, on2), earlier, own, h
+        self._threshold = threshold
+        both = np.concatenate([first, second])
+        order = np.argsort(both, kind="stable")
+        self._owner, self._listed = both[order], order % len(first)
+        self._points: dict[int, _Point] = {}
+        self._v: dict[int, list[float]] = {}
+        self._shift: dict[int, list[float]] = {}
+        self._when: dict[int, float] = {}
+        self._leap: dict[int, tuple[float, float]] = {}
+        self._rows: list[tuple[int, int, float, float, float]] = []
+        self._lost = self._work = 0.0
+
+    def run(self) -> Blows:
+        """Rounds until nothing closes."""
+        closing = [int(k) for k in np.flatnonzero(self._own)]
+        for number in range(ROUNDS):
+            if not closing:
+                break
+            times = {k: self._time(k, number) for k in closing}
+            struck = self._leading(closing, times)
+            self._begin(struck, times)
+            for group in self._groups(struck):
+                self._solve(group, times)
+            moved = {body for k in struck for body in (self._point(k).a, self._point(k).b)}
+            near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
+            closing = [k for k in sorted(near) if self._speed(self._point(k)) < -self._threshold]
+        velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
+        for body, (vx, vy, spin) in self._v.items():
+            lx, ly = self._leap.get(body, (0.0, 0.0))
+            velocity[body] = vx - lx, vy - ly, spin
+        for body, moved_by in self._shift.items():
+            shift[body] = moved_by
+        rows = np.array(self._rows).reshape(-1, 5)
+        return Blows(
+            velocity=velocity,
+            shift=shift,
+            first=rows[:, 0].astype(np.int64),
+            second=rows[:, 1].astype(np.int64),
+            impulse=rows[:, 2:4],
+            earlier=rows[:, 4],
+            lost=self._lost,
+            work=self._work,
+        )
+
+    # Who and when
+
+    def _free(self, body: int) -> bool:
+        return self._things.lightness[body] > 0
+
+    def _beside(self, body: int) -> list[int]:
+        """Points at a body that can move; a wall is no messenger."""
+        if not self._free(body):
+            return []
+        low, high = np.searchsorted(self._owner, [body, body + 1])
+        return [int(k) for k in self._listed[low:high]]
+
+    def _speeds(self, body: int) -> list[float]:
+        if body not in self._v:
+            self._v[body] = self._velocity[body].tolist()
+        return self._v[body]
+
+    def _time(self, k: int, number: int) -> float:
+        """s before the step's end: a point's own time, or that of the blow that a partner brings."""
+        p = self._point(k)
+        if number == 0 or (p.own and p.earlier > 0):
+            return p.earlier
+        return max(0.0, self._when.get(p.a, 0.0), self._when.get(p.b, 0.0))
+
+    def _leading(self, closing: Iterable[int], times: dict[int, float]) -> list[int]:
+        """The points that close first among those that share a body with them."""
+        latest: dict[int, float] = {}
+        for k in closing:
+            p = self._point(k)
+            for body in (p.a, p.b):
+                latest[body] = max(latest.get(body, -1.0), times[k])
+        slack = TOGETHER * self._h
+        leads = []
+        for k in closing:
+            p = self._point(k)
+            if all(not self._free(body) or times[k] >= latest[body] - slack for body in (p.a, p.b)):
+                leads.append(k)
+        return leads
+
+    def _begin(self, struck: Iterable[int], times: dict[int, float]) -> None:
+        """Between two steps velocities are those of the step's middle: bring what is struck first to the blow's time."""
+        for k in struck:
+            p = self._point(k)
+            for body in (p.a, p.b):
+                if body not in self._when and self._free(body):
+                    self._when[body] = times[k]
+                    part = self._h / 2 - times[k]
+                    leap = float(self._drift[body, 0]) * part, float(self._drift[body, 1]) * part
+                    self._leap[body] = leap
+                    v = self._speeds(body)
+                    v[0] += leap[0]
+                    v[1] += leap[1]
+
+    def _groups(self, struck: list[int]) -> list[list[int]]:
+        """Points that share movable bodies, together."""
+        if len(struck) == 1:
+            return [struck]
+        root = {k: k for k in struck}
+
+        def find(k: int) -> int:
+            while root[k] != k:
+                root[k] = root[root[k]]
+                k = root[k]
+            return k
+
+        holder: dict[int, int] = {}
+        for k in struck:
+            p = self._point(k)
+            for body in (p.a, p.b):
+                if self._free(body):
+                    other = holder.setdefault(body, k)
+                    root[find(k)] = find(other)
+        groups: dict[int, list[int]] = {}
+        for k in struck:
+            groups.setdefault(find(k), []).append(k)
+        return list(groups.values())
+
+    def _point(self, k: int) -> _Point:
+        if k not in self._points:
+            self._points[k] = self._made(k)
+        return self._points[k]
+
+    def _made(self, k: int) -> _Point:
+        """Levers from both centres to one common point when it closed: angular momentum is kept to the last digit."""
+        things, back = self._things, float(self._earlier[k])
+        a, b = int(self._first[k]), int(self._second[k])
+        nx, ny = self._normal[k].tolist()
+        places, centers = [], []
+        for body, on in ((a, self._on[0]), (b, self._on[1])):
+            x, y, _ = self._pose[body].tolist()
+            vx, vy, spin = self._velocity[body].tolist()
+            px, py = on[k].tolist()
+            centers.append((x - back * vx, y - back * vy))
+            places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
+        (ax, ay), (bx, by) = centers
+        px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
+        ra, rb = things.radius[a], things.radius[b]
+        if not (isnan(ra) or isnan(rb)):
+            distance = max(hypot(bx - ax, by - ay), 1e-12)
+            nx, ny = (bx - ax) / distance, (by - ay) / distance
+            px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
+        ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
+        na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
+        ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
+        return _Point(
+            a, b, nx, ny, back, bool(self._own[k]), ma, mb, ea, eb, na, nb, ta, tb,
+            ma + mb + ea * na * na + eb * nb * nb,
+            ea * na * ta + eb * nb * tb,
+            ma + mb + ea * ta * ta + eb * tb * tb,
+            things.elasticity[a] * things.elasticity[b],
+            things.friction[a] * things.friction[b],
+        )  # fmt: skip
+
+    # What a blow does
+
+    def _speed(self, p: _Point) -> float:
+        """px/s at which b leaves a; negative: it closes."""
+        va, vb = self._speeds(p.a), self._speeds(p.b)
+        return p.nx * (vb[0] - va[0]) + p.ny * (vb[1] - va[1]) + p.nb * vb[2] - p.na * va[2]
+
+    def _slip(self, p: _Point) -> float:
+        """px/s at which b slides along a."""
+        va, vb = self._speeds(p.a), self._speeds(p.b)
+        return p.nx * (vb[1] - va[1]) - p.ny * (vb[0] - va[0]) + p.tb * vb[2] - p.ta * va[2]
+
+    def _solve(self, group: list[int], times: dict[int, float]) -> None:
+        """Find the impulses of points that close together, and carry them out."""
+        points = [self._point(k) for k in group]
+        if len(points) == 1:
+            found = [_single(points[0], self._speed(points[0]), self._slip(points[0]))]
+        else:
+            found = self._together(points)
+        was = [(self._speed(p), self._slip(p)) for p in points]
+        driven = [self._drive(p) for p in points]
+        for k, p, (jn, jt) in zip(group, points, found, strict=True):
+            self._give(self._v, p, jn, jt, 1.0)
+            if times[k]:
+                self._give(self._shift, p, jn, jt, times[k])
+            fx, fy = jn * p.nx - jt * p.ny, jn * p.ny + jt * p.nx
+            self._rows.append((p.a, p.b, -fx, -fy, times[k]))
+        for p, (jn, jt), (vn, vt), (on_a, on_b) in zip(points, found, was, driven, strict=True):
+            self._lost -= jn * (vn + self._speed(p)) / 2 + jt * (vt + self._slip(p)) / 2
+            self._work += jn * (on_a[0] - on_b[0]) + jt * (on_a[1] - on_b[1])
+
+    def _give(self, to: dict[int, list[float]], p: _Point, jn: float, jt: float, part: float) -> None:
+        """Add the changes of velocity by an impulse, times `part`."""
+        fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
+        for body, m, turn, sign in (
+            (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),
+            (p.b, p.mb, p.eb * (p.nb * jn + p.tb * jt) * part, 1.0),
+        ):
+            if m > 0:
+                row = self._speeds(body) if to is self._v else to.setdefault(body, [0.0, 0.0, 0.0])
+                row[0] += sign * m * fx
+                row[1] += sign * m * fy
+                row[2] += sign * turn
+
+    def _drive(self, p: _Point) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Speeds along the normal and the surface of the scripted partners' points; zero for the others."""
+        found = []
+        for body, turn, slide in ((p.a, p.na, p.ta), (p.b, p.nb, p.tb)):
+            if self._free(body):
+                found.append((0.0, 0.0))
+            else:
+                vx, vy, spin = self._speeds(body)
+                found.append((p.nx * vx + p.ny * vy + turn * spin, p.nx * vy - p.ny * vx + slide * spin))
+        # what a gets is the opposite of what b gets
+        (an, at), b = found
+        return (-an, -at), (-b[0], -b[1])
+
+    def _together(self, points: list[_Point]) -> list[tuple[float, float]]:
+        """Impulses of points that share bodies. Newton's rule with friction can make energy (Kane and Levinson 1985):
+        then as much of the bounce as makes none."""
+        full = self._swept(points, [p.elasticity for p in points])
+        if any(p.elasticity for p in points) and self._gain(points, full) > 0:
+            dead = self._swept(points, [0.0] * len(points))
+            part, step = 0.0, 0.5
+            best = dead
+            for _ in range(30):
+                trial = part + step
+                mixed = [
+                    (n0 + trial * (n1 - n0), t0 + trial * (t1 - t0))
+                    for (n0, t0), (n1, t1) in zip(dead, full, strict=True)
+                ]
+                if self._gain(points, mixed) <= 0:
+                    part, best = trial, mixed
+                step /= 2
+            return best
+        return full
+
+    def _gain(self, points: list[_Point], impulses: list[tuple[float, float]]) -> float:
+        """Kinetic energy that the impulses would add, g·px²/s²; 0 within rounding."""
+        kept = {body: list(self._speeds(body)) for p in points for body in (p.a, p.b)}
+        was = [(self._speed(p), self._slip(p)) for p in points]
+        for p, (jn, jt) in zip(points, impulses, strict=True):
+            self._give(self._v, p, jn, jt, 1.0)
+        gain = scale = 0.0
+        for p, (jn, jt), (vn, vt) in zip(points, impulses, was, strict=True):
+            done = jn * (vn + self._speed(p)) / 2, jt * (vt + self._slip(p)) / 2
+            gain += sum(done)
+            scale += abs(jn * vn) + abs(done[1])
+        self._v.update(kept)
+        return gain if gain > 1e-9 * scale else 0.0
+
+    def _swept(self, points: list[_Point], elasticity: list[float]) -> list[tuple[float, float]]:
+        """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
+        v = {body: list(self._speeds(body)) for p in points for body in (p.a, p.b)}
+        goals = [-e * self._speed(p) for p, e in zip(points, elasticity, strict=True)]
+        jn, jt = [0.0] * len(points), [0.0] * len(points)
+        rows = [(i, p, v[p.a], v[p.b], goals[i]) for i, p in enumerate(points)]
+        for _ in range(SWEEPS):
+            change = size = 0.0
+            for i, p, a, b, goal in rows:
+                nx, ny = p.nx, p.ny
+                vn = nx * (b[0] - a[0]) + ny * (b[1] - a[1]) + p.nb * b[2] - p.na * a[2]
+                new = max(0.0, jn[i] + (goal - vn) / p.nn)
+                d = new - jn[i]
+                jn[i] = new
+                change, size = max(change, abs(d)), max(size, new)
+                a[0] -= d * nx * p.ma
+                a[1] -= d * ny * p.ma
+                a[2] -= d * p.na * p.ea
+                b[0] += d * nx * p.mb
+                b[1] += d * ny * p.mb
+                b[2] += d * p.nb * p.eb
+                if p.friction > 0:
+                    vt = nx * (b[1] - a[1]) - ny * (b[0] - a[0]) + p.tb * b[2] - p.ta * a[2]
+                    edge = p.friction * new
+                    slide = min(edge, max(-edge, jt[i] - vt / p.tt))
+                    d = slide - jt[i]
+                    jt[i] = slide
+                    change = max(change, abs(d))
+                    a[0] += d * ny * p.ma
+                    a[1] -= d * nx * p.ma
+                    a[2] -= d * p.ta * p.ea
+                    b[0] -= d * ny * p.mb
+                    b[1] += d * nx * p.mb
+                    b[2] += d * p.tb * p.eb
+            if change <= EXACT * size:
+                break
+        return list(zip(jn, jt, strict=True))
+
+
+def _single(p: _Point, vn: float, vt: float) -> tuple[float, float]:
+    """Impulse of a lone point in closed form: sticking where friction can hold, else sliding; never a gain of energy."""
+    target = -(1 + p.elasticity) * vn
+    mu = p.friction
+    if mu == 0:
+        return target / p.nn, 0.0
+    det = p.nn * p.tt - p.nt * p.nt
+    jn, jt = (target * p.tt + p.nt * vt) / det, (-p.nt * target - p.nn * vt) / det
+    if jn <= 0 or abs(jt) > mu * jn:
+        side = (1.0 if jt > 0 else -1.0) if jt else (-1.0 if vt > 0 else 1.0)
+        grip = p.nn + side * mu * p.nt
+        if grip < 1e-9 * p.nn:  # it would wedge
+            return target / p.nn, 0.0
+        jn = target / grip
+        jt = side * mu * jn
+    gain = jn * (2 * vn + p.nn * jn + p.nt * jt) + jt * (2 * vt + p.tt * jt + p.nt * jn)
+    if gain > 1e-12 * abs(jn * vn):
+        return target / p.nn, 0.0
+    return jn, jt

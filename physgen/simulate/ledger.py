@@ -1,0 +1,279 @@
+"""What every step did -> samples at exact times, contacts and the books of energy; a block of steps at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.world import World
+from physgen.problems import InputError
+from physgen.scene.model import Motion
+from physgen.simulate.chipmunk import Chipmunk, Touching
+from physgen.simulate.contacts import ContactLog
+from physgen.simulate.impacts import Blows
+from physgen.simulate.loads import Loads
+from physgen.simulate.scripts import Scripts
+from physgen.simulate.trajectory import Energy
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+BLOCK = 64
+"""Steps that are read together."""
+BYTES = 8_000_000
+"""Of contacts that are held before they are read."""
+
+
+@dataclass
+class Step:
+    """One step as it was read."""
+
+    time: float
+    """s, of its end."""
+    states: bytes
+    words: bytes
+    numbers: bytes
+    before: Array | None
+    """(M, 3): velocities within the step; None: as the step before left them."""
+    original: Array | None
+    """(M, 3): the same before blows changed them; None without blows."""
+    blows: list[Blows]
+    lost: float
+    """g·px²/s² to table, dampers and rolling resistance."""
+    work: float
+    """g·px²/s² by pushes, wind and motors."""
+    roll: Array | None
+    """(N, 2) at its end."""
+    kicks: list[tuple[float, float]]
+    """Time, s, and work of the impulses that were given in it."""
+
+
+@dataclass
+class Ledger:
+    """Books of a run."""
+
+    world: World
+    space: Chipmunk
+    loads: Loads
+    scripts: Scripts
+    times: Array
+    """(T,) s to sample at."""
+    log: ContactLog = field(init=False)
+
+    def __post_init__(self) -> None:
+        world, T, N = self.world, len(self.times), len(self.world.bodies)
+        self.log = ContactLog(tuple(name for name, _ in world.surfaces), 2 / world.steps_per_second)
+        self._steps: list[Step] = []
+        self._held = 0
+        self.poses, self.velocities = np.zeros((T, N, 3)), np.zeros((T, N, 3))
+        self._rolling = False
+        self.rolls = np.zeros((T, N, 2))
+        self._books = np.zeros((T, 4))
+        self.done = 0
+        """Samples taken."""
+        dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
+        self._mass = np.where(dynamic, [b.mass for b in world.bodies], 0.0).reshape(-1)
+        self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0).reshape(-1)
+        self._scripted = np.concatenate(
+            [np.array([b.motion is Motion.SCRIPTED for b in world.bodies], bool), np.zeros(len(world.walls), bool)]
+        )
+        self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
+        self._time = 0.0
+        self._smooth = np.zeros(2)  # lost and work up to the middle of the last step's doing
+        self._owed = np.zeros(2)  # the other half
+        self._struck: list[tuple[float, float, float]] = []
+        self._spent = np.zeros(2)  # lost and work of the blows of earlier blocks
+        self._first = True
+        self.residual = 0.0
+        """Fastest closing of a contact that a step of the last block left, px/s."""
+
+    def begin(self, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
+        """The half step to t = 0: pose (N, 3), velocity (N, 3), roll (N, 2) at t = 0 as the scene has them."""
+        self._pose, self._mean, self._roll = pose, velocity, roll
+        self._after = np.zeros((len(self.space.moving), 3))
+        self._write(step)
+        self.flush()
+
+    def add(self, step: Step) -> None:
+        """Note a step; True once a block is full."""
+        self._write(step)
+        if len(self._steps) >= BLOCK or self._held >= BYTES:
+            self.flush()
+
+    def _write(self, step: Step) -> None:
+        self._steps.append(step)
+        self._held += len(step.numbers)
+        if step.roll is not None:
+            self._rolling = True
+
+    def flush(self) -> None:
+        """Read the steps that are held."""
+        steps, self._steps, self._held = self._steps, [], 0
+        if not steps:
+            return
+        M = len(self.space.moving)
+        states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
+        after = states[:, :, 3:]
+        before = np.concatenate([self._after[None], after[:-1]])
+        for s, step in enumerate(steps):
+            if step.before is not None:
+                before[s] = step.before
+        self._after = after[-1].copy()
+        mean = self._all((before + after) / 2)
+        pose = self._all(states[:, :, :3], self._still)
+        flow = self._contacts(steps, pose, self._all(before), self._all(after))
+        flow[:, 0] += [step.lost for step in steps]
+        flow[:, 1] += [step.work for step in steps]
+        ends = np.array([step.time for step in steps])
+        # at a step's end half of what it did is done: its velocities are those of the middle of two steps
+        smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
+        owed = flow[-1] / 2
+        if self._first:  # of the half step to t = 0, nothing is done yet at t = 0
+            pose[0], mean[0], smooth, owed = self._pose, self._mean, np.zeros((1, 2)), flow[-1]
+            self._first = False
+        self._samples(steps, ends, pose, mean, smooth)
+        self._smooth, self._owed = smooth[-1], owed
+        self._time = float(ends[-1])
+        self._pose, self._mean = pose[-1], mean[-1]
+        if steps[-1].roll is not None:
+            self._roll = steps[-1].roll
+        self._struck.clear()
+
+    def _all(self, moving: Array, still: Array | None = None) -> Array:
+        """(S, M, 3) of moving bodies -> (S, N, 3) of all bodies."""
+        S, N = len(moving), len(self.world.bodies)
+        out = np.zeros((S, N, 3)) if still is None else np.tile(still, (S, 1, 1))
+        out[:, self.space.moving] = moving
+        return out
+
+    def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
+        """(S, 2) lost and work of the steps' contacts; blows go into their own list, and all into the log."""
+        S, N, W = len(steps), len(self.world.bodies), len(self.world.walls)
+        ends = np.array([step.time for step in steps])
+        counts = [len(step.words) // 24 for step in steps]
+        row = np.repeat(np.arange(S), counts)
+        touch = self.space.touching(
+            b"".join(step.words for step in steps), b"".join(step.numbers for step in steps)
+        )
+        # the engine lists contacts in an order that depends on memory addresses: sort before any sum
+        place = touch.on_first[:, 0]
+        order = np.lexsort((place[:, 1], place[:, 0], touch.second, touch.first, row))
+        row, first, second = row[order], touch.first[order], touch.second[order]
+        impulse, count = touch.impulse[order], touch.count[order]
+        points = (touch.on_first[order] + touch.on_second[order]) / 2
+        where = np.where((count > 1)[:, None], points.mean(axis=1), points[:, 0])
+
+        def widen(array: Array) -> Array:
+            return np.concatenate([array, np.zeros((S, W, 3))], axis=1)
+
+        center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
+        mean[:, self._scripted] = last[:, self._scripted]
+
+        def speed(of: Array, things: Index) -> Array:
+            v, arm = of[row, things], where - center[row, things, :2]
+            return np.stack([v[:, 0] - v[:, 2] * arm[:, 1], v[:, 1] + v[:, 2] * arm[:, 0]], axis=1)
+
+        v1, v2 = speed(mean, first), speed(mean, second)
+        lost = -(impulse * (v1 - v2)).sum(axis=1)
+        work = np.zeros(len(row))
+        for things, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
+            driven = self._scripted[things]
+            work[driven] += sign * (impulse[driven] * v[driven]).sum(axis=1)
+        flow = np.stack([np.bincount(row, values, S) for values in (lost, work)], axis=1).astype(np.float64)
+        if len(row):
+            closing = ((speed(last, first) - speed(last, second)) * touch.normal[order]).sum(axis=1)
+            self.residual = float(np.maximum(closing, 0.0).max())
+        else:
+            self.residual = 0.0
+        self._struck += [(time, 0.0, work) for step in steps for time, work in step.kicks]
+        blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
+        for s, blows in blown:
+            time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))
+            self._struck.append((time + 1e-9 if self._first else time, blows.lost, blows.work))
+        self.log.block(
+            ends,
+            np.searchsorted(self.times, ends - 1e-12),
+            np.concatenate([row, *(np.full(len(b.first), s) for s, b in blown)]).astype(np.int64),
+            np.concatenate([first, *(b.first for _, b in blown)]),
+            np.concatenate([second, *(b.second for _, b in blown)]),
+            np.concatenate([impulse, *(b.impulse for _, b in blown)]),
+            np.concatenate([ends[row], *(ends[s] - b.earlier for s, b in blown)]),
+        )
+        return flow
+
+    def _samples(self, steps: list[Step], ends: Array, pose: Array, mean: Array, smooth: Array) -> None:
+        """Take the samples that fall into these steps."""
+        T = len(self.times)
+        while self.done < T and self.times[self.done] <= ends[-1] + 1e-12:
+            time = float(self.times[self.done])
+            s = int(np.searchsorted(ends, time - 1e-12))
+            start = self._time if s == 0 else float(ends[s - 1])
+            pose0, mean0 = (self._pose, self._mean) if s == 0 else (pose[s - 1], mean[s - 1])
+            books0 = self._smooth if s == 0 else smooth[s - 1]
+            roll0 = self._roll if s == 0 or steps[s - 1].roll is None else steps[s - 1].roll
+            roll1 = roll0 if steps[s].roll is None else steps[s].roll
+            h = float(ends[s]) - start
+            part = 1.0 if h <= 0 or time > ends[s] - 1e-9 * h else max(0.0, (time - start) / h)
+            x, v = pose0 + part * (pose[s] - pose0), mean0 + part * (mean[s] - mean0)
+            if 0.0 < part < 1.0 and steps[s].original is not None:
+                self._inside(steps[s], time, part * h, h, x, v, pose0, pose[s])
+            if self.scripts.busy:
+                self.scripts.sample(time, x, v)
+            roll = roll0 + part * (roll1 - roll0)
+            k = self.done
+            self.poses[k], self.velocities[k], self.rolls[k] = x, v, roll
+            _refuse_infinities(self.world, x, v, time)
+            books = books0 + part * (smooth[s] - books0)
+            self._books[k] = (*self._energy(x, v, roll), *(books + self._blown(time)))
+            self.done += 1
+        for _, lost, work in self._struck:
+            self._spent = self._spent + (lost, work)
+
+    def _blown(self, time: float) -> Array:
+        """Lost and work of all blows up to a time."""
+        total = self._spent.copy()
+        for at, lost, work in self._struck:
+            if at <= time + 1e-12:
+                total += (lost, work)
+        return total
+
+    def _inside(
+        self, step: Step, time: float, since: float, h: float, x: Array, v: Array, pose0: Array, pose1: Array
+    ) -> None:
+        """Within a step with blows, what was struck moves as before until then, and as after from then on."""
+        assert step.original is not None and step.before is not None
+        changed = np.flatnonzero((step.original != step.before).any(axis=1))
+        bodies = self.space.moving[changed]
+        at = max(float(b.earlier.max()) for b in step.blows if len(b.earlier))
+        if time < step.time - at:
+            v[bodies] = step.original[changed]
+            x[bodies] = pose0[bodies] + step.original[changed] * since
+        else:
+            v[bodies] = step.before[changed]
+            x[bodies] = pose1[bodies] - step.before[changed] * (h - since)
+
+    def _energy(self, pose: Array, velocity: Array, roll: Array) -> tuple[float, float]:
+        """Kinetic and potential energy of the dynamic bodies."""
+        square = velocity[:, 0] ** 2 + velocity[:, 1] ** 2
+        turning = velocity[:, 2] ** 2 + (roll**2).sum(axis=1)
+        kinetic = float((self._mass * square + self._moment * turning).sum() / 2)
+        height = -float((self._mass * (pose[:, :2] @ self.world.gravity)).sum())
+        return kinetic, height + (self.loads.potential(pose) if self.loads.busy else 0.0)
+
+    def energy(self) -> Energy:
+        """At every sample."""
+        return Energy(*np.ascontiguousarray(self._books.T))
+
+    def rolled(self) -> Array:
+        """(T, N, 2), or (T, 0, 2) where nothing rolls on a table."""
+        return self.rolls if self._rolling else self.rolls[:, :0]
+
+
+def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) -> None:
+    wrong = np.flatnonzero(~(np.isfinite(pose).all(axis=1) & np.isfinite(velocity).all(axis=1)))
+    if len(wrong):
+        expected = f"leaves all numbers by t = {time:.3f} s"
+        fix = "bring its mass, velocity and forces nearer to the others'"
+        raise InputError.of(f"objects.{world.bodies[wrong[0]].name}", "", expected, fix)

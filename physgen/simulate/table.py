@@ -1,0 +1,150 @@
+"""A table seen from above: friction under what slides, spins and rolls.
+
+A disc's sliding and spinning share one friction: both end together (Farkas, Bartels, Unger, Wolf, Phys. Rev. Lett. 90,
+248302, 2003). A sphere touches at one point: it slides until that point stands still, then rolls.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.world import World
+from physgen.scene.model import Motion, Solid
+
+Array = NDArray[np.float64]
+
+NODES = 1024
+"""Of the tables of friction by the ratio of sliding to spinning."""
+
+
+class Table:
+    """Friction on the N bodies of a world; idle seen from the side."""
+
+    def __init__(self, world: World) -> None:
+        bodies = world.bodies
+        grip = np.array([b.surface.friction * world.table.friction for b in bodies]).reshape(-1)
+        rolling = np.array([b.rolling for b in bodies]).reshape(-1)
+        on = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
+        ball = np.array([b.solid is Solid.SPHERE and b.radius is not None for b in bodies], bool)
+        self.busy = bool(world.press > 0 and (on & ((grip > 0) | (ball & (rolling > 0)))).any())
+        self._balls = np.flatnonzero(on & ball)
+        self._discs = np.flatnonzero(on & ~ball & (grip > 0))
+        self._grip, self._press = grip * world.press, world.press
+        """(N,) px/s²: deceleration of what slides without spinning."""
+        self._mass = np.array([b.mass for b in bodies]).reshape(-1)
+        self._moment = np.array([b.moment for b in bodies]).reshape(-1)
+        self._radius = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)
+        self._patch = np.array([b.patch for b in bodies]).reshape(-1)
+        self._slow = rolling * world.press
+        self._ring = np.array([b.solid is Solid.HOOP for b in bodies], bool).reshape(-1)
+
+    def kick(self, velocity: Array, roll: Array, h: float) -> tuple[Array, Array]:
+        """Changes of velocity (N, 3) and roll (N, 2) in h seconds; velocity holds all other forces' doing already."""
+        change, turned = np.zeros_like(velocity), np.zeros_like(roll)
+        if len(self._discs):
+            on = self._discs
+            half = velocity[on] + self._slide(velocity[on], h / 2)
+            full = self._slide(velocity[on], h, half)
+            change[on] = full
+        if len(self._balls):
+            change[self._balls, :2], turned[self._balls] = self._rolled(
+                velocity[self._balls, :2], roll[self._balls], h
+            )
+        return change, turned
+
+    def slip(self, velocity: Array, roll: Array) -> Array:
+        """(N, 2) px/s of each sphere's lowest point over the table; the bodies' own velocity for all others."""
+        slip = velocity[:, :2].copy()
+        k = self._balls
+        slip[k] += self._radius[k, None] * np.stack([roll[k, 1], -roll[k, 0]], axis=1)
+        return slip
+
+    def _slide(self, velocity: Array, h: float, at: Array | None = None) -> Array:
+        """(D, 3): change by friction as it is at the velocity `at`; never beyond rest."""
+        on, at = self._discs, velocity if at is None else at
+        speed, rim = np.hypot(at[:, 0], at[:, 1]), self._patch[on] * np.abs(at[:, 2])
+        ratio = np.arctan2(speed, rim)
+        nodes, force, torque = _shares(False)
+        pull, twist = np.interp(ratio, nodes, force), np.interp(ratio, nodes, torque)
+        if self._ring[on].any():
+            nodes, force, torque = _shares(True)
+            ring = self._ring[on]
+            pull = np.where(ring, np.interp(ratio, nodes, force), pull)
+            twist = np.where(ring, np.interp(ratio, nodes, torque), twist)
+        change = np.empty_like(velocity)
+        now = np.hypot(velocity[:, 0], velocity[:, 1])
+        # the direction is that of the motion; nothing is turned round by friction
+        brake = np.minimum(pull * self._grip[on] * h, now)
+        change[:, :2] = -(brake / np.maximum(now, 1e-300))[:, None] * velocity[:, :2]
+        spin = twist * self._grip[on] * self._mass[on] * self._patch[on] / self._moment[on] * h
+        change[:, 2] = -np.sign(velocity[:, 2]) * np.minimum(spin, np.abs(velocity[:, 2]))
+        # less than a step before both end, they end
+        left = now <= self._grip[on] * h
+        left &= np.abs(velocity[:, 2]) * self._moment[on] <= self._grip[on] * h * self._mass[on] * self._patch[on]
+        left &= (now + self._patch[on] * np.abs(velocity[:, 2])) <= self._grip[on] * h
+        change[left] = -velocity[left]
+        return change
+
+    def _rolled(self, velocity: Array, roll: Array, h: float) -> tuple[Array, Array]:
+        k = self._balls
+        m, inertia, r = self._mass[k], self._moment[k], self._radius[k]
+        share = m * r**2 / inertia  # 1 / (2/5)
+        slip = velocity + r[:, None] * np.stack([roll[:, 1], -roll[:, 0]], axis=1)
+        speed = np.hypot(*slip.T)
+        brake = np.minimum(self._grip[k] * h, speed / (1 + share))
+        push = -(brake / np.maximum(speed, 1e-300))[:, None] * slip
+        change = push
+        turned = (share / r)[:, None] * np.stack([-push[:, 1], push[:, 0]], axis=1)
+        rolls = brake >= speed / (1 + share) * (1 - 1e-12)
+        # rolling resistance: a moment of c x normal force x radius; once rolling it slows both alike
+        now = np.hypot(*(roll + turned).T)
+        lost = self._slow[k] * h * np.where(rolls, share / (1 + share), share) / r
+        keep = 1 - np.minimum(lost / np.maximum(now, 1e-300), 1.0)
+        stop = (keep - 1)[:, None]
+        turned = turned + stop * (roll + turned)
+        change = np.where(rolls[:, None], change + stop * (velocity + change), change)
+        return change, turned
+
+
+@cache
+def _shares(ring: bool) -> tuple[Array, Array, Array]:
+    """Angles atan2(speed, rim speed), and the shares of friction, and of friction x radius, that act at each.
+
+    Averages over the body's area (a uniform disc), or its rim (a hoop), of friction that is against each point's own
+    velocity; the disc's are Farkas and others' formulas, in complete elliptic integrals.
+    """
+    nodes = np.linspace(0, np.pi / 2, NODES)
+    if ring:
+        turn = (np.arange(720) + 0.5) * (2 * np.pi / 720)
+        v, u = np.sin(nodes)[:, None], np.cos(nodes)[:, None]
+        vx, vy = v - u * np.sin(turn), u * np.cos(turn)
+        size = np.maximum(np.hypot(vx, vy), 1e-300)
+        return nodes, (vx / size).mean(axis=1), ((np.cos(turn) * vy - np.sin(turn) * vx) / size).mean(axis=1)
+    ratio = np.tan(nodes[1:-1])
+    low = ratio <= 1
+    m = np.where(low, ratio, 1 / ratio) ** 2
+    K, E = _elliptic(m)
+    r2 = ratio**2
+    force = 4 / 3 * np.where(low, ((r2 + 1) * E + (r2 - 1) * K) / ratio, (r2 + 1) * E - (r2 - 1) * K) / np.pi
+    inner = (4 - 2 * r2) * E + (r2 - 1) * K
+    outer = ratio * ((4 - 2 * r2) * E + (2 * r2 - 5 + 3 / r2) * K)
+    torque = 4 / 9 * np.where(low, inner, outer) / np.pi
+    return nodes, np.concatenate([[0], force, [1]]), np.concatenate([[2 / 3], torque, [0]])
+
+
+def _elliptic(m: Array) -> tuple[Array, Array]:
+    """Complete elliptic integrals K and E of the parameter m < 1, by the arithmetic-geometric mean."""
+    a, b = np.ones_like(m), np.sqrt(1 - m)
+    lost, power = m / 2, 0.5
+    for _ in range(40):
+        c = (a - b) / 2
+        a, b = (a + b) / 2, np.sqrt(a * b)
+        power *= 2
+        lost = lost + power * c**2
+        if np.all(np.abs(c) <= 1e-16):
+            break
+    K = np.pi / (2 * a)
+    return K, K * (1 - lost)
