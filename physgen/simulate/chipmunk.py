@@ -1,12 +1,13 @@
 """World -> a Chipmunk space that is stepped, read and written in bulk; the only module that imports pymunk.
 
 Chipmunk finds what touches and carries what rests: normal forces, friction, joints. Bounces are ours (impacts.py): its
-shapes have no elasticity, because it solves all contacts of a step at once, which sends the first of a row of balls back.
+shapes have no elasticity, because it solves all contacts of a step at once, which sends the
+first of a row of balls back.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -45,6 +46,7 @@ _CONTACT = (
 )
 WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
+_ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,6 @@ class Touching:
     depth: Array
     """(K, 2) px of overlap."""
 
-    def sorted(self, order: Index) -> Touching:
-        """The same in another order."""
-        return Touching(*(getattr(self, field.name)[order] for field in fields(self)))
-
 
 class Chipmunk:
     """One space in motion; states are (M, 6): x, y, angle, vx, vy, spin of the bodies that are not static."""
@@ -84,7 +82,7 @@ class Chipmunk:
         smooth = _neighbours(world.walls)
         walls = [_add_wall(space, wall, smooth) for wall in world.walls]
         self._bodies = bodies
-        _add_joints(space, world.joints, bodies)
+        self._motors = _add_joints(space, world.joints, bodies)
         ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
         self._by_id = np.argsort(ids)
         self._ids = ids[self._by_id]
@@ -150,10 +148,16 @@ class Chipmunk:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
         return {key: float(motor.impulse) for key, motor in self._brakes.items()}
 
-    def touching(self, words: bytes, numbers: bytes) -> Touching:
-        """Contacts of one or more steps as they were read, in their order."""
+    def driven(self) -> list[float]:
+        """Size of the angular impulse that each motor gave in the last step, g·px²/s."""
+        return [float(motor.impulse) for motor in self._motors]
+
+    def touching(self, words: bytes, numbers: bytes | None) -> Touching:
+        """Contacts of one or more steps as they were read, in their order; without numbers, only who touches whom."""
         ints = np.frombuffer(words, np.uint64).reshape(-1, WORDS)
-        rows = np.frombuffer(numbers, np.float64).reshape(-1, NUMBERS)
+        rows = (
+            np.zeros((len(ints), NUMBERS)) if numbers is None else np.frombuffer(numbers).reshape(-1, NUMBERS)
+        )
         things = self._by_id[np.searchsorted(self._ids, ints[:, :2])]
         return Touching(
             first=things[:, 0],
@@ -161,9 +165,9 @@ class Chipmunk:
             count=ints[:, 2].astype(np.int64),
             impulse=rows[:, :2],
             normal=rows[:, 2:4],
-            on_first=rows[:, [4, 5, 9, 10]].reshape(-1, 2, 2),
-            on_second=rows[:, [6, 7, 11, 12]].reshape(-1, 2, 2),
-            depth=-rows[:, [8, 13]],
+            on_first=rows[:, _ON_FIRST].reshape(-1, 2, 2),
+            on_second=rows[:, _ON_SECOND].reshape(-1, 2, 2),
+            depth=-rows[:, _DISTANCE],
         )
 
 
@@ -186,9 +190,7 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
     return body
 
 
-def _add_wall(
-    space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
-) -> pymunk.Body:
+def _add_wall(space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]) -> pymunk.Body:
     """A body of its own, so that contacts know which wall they touch."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
@@ -199,7 +201,7 @@ def _add_wall(
             before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
             if before is not None or after is not None:
                 # without a neighbour, a point on the segment's own line lets its end be hit from outside only
-                segment.set_neighbors(before or a, after or b)
+                segment.set_neighbors(tuple(before or a), tuple(after or b))
             space.add(segment)
     return body
 
@@ -236,12 +238,15 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
     return found
 
 
-def _add_joints(space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body]) -> None:
-    """Pins, welds and motors; springs are loads (loads.py). Errors are undone within a step.
+def _add_joints(
+    space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body]
+) -> list[pymunk.SimpleMotor]:
+    """Pins, welds and motors; springs are loads (loads.py). Errors are undone within a step. Returns the motors.
 
     With all of a joint's error taken back each step, the velocity between two steps points at where the pin is next:
     the leapfrog with constraints (SHAKE).
     """
+    motors = []
     for joint in joints:
         if joint.kind is JointKind.SPRING:
             continue
@@ -256,7 +261,9 @@ def _add_joints(space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pym
             motor = pymunk.SimpleMotor(a, b, joint.speed)
             motor.max_force = joint.limit
             parts.append(motor)
+            motors.append(motor)
         for part in parts:
             part.error_bias = 0.0
             part.collide_bodies = joint.collide
             space.add(part)
+    return motors

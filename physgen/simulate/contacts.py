@@ -22,7 +22,14 @@ class ContactLog:
         self._keys: list[tuple[Index, Index, Array]] = []
 
     def block(
-        self, times: Array, samples: Index, step: Index, first: Index, second: Index, impulse: Array, when: Array
+        self,
+        times: Array,
+        samples: Index,
+        step: Index,
+        first: Index,
+        second: Index,
+        impulse: Array,
+        when: Array,
     ) -> None:
         """S steps that end at `times` (S,), each within the sample `samples` (S,); and R contacts of them.
 
@@ -40,7 +47,9 @@ class ContactLog:
             return
         N = len(self._surfaces)
         pairs, row = np.unique(sample * (N * N) + key, return_inverse=True)
-        total = np.stack([np.bincount(row, impulse[:, k], len(pairs)) for k in (0, 1)], axis=1)
+        total = np.stack([np.bincount(row, impulse[:, k], len(pairs)) for k in (0, 1)], axis=1).astype(
+            np.float64
+        )
         self._keys.append((pairs // (N * N), pairs % (N * N), total))
 
     def _touch(self, times: Array, step: Index, key: Index, when: Array) -> None:
@@ -57,7 +66,11 @@ class ContactLog:
         ends = np.append(begins[1:], len(key))[: len(begins)] - 1
         still, carried = {}, set()
         for pair, begin, last, at in zip(
-            key[begins].tolist(), step[begins].tolist(), step[ends].tolist(), when[begins].tolist(), strict=True
+            key[begins].tolist(),
+            step[begins].tolist(),
+            step[ends].tolist(),
+            when[begins].tolist(),
+            strict=True,
         ):
             since = at
             if begin == 0 and pair in self._open:
@@ -92,7 +105,9 @@ class ContactLog:
         key = np.concatenate([np.zeros(0, np.int64), *(key for _, key, _ in self._keys)])
         part = np.concatenate([np.zeros((0, 2)), *(part for _, _, part in self._keys)])
         rows, where = np.unique(sample * (N * N) + key, return_inverse=True)
-        total = np.stack([np.bincount(where, part[:, k], len(rows)) for k in (0, 1)], axis=1).astype(np.float64)
+        total = np.stack([np.bincount(where, part[:, k], len(rows)) for k in (0, 1)], axis=1).astype(
+            np.float64
+        )
         given = total.any(axis=1)
         rows, total = rows[given], total[given]
         first, second = np.divmod(rows % (N * N), N) if N else (rows, rows)
@@ -100,6 +115,8 @@ class ContactLog:
             surfaces=self._surfaces,
             touch_pairs=pairs,
             touch_times=np.array([(begin, end) for _, begin, end in touches]).reshape(-1, 2),
-            impulse_rows=np.stack([rows // max(N * N, 1), first, second], axis=1).astype(np.int32).reshape(-1, 3),
+            impulse_rows=np.stack([rows // max(N * N, 1), first, second], axis=1)
+            .astype(np.int32)
+            .reshape(-1, 3),
             impulses=total,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -26,12 +27,14 @@ class Reach:
         bodies = [world.bodies[k] for k in moving.tolist()]
         self._limit = np.array([SHARE * body.size for body in bodies]).reshape(-1)
         self._reach = np.array([body.reach for body in bodies]).reshape(-1)
-        self._turns = np.array([0.0 if body.radius is not None else body.reach for body in bodies]).reshape(-1)
+        self._turns = np.array([0.0 if body.radius is not None else body.reach for body in bodies]).reshape(
+            -1
+        )
         boxes = [
             (*np.minimum(a, b), *np.maximum(a, b))
             for wall in world.walls
             for chain in wall.chains
-            for a, b in zip(chain[:-1], chain[1:], strict=True)
+            for a, b in pairwise(chain)
         ]
         boxes += [
             (*(body.center - body.reach), *(body.center + body.reach))

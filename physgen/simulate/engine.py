@@ -7,6 +7,7 @@ taken first, so that free fall is exact. Steps never depend on the samples: both
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import ceil, nan
 
 import numpy as np
@@ -16,9 +17,10 @@ from physgen.compile.world import World
 from physgen.scene.model import Load, Motion
 from physgen.simulate.chipmunk import Chipmunk
 from physgen.simulate.divide import Reach
-from physgen.simulate.impacts import Blows, Things, strike
+from physgen.simulate.impacts import Blows, Things, contact_points, strike
 from physgen.simulate.ledger import Ledger, Step
 from physgen.simulate.loads import Loads
+from physgen.simulate.motors import Motors
 from physgen.simulate.resistance import Resistance
 from physgen.simulate.scripts import Scripts
 from physgen.simulate.table import Table
@@ -27,10 +29,13 @@ from physgen.simulate.trajectory import Effort, Trajectory
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FEWEST, MOST = 12, 120
-"""Sweeps of the contact solver a step; more where contacts still close after a step."""
+FEWEST, MANY, MOST = 12, 60, 120
+"""Sweeps of the contact solver a step: at least; where shapes overlap or blows fell; at most. More than the fewest
+where contacts still close after a step."""
 SLACK = 0.02
 """Closing speed that a step may leave, in units of gravity x step."""
+DEEP = 0.02
+"""px of overlap that is pushed apart with more sweeps."""
 REST = 3.0
 """Speed, in units of gravity x step, below which contacts do not bounce."""
 STILL = 0.01
@@ -87,9 +92,9 @@ class _Run:
         self._world = world
         self._space = Chipmunk(world)
         self._fixed = iterations
-        self._space.iterations = iterations or FEWEST
+        self._space.iterations = iterations or MANY  # what overlaps at the start must part evenly
         self._loads, self._table, self._scripts = Loads(world), Table(world), Scripts(world)
-        self._resistance = Resistance(world)
+        self._resistance, self._motors = Resistance(world), Motors(world)
         self.ledger = Ledger(world, self._space, self._loads, self._scripts, times)
         moving = self._space.moving
         self._row = {int(body): row for row, body in enumerate(moving)}
@@ -107,19 +112,24 @@ class _Run:
         )
         self._gravity = float(np.hypot(*world.gravity))
         self._impulses = sorted(
-            (p for p in world.pushes if p.load is Load.IMPULSE and self._dynamic[p.body]), key=lambda p: p.start
+            (p for p in world.pushes if p.load is Load.IMPULSE and self._dynamic[p.body]),
+            key=lambda p: p.start,
         )
         self._reach = Reach(world, moving)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
         self._busy = self._loads.busy or self._table.busy
+        self._accounts = self._busy or self._resistance.busy or self._motors.busy
+        wide = np.zeros((len(bodies) + len(walls), 3))
+        wide[: len(bodies)] = self._center
+        self._wide, self._fast = wide, np.zeros_like(wide)
         self._words = b""
         self._states = b""
         self._h = 0.0
         self._parts = 1
         self._kicks: list[tuple[float, float]] = []
-        self._suspicious = True
-        """Whether velocities were changed since the last step, so that what touches may close."""
+        self._suspicious = self._stirred = True
+        """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
         spring = self._loads.fastest() / world.steps_per_second / PHASE
         self._stiff = min(256, max(1, ceil(spring)))
         self._steps = self._divided = self._most_parts = self._impacts = 0
@@ -133,7 +143,10 @@ class _Run:
         """The half step to t = 0: velocities from t = 0 to the middle of the first step."""
         world = self._world
         h = 1.0 / world.steps_per_second / self._parts_at_start()
-        pose, velocity = self._center.copy(), np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(-1, 3)
+        pose, velocity = (
+            self._center.copy(),
+            np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(-1, 3),
+        )
         if self._scripts.busy:
             self._scripts.sample(0.0, pose, velocity)
         shown = velocity.copy()
@@ -158,12 +171,11 @@ class _Run:
         """A base step, in as many parts as it needs."""
         h = end - begin
         parts = self._stiff
+        if not self._reach.watchful and (self._stirred or self._steps % 8 == 0):
+            self._stirred = False
+            self._reach.look(self._state(), h * 8, self._gravity, h)
         if self._reach.watchful:
             parts = max(parts, self._reach.parts(self._state(), h))
-        elif self._steps % 8 == 0:
-            self._reach.look(self._state(), h * 8, self._gravity, h)
-            if self._reach.watchful:
-                parts = max(parts, self._reach.parts(self._state(), h))
         if parts > 1:
             self._divided += 1
             self._most_parts = max(self._most_parts, parts)
@@ -187,6 +199,7 @@ class _Run:
         if self._scripts.busy:
             state = self._state().copy() if state is None else state
             self._scripts.drive(end, h, state, self._row)
+            self._suspicious |= self._scripts.jump(end - h / 2, end + h / 2)
         if state is not None:
             self._space.place(state)
         step = self._take(end, h, state)
@@ -198,11 +211,12 @@ class _Run:
     def _choose_iterations(self, h: float) -> None:
         """More sweeps where contacts still close after a step; fewer where there is nothing left to solve."""
         limit = SLACK * max(self._gravity * h, STILL)
-        now = self._space.iterations
+        now, least = self._space.iterations, MANY if self.ledger.overlap > DEEP else FEWEST
         if self.ledger.residual > limit:
-            self._space.iterations = min(MOST, now + now // 2)
-        elif self.ledger.residual < limit / 10 and now > FEWEST:
-            self._space.iterations = max(FEWEST, now - now // 8)
+            now = min(MOST, now + now // 2)
+        elif self.ledger.residual < limit / 10:
+            now -= now // 8
+        self._space.iterations = max(least, now)
         self._most_iterations = max(self._most_iterations, self._space.iterations)
 
     def _struck_in(self, begin: float, end: float, state: Array) -> None:
@@ -232,23 +246,24 @@ class _Run:
         work += self._moment[body] * change[2] * (velocity[body, 2] + change[2] / 2)
         self._kicks.append((push.start, float(work)))
         velocity[body] += change
-        self._suspicious = True
+        self._suspicious = self._stirred = True
 
     def _take(self, end: float, h: float, state: Array | None, first: bool = False) -> Step:
-        """Step to the time `end`; again, with other velocities, where blows fall. state (M, 6) is as placed, if it was."""
+        """Step to the time `end`; again, with other velocities, where blows fall. state (M, 6): as placed."""
         self._steps += 1
         M = len(self._space.moving)
         before = None if state is None else state[:, 3:].copy()
         original: Array | None = None
         blows: list[Blows] = []
         self._roll_before = self._roll
+        sweeps = self._space.iterations
         for _ in range(ATTEMPTS):
-            load = None
+            load: _Load | None = None
             if self._busy:
                 placed = self._state() if state is None else state
                 load = self._push(placed, end, h, first)
             if self._resistance.busy:
-                self._resistance.press(self._space, h)
+                self._resistance.press(self._space)
             states, words, numbers = self._space.step(h)
             if words == self._words and not self._suspicious:
                 break
@@ -261,91 +276,106 @@ class _Run:
             moving = self._space.moving
             if original is None:
                 original = state[:, 3:].copy()
+                if self._fixed is None:
+                    # the solver starts from the impulses of the try before, which are wrong by now
+                    self._space.iterations = max(sweeps, MANY)
             blows.append(blow)
             self._impacts += len(blow.first)
             state[:, 3:] = blow.velocity[moving]
             before = state[:, 3:].copy()
             state[:, :3] = after[:, :3] + blow.shift[moving] - before * h
             self._space.place(state)
+        if original is not None:
+            self._space.iterations, self._stirred = sweeps, True
         self._words, self._suspicious = words, False
+        velocity = np.frombuffer(states, np.float64).reshape(M, 6)
+        used = before if before is not None else self._state()[:, 3:]
+        self._pull = velocity[:, 3:] - used
         lost = work = 0.0
         roll = None
-        velocity = np.frombuffer(states, np.float64).reshape(M, 6)[:, 3:]
-        used = before if before is not None else (self._state()[:, 3:] if self._states else velocity)
-        if load is not None:
-            lost, work, roll = self._settle(load, used, velocity, h)
-        if self._resistance.busy:
-            touch = self._space.touching(words, numbers)
-            lost += self._resistance.settle(self._space, touch, used, velocity, self._row, h)
+        if self._accounts:
+            lost, work, roll = self._settle(load, used, velocity, words, numbers, h)
         kicks, self._kicks = self._kicks, []
-        self._pull = velocity - used
         return Step(end, states, words, numbers, before, original, blows, lost, work, roll, kicks)
 
     def _strike(
         self, pose: Array, velocity: Array, words: bytes, numbers: bytes, h: float, first: bool
     ) -> Blows | None:
-        N, W = len(self._world.bodies), len(self._world.walls)
-        moving = self._space.moving
+        """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way."""
         touch = self._space.touching(words, numbers)
-        if not len(touch.first):
-            return None
-        place = touch.on_first[:, 0]
-        order = np.lexsort((place[:, 1], place[:, 0], touch.second, touch.first))
-        touch = touch.sorted(order)
-        wide, fast = np.zeros((N + W, 3)), np.zeros((N + W, 3))
-        wide[:N], wide[moving] = self._center, pose
-        fast[moving] = velocity
-        if first:
-            touched = np.ones(len(touch.first), bool)
-            carried = np.unique(np.concatenate([touch.first, touch.second]))
-        else:
-            was = self._space.touching(self._words, b"\0" * (len(self._words) // 3 * 14))
-            keys = was.first * (N + W) + was.second
-            touched = np.isin(touch.first * (N + W) + touch.second, keys)
-            carried = np.unique(np.concatenate([was.first, was.second]))
-        drift = np.zeros((N + W, 2))
-        drift[:N][self._dynamic] = self._world.gravity
-        drift[carried] = 0.0
         threshold = max(REST * self._gravity * h, STILL)
-        return strike(self._things, wide, fast, drift, touch, touched, h, threshold)
+        wide, fast = self._wide, self._fast
+        wide[self._space.moving], fast[self._space.moving] = pose, velocity
+        points = contact_points(touch, wide, fast)
+        if not (points.closing > threshold).any():
+            return None
+        things = len(wide)
+        was = touch if first else self._space.touching(self._words, None)
+        keys = set((was.first * things + was.second).tolist())
+        touched = np.array([k in keys for k in (touch.first * things + touch.second).tolist()], bool)
+        drift = np.zeros((things, 2))
+        drift[: len(self._dynamic)][self._dynamic] = self._world.gravity
+        drift[was.first] = drift[was.second] = 0.0
+        return strike(self._things, wide, fast, drift, points, touched, h, threshold)
 
-    def _push(self, state: Array, end: float, h: float, first: bool):  # type: ignore[no-untyped-def]
+    def _push(self, state: Array, end: float, h: float, first: bool) -> _Load:
         """Lasting forces for the step to `end`, taken where the bodies then are."""
         N, moving = len(self._world.bodies), self._space.moving
         velocity, pose = np.zeros((N, 3)), self._center.copy()
         velocity[moving] = state[:, 3:]
         pose[moving] = state[:, :3] + state[:, 3:] * h
-        begin = end if first else end - h / 2
-        total = np.zeros((N, 3))
-        loads = None
+        nothing = np.zeros((N, 3))
+        load = _Load(nothing, nothing, nothing, None)
         if self._loads.busy:
+            begin = end if first else end - h / 2
             loads = self._loads.at(pose, velocity, begin, begin + h)
-            total = loads.hold + loads.drive + loads.spend
-        grip = rolled = None
+            load = _Load(loads.hold + loads.drive + loads.spend, loads.drive, loads.spend, None)
         if self._table.busy:
             weight = np.stack([self._mass, self._mass, self._moment], axis=1)
-            trial = velocity + total / weight * h
+            trial = velocity + load.total / weight * h
             trial[:, :2] += self._world.gravity * h
             change, rolled = self._table.kick(trial, self._roll_before, h)
             grip = change * weight / h
-            total = total + grip
-        total[~self._dynamic] = 0.0
-        self._space.push(total[moving])
-        return loads, grip, rolled, self._roll_before
+            load = _Load(load.total + grip, load.drive, load.spend + grip, rolled)
+        load.total[~self._dynamic] = 0.0
+        self._space.push(load.total[moving])
+        return load
 
-    def _settle(self, load, before: Array, after: Array, h: float):  # type: ignore[no-untyped-def]
-        """Lost and work of a step's lasting forces, and the roll after it."""
-        loads, grip, rolled, roll = load
-        mean = np.zeros((len(self._world.bodies), 3))
-        mean[self._space.moving] = (before + after) / 2
+    def _settle(
+        self, load: _Load | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
+    ) -> tuple[float, float, Array | None]:
+        """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
+        N, moving = len(self._world.bodies), self._space.moving
+        before, after, pose = np.zeros((N, 3)), np.zeros((N, 3)), self._center.copy()
+        before[moving], after[moving], pose[moving] = used, state[:, 3:], state[:, :3]
+        mean = (before + after) / 2
         lost = work = 0.0
-        if loads is not None:
-            work = float((loads.drive * mean).sum()) * h
-            lost = -float((loads.spend * mean).sum()) * h
-        if grip is not None:
-            lost -= float((grip * mean).sum()) * h
-            # what the table takes from a sphere's motion partly goes into its rolling
-            lost -= float((self._moment[:, None] * rolled * (roll + rolled / 2)).sum())
-            self._roll = roll + rolled
-            return lost, work, self._roll
-        return lost, work, None
+        if load is not None:
+            work = float((load.drive * mean).sum()) * h
+            lost = -float((load.spend * mean).sum()) * h
+            if load.rolled is not None:
+                # what the table takes from a sphere's motion partly goes into its rolling
+                roll = self._roll_before
+                lost -= float((self._moment[:, None] * load.rolled * (roll + load.rolled / 2)).sum())
+                self._roll = roll + load.rolled
+        if self._resistance.busy or self._motors.busy:
+            touch = self._space.touching(words, numbers)
+            if self._resistance.busy:
+                lost += self._resistance.settle(self._space, touch, mean, h)
+            if self._motors.busy:
+                total = np.zeros((N, 3)) if load is None else load.total
+                work += self._motors.work(self._space.driven(), touch, pose, before, after, total, h)
+        return lost, work, self._roll if self._table.busy else None
+
+
+@dataclass(frozen=True)
+class _Load:
+    """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
+
+    total: Array
+    drive: Array
+    """The part that does work."""
+    spend: Array
+    """The part that takes energy out."""
+    rolled: Array | None
+    """(N, 2) rad/s: change of the spheres' roll on the table."""

@@ -2,14 +2,14 @@
 
 Newton's elasticity and Coulomb's friction at each point. Points that close at the same instant are solved together; the
 blow then travels on through whatever touches: each round takes the points that close now. So the last of a row of balls
-takes all, whether their gaps are 0, a hair, or a hair of overlap; and a symmetric rack stays symmetric. Few points close
-at a time, so the rounds are plain numbers, and only what a blow has moved is looked at again.
+takes all, whether their gaps are 0, a hair, or a hair of overlap; and a symmetric rack stays symmetric. Few points
+close at a time, so the rounds are plain numbers, and only what a blow has moved is looked at again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import hypot, isnan
 
 import numpy as np
@@ -95,37 +95,63 @@ class _Point:
     friction: float
 
 
+@dataclass(frozen=True)
+class Points:
+    """P contact points of the K pairs of shapes that touch at a step's end."""
+
+    row: Index
+    """(P,): its pair."""
+    first: Index
+    second: Index
+    normal: Array
+    """(P, 2): from the first to the second."""
+    on_first: Array
+    """(P, 2) px."""
+    on_second: Array
+    depth: Array
+    closing: Array
+    """(P,) px/s at which they close, by velocities before contacts."""
+
+
+def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
+    """One row a point; pose and velocity (N, 3) of all things."""
+    use = np.arange(2) < touching.count[:, None]
+    row = np.repeat(np.arange(len(use)), touching.count)
+    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
+    on1, on2 = touching.on_first[use], touching.on_second[use]
+    apart = _at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)
+    closing = apart[:, 0] * normal[:, 0] + apart[:, 1] * normal[:, 1]
+    return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
+
+
 def strike(
     things: Things,
     pose: Array,
     velocity: Array,
     drift: Array,
-    touching: Touching,
+    points: Points,
     touched: Flags,
     h: float,
     threshold: float,
-) -> Blows | None:
-    """None where nothing closes faster than `threshold` px/s.
+) -> Blows:
+    """Resolve what closes faster than `threshold` px/s.
 
     pose (N, 3) at the step's end; velocity (N, 3) within the step, before contacts; drift (N, 2) px/s²: acceleration of
     what flies freely, zero for the rest; touched (K,): the pair touched a step ago already.
     """
-    use = np.arange(2) < touching.count[:, None]
-    row = np.repeat(np.arange(len(use)), use.sum(axis=1))
-    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
-    on1, on2 = touching.on_first[use], touching.on_second[use]
-    closing = ((_at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)) * normal).sum(axis=1)
-    own = closing > threshold
-    if not own.any():
-        return None
+    # the engine lists contacts in an order that depends on memory addresses
+    place = points.on_first
+    order = np.lexsort((place[:, 1], place[:, 0], points.row, points.second, points.first))
+    points = Points(*(getattr(points, field.name)[order] for field in fields(points)))
+    own, row = points.closing > threshold, points.row
     # when each point closed, before the end of the step; what touched before closes when a blow makes it
-    depth = np.maximum(touching.depth[use], 0.0)
-    earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(closing, 1e-300), h), 0.0)
+    depth = np.maximum(points.depth, 0.0)
+    earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(points.closing, 1e-300), h), 0.0)
     # two points of one pair close together: what lands flat stays flat
     pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
     pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
     earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
-    return _Instant(things, pose, velocity, drift, first, second, normal, on1, on2, earlier, own, h, threshold).run()
+    return _Instant(things, pose, velocity, drift, points, earlier, own, h, threshold).run()
 
 
 def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
@@ -146,23 +172,18 @@ class _Instant:
         pose: Array,
         velocity: Array,
         drift: Array,
-        first: Index,
-        second: Index,
-        normal: Array,
-        on1: Array,
-        on2: Array,
+        points: Points,
         earlier: Array,
         own: Flags,
         h: float,
         threshold: float,
     ) -> None:
         self._things, self._pose, self._velocity, self._drift = things, pose, velocity, drift
-        self._first, self._second, self._normal = first, second, normal
-        self._on, self._earlier, self._own, self._h = (on1, on2), earlier, own, h
+        self._found, self._earlier, self._own, self._h = points, earlier, own, h
         self._threshold = threshold
-        both = np.concatenate([first, second])
+        both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
-        self._owner, self._listed = both[order], order % len(first)
+        self._owner, self._listed = both[order], order % len(points.first)
         self._points: dict[int, _Point] = {}
         self._v: dict[int, list[float]] = {}
         self._shift: dict[int, list[float]] = {}
@@ -243,7 +264,7 @@ class _Instant:
         return leads
 
     def _begin(self, struck: Iterable[int], times: dict[int, float]) -> None:
-        """Between two steps velocities are those of the step's middle: bring what is struck first to the blow's time."""
+        """Velocities between two steps are those of the middle: bring what is struck first to the blow's time."""
         for k in struck:
             p = self._point(k)
             for body in (p.a, p.b):
@@ -288,10 +309,11 @@ class _Instant:
     def _made(self, k: int) -> _Point:
         """Levers from both centres to one common point when it closed: angular momentum is kept to the last digit."""
         things, back = self._things, float(self._earlier[k])
-        a, b = int(self._first[k]), int(self._second[k])
-        nx, ny = self._normal[k].tolist()
+        found = self._found
+        a, b = int(found.first[k]), int(found.second[k])
+        nx, ny = found.normal[k].tolist()
         places, centers = [], []
-        for body, on in ((a, self._on[0]), (b, self._on[1])):
+        for body, on in ((a, found.on_first), (b, found.on_second)):
             x, y, _ = self._pose[body].tolist()
             vx, vy, spin = self._velocity[body].tolist()
             px, py = on[k].tolist()
@@ -447,7 +469,7 @@ class _Instant:
 
 
 def _single(p: _Point, vn: float, vt: float) -> tuple[float, float]:
-    """Impulse of a lone point in closed form: sticking where friction can hold, else sliding; never a gain of energy."""
+    """Impulse of a lone point in closed form: sticking where friction can hold, else sliding; no gain of energy."""
     target = -(1 + p.elasticity) * vn
     mu = p.friction
     if mu == 0:

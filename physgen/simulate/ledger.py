@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.problems import InputError
 from physgen.scene.model import Motion
-from physgen.simulate.chipmunk import Chipmunk, Touching
+from physgen.simulate.chipmunk import Chipmunk
 from physgen.simulate.contacts import ContactLog
 from physgen.simulate.impacts import Blows
 from physgen.simulate.loads import Loads
@@ -77,9 +77,14 @@ class Ledger:
         self._mass = np.where(dynamic, [b.mass for b in world.bodies], 0.0).reshape(-1)
         self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0).reshape(-1)
         self._scripted = np.concatenate(
-            [np.array([b.motion is Motion.SCRIPTED for b in world.bodies], bool), np.zeros(len(world.walls), bool)]
+            [
+                np.array([b.motion is Motion.SCRIPTED for b in world.bodies], bool),
+                np.zeros(len(world.walls), bool),
+            ]
         )
         self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
+        self._even = 0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
+        """px/s: points of a contact that open no faster than this against each other share its impulse."""
         self._time = 0.0
         self._smooth = np.zeros(2)  # lost and work up to the middle of the last step's doing
         self._owed = np.zeros(2)  # the other half
@@ -88,6 +93,8 @@ class Ledger:
         self._first = True
         self.residual = 0.0
         """Fastest closing of a contact that a step of the last block left, px/s."""
+        self.overlap = 0.0
+        """Deepest overlap in the last block, px."""
 
     def begin(self, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
         """The half step to t = 0: pose (N, 3), velocity (N, 3), roll (N, 2) at t = 0 as the scene has them."""
@@ -150,7 +157,7 @@ class Ledger:
 
     def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
         """(S, 2) lost and work of the steps' contacts; blows go into their own list, and all into the log."""
-        S, N, W = len(steps), len(self.world.bodies), len(self.world.walls)
+        S, W = len(steps), len(self.world.walls)
         ends = np.array([step.time for step in steps])
         counts = [len(step.words) // 24 for step in steps]
         row = np.repeat(np.arange(S), counts)
@@ -162,8 +169,7 @@ class Ledger:
         order = np.lexsort((place[:, 1], place[:, 0], touch.second, touch.first, row))
         row, first, second = row[order], touch.first[order], touch.second[order]
         impulse, count = touch.impulse[order], touch.count[order]
-        points = (touch.on_first[order] + touch.on_second[order]) / 2
-        where = np.where((count > 1)[:, None], points.mean(axis=1), points[:, 0])
+        points, normal = (touch.on_first[order] + touch.on_second[order]) / 2, touch.normal[order]
 
         def widen(array: Array) -> Array:
             return np.concatenate([array, np.zeros((S, W, 3))], axis=1)
@@ -171,11 +177,21 @@ class Ledger:
         center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
         mean[:, self._scripted] = last[:, self._scripted]
 
-        def speed(of: Array, things: Index) -> Array:
+        def speed(of: Array, things: Index, where: Array) -> Array:
             v, arm = of[row, things], where - center[row, things, :2]
             return np.stack([v[:, 0] - v[:, 2] * arm[:, 1], v[:, 1] + v[:, 2] * arm[:, 0]], axis=1)
 
-        v1, v2 = speed(mean, first), speed(mean, second)
+        # of two points, the one that opens after the step carried nothing (Signorini's condition)
+        opening = np.stack(
+            [
+                ((speed(last, second, at) - speed(last, first, at)) * normal).sum(axis=1)
+                for at in (points[:, 0], points[:, 1])
+            ]
+        )
+        share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
+        share[count == 1] = 1.0
+        where = share[:, None] * points[:, 0] + (1 - share)[:, None] * points[:, 1]
+        v1, v2 = speed(mean, first, where), speed(mean, second, where)
         lost = -(impulse * (v1 - v2)).sum(axis=1)
         work = np.zeros(len(row))
         for things, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
@@ -183,10 +199,10 @@ class Ledger:
             work[driven] += sign * (impulse[driven] * v[driven]).sum(axis=1)
         flow = np.stack([np.bincount(row, values, S) for values in (lost, work)], axis=1).astype(np.float64)
         if len(row):
-            closing = ((speed(last, first) - speed(last, second)) * touch.normal[order]).sum(axis=1)
-            self.residual = float(np.maximum(closing, 0.0).max())
+            least = np.where(count == 1, opening[0], opening.min(axis=0))
+            self.residual, self.overlap = max(0.0, -float(least.min())), float(touch.depth.max())
         else:
-            self.residual = 0.0
+            self.residual = self.overlap = 0.0
         self._struck += [(time, 0.0, work) for step in steps for time, work in step.kicks]
         blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
         for s, blows in blown:
@@ -212,8 +228,9 @@ class Ledger:
             start = self._time if s == 0 else float(ends[s - 1])
             pose0, mean0 = (self._pose, self._mean) if s == 0 else (pose[s - 1], mean[s - 1])
             books0 = self._smooth if s == 0 else smooth[s - 1]
-            roll0 = self._roll if s == 0 or steps[s - 1].roll is None else steps[s - 1].roll
-            roll1 = roll0 if steps[s].roll is None else steps[s].roll
+            earlier, later = steps[s - 1].roll if s else None, steps[s].roll
+            roll0 = self._roll if earlier is None else earlier
+            roll1 = roll0 if later is None else later
             h = float(ends[s]) - start
             part = 1.0 if h <= 0 or time > ends[s] - 1e-9 * h else max(0.0, (time - start) / h)
             x, v = pose0 + part * (pose[s] - pose0), mean0 + part * (mean[s] - mean0)
@@ -229,7 +246,7 @@ class Ledger:
             self._books[k] = (*self._energy(x, v, roll), *(books + self._blown(time)))
             self.done += 1
         for _, lost, work in self._struck:
-            self._spent = self._spent + (lost, work)
+            self._spent += np.array([lost, work])
 
     def _blown(self, time: float) -> Array:
         """Lost and work of all blows up to a time."""
@@ -243,7 +260,8 @@ class Ledger:
         self, step: Step, time: float, since: float, h: float, x: Array, v: Array, pose0: Array, pose1: Array
     ) -> None:
         """Within a step with blows, what was struck moves as before until then, and as after from then on."""
-        assert step.original is not None and step.before is not None
+        assert step.original is not None
+        assert step.before is not None
         changed = np.flatnonzero((step.original != step.before).any(axis=1))
         bodies = self.space.moving[changed]
         at = max(float(b.earlier.max()) for b in step.blows if len(b.earlier))

@@ -1,4 +1,4 @@
-"""Forces that last -> force and torque on each body at one time: pushes, springs, wind, attractors; and what they spend."""
+"""Forces that last -> force and torque on each body at one time: pushes, springs, wind, attractors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rolling resistance seen from the side: a moment of c x normal force x radius against turning, between two that touch."""
+"""Rolling resistance seen from the side: a moment of c x normal force x radius against turning where two touch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 class Resistance:
-    """Brakes between round bodies and what they roll on; the engine solves them with its contacts, so that they hold."""
+    """Brakes between round bodies and what they roll on; solved with the contacts, so that they hold at rest."""
 
     def __init__(self, world: World) -> None:
         self._lever = np.array(
@@ -28,20 +28,17 @@ class Resistance:
         self.busy = bool(self._lever.any()) and world.press == 0
         self._force: dict[tuple[int, int], float] = {}
 
-    def press(self, space: Chipmunk, h: float) -> None:
+    def press(self, space: Chipmunk) -> None:
         """Set the brakes by the normal forces of the last step."""
         for (first, second), torque in self._force.items():
             space.brake(first, None if second < 0 else second, torque)
 
-    def settle(
-        self, space: Chipmunk, touch: Touching, before: Array, after: Array, row: dict[int, int], h: float
-    ) -> float:
-        """Energy that the brakes took, g·px²/s²; note the normal forces for the next step."""
+    def settle(self, space: Chipmunk, touch: Touching, mean: Array, h: float) -> float:
+        """Energy that the brakes took in a step of mean velocities (N, 3), g·px²/s²; note its normal forces."""
         lost = 0.0
-        mean = (before + after) / 2
         for (first, second), impulse in space.braked().items():
-            against = mean[row[second], 2] if second in row else 0.0
-            lost += impulse * abs(float(mean[row[first], 2] - against))
+            against = mean[second, 2] if second >= 0 else 0.0
+            lost += impulse * abs(float(mean[first, 2] - against))
         self._force = dict.fromkeys(self._force, 0.0)
         normal = np.abs((touch.impulse * touch.normal).sum(axis=1))
         order = np.lexsort((normal, touch.second, touch.first))

@@ -15,10 +15,16 @@ class Scripts:
     """Paths of a world's scripted bodies."""
 
     def __init__(self, world: World) -> None:
-        self._paths = [(k, body.path) for k, body in enumerate(world.bodies) if body.motion is Motion.SCRIPTED]
+        self._paths = [
+            (k, body.path) for k, body in enumerate(world.bodies) if body.motion is Motion.SCRIPTED
+        ]
         self.busy = bool(self._paths)
-        self.knots = np.unique(np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)]))
-        """s: where velocities jump."""
+        self._knots = np.unique(np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)]))
+
+    def jump(self, begin: float, end: float) -> bool:
+        """Whether a path's velocity changes after `begin`, up to `end`, s."""
+        low, high = np.searchsorted(self._knots, [begin, end], side="right")
+        return bool(high > low)
 
     def drive(self, time: float, h: float, state: Array, row: dict[int, int]) -> None:
         """Set each scripted row of the state (M, 6): to be at its place at `time` after a move of h seconds, with the
@@ -35,7 +41,9 @@ class Scripts:
             pose[body] = _pose(path, time)
             after = int(np.searchsorted(path[:, 0], time, side="right"))
             if 0 < after < len(path):
-                velocity[body] = (path[after, 1:] - path[after - 1, 1:]) / (path[after, 0] - path[after - 1, 0])
+                velocity[body] = (path[after, 1:] - path[after - 1, 1:]) / (
+                    path[after, 0] - path[after - 1, 0]
+                )
             else:
                 velocity[body] = 0.0
 

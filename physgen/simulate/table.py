@@ -83,7 +83,9 @@ class Table:
         change[:, 2] = -np.sign(velocity[:, 2]) * np.minimum(spin, np.abs(velocity[:, 2]))
         # less than a step before both end, they end
         left = now <= self._grip[on] * h
-        left &= np.abs(velocity[:, 2]) * self._moment[on] <= self._grip[on] * h * self._mass[on] * self._patch[on]
+        left &= (
+            np.abs(velocity[:, 2]) * self._moment[on] <= self._grip[on] * h * self._mass[on] * self._patch[on]
+        )
         left &= (now + self._patch[on] * np.abs(velocity[:, 2])) <= self._grip[on] * h
         change[left] = -velocity[left]
         return change
