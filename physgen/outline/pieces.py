@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,15 @@ from physgen.outline.outline import Region, Ring
 SLIVER = 1e-3
 """px²: smaller pieces are left out; an engine makes nothing of them."""
 
+SEAM = 0.5
+"""px between two pieces of one thing that is meant to be whole there."""
+
+FLUSH = 0.02
+"""px by which corners may lie within the hull of pieces that become one."""
+
+MANY = 200
+"""Pieces of a body above which seams stay as they are: every two are looked at."""
+
 _FLAT = 1e-9
 """px²: a corner this flat is straight."""
 
@@ -19,9 +30,69 @@ _FLAT = 1e-9
 def convex_pieces(outline: Region) -> tuple[Array, ...]:
     """Convex polygons `(K, 2)` float64 px that make up the region, each turning +x towards +y, slivers left out.
 
-    At most four times as many as the fewest possible (Hertel and Mehlhorn); usually near the fewest.
+    At most four times as many as the fewest possible (Hertel and Mehlhorn); usually near the fewest. Pieces of
+    different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
     """
-    return tuple(piece for ring in outline.rings for piece in _ring_pieces(ring))
+    pieces = [(k, piece) for k, ring in enumerate(outline.rings) for piece in _ring_pieces(ring)]
+    return tuple(piece for _, piece in _joined(pieces))
+
+
+def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
+    """Hulls instead of neighbours of different rings, wherever the hull adds no more than the seam between them."""
+    done = len({ring for ring, _ in pieces}) < 2 or len(pieces) > MANY
+    while not done:
+        done = True
+        for i, j in combinations(range(len(pieces)), 2):
+            (one, a), (other, b) = pieces[i], pieces[j]
+            hull = _as_one(a, b) if one != other else None
+            if hull is not None:
+                pieces = [*pieces[:i], (-1 - i, hull), *pieces[i + 1 : j], *pieces[j + 1 :]]
+                done = False
+                break
+    return pieces
+
+
+def _as_one(a: Array, b: Array) -> Array | None:
+    """Convex hull of two convex polygons that are a seam apart and, but for it, convex together."""
+    if (a.min(axis=0) > b.max(axis=0) + SEAM).any() or (b.min(axis=0) > a.max(axis=0) + SEAM).any():
+        return None
+    points = np.concatenate([a, b])
+    hull = points[_hull(points)]
+    start, along = hull, np.roll(hull, -1, axis=0) - hull
+    inside = cross(along[:, None], points[None] - start[:, None]) / np.hypot(*along.T)[:, None]
+    gap = min(_apart(a, b), _apart(b, a))
+    longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
+    added = _area(hull) - _area(a) - _area(b)
+    if (inside.min(axis=0) > FLUSH).any() or gap > SEAM or added > (gap + FLUSH) * longest:
+        return None
+    return hull
+
+
+def _hull(points: Array) -> list[int]:
+    """Corners of the convex hull, turning +x towards +y (Andrew's monotone chain)."""
+    order = np.lexsort((points[:, 1], points[:, 0])).tolist()
+    xy = points.tolist()
+
+    def chain(row: list[int]) -> list[int]:
+        kept: list[int] = []
+        for k in row:
+            while len(kept) > 1:
+                (ax, ay), (bx, by), (cx, cy) = xy[kept[-2]], xy[kept[-1]], xy[k]
+                if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) > _FLAT:
+                    break
+                kept.pop()
+            kept.append(k)
+        return kept[:-1]
+
+    return chain(order) + chain(order[::-1])
+
+
+def _apart(points: Array, outline: Array) -> float:
+    """Least distance of points from a polygon's edges, px."""
+    start, along = outline[:, None], (np.roll(outline, -1, axis=0) - outline)[:, None]
+    off = points[None] - start
+    part = np.clip((off * along).sum(axis=2) / (along**2).sum(axis=2), 0, 1)
+    return float(np.hypot(*np.moveaxis(off - part[..., None] * along, 2, 0)).min())
 
 
 def _ring_pieces(ring: Ring) -> list[Array]:

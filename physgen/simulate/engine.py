@@ -17,6 +17,7 @@ from physgen.compile.world import World
 from physgen.scene.model import Load, Motion
 from physgen.simulate.chipmunk import Chipmunk
 from physgen.simulate.divide import Reach
+from physgen.simulate.governor import Governor
 from physgen.simulate.impacts import Blows, Things, contact_points, strike
 from physgen.simulate.ledger import Ledger, Step
 from physgen.simulate.loads import Loads
@@ -29,17 +30,6 @@ from physgen.simulate.trajectory import Effort, Trajectory
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FEWEST, MANY, MOST = 12, 60, 120
-"""Sweeps of the contact solver a step: at least; where shapes overlap or blows fell; at most. More than the fewest
-where contacts still close after a step."""
-SLACK = 0.02
-"""Closing speed that a step may leave, in units of gravity x step."""
-DEEP = 0.02
-"""px of overlap that is pushed apart with more sweeps."""
-REST = 3.0
-"""Speed, in units of gravity x step, below which contacts do not bounce."""
-STILL = 0.01
-"""px/s below which contacts do not bounce where there is no gravity."""
 ATTEMPTS = 24
 """Times that a step is taken again because blows changed what it does."""
 PHASE = 0.2
@@ -91,8 +81,7 @@ class _Run:
         bodies, walls = world.bodies, world.walls
         self._world = world
         self._space = Chipmunk(world)
-        self._fixed = iterations
-        self._space.iterations = iterations or MANY  # what overlaps at the start must part evenly
+        self._governor = Governor(world, iterations)
         self._loads, self._table, self._scripts = Loads(world), Table(world), Scripts(world)
         self._resistance, self._motors = Resistance(world), Motors(world)
         self.ledger = Ledger(world, self._space, self._loads, self._scripts, times)
@@ -133,11 +122,17 @@ class _Run:
         spring = self._loads.fastest() / world.steps_per_second / PHASE
         self._stiff = min(256, max(1, ceil(spring)))
         self._steps = self._divided = self._most_parts = self._impacts = 0
-        self._most_iterations = self._space.iterations
+        self._calm = True
 
     def effort(self) -> Effort:
         """What it took."""
-        return Effort(self._steps, self._divided, self._most_parts, self._most_iterations, self._impacts)
+        return Effort(
+            steps=self._steps,
+            divided=self._divided,
+            most_parts=self._most_parts,
+            iterations=self._governor.most_sweeps,
+            impacts=self._impacts,
+        )
 
     def start(self) -> None:
         """The half step to t = 0: velocities from t = 0 to the middle of the first step."""
@@ -205,19 +200,8 @@ class _Run:
         step = self._take(end, h, state)
         self._states = step.states
         self.ledger.add(step)
-        if self._fixed is None and self._steps % 64 == 0:
-            self._choose_iterations(h)
-
-    def _choose_iterations(self, h: float) -> None:
-        """More sweeps where contacts still close after a step; fewer where there is nothing left to solve."""
-        limit = SLACK * max(self._gravity * h, STILL)
-        now, least = self._space.iterations, MANY if self.ledger.overlap > DEEP else FEWEST
-        if self.ledger.residual > limit:
-            now = min(MOST, now + now // 2)
-        elif self.ledger.residual < limit / 10:
-            now -= now // 8
-        self._space.iterations = max(least, now)
-        self._most_iterations = max(self._most_iterations, self._space.iterations)
+        if self._governor.note(sum(len(b.first) for b in step.blows), len(step.words) // 24):
+            self._governor.review(self.ledger.residual, self.ledger.overlap, h)
 
     def _struck_in(self, begin: float, end: float, state: Array) -> None:
         """Impulses that are given within this step, at their times."""
@@ -256,7 +240,10 @@ class _Run:
         original: Array | None = None
         blows: list[Blows] = []
         self._roll_before = self._roll
-        sweeps = self._space.iterations
+        probing = self._governor.crowded and not self._calm
+        if probing and state is None:
+            state = self._state().copy()
+        self._space.iterations = 1 if probing else self._governor.sweeps
         for _ in range(ATTEMPTS):
             load: _Load | None = None
             if self._busy:
@@ -265,28 +252,29 @@ class _Run:
             if self._resistance.busy:
                 self._resistance.press(self._space)
             states, words, numbers = self._space.step(h)
-            if words == self._words and not self._suspicious:
+            blow = None
+            if words != self._words or self._suspicious:
+                if state is None:
+                    state = self._state().copy()
+                after = np.frombuffer(states, np.float64).reshape(M, 6)
+                blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, first)
+            if blow is None and not probing:
                 break
-            if state is None:
-                state = self._state().copy()
-            after = np.frombuffer(states, np.float64).reshape(M, 6)
-            blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, first)
-            if blow is None:
-                break
-            moving = self._space.moving
-            if original is None:
-                original = state[:, 3:].copy()
-                if self._fixed is None:
-                    # the solver starts from the impulses of the try before, which are wrong by now
-                    self._space.iterations = max(sweeps, MANY)
-            blows.append(blow)
-            self._impacts += len(blow.first)
-            state[:, 3:] = blow.velocity[moving]
-            before = state[:, 3:].copy()
-            state[:, :3] = after[:, :3] + blow.shift[moving] - before * h
+            assert state is not None
+            if blow is not None:
+                if original is None:
+                    original = state[:, 3:].copy()
+                blows.append(blow)
+                self._impacts += len(blow.first)
+                moving = self._space.moving
+                state[:, 3:] = blow.velocity[moving]
+                before = state[:, 3:].copy()
+                state[:, :3] = after[:, :3] + blow.shift[moving] - before * h
+            self._space.iterations = self._governor.sweeps if blow is None else self._governor.after_blows
+            probing = False
             self._space.place(state)
-        if original is not None:
-            self._space.iterations, self._stirred = sweeps, True
+        self._calm = original is None
+        self._stirred |= not self._calm
         self._words, self._suspicious = words, False
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
         used = before if before is not None else self._state()[:, 3:]
@@ -303,7 +291,7 @@ class _Run:
     ) -> Blows | None:
         """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way."""
         touch = self._space.touching(words, numbers)
-        threshold = max(REST * self._gravity * h, STILL)
+        threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
         points = contact_points(touch, wide, fast)

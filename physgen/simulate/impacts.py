@@ -8,6 +8,7 @@ close at a time, so the rounds are plain numbers, and only what a blow has moved
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from math import hypot, isnan
@@ -183,7 +184,7 @@ class _Instant:
         self._threshold = threshold
         both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
-        self._owner, self._listed = both[order], order % len(points.first)
+        self._owner, self._listed = both[order].tolist(), (order % len(points.first)).tolist()
         self._points: dict[int, _Point] = {}
         self._v: dict[int, list[float]] = {}
         self._shift: dict[int, list[float]] = {}
@@ -233,8 +234,7 @@ class _Instant:
         """Points at a body that can move; a wall is no messenger."""
         if not self._free(body):
             return []
-        low, high = np.searchsorted(self._owner, [body, body + 1])
-        return [int(k) for k in self._listed[low:high]]
+        return self._listed[bisect_left(self._owner, body) : bisect_right(self._owner, body)]
 
     def _speeds(self, body: int) -> list[float]:
         if body not in self._v:
