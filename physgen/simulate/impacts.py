@@ -184,7 +184,8 @@ class _Instant:
         self._threshold = threshold
         both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
-        self._owner, self._listed = both[order].tolist(), (order % len(points.first)).tolist()
+        self._owner: list[int] = both[order].tolist()
+        self._listed: list[int] = (order % len(points.first)).tolist()
         self._points: dict[int, _Point] = {}
         self._v: dict[int, list[float]] = {}
         self._shift: dict[int, list[float]] = {}
