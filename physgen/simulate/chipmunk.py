@@ -77,12 +77,15 @@ class Chipmunk:
         space.gravity = tuple(world.gravity.tolist())
         space.collision_slop = SLOP
         space.collision_persistence = 1  # else the batch reader still lists contacts that have parted
-        self._space = space
+        self._space, self._gravity = space, world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
         smooth = _neighbours(world.walls)
         walls = [_add_wall(space, wall, smooth) for wall in world.walls]
         self._bodies = bodies
-        self._motors = _add_joints(space, world.joints, bodies)
+        self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
+        space.add(self._anchor)
+        self._motors = _add_joints(space, world.joints, bodies, self._anchor)
+        self._limits = [motor.max_force for motor in self._motors]
         ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
         self._by_id = np.argsort(ids)
         self._ids = ids[self._by_id]
@@ -91,7 +94,9 @@ class Chipmunk:
         M = len(self.moving)
         self._states, self._contacts = batch.Buffer(), batch.Buffer()
         # the batch functions go through the bodies that move in the order they were added, then the static ones
-        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * len(walls)
+        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
+            len(walls) + 1
+        )
         self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((M + len(still), 3))
         self._placing[M:, :2] = np.array(still).reshape(-1, 2)
         self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
@@ -122,6 +127,12 @@ class Chipmunk:
             bytes(self._contacts.float_buf()),
         )
 
+    def weaken(self, part: float) -> None:
+        """Let gravity and motors act with a part of their strength."""
+        self._space.gravity = tuple((self._gravity * part).tolist())
+        for motor, limit in zip(self._motors, self._limits, strict=True):
+            motor.max_force = limit * part
+
     def place(self, state: Array) -> None:
         """Set positions and velocities, (M, 6)."""
         self._placing[: len(state)] = state
@@ -138,7 +149,7 @@ class Chipmunk:
         """Let a torque of at most so much resist the turning of one body against another or the world."""
         key = (first, -1 if second is None else second)
         if key not in self._brakes:
-            other = self._space.static_body if second is None else self._bodies[second]
+            other = self._anchor if second is None else self._bodies[second]
             motor = pymunk.SimpleMotor(self._bodies[first], other, 0.0)
             self._space.add(motor)
             self._brakes[key] = motor
@@ -239,7 +250,7 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
 
 
 def _add_joints(
-    space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body]
+    space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body], world: pymunk.Body
 ) -> list[pymunk.SimpleMotor]:
     """Pins, welds and motors; springs are loads (loads.py). Errors are undone within a step. Returns the motors.
 
@@ -251,7 +262,7 @@ def _add_joints(
         if joint.kind is JointKind.SPRING:
             continue
         a = bodies[joint.first]
-        b = space.static_body if joint.second is None else bodies[joint.second]
+        b = world if joint.second is None else bodies[joint.second]
         parts: list[pymunk.Constraint] = [
             pymunk.PivotJoint(a, b, joint.first_at.tolist(), joint.second_at.tolist())
         ]

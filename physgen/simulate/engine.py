@@ -18,10 +18,12 @@ from physgen.scene.model import Load, Motion
 from physgen.simulate.chipmunk import Chipmunk
 from physgen.simulate.divide import Reach
 from physgen.simulate.governor import Governor
-from physgen.simulate.impacts import Blows, Things, contact_points, strike
+from physgen.simulate.impacts import Blows, Things, strike
+from physgen.simulate.joined import Assemblies
 from physgen.simulate.ledger import Ledger, Step
 from physgen.simulate.loads import Loads
 from physgen.simulate.motors import Motors
+from physgen.simulate.points import contact_points
 from physgen.simulate.resistance import Resistance
 from physgen.simulate.scripts import Scripts
 from physgen.simulate.table import Table
@@ -99,6 +101,8 @@ class _Run:
             elasticity=[surface.elasticity for surface in surfaces],
             radius=[b.radius if b.radius is not None else nan for b in bodies] + [nan] * len(walls),
         )
+        self._joined = Assemblies(world)
+        self._held = self._joined.held()
         self._gravity = float(np.hypot(*world.gravity))
         self._impulses = sorted(
             (p for p in world.pushes if p.load is Load.IMPULSE and self._dynamic[p.body]),
@@ -149,10 +153,13 @@ class _Run:
             self._impulse(velocity, pose, 0.0)
             shown = velocity.copy()
         moving = self._space.moving
-        state = np.concatenate([pose[moving] - velocity[moving] * (h / 2), velocity[moving]], axis=1)
+        state = np.concatenate([pose[moving] - velocity[moving] * h, velocity[moving]], axis=1)
         self._space.place(state)
         self._h = h
-        step = self._take(0.0, h / 2, state, first=True)
+        # a whole step of half the strength: the engine's stored impulses do not bear a change of step
+        self._space.weaken(0.5)
+        step = self._take(0.0, h, state, first=True)
+        self._space.weaken(1.0)
         self._states = step.states
         if step.before is None:
             step.before = state[:, 3:].copy()
@@ -274,6 +281,12 @@ class _Run:
             probing = False
             self._space.place(state)
         self._calm = original is None
+        if state is not None and not self._calm:
+            # the first try pushed overlaps apart that the blows have undone
+            exact = np.frombuffer(states, np.float64).reshape(M, 6).copy()
+            exact[:, :3] = state[:, :3] + state[:, 3:] * h
+            self._space.place(exact)
+            states = exact.tobytes()
         self._stirred |= not self._calm
         self._words, self._suspicious = words, False
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
@@ -304,7 +317,8 @@ class _Run:
         drift = np.zeros((things, 2))
         drift[: len(self._dynamic)][self._dynamic] = self._world.gravity
         drift[was.first] = drift[was.second] = 0.0
-        return strike(self._things, wide, fast, drift, points, touched, h, threshold)
+        drift[self._held] = 0.0
+        return strike(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
 
     def _push(self, state: Array, end: float, h: float, first: bool) -> _Load:
         """Lasting forces for the step to `end`, taken where the bodies then are."""
@@ -315,14 +329,15 @@ class _Run:
         nothing = np.zeros((N, 3))
         load = _Load(nothing, nothing, nothing, None)
         if self._loads.busy:
-            begin = end if first else end - h / 2
-            loads = self._loads.at(pose, velocity, begin, begin + h)
-            load = _Load(loads.hold + loads.drive + loads.spend, loads.drive, loads.spend, None)
+            begin, part = (end, 0.5) if first else (end - h / 2, 1.0)
+            loads = self._loads.at(pose, velocity, begin, end + h / 2)
+            drive, spend = loads.drive * part, loads.spend * part
+            load = _Load(loads.hold * part + drive + spend, drive, spend, None)
         if self._table.busy:
             weight = np.stack([self._mass, self._mass, self._moment], axis=1)
             trial = velocity + load.total / weight * h
-            trial[:, :2] += self._world.gravity * h
-            change, rolled = self._table.kick(trial, self._roll_before, h)
+            trial[:, :2] += self._world.gravity * (h / 2 if first else h)
+            change, rolled = self._table.kick(trial, self._roll_before, h / 2 if first else h)
             grip = change * weight / h
             load = _Load(load.total + grip, load.drive, load.spend + grip, rolled)
         load.total[~self._dynamic] = 0.0

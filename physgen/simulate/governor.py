@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from physgen.compile.world import World
+from physgen.scene.model import JointKind
 
 FEWEST, MANY, MOST = 12, 60, 120
-"""Sweeps of the contact solver a step: at least; where shapes overlap or blows fell; at most."""
+"""Sweeps of the contact solver a step: at least; where shapes overlap, blows fell or joints hold; at most."""
 WORK = 50_000
 """Sweeps times contacts of a step: heaps of hundreds get fewer sweeps, as nobody sees the last hundredth of a pixel."""
 SLACK = 0.02
@@ -33,6 +34,7 @@ class Governor:
     def __init__(self, world: World, iterations: int | None) -> None:
         self._fixed = iterations
         self._gravity = float(np.hypot(*world.gravity))
+        self._jointed = any(joint.kind is not JointKind.SPRING for joint in world.joints)
         self._most = MOST
         self._loud = 1.0
         self._blows = self._contacts = self._steps = 0
@@ -66,7 +68,7 @@ class Governor:
         """residual: fastest closing, px/s, that a step left; overlap: the deepest, px."""
         limit = SLACK * max(self._gravity * h, STILL)
         self._most = max(2 * FEWEST, min(MOST, WORK // max(self._contacts, 1)))
-        now, least = self.sweeps, MANY if overlap > DEEP else FEWEST
+        now, least = self.sweeps, MANY if overlap > DEEP or self._jointed else FEWEST
         if residual > limit:
             now += now // 2
         elif residual < limit / 10:

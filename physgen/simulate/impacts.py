@@ -16,7 +16,9 @@ from math import hypot, isnan
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.simulate.chipmunk import Touching
+from physgen.simulate.cone import cone, single
+from physgen.simulate.joined import Assemblies
+from physgen.simulate.points import Points
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -24,9 +26,6 @@ Flags = NDArray[np.bool_]
 
 ROUNDS = 400
 """Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
-SWEEPS = 300
-EXACT = 1e-13
-"""Relative change of an impulse at which points that close together are solved."""
 TOGETHER = 0.02
 """Part of a step within which two contacts of one body count as simultaneous."""
 
@@ -96,37 +95,9 @@ class _Point:
     friction: float
 
 
-@dataclass(frozen=True)
-class Points:
-    """P contact points of the K pairs of shapes that touch at a step's end."""
-
-    row: Index
-    """(P,): its pair."""
-    first: Index
-    second: Index
-    normal: Array
-    """(P, 2): from the first to the second."""
-    on_first: Array
-    """(P, 2) px."""
-    on_second: Array
-    depth: Array
-    closing: Array
-    """(P,) px/s at which they close, by velocities before contacts."""
-
-
-def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
-    """One row a point; pose and velocity (N, 3) of all things."""
-    use = np.arange(2) < touching.count[:, None]
-    row = np.repeat(np.arange(len(use)), touching.count)
-    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
-    on1, on2 = touching.on_first[use], touching.on_second[use]
-    apart = _at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)
-    closing = apart[:, 0] * normal[:, 0] + apart[:, 1] * normal[:, 1]
-    return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
-
-
 def strike(
     things: Things,
+    joined: Assemblies,
     pose: Array,
     velocity: Array,
     drift: Array,
@@ -152,16 +123,7 @@ def strike(
     pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
     pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
     earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
-    return _Instant(things, pose, velocity, drift, points, earlier, own, h, threshold).run()
-
-
-def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
-    """(P, 2) px/s of points on bodies."""
-    v, arm = velocity[things], points - pose[things, :2]
-    out = v[:, :2].copy()
-    out[:, 0] -= v[:, 2] * arm[:, 1]
-    out[:, 1] += v[:, 2] * arm[:, 0]
-    return out
+    return _Instant(things, joined, pose, velocity, drift, points, earlier, own, h, threshold).run()
 
 
 class _Instant:
@@ -170,6 +132,7 @@ class _Instant:
     def __init__(
         self,
         things: Things,
+        joined: Assemblies,
         pose: Array,
         velocity: Array,
         drift: Array,
@@ -179,7 +142,8 @@ class _Instant:
         h: float,
         threshold: float,
     ) -> None:
-        self._things, self._pose, self._velocity, self._drift = things, pose, velocity, drift
+        self._things, self._joined = things, joined
+        self._pose, self._velocity, self._drift = pose, velocity, drift
         self._found, self._earlier, self._own, self._h = points, earlier, own, h
         self._threshold = threshold
         both = np.concatenate([points.first, points.second])
@@ -203,9 +167,9 @@ class _Instant:
             times = {k: self._time(k, number) for k in closing}
             struck = self._leading(closing, times)
             self._begin(struck, times)
+            moved: set[int] = set()
             for group in self._groups(struck):
-                self._solve(group, times)
-            moved = {body for k in struck for body in (self._point(k).a, self._point(k).b)}
+                moved |= self._solve(group, times)
             near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
             closing = [k for k in sorted(near) if self._speed(self._point(k)) < -self._threshold]
         velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
@@ -295,7 +259,8 @@ class _Instant:
             p = self._point(k)
             for body in (p.a, p.b):
                 if self._free(body):
-                    other = holder.setdefault(body, k)
+                    whole = self._joined.of(body)
+                    other = holder.setdefault(body if whole is None else whole, k)
                     root[find(k)] = find(other)
         groups: dict[int, list[int]] = {}
         for k in struck:
@@ -322,11 +287,16 @@ class _Instant:
             places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
         (ax, ay), (bx, by) = centers
         px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
+        # a circle touches where its normal leaves it, however it turns
         ra, rb = things.radius[a], things.radius[b]
         if not (isnan(ra) or isnan(rb)):
             distance = max(hypot(bx - ax, by - ay), 1e-12)
             nx, ny = (bx - ax) / distance, (by - ay) / distance
             px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
+        elif not isnan(ra):
+            px, py = ax + ra * nx, ay + ra * ny
+        elif not isnan(rb):
+            px, py = bx - rb * nx, by - rb * ny
         ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
         na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
         ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
@@ -351,27 +321,30 @@ class _Instant:
         va, vb = self._speeds(p.a), self._speeds(p.b)
         return p.nx * (vb[1] - va[1]) - p.ny * (vb[0] - va[0]) + p.tb * vb[2] - p.ta * va[2]
 
-    def _solve(self, group: list[int], times: dict[int, float]) -> None:
-        """Find the impulses of points that close together, and carry them out."""
+    def _solve(self, group: list[int], times: dict[int, float]) -> set[int]:
+        """Find the impulses of points that close together, and carry them out; the bodies that they move."""
         points = [self._point(k) for k in group]
-        if len(points) == 1:
-            found = [_single(points[0], self._speed(points[0]), self._slip(points[0]))]
-        else:
-            found = self._together(points)
         was = [(self._speed(p), self._slip(p)) for p in points]
+        bodies = {body for p in points for body in (p.a, p.b) if self._free(body)}
+        wholes = {self._joined.of(body) for body in bodies} - {None}
         driven = [self._drive(p) for p in points]
-        for k, p, (jn, jt) in zip(group, points, found, strict=True):
-            self._give(self._v, p, jn, jt, 1.0)
-            if times[k]:
-                self._give(self._shift, p, jn, jt, times[k])
-            fx, fy = jn * p.nx - jt * p.ny, jn * p.ny + jt * p.nx
-            self._rows.append((p.a, p.b, -fx, -fy, times[k]))
-        for p, (jn, jt), (vn, vt), (on_a, on_b) in zip(points, found, was, driven, strict=True):
+        if len(points) == 1 and not wholes:
+            (q,) = points
+            found = [single(q.nn, q.nt, q.tt, q.elasticity, q.friction, *was[0])]
+            self._give(self._v, points[0], *found[0], 1.0)
+            self._give(self._shift, points[0], *found[0], times[group[0]])
+        else:
+            for whole in wholes:
+                bodies |= set(self._joined.members(whole)) if whole is not None else set()
+            found = self._together(points, was, sorted(bodies), [times[k] for k in group])
+        for k, p, (jn, jt), (vn, vt), (on_a, on_b) in zip(group, points, found, was, driven, strict=True):
+            self._rows.append((p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k]))
             self._lost -= jn * (vn + self._speed(p)) / 2 + jt * (vt + self._slip(p)) / 2
             self._work += jn * (on_a[0] - on_b[0]) + jt * (on_a[1] - on_b[1])
+        return bodies
 
     def _give(self, to: dict[int, list[float]], p: _Point, jn: float, jt: float, part: float) -> None:
-        """Add the changes of velocity by an impulse, times `part`."""
+        """Add the changes of velocity by an impulse on two free bodies, times `part`."""
         fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
         for body, m, turn, sign in (
             (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),
@@ -383,6 +356,34 @@ class _Instant:
                 row[1] += sign * m * fy
                 row[2] += sign * turn
 
+    def _together(
+        self, points: list[_Point], was: list[tuple[float, float]], bodies: list[int], times: list[float]
+    ) -> list[tuple[float, float]]:
+        """Impulses of points that share bodies, or whose bodies joints hold, carried out on all of them."""
+        things = self._things
+        inverse = np.array(
+            [[things.lightness[b], things.lightness[b], things.ease[b]] for b in bodies]
+        ).ravel()
+        response = self._joined.response(bodies, inverse, self._pose)
+        place = {body: 3 * k for k, body in enumerate(bodies)}
+        J = np.zeros((2 * len(points), len(inverse)))
+        for i, p in enumerate(points):
+            for body, sign, turn, slide in ((p.a, -1.0, p.na, p.ta), (p.b, 1.0, p.nb, p.tb)):
+                if body in place:
+                    k = place[body]
+                    J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
+                    J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
+        spread = response @ J.T
+        elasticity, friction = [p.elasticity for p in points], [p.friction for p in points]
+        found = cone(J @ spread, np.array(was).ravel(), elasticity, friction)
+        change, moved = spread @ found, spread @ (found * np.repeat(times, 2))
+        for body, k in place.items():
+            v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])
+            for axis in range(3):
+                v[axis] += float(change[k + axis])
+                shift[axis] += float(moved[k + axis])
+        return [(float(jn), float(jt)) for jn, jt in found.reshape(-1, 2)]
+
     def _drive(self, p: _Point) -> tuple[tuple[float, float], tuple[float, float]]:
         """Speeds along the normal and the surface of the scripted partners' points; zero for the others."""
         found = []
@@ -392,99 +393,4 @@ class _Instant:
             else:
                 vx, vy, spin = self._speeds(body)
                 found.append((p.nx * vx + p.ny * vy + turn * spin, p.nx * vy - p.ny * vx + slide * spin))
-        # what a gets is the opposite of what b gets
-        (an, at), b = found
-        return (-an, -at), (-b[0], -b[1])
-
-    def _together(self, points: list[_Point]) -> list[tuple[float, float]]:
-        """Impulses of points that share bodies. Newton's rule with friction can make energy (Kane and Levinson 1985):
-        then as much of the bounce as makes none."""
-        full = self._swept(points, [p.elasticity for p in points])
-        if any(p.elasticity for p in points) and self._gain(points, full) > 0:
-            dead = self._swept(points, [0.0] * len(points))
-            part, step = 0.0, 0.5
-            best = dead
-            for _ in range(30):
-                trial = part + step
-                mixed = [
-                    (n0 + trial * (n1 - n0), t0 + trial * (t1 - t0))
-                    for (n0, t0), (n1, t1) in zip(dead, full, strict=True)
-                ]
-                if self._gain(points, mixed) <= 0:
-                    part, best = trial, mixed
-                step /= 2
-            return best
-        return full
-
-    def _gain(self, points: list[_Point], impulses: list[tuple[float, float]]) -> float:
-        """Kinetic energy that the impulses would add, g·px²/s²; 0 within rounding."""
-        kept = {body: list(self._speeds(body)) for p in points for body in (p.a, p.b)}
-        was = [(self._speed(p), self._slip(p)) for p in points]
-        for p, (jn, jt) in zip(points, impulses, strict=True):
-            self._give(self._v, p, jn, jt, 1.0)
-        gain = scale = 0.0
-        for p, (jn, jt), (vn, vt) in zip(points, impulses, was, strict=True):
-            done = jn * (vn + self._speed(p)) / 2, jt * (vt + self._slip(p)) / 2
-            gain += sum(done)
-            scale += abs(jn * vn) + abs(done[1])
-        self._v.update(kept)
-        return gain if gain > 1e-9 * scale else 0.0
-
-    def _swept(self, points: list[_Point], elasticity: list[float]) -> list[tuple[float, float]]:
-        """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
-        v = {body: list(self._speeds(body)) for p in points for body in (p.a, p.b)}
-        goals = [-e * self._speed(p) for p, e in zip(points, elasticity, strict=True)]
-        jn, jt = [0.0] * len(points), [0.0] * len(points)
-        rows = [(i, p, v[p.a], v[p.b], goals[i]) for i, p in enumerate(points)]
-        for _ in range(SWEEPS):
-            change = size = 0.0
-            for i, p, a, b, goal in rows:
-                nx, ny = p.nx, p.ny
-                vn = nx * (b[0] - a[0]) + ny * (b[1] - a[1]) + p.nb * b[2] - p.na * a[2]
-                new = max(0.0, jn[i] + (goal - vn) / p.nn)
-                d = new - jn[i]
-                jn[i] = new
-                change, size = max(change, abs(d)), max(size, new)
-                a[0] -= d * nx * p.ma
-                a[1] -= d * ny * p.ma
-                a[2] -= d * p.na * p.ea
-                b[0] += d * nx * p.mb
-                b[1] += d * ny * p.mb
-                b[2] += d * p.nb * p.eb
-                if p.friction > 0:
-                    vt = nx * (b[1] - a[1]) - ny * (b[0] - a[0]) + p.tb * b[2] - p.ta * a[2]
-                    edge = p.friction * new
-                    slide = min(edge, max(-edge, jt[i] - vt / p.tt))
-                    d = slide - jt[i]
-                    jt[i] = slide
-                    change = max(change, abs(d))
-                    a[0] += d * ny * p.ma
-                    a[1] -= d * nx * p.ma
-                    a[2] -= d * p.ta * p.ea
-                    b[0] -= d * ny * p.mb
-                    b[1] += d * nx * p.mb
-                    b[2] += d * p.tb * p.eb
-            if change <= EXACT * size:
-                break
-        return list(zip(jn, jt, strict=True))
-
-
-def _single(p: _Point, vn: float, vt: float) -> tuple[float, float]:
-    """Impulse of a lone point in closed form: sticking where friction can hold, else sliding; no gain of energy."""
-    target = -(1 + p.elasticity) * vn
-    mu = p.friction
-    if mu == 0:
-        return target / p.nn, 0.0
-    det = p.nn * p.tt - p.nt * p.nt
-    jn, jt = (target * p.tt + p.nt * vt) / det, (-p.nt * target - p.nn * vt) / det
-    if jn <= 0 or abs(jt) > mu * jn:
-        side = (1.0 if jt > 0 else -1.0) if jt else (-1.0 if vt > 0 else 1.0)
-        grip = p.nn + side * mu * p.nt
-        if grip < 1e-9 * p.nn:  # it would wedge
-            return target / p.nn, 0.0
-        jn = target / grip
-        jt = side * mu * jn
-    gain = jn * (2 * vn + p.nn * jn + p.nt * jt) + jt * (2 * vt + p.tt * jt + p.nt * jn)
-    if gain > 1e-12 * abs(jn * vn):
-        return target / p.nn, 0.0
-    return jn, jt
+        return found[0], found[1]
