@@ -8,15 +8,17 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.compile.attach import fields_of, joints_of, pushes_of
 from physgen.compile.masks import object_labels
+from physgen.compile.masses import mass_problems
 from physgen.compile.pairs import surface
-from physgen.compile.world import Body, Push, Wall, World
+from physgen.compile.walls import fit_masks, walls_of
+from physgen.compile.world import Body, World
 from physgen.geometry import rotation
 from physgen.outline.outline import Disc, Outline, Region, Ring, mass_properties, mean_distance
 from physgen.outline.pieces import convex_pieces
-from physgen.outline.touching import fit_outlines
 from physgen.problems import InputError, Problem
-from physgen.scene.model import Box, Circle, Force, Load, Motion, Object, Polygon, Scene, Shape, Solid, View
+from physgen.scene.model import Box, Circle, Motion, Object, Polygon, Scene, Shape, Solid, View
 
 Array = NDArray[np.float64]
 U16 = NDArray[np.uint16]
@@ -42,6 +44,8 @@ class Compiled:
     """Of the objects, photo frame, t = 0."""
     labels: U16
     """(H, W): id k + 1 is the k-th object; 0 = background."""
+    scenery: NDArray[np.bool_]
+    """(H, W): pixels that show a boundary; they stay in the picture."""
 
 
 class PathError(Exception):
@@ -57,9 +61,8 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
         raise InputError([Problem(place, "world", found, expected, f"make it at most {MOST_STEPS:,}")])
     written = [_written(item.shape) for item in scene.objects]
     of_objects = object_labels(scene, labels, written)
-    fitted = [k + 1 for k, outline in enumerate(written) if outline is None]
-    fits = fit_outlines(of_objects, fitted) if fitted else {}
-    outlines = tuple(fits[k + 1] if outline is None else outline for k, outline in enumerate(written))
+    fits = fit_masks(scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None])
+    outlines = tuple(fits.objects[k + 1] if it is None else it for k, it in enumerate(written))
     problems: list[Problem] = []
     bodies = []
     for item, outline in zip(scene.objects, outlines, strict=True):
@@ -74,6 +77,7 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
             problems.append(
                 Problem(scene.place(path), path, "the outline", str(error), "draw it with a larger area")
             )
+    problems = problems or list(mass_problems(scene, bodies))
     if problems:
         raise InputError(problems)
     world = World(
@@ -88,19 +92,12 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
         steps_per_second=scene.world.steps_per_second,
         times=frame_times(scene),
         bodies=tuple(bodies),
-        walls=tuple(
-            Wall(
-                b.name,
-                (np.array(b.points, np.float64),),
-                surface(b.friction, b.elasticity, scene.world.combine),
-            )
-            for b in scene.boundaries
-        ),
-        pushes=_pushes(scene, bodies),
-        joints=(),
-        fields=(),
+        walls=walls_of(scene, fits.walls),
+        pushes=pushes_of(scene, bodies),
+        joints=joints_of(scene, bodies),
+        fields=fields_of(scene, bodies),
     )
-    return Compiled(world, outlines, of_objects)
+    return Compiled(world, outlines, of_objects, fits.scenery)
 
 
 def frame_times(scene: Scene) -> Array:
@@ -199,21 +196,3 @@ def _circle(radius: float) -> Array:
     count = int(np.clip(np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360))
     angle = np.arange(count) * (2 * np.pi / count)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def _pushes(scene: Scene, bodies: list[Body]) -> tuple[Push, ...]:
-    index = {body.name: k for k, body in enumerate(bodies)}
-
-    def push(force: Force) -> Push:
-        body = index[force.object]
-        at = np.zeros(2) if force.at is None else np.array(force.at) - bodies[body].center
-        end = (
-            force.start
-            if force.load is Load.IMPULSE
-            else force.start + (force.duration if force.duration is not None else np.inf)
-        )
-        return Push(
-            body, force.load, np.array(force.vector, np.float64), force.torque, at, force.start, float(end)
-        )
-
-    return tuple(push(force) for force in scene.forces)

@@ -3,149 +3,190 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import pairwise
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.assemble import Compiled
-from physgen.compile.world import Body, Wall
-from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
+from physgen.compile.effects import without_effect
+from physgen.compile.masses import grams, mass_path
+from physgen.compile.reach import Lines, distance, moved
+from physgen.compile.support import unsupported
+from physgen.compile.warning import warning
+from physgen.outline.outline import bounds
 from physgen.outline.overlap import overlap_depth
 from physgen.outline.raster import coverage_box
-from physgen.problems import Problem, Severity, by_place
-from physgen.scene.model import Auto, Motion, Scene, View
+from physgen.problems import Problem, by_place
+from physgen.scene.model import Auto, JointKind, Motion, Scene
 
 Array = NDArray[np.float64]
 
 OVERLAP = 0.25
 """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
-REACH = 4.0
-"""px below an object in which its support must lie; outlines and floors of photos are off by as much."""
 MISSED = 0.05
 """Part of a mask that its shape may miss."""
+APART = 1e6
+"""Masses that touch or are joined: of a heavier one by a lighter, contacts come out soft or are slow to settle."""
+TOUCH = 1.0
+"""px between two objects that count as touching."""
+FASTEST = 100_000
+"""steps_per_second at most, as in the schema."""
+FAR = 4.0
+"""px outside an object that the end of a joint may lie, however small the object is."""
 
 
 def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
     """Every warning, sorted by place."""
     rules: tuple[Callable[[Scene, Compiled], Iterator[Problem]], ...] = (
         _overlaps,
-        _unsupported,
-        _without_effect,
+        unsupported,
+        without_effect,
+        _masses_apart,
         _too_fast,
+        _paths_that_end,
+        _far_joints,
         _missed_masks,
     )
     return by_place(problem for rule in rules for problem in rule(scene, compiled))
 
 
-def _warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Problem:
-    return Problem(scene.place(path), path, found, expected, fix, Severity.WARNING)
-
-
 def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)
+    lines = Lines(compiled.world.walls)
+    # a wheel may lie before the car that it is joined to
+    through = {frozenset(joint.objects) for joint in scene.joints if not joint.collide}
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
-        near = np.flatnonzero(
-            (boxes[:i, 0] < boxes[i, 2])
-            & (boxes[:i, 2] > boxes[i, 0])
-            & (boxes[:i, 1] < boxes[i, 3])
-            & (boxes[:i, 3] > boxes[i, 1])
-        )
-        for j in near.tolist():
+        for j in _near(boxes, i, 0.0):
+            if {item.name, scene.objects[j].name} in through:
+                continue
             depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
             if depth > OVERLAP:
-                other = scene.objects[j].name
-                expected = f"overlaps {other} by {depth:.1f} px at t = 0"
-                yield _warning(
-                    scene, path, item.name, expected, "move or shrink one of them, or they are pushed apart"
-                )
+                expected = f"overlaps {scene.objects[j].name} by {depth:.1f} px at t = 0"
+                fix = "move or shrink one of them, or they are pushed apart"
+                yield warning(scene, path, item.name, expected, fix)
         if item.motion is Motion.DYNAMIC:
-            for wall in compiled.world.walls:
-                depth = _sunk(compiled.world.bodies[i], wall)
+            for wall, depth in lines.across(compiled.world.bodies[i]).items():
                 if depth > OVERLAP:
-                    expected = f"reaches {depth:.1f} px across boundary {wall.name} at t = 0"
-                    yield _warning(scene, path, item.name, expected, "move the boundary or the object")
+                    name = scene.boundaries[wall].name
+                    expected = f"reaches {depth:.1f} px across boundary {name} at t = 0"
+                    yield warning(scene, path, item.name, expected, "move the boundary or the object")
 
 
-def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    gravity = compiled.world.gravity
-    strength = float(np.hypot(*gravity))
-    if scene.world.view is View.TOP or strength == 0 or scene.image is None:
-        return  # seen from above, or a lesson, where things hang in the air on purpose
-    step = gravity / strength * REACH
+def _near(boxes: Array, i: int, margin: float) -> list[int]:
+    """Indices below i of the boxes (N, 4) that meet the i-th, grown by a margin."""
+    x0, y0, x1, y1 = boxes[i] + (-margin, -margin, margin, margin)
+    meet = (boxes[:i, 0] < x1) & (boxes[:i, 2] > x0) & (boxes[:i, 1] < y1) & (boxes[:i, 3] > y0)
+    found: list[int] = np.flatnonzero(meet).tolist()
+    return found
+
+
+def _masses_apart(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    bodies = compiled.world.bodies
+    dynamic = np.array([body.motion is Motion.DYNAMIC for body in bodies], bool)
+    if not dynamic.any():
+        return
+    mass = np.array([body.mass for body in bodies])
+    if mass[dynamic].max() <= APART * mass[dynamic].min():
+        return
+    pairs = {
+        (min(joint.first, joint.second), max(joint.first, joint.second)): "is joined to"
+        for joint in compiled.world.joints
+        if joint.second is not None
+    }
     boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)
-    for i, item in enumerate(scene.objects):
-        if item.motion is not Motion.DYNAMIC or any(item.velocity):
+    for i in np.flatnonzero(dynamic).tolist():
+        for j in _near(boxes, i, TOUCH):
+            if _apart(mass[i], mass[j]) and _touch(compiled, i, j):
+                pairs.setdefault((j, i), "touches")
+    for (i, j), how in sorted(pairs.items()):
+        if not (dynamic[i] and dynamic[j] and _apart(mass[i], mass[j])):
             continue
-        lowered = _moved(compiled.outlines[i], step)
-        x0, y0, x1, y1 = bounds(lowered)
-        near = np.flatnonzero(
-            (boxes[:, 0] < x1) & (boxes[:, 2] > x0) & (boxes[:, 1] < y1) & (boxes[:, 3] > y0)
+        light, heavy = (i, j) if mass[i] < mass[j] else (j, i)
+        name, other = bodies[light].name, bodies[heavy].name
+        expected = (
+            f"{how} {other}, which is {mass[heavy] / mass[light]:.1e} times as heavy: the motion is not exact"
         )
-        if any(j != i and overlap_depth(lowered, compiled.outlines[j]) > 0 for j in near.tolist()):
-            continue
-        if any(_sunk(compiled.world.bodies[i], wall, step) > 0 for wall in compiled.world.walls):
-            continue
-        expected = "is supported by nothing and falls at once"
-        yield _warning(
-            scene,
-            f"objects.{item.name}",
-            item.name,
-            expected,
-            "put a boundary under it, or write motion: static",
-        )
+        found = f"{name} of {grams(mass[light])}"
+        yield warning(scene, mass_path(scene, name), found, expected, "bring the masses nearer")
 
 
-def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    world = scene.world
-    if scene.render.motion_blur > 0:
-        why = "has no effect yet: the shutter is not simulated"
-        yield _warning(scene, "render.motion_blur", f"{scene.render.motion_blur:g}", why, "take it out")
-    if scene.refine.backend != "none":
-        why = "has no effect yet: no refinement backend is installed"
-        yield _warning(scene, "refine.backend", scene.refine.backend, why, "write none")
-    if scene.world.table_friction > 0:
-        why = (
-            "has no effect seen from the side"
-            if world.view is View.SIDE
-            else "has no effect yet: tables are not simulated"
-        )
-        yield _warning(scene, "world.table.friction", f"{scene.world.table_friction:g}", why, "take it out")
-    for item in scene.objects:
-        path = f"objects.{item.name}"
-        if item.rolling > 0:
-            why = "has no effect yet: rolling resistance is not simulated"
-            yield _warning(scene, f"{path}.rolling", f"{item.rolling:g}", why, "take it out")
-        if item.roll != "natural":
-            why = "has no effect yet: rolling on a table is not simulated"
-            yield _warning(scene, f"{path}.roll", str(item.roll), why, "take it out")
-        if item.motion is not Motion.DYNAMIC and (any(item.velocity) or item.spin):
-            key = "velocity" if any(item.velocity) else "spin"
-            why = f"has no effect on an object whose motion is {item.motion.value}"
-            yield _warning(scene, f"{path}.{key}", key, why, "take it out, or write motion: dynamic")
-    for k, force in enumerate(scene.forces):
-        target = next(item for item in scene.objects if item.name == force.object)
-        if target.motion is not Motion.DYNAMIC:
-            why = f"has no effect: the motion of {target.name} is {target.motion.value}"
-            yield _warning(
-                scene, f"forces[{k}]", force.load.value, why, "take it out, or write motion: dynamic"
-            )
-        elif force.start >= world.duration:
-            why = f"begins after the end of the clip at {world.duration:g} s"
-            yield _warning(
-                scene, f"forces[{k}].start", f"{force.start:g}", why, "begin earlier or lengthen the duration"
-            )
+def _apart(a: float, b: float) -> bool:
+    return max(a, b) > APART * min(a, b)
+
+
+def _touch(compiled: Compiled, i: int, j: int) -> bool:
+    one, other = compiled.outlines[i], compiled.outlines[j]
+    way = compiled.world.bodies[j].center - compiled.world.bodies[i].center
+    step = way / max(float(np.hypot(*way)), 1e-9) * TOUCH
+    return overlap_depth(one, other) > 0 or overlap_depth(moved(one, step), other) > 0
 
 
 def _too_fast(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    rate = scene.world.steps_per_second
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
-        step = float(np.hypot(*body.velocity)) / scene.world.steps_per_second
+        step = float(np.hypot(*body.velocity)) / rate
         if step > body.size:
-            expected = f"moves {step:.0f} px a step, over its size of {body.size:.0f} px, and can pass through things"
-            yield _warning(
-                scene, f"objects.{item.name}.velocity", item.name, expected, "raise world.steps_per_second"
+            expected = (
+                f"moves {step:.0f} px a step, over its size of {body.size:.0f} px: "
+                "steps are divided where it could pass through something, which takes time"
             )
+            even = ceil(step / body.size * rate - 1e-6)
+            fix = "lower the velocity"
+            if even <= FASTEST:
+                fix += f", or write world.steps_per_second: {even} for steps of one length"
+            yield warning(scene, f"objects.{item.name}.velocity", item.name, expected, fix)
+
+
+def _paths_that_end(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    end = scene.world.duration
+    for item in scene.objects:
+        if item.path and item.path[-1].time < end:
+            expected = (
+                f"ends at {item.path[-1].time:g} s, the clip at {end:g} s: it stays where it is from then on"
+            )
+            path = f"objects.{item.name}.motion.path"
+            yield warning(scene, path, item.name, expected, f"add a knot at {end:g} s")
+
+
+def _far_joints(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """An end of a spring, or a pin of two objects, that lies away from what it rides on.
+
+    A pin of one object may, and one between two: it is the end of a rod that nobody draws.
+    """
+    index = {item.name: k for k, item in enumerate(scene.objects)}
+    boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)
+    useful = {joint.name for joint in compiled.world.joints}
+
+    def outside(name: str, point: Array) -> float:
+        """px, 0 where it is near enough: within as far again as the object reaches."""
+        body = compiled.world.bodies[index[name]]
+        away = distance(compiled.outlines[index[name]], point)
+        return away if away > max(body.reach, FAR) else 0.0
+
+    for item in scene.joints:
+        if item.name not in useful:
+            continue
+        path = f"joints.{item.name}.{item.kind.value}"
+        points = [np.array(point) for point in item.points]
+        if item.kind is JointKind.SPRING:
+            off = [outside(name, at) for name, at in zip(item.objects, points, strict=False)]
+            turned = zip(item.objects, reversed(points), strict=False)
+            swapped = len(item.objects) == 2 and not any(outside(name, at) for name, at in turned)
+            for k, away in enumerate(off):
+                if away:
+                    expected = f"{'begins' if k == 0 else 'ends'} {away:.0f} px outside {item.objects[k]}"
+                    fix = "write the two points the other way round" if swapped else "move that end onto it"
+                    yield warning(scene, path, item.name, expected, fix)
+        elif len(item.objects) == 2:
+            a, b = item.objects
+            one, other = outside(a, points[0]), outside(b, points[0])
+            both = boxes[[index[a], index[b]]].reshape(2, 2, 2)
+            between = (both[:, 0].min(axis=0) <= points[0]) & (points[0] <= both[:, 1].max(axis=0))
+            if one and other and not between.all():
+                expected = f"lies {one:.0f} px outside {a} and {other:.0f} px outside {b}"
+                yield warning(scene, path, item.name, expected, "move it onto one of them")
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -159,49 +200,5 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         missed = 1 - hit / max(area, 1)
         if missed > MISSED:
             expected = f"misses {missed:.0%} of its mask"
-            yield _warning(
-                scene,
-                f"objects.{item.name}.shape",
-                "the shape",
-                expected,
-                "write shape: auto, or correct the outline",
-            )
-
-
-def _moved(outline: Outline, by: Array) -> Outline:
-    if isinstance(outline, Disc):
-        return Disc(outline.center + by, outline.radius)
-    return Region(tuple(Ring(r.outer + by, tuple(h + by for h in r.holes)) for r in outline.rings))
-
-
-def _sunk(body: Body, wall: Wall, by: Array | None = None) -> float:
-    """How far a body at t = 0, moved by `by`, reaches across a wall's segments, px; 0 when it does not touch."""
-    center = body.center if by is None else body.center + by
-    deepest = 0.0
-    for a, b in (pair for chain in wall.chains for pair in pairwise(chain)):
-        along = b - a
-        length = float(np.hypot(*along))
-        along = along / length
-        across = np.array([-along[1], along[0]])
-        if body.radius is not None:
-            at = float(np.clip((center - a) @ along, 0, length))
-            deepest = max(deepest, body.radius - float(np.hypot(*(center - a - at * along))))
-            continue
-        for piece in body.pieces:
-            points = piece + center - a
-            deepest = max(deepest, _across(points @ along, points @ across, length))
-    return deepest
-
-
-def _across(x: Array, y: Array, length: float) -> float:
-    """How far a convex piece lies on both sides of the segment y = 0, 0 <= x <= length, within that length, px."""
-    ends = [(x, y), (np.roll(x, -1), np.roll(y, -1))]
-    heights = [y[(x >= 0) & (x <= length)]]
-    for at in (0.0, length):  # where edges cross the segment's ends
-        (x0, y0), (x1, y1) = ends
-        cut = (x0 < at) != (x1 < at)
-        heights.append(y0[cut] + (at - x0[cut]) / (x1[cut] - x0[cut]) * (y1[cut] - y0[cut]))
-    inside = np.concatenate(heights)
-    if not len(inside):
-        return 0.0
-    return max(0.0, float(min(inside.max(), -inside.min())))
+            fix = "write shape: auto, or correct the outline"
+            yield warning(scene, f"objects.{item.name}.shape", "the shape", expected, fix)

@@ -22,6 +22,10 @@ def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
     return Surface(friction, elasticity)
 
 
+TABLE = "the table"
+"""How the table pairs are called; two words, so that nothing in a scene has that name."""
+
+
 @dataclass(frozen=True)
 class Pair:
     """What holds between two groups of things with equal surfaces."""
@@ -33,7 +37,7 @@ class Pair:
 
 
 def pair_table(world: World) -> list[Pair]:
-    """The pair coefficients in use; things with equal surfaces share a row."""
+    """The pair coefficients in use; things with equal surfaces share a row. Seen from above, so does the table."""
     groups: dict[Surface, list[str]] = {}
     movable = len(world.bodies)
     pairs = []
@@ -42,6 +46,8 @@ def pair_table(world: World) -> list[Pair]:
     walls: dict[Surface, list[str]] = {}
     for name, its in world.surfaces[movable:]:
         walls.setdefault(its, []).append(name)
+    if world.press > 0 and world.table.friction > 0:
+        walls.setdefault(world.table, []).append(TABLE)
     rows = list(groups.items())
     for i, (a, first) in enumerate(rows):
         for b, second in rows[i:]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import cv2
 import numpy as np
@@ -25,16 +25,19 @@ _HIDDEN = 0.1
 """Weight of a border point that faces another object: it may be the other's border."""
 
 
-def fit_outlines(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, Outline]:
+def fit_outlines(
+    labels: NDArray[np.integer], ids: Sequence[int], never_discs: Collection[int] = ()
+) -> dict[int, Outline]:
     """Outlines of the objects `ids` of a label map `(H, W)`; ValueError where an id has no pixels.
 
-    Discs as in `fit_outline`, then moved together; the other objects share their borders.
+    Discs as in `fit_outline`, then moved together; the other objects share their borders. Those of `never_discs` are
+    regions, however round.
     """
     owned = _owned(labels, ids)
     views = _views(owned, ids)
     rough = {}
     for i, view in views.items():
-        disc = disc_of(owned[view] == i)
+        disc = None if i in never_discs else disc_of(owned[view] == i)
         if disc is not None:
             rough[i] = Disc(disc.center + _corner(view), disc.radius)
     while True:

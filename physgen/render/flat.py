@@ -39,8 +39,8 @@ def flat_background(world: World) -> U8:
     for wall in world.walls:
         for chain in wall.chains:
             points = np.rint((chain + 0.5) * scale * 16).astype(np.int64)
-        points = np.clip(points, -(2**24), 2**24).astype(np.int32)
-        cv2.polylines(canvas, [points], False, INK, 2 * scale, cv2.LINE_AA, shift=4)
+            points = np.clip(points, -(2**24), 2**24).astype(np.int32)
+            cv2.polylines(canvas, [points], False, INK, 2 * scale, cv2.LINE_AA, shift=4)
     return np.asarray(cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.pairs import pair_table
 from physgen.compile.world import Body, World
+from physgen.report.holds import drawn, listed
 from physgen.report.record import RunRecord, versions
 from physgen.resources import resource
 from physgen.scene.model import Load, Scene, View
@@ -40,13 +41,15 @@ def report_page(
         frames=len(world.times),
         fps=scene.render.fps,
         duration=world.duration,
-        steps=record.steps,
+        steps=record.effort.get("steps", 0),
         video=video,
         photo=_data_uri(first),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=_walls(scene, world),
         objects=[_object(scene, k, body) for k, body in enumerate(world.bodies)],
         arrows=_arrows(world),
+        held=drawn(scene, world),
+        holds=listed(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
         world=_world_facts(world),
         combine=world.combine.value,

@@ -22,36 +22,14 @@ from physgen.scene.words import UNITS, Path, example, listed, nearest, quoted, s
 Check = Callable[[Node, Path, Report], None]
 
 KEYWORDS = {
-    "type",
-    "const",
-    "enum",
-    "minimum",
-    "maximum",
-    "exclusiveMinimum",
-    "pattern",
-    "minLength",
-    "maxLength",
-}
-KEYWORDS |= {
-    "properties",
-    "required",
-    "additionalProperties",
-    "propertyNames",
-    "minProperties",
-    "maxProperties",
-}
-KEYWORDS |= {"items", "prefixItems", "minItems", "maxItems", "if", "then"}
+    "type", "const", "enum", "minimum", "maximum", "exclusiveMinimum", "pattern", "minLength",
+    "maxLength", "properties", "required", "additionalProperties", "propertyNames", "minProperties",
+    "maxProperties", "items", "prefixItems", "minItems", "maxItems", "if", "then",
+}  # fmt: skip
 ANNOTATIONS = {
-    "x-pattern",
-    "$schema",
-    "$id",
-    "title",
-    "description",
-    "default",
-    "examples",
-    "x-unit",
+    "$schema", "$id", "title", "description", "default", "examples", "x-unit", "x-pattern",
     "x-exclusive",
-}
+}  # fmt: skip
 
 
 @cache
@@ -174,7 +152,7 @@ def _list(schema: Schema, unit: str) -> Check:
     shortest, longest = schema.get("minItems", 0), schema.get("maxItems", 10**9)
     inner: Schema = schema.get("items", {}) if not prefix else schema["prefixItems"][0]
     kinds = {"number": "numbers", "integer": "whole numbers", "array": "points", "object": "mappings"}
-    what = kinds.get(inner.get("type", ""), "values")
+    what = kinds.get(inner.get("type", ""), "names" if "pattern" in inner else "values")
     count = f"{shortest} {what}" if shortest == longest else what
     in_unit = f" in {UNITS.get(unit, unit)}" if unit and what != "mappings" else ""
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
@@ -190,7 +168,8 @@ def _list(schema: Schema, unit: str) -> Check:
             bound = shortest if len(value) < shortest else longest
             much = "" if shortest == longest else "at least " if bound == shortest else "at most "
             has = f"has {len(value)} item{'' if len(value) == 1 else 's'}"
-            report.add(node.place, path, "", has, f"write {much}{bound} {what}{in_unit}{hint}")
+            many = what if bound != 1 else what.removesuffix("s")
+            report.add(node.place, path, "", has, f"write {much}{bound} {many}{in_unit}{hint}")
             report.bad.add(node)
             return
         for index, item in enumerate(value):

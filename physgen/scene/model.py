@@ -320,6 +320,7 @@ class Scene:
     """Folder of the maps, resolved; None when the scene names none."""
     world: Settings
     objects: tuple[Object, ...]
+    """In the natural order of their names, as boundaries, joints and fields are; the document keeps the file's."""
     boundaries: tuple[Boundary, ...]
     forces: tuple[Force, ...]
     joints: tuple[Joint, ...]

@@ -19,6 +19,9 @@ from physgen.scene.words import Path, dotted, nearest, quoted
 SEALED = ("extends", "variants")
 """Keys that no edit may touch: they are done with before edits apply."""
 
+NAMED = ("objects", "boundaries", "joints", "fields", "variants")
+"""Sections whose keys are names that the file's author chose."""
+
 _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d{1,9}|\*)\])*)(?:\.|$)")
 
 
@@ -39,13 +42,9 @@ def rivals(schema_path: Path) -> Mapping[str, frozenset[str]]:
 
 
 def _kind(path: Path) -> Path:
-    """The path with names of objects and boundaries made one, so that `rivals` is asked for few."""
+    """The path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
     return tuple(
-        0
-        if isinstance(key, int)
-        else "*"
-        if n == 1 and path[0] in ("objects", "boundaries", "variants")
-        else key
+        0 if isinstance(key, int) else "*" if n == 1 and path[0] in NAMED else key
         for n, key in enumerate(path)
     )
 
@@ -146,6 +145,9 @@ def _set(node: Node | None, path: Path, depth: int, edit: Edit, star: bool, at: 
     if depth == len(path):
         return edit.value
     step = path[depth]
+    if node is not None and isinstance(node.value, list) and isinstance(step, str) and step.isdecimal():
+        step = int(step[:9])  # pivot.0 says the same as pivot[0]
+        path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
         return _set_item(node, path, depth, edit, star, at)
     children = node.value if node is not None and isinstance(node.value, dict) else {}
@@ -217,6 +219,8 @@ def targets(root: Node, key: str) -> int:
             node = next(iter(value.values() if isinstance(value, dict) else value), None)
         elif isinstance(value, dict) and isinstance(step, str):
             node = value.get(step)
+        elif isinstance(value, list) and str(step).isdecimal():
+            node = next(iter(value[int(str(step)[:9]) :]), None)
         else:
             node = None
     return count

@@ -148,7 +148,7 @@ def _section(path: str, schema: Schema) -> Iterator[str]:
         if key in schema.get("required", []):
             default = "required"
         value = _value(part, f"{path}.{key}" if path else key)
-        meaning = f"{part['description']} E.g. `{example(part['examples'][0])}`."
+        meaning = f"{part['description']} E.g. `{example(part['examples'][0])}`.".replace("|", "\\|")
         yield f"| `{key}` | {value} | {part.get('x-unit', '-')} | {default} | {meaning} |"
 
 
@@ -192,6 +192,8 @@ def _list(part: Schema, path: str) -> str:
     fewest, most = part.get("minItems", 0), part.get("maxItems", 0)
     inner = part["prefixItems"][0] if "prefixItems" in part else part["items"]
     count = f"{fewest}" if fewest == most else f"at least {fewest}" if fewest else "a list of"
+    if fewest + 1 == most:
+        count = f"{fewest} or {most}"
     if inner["type"] == "object":
         return f"{count} {_link('mappings', f'{path}[]')}"
     return f"{count} {_items_of(inner)}"
@@ -199,7 +201,7 @@ def _list(part: Schema, path: str) -> str:
 
 def _items_of(inner: Schema) -> str:
     if inner["type"] != "array":
-        return "whole numbers" if inner["type"] == "integer" else "numbers"
+        return {"integer": "whole numbers", "string": "names"}.get(inner["type"], "numbers")
     if "prefixItems" in inner:
         return "points `[x, y]`"
     deeper = inner["items"]

@@ -7,8 +7,10 @@ from typing import Any
 
 from physgen.scene.advice import advice
 from physgen.scene.ground import Files, Ground, check_ground
-from physgen.scene.node import Node, children, items, whole
+from physgen.scene.joints import check_forces, check_joints
+from physgen.scene.node import Node, children, items
 from physgen.scene.outlines import outline_problem, same_point
+from physgen.scene.owners import check_masks
 from physgen.scene.report import Report
 from physgen.scene.schema import at
 from physgen.scene.words import Path, listed, nearest, number, quoted, shown
@@ -22,12 +24,13 @@ def check_rules(root: Node, report: Report, files: Files) -> Ground:
         if isinstance(node.value, dict) and node not in report.ruled:
             report.ruled.add(node)
             _object(name, node, root, report)
-    _masks(root, ground, report)
+    check_masks(root, ground, report)
     for name, node in children(root, "boundaries").items():
         if isinstance(node.value, dict) and node not in report.ruled:
             report.ruled.add(node)
             _boundary(node, ("boundaries", name), report)
-    _forces(root, report)
+    check_forces(root, report)
+    check_joints(root, report)
     _light_and_maps(root, report)
     return ground
 
@@ -57,20 +60,24 @@ def _object(name: str, node: Node, root: Node, report: Report) -> None:
         what = f"does not go with a {kind}"
         report.add(solid.place, (*path, "solid"), shown(solid.value), what, "write plate")
     for where, outline, crossing in _outlines(good.get("mask"), kinds):
-        if outline in report.ruled:
-            continue
-        report.ruled.add(outline)
-        problem = outline_problem(_points(outline), crossing)
-        if problem:
-            report.add(outline.place, (*path, *where), "", *problem)
+        _outline(outline, (*path, *where), crossing, report)
     _holes(kinds, path, report)
     knots = children(good.get("motion")).get("path")
     if knots is not None:
         _knots(knots, (*path, "motion", "path"), report)
 
 
+def _outline(node: Node, path: Path, crossing: bool, report: Report) -> None:
+    if node in report.ruled:
+        return
+    report.ruled.add(node)
+    problem = outline_problem(_points(node), crossing)
+    if problem:
+        report.add(node.place, path, "", *problem)
+
+
 def _outlines(mask: Node | None, kinds: dict[str, Node]) -> Iterator[tuple[Path, Node, bool]]:
-    """Every outline of an object, where it stands, and whether it may not cross itself."""
+    """Every outline of an object or a boundary, where it stands, and whether it may not cross itself."""
     if "polygon" in children(mask):
         yield ("mask", "polygon"), children(mask)["polygon"], False
     if "polygon" in kinds:
@@ -115,63 +122,22 @@ def _knots(node: Node, path: Path, report: Report) -> None:
         before = now
 
 
-def _masks(root: Node, ground: Ground, report: Report) -> None:
-    """Mask ids are used once and have a masks.png to be found in; run lengths fill the canvas."""
-    owner: dict[int, str] = {}
-    has_masks = ground.assets is not None and (ground.assets / "masks.png").is_file()
-    top = children(root)
-    told = "assets" in top and ground.assets is None
-    for name, node in children(root, "objects").items():
-        mask = children(node).get("mask")
-        if mask is None or mask in report.bad:
-            continue
-        path: Path = ("objects", name, "mask")
-        if isinstance(mask.value, int | float):
-            number_ = int(mask.value)
-            if number_ in owner:
-                expected = f"is the mask of {owner[number_]} already"
-                report.add(mask.place, path, shown(number_), expected, "give each object an id of its own")
-            owner.setdefault(number_, name)
-            if not has_masks and not told:
-                told = True
-                if ground.assets is None:
-                    fix = "write assets: and the folder of masks.png, or mask: {polygon: [[x, y], ...]}"
-                    what = "is an id, but the scene names no assets"
-                    report.add(mask.place, path, shown(number_), what, fix)
-                else:
-                    place = top["assets"]
-                    report.add(place.place, "assets", shown(place.value), "has no masks.png", "put it there")
-        elif "rle" in children(mask) and ground.size:
-            _rle(children(mask)["rle"], (*path, "rle"), ground.size, report)
-
-
-def _rle(node: Node, path: Path, canvas: tuple[int, int], report: Report) -> None:
-    size, counts = children(node)["size"], children(node)["counts"]
-    height, width = whole(size)
-    if (width, height) != canvas:
-        expected = f"is not the canvas's height and width, [{canvas[1]}, {canvas[0]}]"
-        fix = "write the mask at the photo's size"
-        report.add(size.place, (*path, "size"), f"[{height}, {width}]", expected, fix)
-        return
-    total = sum(whole(counts))
-    if total != width * height:
-        expected = f"add up to {total}, not to {width * height} pixels"
-        fix = "write runs that fill the mask, background first"
-        report.add(counts.place, (*path, "counts"), "", expected, fix)
-
-
-# Boundaries, forces and the rest
+# Boundaries and the rest
 
 
 def _boundary(node: Node, path: Path, report: Report) -> None:
     parts = children(node)
-    given = [key for key in ("segment", "polyline") if key in parts]
+    given = [key for key in ("segment", "polyline", "mask") if key in parts]
     if len(given) != 1:
-        has = "has both segment and polyline" if given else "has no line"
-        fix = "write only one of the two" if given else "write segment: [[0, 457], [512, 457]], or polyline"
+        has = f"has {listed(given, 'and')}" if given else "has no line"
+        fix = "write only one of them" if given else "write segment: [[0, 457], [512, 457]], polyline or mask"
         report.add(node.place, path, "", has, fix)
         return
     if parts[given[0]] in report.bad:
+        return
+    if given == ["mask"]:
+        for part, outline, crossing in _outlines(parts["mask"], {}):
+            _outline(outline, (*path, *part), crossing, report)
         return
     points = _points(parts[given[0]])
     for index in range(1, len(points)):
@@ -180,37 +146,6 @@ def _boundary(node: Node, path: Path, report: Report) -> None:
             where: Path = (*path, given[0], index)
             report.add(item.place, where, "", "is the point before it again", "move or drop it")
             return
-
-
-def _forces(root: Node, report: Report) -> None:
-    forces = children(root).get("forces")
-    if forces is None:
-        return
-    names = children(root, "objects")
-    loads = ("impulse", "force", "torque")
-    for index, node in enumerate(items(forces)):
-        if not isinstance(node.value, dict):
-            continue
-        path: Path = ("forces", index)
-        parts = children(node)
-        target = parts.get("object")
-        if target is not None and target not in report.bad and str(target.value) not in names:
-            close = nearest(str(target.value), names)
-            fix = f"did you mean {quoted(close)}?" if close else f"write one of {listed(list(names)[:30])}"
-            if not names:
-                fix = "write it under objects first"
-            what = "is not an object of this scene"
-            report.add(target.place, (*path, "object"), shown(target.value), what, fix)
-        given = [key for key in loads if key in parts]
-        if len(given) != 1:
-            has = f"has {listed(given, 'and')}" if given else "has no impulse, force or torque"
-            report.add(node.place, path, "", has, "write exactly one of impulse, force and torque")
-            continue
-        senseless = {"torque": "at", "impulse": "duration"}.get(given[0])
-        if senseless in parts:
-            why = "a torque turns the body as a whole" if senseless == "at" else "an impulse is given at once"
-            place = parts[senseless].key_place
-            report.add(place, (*path, senseless), "", f"has no meaning here: {why}", "take it out")
 
 
 def _light_and_maps(root: Node, report: Report) -> None:

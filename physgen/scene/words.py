@@ -20,6 +20,7 @@ UNITS = {
 Path = tuple[str | int, ...]
 """Keys and indices from the top of a document to a value."""
 
+_DIGITS = re.compile("([0-9]+)")
 _PLAIN_KEY = re.compile(r"[\w*<.-]{1,64}").fullmatch
 
 
@@ -111,6 +112,17 @@ def listed(words: Iterable[str], last: str = "or") -> str:
     """
     words = list(words)
     return f"{', '.join(words[:-1])} {last} {words[-1]}" if len(words) > 1 else "".join(words)
+
+
+def natural(name: str) -> tuple[tuple[str | int, ...], str]:
+    """A key that sorts names as people do.
+
+    >>> sorted(["ball-10", "ball", "ball-2"], key=natural)
+    ['ball', 'ball-2', 'ball-10']
+    """
+    parts: list[str | int] = [*_DIGITS.split(name)]
+    parts[1::2] = map(int, parts[1::2])
+    return tuple(parts), name
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:

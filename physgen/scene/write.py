@@ -15,7 +15,7 @@ WIDTH = 100
 """Columns after which a list of points goes on in the next line, and a mapping is written a key a line."""
 
 _LONGEST_KEY = 1000  # YAML takes 1024 characters before the colon
-_BLOCK = re.compile(r"world|objects(\.[^.]+)?|boundaries|variants|").fullmatch
+_BLOCK = re.compile(r"world|objects(\.[^.]+)?|boundaries|joints|fields|variants|").fullmatch
 _PLAIN = re.compile(r"(?!\.\.\.)[\w./][\w./ ()+*=%-]*(?<! )").fullmatch
 
 

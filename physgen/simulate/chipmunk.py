@@ -46,6 +46,8 @@ _CONTACT = (
 )
 WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
+CONTACT_BYTES = 8 * WORDS
+"""Of the integers."""
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 

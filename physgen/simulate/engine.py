@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.model import Load, Motion
-from physgen.simulate.chipmunk import Chipmunk
+from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk
 from physgen.simulate.divide import Reach
 from physgen.simulate.governor import Governor
 from physgen.simulate.impacts import Blows, Things, strike
@@ -55,15 +55,15 @@ def simulate(
     """
     times = world.times if times is None else np.asarray(times, np.float64)
     run = _Run(world, times, iterations)
-    run.start()
-    h = 1.0 / world.steps_per_second
-    last = ceil(float(times[-1]) / h - 1e-9) if len(times) else 0
-    for number in range(1, last + 1):
-        run.advance((number - 1) * h, number * h)
-        if number % 256 == 0:
-            progress("simulate", run.ledger.done, len(times))
-    ledger = run.ledger
-    ledger.flush()
+    ledger, h = run.ledger, 1.0 / world.steps_per_second
+    with np.errstate(over="ignore", invalid="ignore"):  # what leaves all numbers is told by name
+        run.start()
+        last = ceil(float(times[-1]) / h - 1e-9) if len(times) else 0
+        for number in range(1, last + 1):
+            run.advance((number - 1) * h, number * h)
+            if number % 256 == 0:
+                progress("simulate", ledger.done, len(times))
+        ledger.flush()
     return Trajectory(
         times=times,
         names=tuple(body.name for body in world.bodies),
@@ -125,7 +125,7 @@ class _Run:
         """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
         spring = self._loads.fastest() / world.steps_per_second / PHASE
         self._stiff = min(256, max(1, ceil(spring)))
-        self._steps = self._divided = self._most_parts = self._impacts = 0
+        self._steps = self._divided = self._most_parts = self._impacts = self._reviewed = 0
         self._calm = True
 
     def effort(self) -> Effort:
@@ -206,9 +206,13 @@ class _Run:
             self._space.place(state)
         step = self._take(end, h, state)
         self._states = step.states
-        self.ledger.add(step)
-        if self._governor.note(sum(len(b.first) for b in step.blows), len(step.words) // 24):
-            self._governor.review(self.ledger.residual, self.ledger.overlap, h)
+        if step.blows:
+            self._governor.note(sum(len(blow.first) for blow in step.blows))
+        if self.ledger.add(step):
+            ledger, since = self.ledger, self._steps - self._reviewed
+            self._reviewed = self._steps
+            contacts = len(step.words) // CONTACT_BYTES
+            self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
 
     def _struck_in(self, begin: float, end: float, state: Array) -> None:
         """Impulses that are given within this step, at their times."""

@@ -24,8 +24,6 @@ BUSY = 12.0
 LOUDEST = 16.0
 CROWD = 200
 """Contacts above which a step is first taken with a single sweep, only to see whether blows fall."""
-EVERY = 64
-"""Steps between two reviews."""
 
 
 class Governor:
@@ -37,7 +35,7 @@ class Governor:
         self._jointed = any(joint.kind is not JointKind.SPRING for joint in world.joints)
         self._most = MOST
         self._loud = 1.0
-        self._blows = self._contacts = self._steps = 0
+        self._blows = self._contacts = 0
         self.sweeps = iterations or MANY  # what overlaps at the start must part evenly
         self.most_sweeps = self.sweeps
         self.loudest = 1.0
@@ -57,15 +55,13 @@ class Governor:
         """px/s below which a contact does not bounce, in a step of h seconds."""
         return max(REST * self._loud * self._gravity * h, STILL)
 
-    def note(self, blows: int, contacts: int) -> bool:
-        """Count a step; True when a review is due."""
+    def note(self, blows: int) -> None:
+        """Count the blows of a step."""
         self._blows += blows
-        self._contacts = contacts
-        self._steps += 1
-        return self._steps % EVERY == 0
 
-    def review(self, residual: float, overlap: float, h: float) -> None:
-        """residual: fastest closing, px/s, that a step left; overlap: the deepest, px."""
+    def review(self, steps: int, contacts: int, residual: float, overlap: float, h: float) -> None:
+        """What the last steps left: contacts now, the fastest closing, px/s, the deepest overlap, px."""
+        self._contacts = contacts
         limit = SLACK * max(self._gravity * h, STILL)
         self._most = max(2 * FEWEST, min(MOST, WORK // max(self._contacts, 1)))
         now, least = self.sweeps, MANY if overlap > DEEP or self._jointed else FEWEST
@@ -75,9 +71,9 @@ class Governor:
             now -= now // 8
         self.sweeps = self._fixed or min(self._most, max(least, now))
         self.most_sweeps = max(self.most_sweeps, self.sweeps)
-        if self._blows > BUSY * EVERY:
+        if self._blows > BUSY * steps:
             self._loud = min(LOUDEST, self._loud * 2)
-        elif self._blows < BUSY * EVERY / 4:
+        elif self._blows < BUSY * steps / 4:
             self._loud = max(1.0, self._loud / 2)
         self.loudest = max(self.loudest, self._loud)
         self._blows = 0

@@ -26,6 +26,8 @@ Flags = NDArray[np.bool_]
 
 ROUNDS = 400
 """Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
+FAINT = 1e-4
+"""Of a step's hardest blow: what closes more slowly after it is left to the engine, or echoes would never end."""
 TOGETHER = 0.02
 """Part of a step within which two contacts of one body count as simultaneous."""
 
@@ -161,6 +163,7 @@ class _Instant:
     def run(self) -> Blows:
         """Rounds until nothing closes."""
         closing = [int(k) for k in np.flatnonzero(self._own)]
+        faint = max(self._threshold, FAINT * float(self._found.closing.max()))
         for number in range(ROUNDS):
             if not closing:
                 break
@@ -171,7 +174,7 @@ class _Instant:
             for group in self._groups(struck):
                 moved |= self._solve(group, times)
             near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
-            closing = [k for k in sorted(near) if self._speed(self._point(k)) < -self._threshold]
+            closing = [k for k in sorted(near) if self._speed(self._point(k)) < -faint]
         velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
         for body, (vx, vy, spin) in self._v.items():
             lx, ly = self._leap.get(body, (0.0, 0.0))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.problems import InputError
 from physgen.scene.model import Motion
-from physgen.simulate.chipmunk import Chipmunk
+from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk
 from physgen.simulate.contacts import ContactLog
 from physgen.simulate.impacts import Blows
 from physgen.simulate.loads import Loads
@@ -20,13 +20,13 @@ from physgen.simulate.trajectory import Energy
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-BLOCK = 64
-"""Steps that are read together."""
+BLOCK = 256
+"""Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
 BYTES = 8_000_000
 """Of contacts that are held before they are read."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Step:
     """One step as it was read."""
 
@@ -91,6 +91,7 @@ class Ledger:
         self._struck: list[tuple[float, float, float]] = []
         self._spent = np.zeros(2)  # lost and work of the blows of earlier blocks
         self._first = True
+        self._block = BLOCK // 8
         self.residual = 0.0
         """Fastest closing of a contact that a step of the last block left, px/s."""
         self.overlap = 0.0
@@ -103,17 +104,18 @@ class Ledger:
         self._write(step)
         self.flush()
 
-    def add(self, step: Step) -> None:
-        """Note a step; True once a block is full."""
+    def add(self, step: Step) -> bool:
+        """Note a step; True once a block is full and has been read."""
         self._write(step)
-        if len(self._steps) >= BLOCK or self._held >= BYTES:
-            self.flush()
+        if len(self._steps) < self._block and self._held < BYTES:
+            return False
+        self.flush()
+        self._block = BLOCK
+        return True
 
     def _write(self, step: Step) -> None:
         self._steps.append(step)
         self._held += len(step.numbers)
-        if step.roll is not None:
-            self._rolling = True
 
     def flush(self) -> None:
         """Read the steps that are held."""
@@ -121,6 +123,7 @@ class Ledger:
         if not steps:
             return
         M = len(self.space.moving)
+        self._rolling |= steps[0].roll is not None
         states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
         after = states[:, :, 3:]
         before = np.concatenate([self._after[None], after[:-1]])
@@ -159,7 +162,7 @@ class Ledger:
         """(S, 2) lost and work of the steps' contacts; blows go into their own list, and all into the log."""
         S, W = len(steps), len(self.world.walls)
         ends = np.array([step.time for step in steps])
-        counts = [len(step.words) // 24 for step in steps]
+        counts = [len(step.words) // CONTACT_BYTES for step in steps]
         row = np.repeat(np.arange(S), counts)
         touch = self.space.touching(
             b"".join(step.words for step in steps), b"".join(step.numbers for step in steps)
@@ -203,7 +206,9 @@ class Ledger:
             self.residual, self.overlap = max(0.0, -float(least.min())), float(touch.depth.max())
         else:
             self.residual = self.overlap = 0.0
-        self._struck += [(time, 0.0, work) for step in steps for time, work in step.kicks]
+        # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
+        late = 0.0 if self._first else 1e-9
+        self._struck += [(time + late, 0.0, work) for step in steps for time, work in step.kicks]
         blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
         for s, blows in blown:
             time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))

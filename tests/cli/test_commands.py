@@ -121,11 +121,11 @@ def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys
 def test_check_tells_all_and_resolves(lesson: Path, capsys) -> None:
     assert main(["check", str(lesson)]) == 0
     assert capsys.readouterr().out == ""
-    assert main(["check", str(lesson), "--set", "objects.ball.rolling=0.1", "--json"]) == 0
+    assert main(["check", str(lesson), "--set", "objects.crate.rolling=0.1", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert [p["path"] for p in told["problems"]] == ["objects.ball.rolling"]
-    assert told["problems"][0]["file"] == "--set objects.ball.rolling=0.1"
-    assert main(["check", str(lesson), "--set", "objects.ball.rolling=0.1", "--strict"]) == 2
+    assert [p["path"] for p in told["problems"]] == ["objects.crate.rolling"]
+    assert told["problems"][0]["file"] == "--set objects.crate.rolling=0.1"
+    assert main(["check", str(lesson), "--set", "objects.crate.rolling=0.1", "--strict"]) == 2
     capsys.readouterr()
     assert main(["check", str(lesson), "--resolved"]) == 0
     text = capsys.readouterr().out

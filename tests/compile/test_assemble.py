@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -56,7 +57,7 @@ objects:
         - {outline: [[20, 0], [30, 0], [30, 10], [20, 10]]}
 """,
     ).world
-    circle, box, frame, two = w.bodies
+    box, circle, frame, two = w.bodies  # by name
     assert circle.mass == approx(2 * np.pi * 100)
     assert (box.mass, box.moment) == (5, approx(5 * (30**2 + 20**2) / 12))
     assert frame.mass == approx(3 * (1600 - 400))
@@ -120,6 +121,29 @@ boundaries: {{floor: {{segment: [[0, 100], [200, 100]], friction: 0.1, elasticit
     assert (pair.friction, pair.elasticity) == (approx(friction), approx(elasticity))
 
 
+@pytest.mark.parametrize(
+    ("view", "friction", "told"), [("top", 0.2, True), ("top", 0, False), ("side", 0.2, False)]
+)
+def test_the_table_is_among_the_pairs_seen_from_above(
+    tmp_path: Path, view: str, friction: float, told: bool
+) -> None:
+    w = compiled(
+        tmp_path,
+        f"""\
+world: {{view: {view}, table: {{friction: {friction}}}}}
+objects:
+  a: {{shape: {{circle: {{center: [50, 60], radius: 10}}}}, friction: 0.8}}
+  b: {{shape: {{circle: {{center: [90, 60], radius: 10}}}}, friction: 0.8}}
+  c: {{shape: {{circle: {{center: [130, 60], radius: 10}}}}, friction: 0.05}}
+boundaries: {{table: {{segment: [[0, 100], [200, 100]]}}}}
+""",
+    ).world
+    rows = {(p.first, p.second): p.friction for p in pair_table(w)}
+    assert ("a, b", "table") in rows  # the wall of that name
+    table = {("a, b", "the table"): approx(0.4), ("c", "the table"): approx(0.1)} if told else {}
+    assert {key: value for key, value in rows.items() if key[1] == "the table"} == table
+
+
 def test_units_and_loads(tmp_path: Path) -> None:
     w = compiled(
         tmp_path,
@@ -144,68 +168,56 @@ render: {frames: 10}
     assert w.times == approx(np.arange(10) * 0.05)
 
 
-LINTS = {
-    "b overlaps a by 5.0 px at t = 0": """\
-world: {view: top}
-objects:
-  a: {shape: {circle: {center: [50, 60], radius: 10}}}
-  b: {shape: {circle: {center: [65, 60], radius: 10}}}""",
-    "a reaches 4.0 px across boundary floor at t = 0": """\
-objects: {a: {shape: {box: {center: [50, 60], size: [20, 20]}}}}
-boundaries: {floor: {segment: [[0, 66], [200, 66]]}}""",
-    "0.1 has no effect yet: rolling resistance is not simulated": """\
-world: {view: top}
-objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}, rolling: 0.1}}""",
-    "0.2 has no effect seen from the side": "world: {table: {friction: 0.2}}\nobjects: {}",
-    "velocity has no effect on an object whose motion is static": """\
-objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}, motion: static, velocity: [1, 0]}}""",
-    "3 begins after the end of the clip at 2 s": """\
-world: {view: top}
-objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}}}
-forces: [{object: a, impulse: [1, 0], start: 3}]""",
-    "moves 104 px a step": """\
-world: {view: top}
-objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}, velocity: [1.0e5, 0]}}""",
-}
-
-
-@pytest.mark.parametrize("message", LINTS)
-def test_lints(tmp_path: Path, message: str) -> None:
-    loaded = scene(tmp_path, LINTS[message])
-    told = [str(p) for p in pipeline.lint(loaded, pipeline.compile(loaded, None))]
-    assert len(told) == 1
-    assert message in told[0]
-    assert "warning" in told[0]
-
-
-def test_an_object_of_a_photo_that_hangs_in_the_air(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "photo.png"), np.full((150, 200, 3), 100, np.uint8))
-    body = "objects: {a: {shape: {circle: {center: [50, 60], radius: 10}}}}"
-    photo = scene(tmp_path, body, "image: photo.png")
-    [told] = pipeline.lint(photo, pipeline.compile(photo, pipeline.percepts(photo)))
-    assert "a is supported by nothing and falls at once" in str(told)
-    lesson = scene(tmp_path, body)
-    assert pipeline.lint(lesson, pipeline.compile(lesson, None)) == []
-
-
 def test_too_many_frames_are_refused(tmp_path: Path) -> None:
     loaded = scene(tmp_path, "world: {duration: 3600}\nrender: {fps: 1000}\nobjects: {}")
     with pytest.raises(InputError, match="3,600,000 frames from duration times fps are too many"):
         pipeline.compile(loaded, None)
 
 
-def test_a_standing_stack_has_no_lint(tmp_path: Path) -> None:
-    loaded = scene(
-        tmp_path,
-        """\
+@pytest.mark.parametrize(
+    ("masses", "message"),
+    [
+        (
+            ("1.0e-300", "1"),
+            "objects.dust.mass: 1e-300 g and a moment of inertia of 3.2e-299 g·px² cannot be",
+        ),
+        (
+            ("1.0e-320", "1"),
+            "objects.dust.mass: 1e-320 g and a moment of inertia of 3.2e-319 g·px² cannot be",
+        ),
+        (
+            ("1.0e-3", "1.0e6"),
+            "objects.dust.mass: 0.001 g, and 1e+06 g of rock: masses 10^9 apart or more cannot",
+        ),
+    ],
+)
+def test_masses_that_no_engine_takes(tmp_path: Path, masses: tuple[str, str], message: str) -> None:
+    body = """\
 objects:
-  low: {shape: {box: {center: [50, 130], size: [40, 40]}}}
-  high: {shape: {box: {center: [55, 90], size: [40, 40]}}}
-  ball: {shape: {circle: {center: [120, 135], radius: 15}}}
-boundaries: {floor: {segment: [[0, 150], [200, 150]]}}
-""",
-    )
-    assert pipeline.lint(loaded, pipeline.compile(loaded, None)) == []
+  dust: {{shape: {{circle: {{center: [50, 60], radius: 8}}}}, mass: {}}}
+  rock: {{shape: {{circle: {{center: [90, 60], radius: 8}}}}, mass: {}}}
+"""
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        compiled(tmp_path, body.format(*masses))
+    assert caught.value.problems[0].place.line == 4
+    held = body.replace("radius: 8}}}}, mass", "radius: 8}}}}, motion: static, mass", 1)
+    assert compiled(tmp_path, held.format(*masses)).world.bodies[1].mass == float(masses[1])
+
+
+def test_a_mask_that_is_hidden_or_needs_a_photo(tmp_path: Path) -> None:
+    hidden = """\
+objects:
+  a: {mask: {polygon: [[5, 5], [10, 5], [10, 10]]}}
+  b: {mask: {polygon: [[4, 4], [12, 4], [12, 12], [4, 12]]}, layer: 2}"""
+    with pytest.raises(
+        InputError, match=r"objects.a.mask: a is hidden behind the masks of others; write its shape"
+    ):
+        compiled(tmp_path, hidden)
+    (tmp_path / "photo.assets").mkdir()
+    cv2.imwrite(str(tmp_path / "photo.assets" / "masks.png"), np.ones((150, 200), np.uint16))
+    for thing in ("objects: {a: {mask: 1}}", "boundaries: {a: {mask: 1}}"):
+        with pytest.raises(InputError, match=r"1 is an id, and masks\.png is read beside a photo only"):
+            compiled(tmp_path, thing, "size: [200, 150]\nassets: photo.assets")
 
 
 def test_a_path_begins_where_its_object_is(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_a_photo_becomes_a_valid_scene(tmp_path: Path):
     assert ball.motion is Motion.DYNAMIC
     assert ball.provenance["mask"] == "given 1"
     assert ball.provenance["mass"].startswith("table 0.")
-    assert [b.name for b in scene.boundaries] == ["frame", "floor"]
+    assert [b.name for b in scene.boundaries] == ["floor", "frame"]
     text = (tmp_path / "scene.yaml").read_text()
     assert "cut off by the photo's border" in text
     assert "impulse: [" in text

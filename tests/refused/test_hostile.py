@@ -317,3 +317,35 @@ def test_many_corners_are_checked(tmp_path: Path) -> None:
         f"physgen: 1\nsize: [9000, 9000]\nobjects: {{a: {{shape: {{polygon: [{corners}]}}}}}}\n"
     )
     assert said(tmp_path) == []
+
+
+def _balls(count: int) -> str:
+    ball = "{shape: {circle: {center: [1, 1], radius: 1}}}"
+    return HEAD + "objects:\n" + "".join(f"  ball-{n}: {ball}\n" for n in range(count))
+
+
+def test_many_joints_and_fields(tmp_path: Path) -> None:
+    """Each name is looked up at once, however many there are."""
+    joints = "".join(f"  j{n}: {{objects: [ball-{n % 5000}], pivot: [1, 1]}}\n" for n in range(9999))
+    names = ", ".join(f"ball-{n}" for n in range(5000))
+    fields = "".join(f"  f{n}: {{wind: [1, 0], drag: 1, objects: [{names}]}}\n" for n in range(40))
+    (tmp_path / "scene.yaml").write_text(_balls(5000) + "joints:\n" + joints + "fields:\n" + fields)
+    assert said(tmp_path) == []
+
+
+def test_joints_to_nobody(tmp_path: Path) -> None:
+    joints = "".join(f"  j{n}: {{objects: [bell-{n}, ball-x], pivot: [1, 1]}}\n" for n in range(9999))
+    (tmp_path / "scene.yaml").write_text(_balls(5000) + "joints:\n" + joints)
+    lines = said(tmp_path)
+    assert len(lines) == 201
+    assert any('"bell-1" is not an object of this scene; did you mean "ball-1"?' in line for line in lines)
+
+
+def test_variants_of_many_joints(tmp_path: Path) -> None:
+    names = ", ".join(f"ball-{n}" for n in range(5000))
+    fields = "".join(f"  f{n}: {{wind: [1, 0], drag: 1, objects: [{names}]}}\n" for n in range(40))
+    variants = "".join(f"  v{n}: {{world.duration: {n + 1}}}\n" for n in range(300))
+    text = _balls(5000) + "fields:\n" + fields + "variants:\n" + variants
+    (tmp_path / "scene.yaml").write_text(text)
+    (line,) = said(tmp_path)
+    assert "variants: are too many for a scene of this size; use sweep" in line

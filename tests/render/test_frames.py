@@ -10,7 +10,7 @@ from pytest import approx
 from physgen.photometry import decode, encode_u8
 from physgen.render.frames import Stage, render_frames
 from physgen.render.sprites import cut_sprites
-from physgen.simulate.trajectory import Contacts, Energy, Trajectory
+from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
 H, W = 120, 160
 
@@ -28,9 +28,10 @@ def trajectory(*tracks):
         tuple(f"b{k}" for k in range(N)),
         poses,
         np.zeros_like(poses),
+        np.zeros((T, 0, 2)),
         none,
-        Energy(zero, zero, zero),
-        T,
+        Energy(zero, zero, zero, zero),
+        Effort(T, 0, 0, 0, 0),
     )
 
 

@@ -52,8 +52,29 @@ SCENE: dict[str, Any] = {
             "solid": "plate",
         },
     },
-    "boundaries": {"floor": {"segment": [[0, 1], [2, 3]]}, "wall": {"polyline": [[0, 1], [2, 3], [4, 5]]}},
+    "boundaries": {
+        "floor": {"segment": [[0, 1], [2, 3]]},
+        "wall": {"polyline": [[0, 1], [2, 3], [4, 5]]},
+        "hill": {"mask": 7, "friction": 0.3},
+        "mound": {"mask": {"polygon": [[0, 0], [9, 0], [0, 9]]}},
+    },
     "forces": [{"object": "a", "impulse": [1, 2]}, {"object": "b", "torque": 3, "start": 1, "duration": 2}],
+    "joints": {
+        "hinge": {"objects": ["a"], "pivot": [1, 2]},
+        "spring": {
+            "objects": ["a", "b"],
+            "spring": [[1, 2], [3, 4]],
+            "stiffness": 5,
+            "damping": 6,
+            "length": 7,
+        },
+        "glue": {"objects": ["a", "c"], "weld": [1, 2], "collide": True},
+        "drive": {"objects": ["a", "d"], "motor": [1, 2], "speed": 3, "limit": 4},
+    },
+    "fields": {
+        "breeze": {"wind": [1, 2], "drag": 3, "objects": ["a"]},
+        "magnet": {"attractor": [1, 2], "strength": 3, "soften": 4},
+    },
     "light": {"direction": [0, 0, 1]},
     "render": {"fps": 30, "relight": True},
     "refine": {"backend": "none", "seed": 3},
@@ -76,6 +97,12 @@ KEYS = [
     "",
     "a b",
     "impulse",
+    "objects",
+    "weld",
+    "spring",
+    "stiffness",
+    "wind",
+    "mask",
 ]
 SCALARS = st.one_of(
     st.none(),

@@ -36,7 +36,7 @@ def test_everything_that_is_written() -> None:
     assert found.name == "full"
     assert (found.size, found.image, found.assets) == ((512, 384), None, None)
     assert found.world == model.Settings(model.View.TOP, 200, (1, 2), 0.2, model.Combine.MULTIPLY, 1.5, 480)
-    ball, crate, ring, blob, kite = found.objects
+    ball, blob, crate, kite, ring = found.objects
     assert ball == model.Object(
         name="ball",
         label="billiard ball",
@@ -64,13 +64,30 @@ def test_everything_that_is_written() -> None:
     assert (ring.motion, ring.roll) == (model.Motion.SCRIPTED, "none")
     assert (blob.shape, blob.mask) == (model.Auto(), model.MaskRle((384, 512), (100000, 50, 96558)))
     assert kite.shape == model.Polygon((model.Ring(((200, 200), (230, 200), (215, 240))),))
-    floor, frame = found.boundaries
-    assert floor == model.Boundary("floor", ((0, 457), (512, 457)), 0.6, 0.3)
+    floor, frame, hill, mound = found.boundaries
+    assert floor == model.Boundary("floor", ((0, 457), (512, 457)), None, 0.6, 0.3)
     assert len(frame.points) == 3
+    assert hill == model.Boundary(
+        "hill", (), model.MaskPolygon(((300, 383), (400, 300), (500, 383))), 0.7, 0.4
+    )
+    assert mound == model.Boundary("mound", (), model.MaskRle((384, 512), (190000, 50, 6558)), 0.5, 0.2)
     assert found.forces == (
         model.Force("ball", model.Load.IMPULSE, (-1e6, 0), 0, None, 0.5, None),
         model.Force("crate", model.Load.TORQUE, (0, 0), 2e6, None, 0.1, 0.2),
         model.Force("kite", model.Load.FORCE, (0, -4e5), 0, (301, 98), 0, None),
+    )
+    kind = model.JointKind
+    assert found.joints == (
+        model.Joint("drive", kind.MOTOR, ("ball", "crate"), ((470.5, 257),), None, 0, 0, 360, 2e9, False),
+        model.Joint("glue", kind.WELD, ("kite", "crate"), ((120, 60),), None, 0, 0, 0, None, True),
+        model.Joint("hinge", kind.PIVOT, ("kite",), ((215, 150),), None, 0, 0, 0, None, False),
+        model.Joint(
+            "line", kind.SPRING, ("ball", "kite"), ((470, 257), (215, 240)), 80, 4e4, 200, 0, None, False
+        ),
+    )
+    assert found.fields == (
+        model.Field("breeze", model.FieldKind.WIND, ("ball", "kite"), (300, -5), 2e-3, 0, 0),
+        model.Field("magnet", model.FieldKind.ATTRACTOR, (), (400, 200), 0, -4e7, 5),
     )
     assert found.light == model.Light((0, 0.6, 0.8), 2, 0.1)
     assert found.render == model.Render(24, 16, False, False, 0.5)
@@ -89,6 +106,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert found.render == model.Render(30, None, True, True, 0)
     assert found.refine == model.Refine("none", 0.5, 5, 50, 0)
     assert (found.light, found.forces, found.boundaries, found.maps, found.variants) == (None, (), (), {}, ())
+    assert (found.joints, found.fields) == ((), ())
 
 
 @pytest.mark.parametrize(

@@ -174,6 +174,53 @@ def test_files_further_away_need_the_flag(tmp_path: Path) -> None:
     assert load(home / "scene.yaml", allow_outside=True).size == (3, 4)
 
 
+# joints, fields and masks of boundaries
+
+
+HELD = """\
+joints:
+  hinge: {objects: [ball], pivot: [20, 5]}
+  band: {objects: [ball, crate], spring: [[20, 20], [40, 20]], stiffness: 3}
+fields:
+  breeze: {wind: [5, 0], drag: 1}
+boundaries:
+  wall: {mask: {polygon: [[0, 0], [9, 0], [0, 9]]}}
+"""
+
+
+def test_joints_and_fields_merge_and_go(scene: Path) -> None:
+    held = over(scene, HELD)
+    top = held.with_name("top.yaml")
+    top.write_text(
+        "physgen: 1\nextends: over.yaml\njoints: {band: {damping: 7}, hinge: null}\n"
+        "fields: {breeze: {attractor: [1, 2], strength: 9, drag: null}}\nvariants: {still: {fields.breeze: null}}\n"
+    )
+    found = load(top)
+    (band,) = found.joints
+    assert (band.name, band.stiffness, band.damping) == ("band", 3, 7)
+    (field,) = found.fields  # another kind replaces
+    assert (field.kind, field.vector, field.strength) == (model.FieldKind.ATTRACTOR, (1, 2), 9)
+    assert load(top, variant="still").fields == ()
+    assert load(top, ["joints={}"]).joints == ()
+
+
+def test_parts_of_joints_are_set(scene: Path) -> None:
+    held = over(scene, HELD)
+    flags = ["joints.hinge.pivot.0=100", "joints.band.spring[1][0]=30", "joints.*.collide=true"]
+    band, hinge = load(held, [*flags, "fields.breeze.wind.1=-2"]).joints
+    assert (hinge.points, hinge.collide) == (((100, 5),), True)
+    assert (band.points, band.collide) == (((20, 20), (30, 20)), True)
+    (weld,) = load(held, ["joints.hinge.weld=[20, 20]", "joints.band=null"]).joints
+    assert (weld.kind, weld.points) == (model.JointKind.WELD, ((20, 20),))
+
+
+def test_a_mask_takes_the_place_of_a_wall(scene: Path) -> None:
+    (wall,) = load(over(scene, HELD)).boundaries
+    assert (wall.points, wall.mask, wall.friction) == ((), model.MaskPolygon(((0, 0), (9, 0), (0, 9))), 0.1)
+    (wall,) = load(over(scene, HELD), ["boundaries.wall.segment=[[0, 1], [2, 3]]"]).boundaries
+    assert (wall.points, wall.mask) == (((0, 1), (2, 3)), None)
+
+
 # --set
 
 

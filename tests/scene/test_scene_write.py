@@ -108,6 +108,8 @@ def test_how_it_looks() -> None:
         },
         "boundaries": {"floor": {"segment": [[0, 457], [512, 457]], "friction": 0.6}},
         "forces": [{"object": "cue-ball", "impulse": [-1.0e6, 0]}],
+        "joints": {"hinge": {"pivot": [256, 40], "objects": ["cue-ball"]}},
+        "fields": {"breeze": {"drag": 0.002, "wind": [300, 0]}},
         "light": {"direction": [0.3, -0.6, 0.74]},
         "variants": {"hard": {"objects.cue-ball.velocity": [-900, 0], "objects.*.label": "on"}},
     }
@@ -155,6 +157,10 @@ boundaries:
   floor: {segment: [[0, 457], [512, 457]], friction: 0.6}
 forces:
   - {object: cue-ball, impulse: [-1.0e6, 0]}  # the break
+joints:
+  hinge: {objects: [cue-ball], pivot: [256, 40]}
+fields:
+  breeze: {wind: [300, 0], drag: 0.002}
 light: {direction: [0.3, -0.6, 0.74]}
 variants:
   hard: {objects.cue-ball.velocity: [-900, 0], objects.*.label: on}
