@@ -12,6 +12,7 @@ from physgen.compile.attach import fields_of, joints_of, pushes_of
 from physgen.compile.masks import object_labels
 from physgen.compile.masses import mass_problems
 from physgen.compile.pairs import surface
+from physgen.compile.standing import standing
 from physgen.compile.walls import fit_masks, walls_of
 from physgen.compile.world import Body, World
 from physgen.geometry import rotation
@@ -63,6 +64,7 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
     of_objects = object_labels(scene, labels, written)
     fits = fit_masks(scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None])
     outlines = tuple(fits.objects[k + 1] if it is None else it for k, it in enumerate(written))
+    outlines = standing(scene, outlines, [it is None for it in written])
     problems: list[Problem] = []
     bodies = []
     for item, outline in zip(scene.objects, outlines, strict=True):
