@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from physgen.render.frames import Frame, Stage
     from physgen.report.video import Format
     from physgen.scene.model import Scene
+    from physgen.simulate.chaos import Chaos
     from physgen.simulate.trajectory import Trajectory
 
 MOST_POSES = 20_000_000
@@ -188,6 +189,13 @@ def simulate(world: World, rate: float | None = None, progress: Progress = silen
     return run(world, np.arange(count) / rate, progress)
 
 
+def chaos(world: World, progress: Progress = silent) -> Chaos:
+    """How long the motion can be foretold: the world run again a hair apart, with half the step, other sweeps."""
+    from physgen.simulate.chaos import chaos as compare
+
+    return compare(world, progress)
+
+
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     """What is drawn: the filled background and the objects cut out of the photo, or flat shapes on paper."""
     from physgen.render.flat import flat_background, flat_sprites
@@ -241,12 +249,13 @@ def render_scene(
     allow_outside: bool = False,
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
+    ask_chaos: bool = False,
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
-    Raises InputError.
+    `ask_chaos` runs the scene's neighbours too, for the report. Raises InputError.
     """
     from physgen.report.folder import whole_folder
     from physgen.report.page import report_page
@@ -275,6 +284,10 @@ def render_scene(
     with record.stage("simulate"):
         trajectory = simulate(compiled.world, progress=progress)
     record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
+    record.imbalance = trajectory.imbalance()
+    if ask_chaos:
+        with record.stage("chaos"):
+            record.chaos = chaos(compiled.world, progress).as_dict()
     with record.stage("cut out"):
         drawn = stage(scene, compiled, maps)
     del maps

@@ -29,6 +29,7 @@ class Job:
     allow_outside: bool
     formats: tuple[Format, ...]
     command: tuple[str, ...]
+    chaos: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             allow_outside=job.allow_outside,
             formats=job.formats,
             command=job.command,
+            ask_chaos=job.chaos,
             progress=progress,
             warn=warnings.append,
         )

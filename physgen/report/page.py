@@ -41,7 +41,6 @@ def report_page(
         frames=len(world.times),
         fps=scene.render.fps,
         duration=world.duration,
-        steps=record.effort.get("steps", 0),
         video=video,
         photo=_data_uri(first),
         view_box=f"-0.5 -0.5 {width} {height}",
@@ -52,6 +51,8 @@ def report_page(
         holds=listed(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
         world=_world_facts(world),
+        engine=_engine(record),
+        chaos=_chaos(record),
         combine=world.combine.value,
         pairs=pair_table(world),
         stages=[
@@ -173,6 +174,40 @@ def _arrows(world: World) -> list[dict[str, Any]]:
                 x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
                 arrows.append({"kind": kind, "x1": x1, "y1": y1, "x2": x2, "y2": y2, "title": title})
     return arrows
+
+
+def _engine(record: RunRecord) -> list[str]:
+    """What the engine did to be exact, in sentences."""
+    effort = record.effort
+    if not effort:
+        return []
+    said = [
+        f"{effort['steps']:,} steps, up to {effort['iterations']} sweeps of the contact solver each; "
+        f"{effort['impacts']:,} blows, one after the other."
+    ]
+    if effort["divided"]:
+        said.append(
+            f"{effort['divided']:,} steps were divided, into up to {effort['most_parts']} parts, so that nothing fast "
+            "passes through anything and stiff springs swing truly."
+        )
+    said.append(f"Contacts that close more slowly than {effort['still']:.3g} px/s do not bounce.")
+    said.append(f"The books of energy close to {100 * record.imbalance:.2g} % of what flows.")
+    return said
+
+
+def _chaos(record: RunRecord) -> dict[str, Any] | None:
+    """The chaos report as rows of a table; None where it was not asked for."""
+    if record.chaos is None:
+        return None
+    rows = [
+        {
+            "name": name,
+            "parted": "stays" if found["parted_s"] is None else f"{found['parted_s']:.3f} s",
+            "runs": [f"{run['distance_px']:.2g}" for run in found["runs"]],
+        }
+        for name, found in record.chaos["objects"].items()
+    ]
+    return {"verdict": record.chaos["verdict"], "runs": record.chaos["runs"], "rows": rows}
 
 
 def _world_facts(world: World) -> list[tuple[str, str, str]]:

@@ -55,7 +55,12 @@ class RunRecord:
     warnings: list[dict[str, object]] = field(default_factory=list)
     document: Mapping[str, Any] = field(default_factory=dict)
     """The resolved scene."""
-    effort: dict[str, int] = field(default_factory=dict)
+    effort: dict[str, float] = field(default_factory=dict)
+    """What the engine did; see `simulate.trajectory.Effort`."""
+    imbalance: float = 0.0
+    """Part of the energy that the books miss; see `Trajectory.imbalance`."""
+    chaos: dict[str, Any] | None = None
+    """See `simulate.chaos.Chaos.as_dict`; None where it was not asked for."""
 
     @contextmanager
     def stage(self, name: str, clock: Callable[[], float] = time.process_time) -> Iterator[None]:
@@ -81,6 +86,8 @@ class RunRecord:
             "inputs": self.inputs,
             "seeds": self.seeds,
             "effort": self.effort,
+            "energy_imbalance": self.imbalance,
+            "chaos": self.chaos,
             "warnings": self.warnings,
             "stages": {
                 name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()

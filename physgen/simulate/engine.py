@@ -136,6 +136,7 @@ class _Run:
             most_parts=self._most_parts,
             iterations=self._governor.most_sweeps,
             impacts=self._impacts,
+            still=self._governor.stillest(1.0 / self._world.steps_per_second),
         )
 
     def start(self) -> None:

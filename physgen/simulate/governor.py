@@ -55,6 +55,10 @@ class Governor:
         """px/s below which a contact does not bounce, in a step of h seconds."""
         return max(REST * self._loud * self._gravity * h, STILL)
 
+    def stillest(self, h: float) -> float:
+        """px/s: the highest threshold so far, for steps of h seconds."""
+        return max(REST * self.loudest * self._gravity * h, STILL)
+
     def note(self, blows: int) -> None:
         """Count the blows of a step."""
         self._blows += blows

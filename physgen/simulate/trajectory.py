@@ -65,6 +65,8 @@ class Effort:
     """Sweeps of the contact solver a step, at most."""
     impacts: int
     """Contact points that bounced, resolved one after the other."""
+    still: float
+    """px/s: closing speed below which contacts did not bounce, at most; heaps of hundreds raise it."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,18 @@ class Trajectory:
         """Pose of one body at one sample."""
         x, y, angle = self.poses[sample, body]
         return Pose(float(x), float(y), float(angle))
+
+    def imbalance(self) -> float:
+        """By how much kinetic + potential + dissipated - work strays, as a part of the energy that flows."""
+        e = self.energy
+        total = e.kinetic + e.potential + e.dissipated - e.work
+        flow = (
+            max(float(np.ptp(part)) for part in (e.kinetic, e.potential, e.dissipated, e.work))
+            if len(total)
+            else 0.0
+        )
+        flow = max(flow, float(e.kinetic.max(initial=0.0)))
+        return float(np.ptp(total)) / flow if flow > 0 else 0.0
 
     def sample_hashes(self) -> list[str]:
         """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
@@ -157,5 +171,5 @@ def read_trajectory(path: Path) -> Trajectory:
             rolls=file["rolls"],
             contacts=Contacts(**parts["contacts"]),
             energy=Energy(**parts["energy"]),
-            effort=Effort(**{name: int(value) for name, value in parts["effort"].items()}),
+            effort=Effort(**{name: value.item() for name, value in parts["effort"].items()}),
         )

@@ -31,7 +31,7 @@ def trajectory(*tracks):
         np.zeros((T, 0, 2)),
         none,
         Energy(zero, zero, zero, zero),
-        Effort(T, 0, 0, 0, 0),
+        Effort(T, 0, 0, 0, 0, 0.0),
     )
 
 
