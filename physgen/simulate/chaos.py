@@ -26,7 +26,7 @@ NUDGES = 3
 APART = 1.0
 """px at which two runs have parted."""
 WILD = 10.0
-"""px beyond which a nudge has grown into chaos; a row of dominoes answers any nudge with a pixel or two, and no more."""
+"""px beyond which a nudge has grown into chaos; a row of dominoes answers any nudge with a pixel or two, no more."""
 RATE = 120.0
 """Samples a second at which runs are compared."""
 SWEEPS = 40

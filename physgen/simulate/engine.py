@@ -92,6 +92,10 @@ class _Run:
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._mass = np.array([b.mass for b in bodies]).reshape(-1)
         self._moment = np.array([b.moment for b in bodies]).reshape(-1)
+        self._nothing = np.zeros((len(bodies), 3))
+        self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
+        self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
+        self._weight = np.stack([self._mass, self._mass, self._moment], axis=1)
         nothing = [0.0] * len(walls)
         surfaces = [surface for _, surface in world.surfaces]
         self._things = Things(
@@ -269,7 +273,7 @@ class _Run:
                 if state is None:
                     state = self._state().copy()
                 after = np.frombuffer(states, np.float64).reshape(M, 6)
-                blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, first)
+                blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, first, load)
             if blow is None and not probing:
                 break
             assert state is not None
@@ -305,7 +309,14 @@ class _Run:
         return Step(end, states, words, numbers, before, original, blows, lost, work, roll, kicks)
 
     def _strike(
-        self, pose: Array, velocity: Array, words: bytes, numbers: bytes, h: float, first: bool
+        self,
+        pose: Array,
+        velocity: Array,
+        words: bytes,
+        numbers: bytes,
+        h: float,
+        first: bool,
+        load: _Load | None,
     ) -> Blows | None:
         """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way."""
         touch = self._space.touching(words, numbers)
@@ -320,58 +331,65 @@ class _Run:
         keys = set((was.first * things + was.second).tolist())
         touched = np.array([k in keys for k in (touch.first * things + touch.second).tolist()], bool)
         drift = np.zeros((things, 2))
-        drift[: len(self._dynamic)][self._dynamic] = self._world.gravity
+        drift[: len(self._fall)] = self._fall[:, :2]
+        if load is not None:
+            drift[: len(self._fall)] += (load.total / self._weight)[:, :2] * self._dynamic[:, None]
         drift[was.first] = drift[was.second] = 0.0
         drift[self._held] = 0.0
         return strike(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
 
     def _push(self, state: Array, end: float, h: float, first: bool) -> _Load:
         """Lasting forces for the step to `end`, taken where the bodies then are."""
-        N, moving = len(self._world.bodies), self._space.moving
-        velocity, pose = np.zeros((N, 3)), self._center.copy()
-        velocity[moving] = state[:, 3:]
-        pose[moving] = state[:, :3] + state[:, 3:] * h
-        nothing = np.zeros((N, 3))
-        load = _Load(nothing, nothing, nothing, None)
+        velocity = self._spread(state[:, 3:], self._nothing)
+        load = _Load(self._nothing, None, None, None)
         if self._loads.busy:
+            pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
             begin, part = (end, 0.5) if first else (end - h / 2, 1.0)
             loads = self._loads.at(pose, velocity, begin, end + h / 2)
             drive, spend = loads.drive * part, loads.spend * part
             load = _Load(loads.hold * part + drive + spend, drive, spend, None)
         if self._table.busy:
-            weight = np.stack([self._mass, self._mass, self._moment], axis=1)
-            trial = velocity + load.total / weight * h
-            trial[:, :2] += self._world.gravity * (h / 2 if first else h)
-            change, rolled = self._table.kick(trial, self._roll_before, h / 2 if first else h)
-            grip = change * weight / h
-            load = _Load(load.total + grip, load.drive, load.spend + grip, rolled)
-        load.total[~self._dynamic] = 0.0
-        self._space.push(load.total[moving])
+            part = h / 2 if first else h
+            trial = velocity + load.total / self._weight * h + self._fall * part
+            change, rolled = self._table.kick(trial, self._roll_before, part)
+            grip = change * (self._weight / h)
+            spend = grip if load.spend is None else load.spend + grip
+            load = _Load(load.total + grip, load.drive, spend, rolled)
+        self._space.push(load.total[self._space.moving])
         return load
+
+    def _spread(self, rows: Array, others: Array) -> Array:
+        """(M, 3) of the bodies that move -> (N, 3) of all."""
+        if len(rows) == len(others):
+            return rows
+        out = others.copy()
+        out[self._space.moving] = rows
+        return out
 
     def _settle(
         self, load: _Load | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
     ) -> tuple[float, float, Array | None]:
         """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
-        N, moving = len(self._world.bodies), self._space.moving
-        before, after, pose = np.zeros((N, 3)), np.zeros((N, 3)), self._center.copy()
-        before[moving], after[moving], pose[moving] = used, state[:, 3:], state[:, :3]
+        before, after = self._spread(used, self._nothing), self._spread(state[:, 3:], self._nothing)
         mean = (before + after) / 2
         lost = work = 0.0
         if load is not None:
-            work = float((load.drive * mean).sum()) * h
-            lost = -float((load.spend * mean).sum()) * h
+            work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
+            lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
+            if self._scripts.busy:  # a spring on a scripted body hands on what its script does
+                work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
             if load.rolled is not None:
                 # what the table takes from a sphere's motion partly goes into its rolling
-                roll = self._roll_before
-                lost -= float((self._moment[:, None] * load.rolled * (roll + load.rolled / 2)).sum())
-                self._roll = roll + load.rolled
+                half = self._roll_before + load.rolled / 2
+                lost -= float(self._moment @ (load.rolled * half).sum(axis=1))
+                self._roll = self._roll_before + load.rolled
         if self._resistance.busy or self._motors.busy:
             touch = self._space.touching(words, numbers)
             if self._resistance.busy:
                 lost += self._resistance.settle(self._space, touch, mean, h)
             if self._motors.busy:
-                total = np.zeros((N, 3)) if load is None else load.total
+                pose = self._spread(state[:, :3], self._center)
+                total = self._nothing if load is None else load.total
                 work += self._motors.work(self._space.driven(), touch, pose, before, after, total, h)
         return lost, work, self._roll if self._table.busy else None
 
@@ -381,9 +399,9 @@ class _Load:
     """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
     total: Array
-    drive: Array
+    drive: Array | None
     """The part that does work."""
-    spend: Array
+    spend: Array | None
     """The part that takes energy out."""
     rolled: Array | None
     """(N, 2) rad/s: change of the spheres' roll on the table."""

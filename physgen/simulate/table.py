@@ -38,7 +38,13 @@ class Table:
         self._moment = np.array([b.moment for b in bodies]).reshape(-1)
         self._radius = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)
         self._patch = np.array([b.patch for b in bodies]).reshape(-1)
-        self._slow = rolling * world.press
+        k = self._balls
+        m, inertia, r = self._mass[k], self._moment[k], self._radius[k]
+        share = m * r**2 / np.maximum(inertia, 1e-300)  # of a solid sphere 5/2
+        self._r, self._lever, self._yield = r, share / np.maximum(r, 1e-300), 1 / (1 + share)
+        self._brake, slow = self._grip[k], rolling[k] * world.press / np.maximum(r, 1e-300)
+        self._lost_sliding, self._lost_rolling = slow * share, slow * share / (1 + share)
+        self._resists = bool(slow.any())
         self._ring = np.array([b.solid is Solid.HOOP for b in bodies], bool).reshape(-1)
 
     def kick(self, velocity: Array, roll: Array, h: float) -> tuple[Array, Array]:
@@ -91,23 +97,24 @@ class Table:
         return change
 
     def _rolled(self, velocity: Array, roll: Array, h: float) -> tuple[Array, Array]:
-        k = self._balls
-        m, inertia, r = self._mass[k], self._moment[k], self._radius[k]
-        share = m * r**2 / inertia  # 1 / (2/5)
-        slip = velocity + r[:, None] * np.stack([roll[:, 1], -roll[:, 0]], axis=1)
-        speed = np.hypot(*slip.T)
-        brake = np.minimum(self._grip[k] * h, speed / (1 + share))
-        push = -(brake / np.maximum(speed, 1e-300))[:, None] * slip
-        change = push
-        turned = (share / r)[:, None] * np.stack([-push[:, 1], push[:, 0]], axis=1)
-        rolls = brake >= speed / (1 + share) * (1 - 1e-12)
-        # rolling resistance: a moment of c x normal force x radius; once rolling it slows both alike
-        now = np.hypot(*(roll + turned).T)
-        lost = self._slow[k] * h * np.where(rolls, share / (1 + share), share) / r
-        keep = 1 - np.minimum(lost / np.maximum(now, 1e-300), 1.0)
-        stop = (keep - 1)[:, None]
-        turned = turned + stop * (roll + turned)
-        change = np.where(rolls[:, None], change + stop * (velocity + change), change)
+        vx, vy = velocity[:, 0], velocity[:, 1]
+        sx, sy = vx + self._r * roll[:, 1], vy - self._r * roll[:, 0]
+        speed = np.sqrt(sx * sx + sy * sy)
+        stick = speed * self._yield
+        brake = np.minimum(self._brake * h, stick)
+        part = brake / np.maximum(speed, 1e-300)
+        change, turned = np.empty_like(velocity), np.empty_like(roll)
+        change[:, 0], change[:, 1] = -part * sx, -part * sy
+        turned[:, 0], turned[:, 1] = -self._lever * change[:, 1], self._lever * change[:, 0]
+        if self._resists:
+            # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
+            rolls = brake >= stick * (1 - 1e-12)
+            new = roll + turned
+            now = np.sqrt(new[:, 0] ** 2 + new[:, 1] ** 2)
+            lost = np.where(rolls, self._lost_rolling, self._lost_sliding) * h
+            stop = np.minimum(lost / np.maximum(now, 1e-300), 1.0)[:, None]
+            turned -= stop * new
+            change = np.where(rolls[:, None], change - stop * (velocity + change), change)
         return change, turned
 
 

@@ -80,7 +80,9 @@ def test_mirrored_scenes_give_mirrored_motion(rows, e, mu) -> None:
 
     def mirrored(body):
         pieces = tuple(np.ascontiguousarray((piece * flip)[::-1]) for piece in body.pieces)
-        return replace(body, center=body.center * flip, velocity=body.velocity * flip, spin=-body.spin, pieces=pieces)
+        return replace(
+            body, center=body.center * flip, velocity=body.velocity * flip, spin=-body.spin, pieces=pieces
+        )
 
     walls = tuple(replace(wall, chains=tuple(chain * flip for chain in wall.chains)) for wall in w.walls)
     there = simulate(replace(w, bodies=tuple(map(mirrored, w.bodies)), walls=walls))

@@ -1,0 +1,251 @@
+"""Starts that trip engines: photos' piles and racks, chains of blows, fast and thin things, keys in any order."""
+
+from __future__ import annotations
+
+import os
+from itertools import pairwise
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytest import approx
+from worlds import ball, box, floor, push, world
+
+from physgen import pipeline
+from physgen.compile.pairs import surface
+from physgen.compile.world import Field, Joint, Wall
+from physgen.scene.model import Combine, FieldKind, JointKind, Load, Motion, Solid
+from physgen.simulate.engine import simulate
+
+SCENES = Path(__file__).resolve().parents[2] / "scenes"
+
+
+def moved(t) -> dict[str, float]:
+    """px by which each object strayed from where it was."""
+    far = np.hypot(*(t.poses - t.poses[0])[:, :, :2].T).max(axis=1)
+    return dict(zip(t.names, far.tolist(), strict=True))
+
+
+def pin(first=0, second=None, at=(0.0, 0.0), to=(0.0, 0.0), kind=JointKind.PIVOT, **how):
+    how = {
+        "length": 0.0,
+        "stiffness": 0.0,
+        "damping": 0.0,
+        "speed": 0.0,
+        "limit": np.inf,
+        "collide": False,
+    } | how
+    return Joint("joint", kind, first, second, np.array(at, float), np.array(to, float), **how)
+
+
+# ---- photos ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pile(tmp_path_factory) -> Path:
+    """The peer boxes as perceived from their masks, and a second scene on the annotated line of support."""
+    source = Path(os.environ["PHYSGEN_PEER_SCENES"]) / "boxes"
+    file = tmp_path_factory.mktemp("pile") / "boxes.yaml"
+    pipeline.perceive(source / "original.png", file, masks=source / "mask.png")
+    ids = sorted(item.mask.id for item in pipeline.load(file).objects)
+    rows = "".join(f"  b{i}: {{mask: {i}}}\n" for i in ids)
+    (file.parent / "line.yaml").write_text(
+        f"physgen: 1\nimage: {pipeline.load(file).image.relative_to(file.parent)}\nassets: boxes.assets\n"
+        f"objects:\n{rows}boundaries:\n  table: {{segment: [[-0.5, 458.7], [511.5, 466.8]]}}\n"
+    )
+    return file
+
+
+def run(file: Path, *overrides: str):
+    scene = pipeline.load(file, overrides)
+    return pipeline.simulate(pipeline.compile(scene, pipeline.percepts(scene)).world)
+
+
+def rows_of(file: Path) -> list[list[str]]:
+    """Names of the pile's rows from the top, each from the left."""
+    scene = pipeline.load(file)
+    bodies = pipeline.compile(scene, pipeline.percepts(scene)).world.bodies
+    down = sorted(bodies, key=lambda body: body.center[1])
+    ends = [0, 1, 3, 6, 10, 15, 21]
+    return [[b.name for b in sorted(down[i:j], key=lambda b: b.center[0])] for i, j in pairwise(ends)]
+
+
+@pytest.mark.peer_scenes
+def test_a_real_pile_stands(pile) -> None:
+    assert max(moved(run(pile)).values()) < 0.1
+    assert max(moved(run(pile.parent / "line.yaml")).values()) < 0.1
+
+
+@pytest.mark.peer_scenes
+@pytest.mark.parametrize("corner", [(0, 1), (4, 5)])
+def test_a_real_pile_falls_where_its_corner_is_taken_away(pile, corner) -> None:
+    rows = rows_of(pile)
+    gone = [rows[5][k] for k in corner]
+    far = moved(run(pile, *(f"objects.{name}=null" for name in gone)))
+    lost = rows[4][0 if corner[0] == 0 else 4]
+    assert far.pop(lost) > 20
+    assert max(far.values()) < 1
+
+
+@pytest.mark.peer_scenes
+@pytest.mark.parametrize("side", [0, 1])
+def test_the_top_of_a_real_pile_falls_without_either_block_under_it(pile, side) -> None:
+    rows = rows_of(pile)
+    assert moved(run(pile, f"objects.{rows[1][side]}=null"))[rows[0][0]] > 20
+
+
+@pytest.mark.peer_scenes
+def test_a_real_rack_rests(tmp_path) -> None:
+    source = Path(os.environ["PHYSGEN_PEER_SCENES"]) / "pool"
+    pipeline.import_physgen(source, tmp_path / "pool.yaml")
+    t = run(tmp_path / "pool.yaml", "forces=[]", "objects.*.velocity=[0, 0]", "world.duration=2")
+    assert max(moved(t).values()) < 0.5
+
+
+def test_a_lifted_block_drops_onto_the_pile() -> None:
+    blocks = [box(f"b{k}", 100 + 41 * k, 380) for k in range(3)] + [box("top", 120.5, 335, e=0.0)]
+    t = simulate(world(*blocks, walls=[floor(e=0.0)]))
+    assert t.poses[-1, 3, 1] == approx(340, abs=0.05)
+    assert moved(t)["b0"] < 0.5
+
+
+# ---- blows -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-6, -1e-6, -0.5, 1e-13])
+def test_the_last_of_a_row_takes_all(gap) -> None:
+    row = [ball(f"b{k}", (40 + gap) * k, 0, e=1, mu=0) for k in range(5)]
+    t = simulate(world(ball("a", -100, 0, v=(300, 0), e=1, mu=0), *row, gravity=(0, 0)))
+    assert t.velocities[-1, :, 0] == approx([0, 0, 0, 0, 0, 300], abs=1e-6)
+
+
+def test_a_blow_on_a_rod_moves_all_that_is_pinned_to_it() -> None:
+    # two equal boxes welded side by side, hit in line: as one body of twice the mass
+    halves = [box("left", 0, 0), box("right", 40, 0)]
+    weld = pin(0, 1, at=(20, 0), to=(-20, 0), kind=JointKind.WELD)
+    thrown = ball("ball", -140, 0, v=(300, 0), e=0.5, mu=0)
+    t = simulate(world(*halves, thrown, joints=[weld], gravity=(0, 0)))
+    e = np.sqrt(0.4 * 0.5)
+    assert t.velocities[-1, 2, 0] == approx(300 * (100 - e * 200) / 300, rel=1e-3)
+    assert t.velocities[-1, :2, 0] == approx(300 * 100 * (1 + e) / 300, rel=1e-3)
+
+
+def test_a_blow_on_a_pinned_bar_turns_it() -> None:
+    bar = box("bar", 0, 100, w=10, h=200, mass=300)
+    thrown = ball("ball", -100, 180, v=(300, 0), mass=50, e=1, mu=0)
+    t = simulate(
+        world(
+            replace(bar, surface=surface(0, 1, Combine.GEOMETRIC)),
+            thrown,
+            joints=[pin(at=(0, -100))],
+            gravity=(0, 0),
+        )
+    )
+    moment = 300 * (100 + 200**2) / 12 + 300 * 100**2
+    spin = 2 * 50 * 300 * 180 / (moment + 50 * 180**2)
+    first = int(np.flatnonzero(np.abs(t.velocities[:, 0, 2]) > 0.1)[0])
+    assert abs(t.velocities[first, 0, 2]) == approx(spin, rel=2e-3)
+
+
+def test_nothing_fast_passes_through_a_line() -> None:
+    wall = Wall("wall", (np.array([[500.0, -4e4], [500.0, 4e4]]),), surface(0, 1, Combine.GEOMETRIC))
+    for speed in (4e3, 4e4, 4e5):
+        t = simulate(
+            world(ball("a", 0, 0, r=4, v=(speed, 3), e=1, mu=0), walls=[wall], gravity=(0, 0), duration=0.3)
+        )
+        assert t.poses[-1, 0, 0] < 500
+        assert t.velocities[-1, 0, 0] == approx(-speed)
+    assert t.effort.divided > 0
+    assert t.effort.most_parts > 10
+
+
+def test_a_fast_rod_does_not_pass_through_a_thin_plate() -> None:
+    plate = box("plate", 300, 0, w=3, h=200, mass=400, e=0.5)
+    rod = box("rod", 0, 0, w=60, h=3, mass=30, v=(9000, 0), spin=40.0, e=0.5)
+    t = simulate(world(plate, rod, gravity=(0, 0), duration=0.5))
+    assert t.poses[-1, 1, 0] < t.poses[-1, 0, 0]
+
+
+# ---- the same bytes ----------------------------------------------------------------------------------------------
+
+
+def test_the_order_of_keys_does_not_change_a_byte(tmp_path) -> None:
+    things = [
+        f"b{k}: {{shape: {{box: {{center: [{60 + 41 * (k % 4)}, {300 - 45 * (k // 4)}], size: [40, 40]}}}}}}"
+        for k in range(8)
+    ]
+    walls = [f"w{k}: {{segment: [[{300 * k - 300}, 330], [{300 * k}, 330]]}}" for k in range(3)]
+    head = "physgen: 1\nsize: [300, 400]\n"
+    texts = []
+    for order in (1, -1):
+        objects = "objects:\n" + "".join(f"  {line}\n" for line in things[::order])
+        boundaries = "boundaries:\n" + "".join(f"  {line}\n" for line in walls[::order])
+        texts.append(head + (objects + boundaries if order > 0 else boundaries + objects))
+    saved = []
+    for k, text in enumerate(texts):
+        (tmp_path / f"{k}.yaml").write_text(text)
+        run(tmp_path / f"{k}.yaml").save(tmp_path / f"{k}.npz")
+        saved.append((tmp_path / f"{k}.npz").read_bytes())
+    assert saved[0] == saved[1]
+
+
+def test_memory_that_was_used_before_does_not_matter() -> None:
+    bob = world(ball("bob", 100, 0), joints=[pin(at=(-100, 0))])
+    before = simulate(bob).sample_hashes()[-1]
+    dirt = [np.full(n, 1e300) for n in range(1, 3000, 7)]
+    del dirt
+    assert simulate(bob).sample_hashes()[-1] == before
+
+
+# ---- the books ---------------------------------------------------------------------------------------------------
+
+
+def busy_worlds():
+    spring = pin(0, 1, kind=JointKind.SPRING, length=80.0, stiffness=4e4, damping=300.0)
+    yield (
+        "spring",
+        world(ball("a", 0, 100, e=0.3), ball("b", 130, 60, e=0.3), walls=[floor(y=200)], joints=[spring]),
+    )
+    motor = pin(kind=JointKind.MOTOR, to=(0, 0), speed=20.0, limit=4e6)
+    yield "motor", world(box("fan", 0, 0, w=120, h=12), ball("a", 45, -90, e=0.6), joints=[motor])
+    wind = Field("wind", FieldKind.WIND, (0, 1), np.array([300.0, 0.0]), 5e-3, 0.0, 0.0)
+    pull = Field("pull", FieldKind.ATTRACTOR, (0, 1), np.array([100.0, 150.0]), 0.0, 3e7, 10.0)
+    yield (
+        "fields",
+        world(ball("a", 0, 0, e=0.5), box("b", 100, 40), walls=[floor(y=200)], fields=[wind, pull]),
+    )
+    path = [(0, 0, 60, 0), (0.4, 120, 60, 0.4), (0.8, 40, 60, 0), (1, 40, 60, 0)]
+    paddle = box("paddle", 0, 60, w=20, h=80, motion=Motion.SCRIPTED, path=path)
+    yield "paddle", world(paddle, ball("a", 60, 60, e=0.8), ball("b", 130, 60), walls=[floor(y=120)])
+    rolling = ball("a", 0, 0, v=(400, 60), k=0.4, solid=Solid.SPHERE, roll=(0.0, 5.0), rolling=0.02, spin=4.0)
+    sliding = box("b", 120, 10, v=(-200, 0), spin=9.0)
+    yield "table", world(rolling, sliding, gravity=(0, 0), press=980.0, table=0.3, duration=2.0)
+    shove = push(Load.FORCE, (3e5, -1e5), at=(20, -20), start=0.1, end=0.3)
+    yield "shove", world(box("a", 0, 180, mu=0.3), walls=[floor(y=200)], pushes=[shove])
+
+
+@pytest.mark.parametrize(("name", "scene"), busy_worlds())
+def test_energy_is_accounted_for(name, scene) -> None:
+    t = simulate(scene, np.arange(int(scene.duration * 240) + 1) / 240)
+    assert t.imbalance() < 0.01, name
+    assert (np.diff(t.energy.dissipated) > -1e-3 * t.energy.kinetic.max()).all()
+
+
+@pytest.mark.parametrize("name", ["billiards", "dominoes"])
+def test_energy_of_the_bundled_scenes_is_accounted_for(name) -> None:
+    scene = pipeline.load(SCENES / name / "scene.yaml")
+    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+    assert pipeline.simulate(world).imbalance() < 0.01
+    assert pipeline.simulate(world, rate=960).imbalance() < 0.01
+
+
+def test_a_break_is_chaos_and_dominoes_are_not() -> None:
+    said = {}
+    for name in ("billiards", "dominoes"):
+        scene = pipeline.load(SCENES / name / "scene.yaml")
+        found = pipeline.chaos(pipeline.compile(scene, pipeline.percepts(scene)).world)
+        said[name] = found.verdict()
+        assert set(found.as_dict()["objects"]) == {item.name for item in scene.objects}
+    assert said["billiards"].startswith("Chaos")
+    assert said["dominoes"].startswith("Foretold")
