@@ -284,7 +284,9 @@ def render_scene(
     with record.stage("simulate"):
         trajectory = simulate(compiled.world, progress=progress)
     record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
-    record.imbalance = trajectory.imbalance()
+    # a body's fall by a pixel is the least that counts: at rest, nothing flows
+    weight = sum(body.mass for body in compiled.world.bodies) * float(np.hypot(*compiled.world.gravity))
+    record.imbalance = trajectory.imbalance(weight)
     if ask_chaos:
         with record.stage("chaos"):
             record.chaos = chaos(compiled.world, progress).as_dict()

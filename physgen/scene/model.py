@@ -226,9 +226,9 @@ class Field:
     drag: float
     """Wind, g/px²: the force is drag x width x |u| u, u being the wind's velocity against the object."""
     strength: float
-    """Attractor, px³/s²: the acceleration is strength / distance²; negative repels."""
+    """Attractor, px³/s²: the acceleration is strength x distance / (distance² + soften²)^1.5; negative repels."""
     soften: float
-    """Attractor, px: distance² becomes distance² + soften²."""
+    """px, of an attractor (Plummer's softening)."""
 
 
 class Load(Enum):

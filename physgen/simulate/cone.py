@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SWEEPS = 300
-EXACT = 1e-13
-"""Relative change of an impulse at which points that close together are solved."""
+SWEEPS, FEW = 300, 30
+"""Passes over points that close together, at most; few in a heap of hundreds."""
 
 
 def single(
@@ -38,16 +37,17 @@ def single(
     return jn, jt
 
 
-def cone(matrix: Array, before: Array, elasticity: list[float], friction: list[float]) -> Array:
+def cone(matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float) -> Array:
     """Impulses (2P,), normal and along the surface in turn, of points that close together.
 
-    matrix (2P, 2P) gives the changes of their speeds; before (2P,) the speeds. Newton's rule with friction can make
-    energy (Kane and Levinson 1985): then as much of the bounce as makes none.
+    matrix (2P, 2P) gives the changes of their speeds; before (2P,) the speeds; exact: the relative change of an impulse
+    at which they count as found. Newton's rule with friction can make energy (Kane and Levinson 1985): then as much of
+    the bounce as makes none.
     """
-    full = _swept(matrix, before, elasticity, friction)
+    full = _swept(matrix, before, elasticity, friction, exact)
     if not any(elasticity) or _gain(matrix, before, full) <= 0:
         return full
-    dead = _swept(matrix, before, [0.0] * len(elasticity), friction)
+    dead = _swept(matrix, before, [0.0] * len(elasticity), friction, exact)
     part, step = 0.0, 0.5
     for _ in range(30):
         if _gain(matrix, before, dead + (part + step) * (full - dead)) <= 0:
@@ -63,13 +63,15 @@ def _gain(matrix: Array, before: Array, impulse: Array) -> float:
     return gain if gain > 1e-9 * float(np.abs(change).sum()) else 0.0
 
 
-def _swept(matrix: Array, before: Array, elasticity: list[float], friction: list[float]) -> Array:
+def _swept(
+    matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
+) -> Array:
     """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
     speed, impulse = before.copy(), [0.0] * len(before)
     columns = np.ascontiguousarray(matrix.T)
     give = [1.0 / max(float(d), 1e-300) for d in np.diag(matrix)]
     goals = [-e * min(float(v), 0.0) for e, v in zip(elasticity, before[::2], strict=True)]
-    for _ in range(SWEEPS):
+    for _ in range(SWEEPS if exact < 1e-6 else FEW):
         change = size = 0.0
         for i, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
             n, t = 2 * i, 2 * i + 1
@@ -87,6 +89,6 @@ def _swept(matrix: Array, before: Array, elasticity: list[float], friction: list
                     speed += step * columns[t]
                     impulse[t] = new
                 change = max(change, abs(step))
-        if change <= EXACT * size:
+        if change <= exact * size:
             break
     return np.array(impulse)

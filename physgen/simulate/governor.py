@@ -19,9 +19,10 @@ REST = 3.0
 """Speed, in units of gravity x step, below which contacts do not bounce."""
 STILL = 0.01
 """px/s below which contacts do not bounce where there is no gravity."""
-BUSY = 12.0
-"""Blows a step above which ever faster contacts no longer bounce, up to `LOUDEST` x the speed of rest."""
-LOUDEST = 16.0
+BUSY = 6.0
+"""Blows a step above which ever faster contacts no longer bounce, up to `LOUDEST` x the speed of rest: 94 px/s under
+980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""
+LOUDEST = 32.0
 CROWD = 200
 """Contacts above which a step is first taken with a single sweep, only to see whether blows fall."""
 

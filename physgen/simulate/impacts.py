@@ -28,6 +28,10 @@ ROUNDS = 400
 """Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
 FAINT = 1e-4
 """Of a step's hardest blow: what closes more slowly after it is left to the engine, or echoes would never end."""
+EXACT, NEARLY = 1e-13, 1e-5
+"""Relative change of an impulse at which points that close together are solved: always, and in a heap of hundreds."""
+CROWD = 500
+"""Contact points of a heap."""
 TOGETHER = 0.02
 """Part of a step within which two contacts of one body count as simultaneous."""
 
@@ -148,6 +152,7 @@ class _Instant:
         self._pose, self._velocity, self._drift = pose, velocity, drift
         self._found, self._earlier, self._own, self._h = points, earlier, own, h
         self._threshold = threshold
+        self._exact = EXACT if len(points.first) < CROWD else NEARLY
         both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
         self._owner: list[int] = both[order].tolist()
@@ -378,7 +383,7 @@ class _Instant:
                     J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
         spread = response @ J.T
         elasticity, friction = [p.elasticity for p in points], [p.friction for p in points]
-        found = cone(J @ spread, np.array(was).ravel(), elasticity, friction)
+        found = cone(J @ spread, np.array(was).ravel(), elasticity, friction, self._exact)
         change, moved = spread @ found, spread @ (found * np.repeat(times, 2))
         for body, k in place.items():
             v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])

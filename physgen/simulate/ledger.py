@@ -22,7 +22,7 @@ Index = NDArray[np.int64]
 
 BLOCK = 256
 """Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
-BYTES = 8_000_000
+BYTES = 2_000_000
 """Of contacts that are held before they are read."""
 
 

@@ -92,16 +92,17 @@ class Trajectory:
         x, y, angle = self.poses[sample, body]
         return Pose(float(x), float(y), float(angle))
 
-    def imbalance(self) -> float:
-        """By how much kinetic + potential + dissipated - work strays, as a part of the energy that flows."""
+    def imbalance(self, least: float = 0.0) -> float:
+        """By how much kinetic + potential + dissipated - work strays, as a part of the energy that flows.
+
+        What flows counts as at least `least`, g·px²/s²: where all is at rest, nothing does.
+        """
         e = self.energy
         total = e.kinetic + e.potential + e.dissipated - e.work
-        flow = (
-            max(float(np.ptp(part)) for part in (e.kinetic, e.potential, e.dissipated, e.work))
-            if len(total)
-            else 0.0
-        )
-        flow = max(flow, float(e.kinetic.max(initial=0.0)))
+        if not len(total):
+            return 0.0
+        flows = [float(np.ptp(part)) for part in (e.kinetic, e.potential, e.dissipated, e.work)]
+        flow = max(least, float(e.kinetic.max()), *flows)
         return float(np.ptp(total)) / flow if flow > 0 else 0.0
 
     def sample_hashes(self) -> list[str]:
