@@ -1,7 +1,8 @@
-"""Measures speed, memory and quality; writes benchmarks/results/*.json and docs/benchmarks.md from them.
+"""Measures speed, memory and quality; writes benchmarks/results/*.json, and the pages in docs/ from them.
 
     python benchmarks/run.py                 # everything; peer scenes only where PHYSGEN_PEER_SCENES names their folder
     python benchmarks/run.py render start    # some of it
+    python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """
@@ -17,9 +18,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from tables import RESULTS, page
+from tables import RESULTS, page, physics_page
 
 from physgen.cli import main as physgen
+from physgen.evaluate import physics as scorecard
 from physgen.percepts.maps import read_image, read_labels
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -155,7 +157,29 @@ def segmentation(folder: Path) -> list[dict]:
     return rows
 
 
-PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation}
+def physics(folder: Path) -> list[dict]:
+    """The scorecard; what rivals scored is kept from the last time."""
+    examples = ROOT / "scenes" / "physics"
+    examples.mkdir(exist_ok=True)
+    for old in examples.glob("*.yaml"):
+        old.unlink()
+    for name, text in scorecard.examples():
+        (examples / name).write_text(text)
+    scores = scorecard.evaluate(scorecard.ROWS, workers=os.cpu_count() or 1)
+    rows = [score.as_dict() for score in scores]
+    path = RESULTS / "physics.json"
+    before = json.loads(path.read_text())["rows"] if path.exists() else []
+    rivals = {
+        (row["name"], m["name"]): m["rivals"] for row in before for m in row["measures"] if "rivals" in m
+    }
+    for row in rows:
+        for measure in row["measures"]:
+            if (row["name"], measure["name"]) in rivals:
+                measure["rivals"] = rivals[row["name"], measure["name"]]
+    return rows
+
+
+PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
 
 
 def main(names: list[str]) -> None:
@@ -167,6 +191,8 @@ def main(names: list[str]) -> None:
         result = {"machine": machine, "rows": rows}
         (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
     (ROOT / "docs" / "benchmarks.md").write_text(page())
+    if (RESULTS / "physics.json").exists():
+        (ROOT / "docs" / "physics.md").write_text(physics_page())
     print(page())
 
 

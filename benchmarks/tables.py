@@ -1,9 +1,11 @@
-"""benchmarks/results/*.json -> docs/benchmarks.md; a test fails when the two differ."""
+"""benchmarks/results/*.json -> docs/benchmarks.md and docs/physics.md; tests fail when they differ."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+
+from physgen.evaluate.table import markdown
 
 RESULTS = Path(__file__).resolve().parent / "results"
 STAGES = ("load", "compile", "simulate", "cut out", "render", "encode", "report")
@@ -27,6 +29,29 @@ def page() -> str:
             result = json.loads(path.read_text())
             parts += [*table(result["rows"]), "", f"Measured on {result['machine']}.", ""]
     return "\n".join(parts)
+
+
+def physics_page() -> str:
+    result = json.loads((RESULTS / "physics.json").read_text())
+    return "\n".join(
+        [
+            "# Physics",
+            "",
+            "Written by `python benchmarks/run.py physics` from `benchmarks/results/physics.json`; do not edit.",
+            "",
+            "What physgen simulates against what is known in closed form. Each row is a scene file, run as any",
+            "other is: `physgen evaluate physics` runs them all and exits with 1 where a bar is missed. The",
+            "parameters of a row are drawn at random five times, from fixed seeds, and the worst counts. Errors",
+            "are at default settings, 960 steps a second; the columns behind show how the error of the first draw",
+            "changes with the steps. The numbers in the first column lead to the scenes of the first draw, which",
+            "`physgen render` shows. Seen from the side unless stated; g is 980 px/s² unless drawn, e elasticity,",
+            "mu friction, I moment of inertia, R radius.",
+            "",
+            markdown(result),
+            f"Measured on {result['machine']}.",
+            "",
+        ]
+    )
 
 
 def _table(head: list[str], rows: list[list[object]]) -> list[str]:

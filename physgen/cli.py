@@ -132,6 +132,15 @@ def simulate(options: argparse.Namespace) -> int:
     compiled = pipeline.compile(scene, pipeline.percepts(scene))
     tell_problems(pipeline.lint(scene, compiled))
     bar = Bar()
+    if options.chaos:
+        found = pipeline.chaos(compiled.world, bar.show)
+        bar.clear()
+        if options.json:
+            _print_json(found.as_dict())
+        else:
+            print("\n".join((*found.lines(), "", found.verdict())))
+        if options.output is None:
+            return OK
     trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
     bar.clear()
     if kind == "npz":
@@ -142,7 +151,7 @@ def simulate(options: argparse.Namespace) -> int:
             sys.stdout.write(text)
         else:
             write_whole(options.output, text.encode("utf-8"))
-    elif options.json:
+    elif options.json and not options.chaos:
         sys.stdout.write(trajectory.as_json())
     return OK
 
@@ -172,6 +181,7 @@ def render(options: argparse.Namespace) -> int:
             options.allow_outside,
             formats,
             tuple(options.command_line),
+            options.chaos,
         )
         for path in options.scenes
         for variant in _variants(path, options)
@@ -207,6 +217,30 @@ def render(options: argparse.Namespace) -> int:
     return OK if len(folders) == len(jobs) else WRONG_INPUT
 
 
+def evaluate(options: argparse.Namespace) -> int:
+    import os
+
+    from physgen.evaluate import physics, table
+
+    bar = Bar()
+    scores = physics.evaluate(
+        physics.choose(options.rows),
+        options.draws,
+        () if options.no_convergence else physics.STEPS,
+        options.jobs or os.cpu_count() or 1,
+        options.output,
+        bar.show,
+        tell_kept,
+    )
+    bar.clear()
+    result = {"rows": [score.as_dict() for score in scores], "passed": all(score.passed for score in scores)}
+    if options.json:
+        _print_json(result)
+    else:
+        sys.stdout.write(table.markdown(result) if options.markdown else table.text(result))
+    return OK if result["passed"] else FAILED
+
+
 def list_backends(options: argparse.Namespace) -> int:
     from physgen import backends
 
@@ -240,6 +274,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "check": check,
     "simulate": simulate,
     "render": render,
+    "evaluate": evaluate,
     "backends": list_backends,
     "schema": schema,
 }

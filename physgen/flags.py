@@ -144,6 +144,11 @@ def build_parser() -> argparse.ArgumentParser:
         type=Path,
         help="write here; .npz, .csv or .json; default: CSV on stdout",
     )
+    sub.add_argument(
+        "--chaos",
+        action="store_true",
+        help="run it again a hair apart, with half the step and other sweeps: when do the runs part by a pixel?",
+    )
     sub.add_argument("--rate", metavar="HZ", type=_positive, help="samples a second; default: the video's")
     sub.add_argument("--json", action="store_true", help="print everything as JSON")
     _overlays(sub)
@@ -167,8 +172,38 @@ def build_parser() -> argparse.ArgumentParser:
         default=["mp4"],
         help="any of mp4,gif,webp,png; default: mp4",
     )
+    sub.add_argument(
+        "--chaos",
+        action="store_true",
+        help="tell in the report how long the motion can be foretold; see simulate",
+    )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
+
+    sub = command(
+        "evaluate",
+        "Scorecards: how far physgen is from what is known. Exit code 1 when a bar is missed.",
+        "physgen evaluate physics --rows 1,5,12",
+    )
+    sub.add_argument("what", choices=("physics",), help="physics: motion against closed forms")
+    sub.add_argument(
+        "--rows", metavar="LIST", type=_rows, default=[], help="some rows, e.g. 1,5,12; default: all"
+    )
+    sub.add_argument(
+        "--draws", metavar="N", type=_count, default=5, help="seeded draws of a row's parameters; default: 5"
+    )
+    sub.add_argument(
+        "--no-convergence",
+        action="store_true",
+        help="only at default settings, not at 240 to 1920 steps a second",
+    )
+    sub.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="keep every scene file that is run in this folder"
+    )
+    sub.add_argument("--jobs", metavar="N", type=_count, help="draws run at a time; default: one a processor")
+    form = sub.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print as JSON")
+    form.add_argument("--markdown", action="store_true", help="print as a page")
 
     sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
     sub.add_argument("--json", action="store_true", help="print as JSON")
@@ -212,6 +247,13 @@ def _count(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= 1024:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 1024")
     return int(text)
+
+
+def _rows(text: str) -> list[int]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() and len(part) < 6 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers, e.g. 1,5,12")
+    return [int(part) for part in parts]
 
 
 def _formats(text: str) -> list[str]:

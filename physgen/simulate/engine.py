@@ -259,7 +259,8 @@ class _Run:
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
             state = self._state().copy()
-        self._space.iterations = 1 if probing else self._governor.sweeps
+        sweeps = self._governor.after_blows if self._suspicious else self._governor.sweeps
+        self._space.iterations = 1 if probing else sweeps
         for _ in range(ATTEMPTS):
             load: _Load | None = None
             if self._busy:

@@ -1,0 +1,220 @@
+"""`physgen evaluate physics` as a person runs it; its JSON, page and scenes as they are committed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.cli import main
+from physgen.evaluate import physics, table
+from physgen.evaluate.row import Case, Measure, Row, Unit
+from physgen.evaluate.score import score
+from physgen.evaluate.trial import run_draw, scene_file, write_scenes
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK = ["evaluate", "physics", "--rows", "1,6", "--draws", "1", "--no-convergence", "--jobs", "1"]
+
+
+def test_table_on_stdout_and_nothing_on_stderr(capsys) -> None:
+    assert main(QUICK) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    lines = said.out.splitlines()
+    assert lines[0].split() == ["row", "what", "closed", "form", "bar", "worst", "error", "verdict"]
+    assert lines[1].startswith("1    free fall")
+    assert lines[-1] == "2 of 2 rows pass"
+    assert "switch: as stated" in said.out
+
+
+def test_json(capsys) -> None:
+    assert main(["evaluate", "physics", "--rows", "5", "--draws", "1", "--jobs", "1", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["passed"] is True
+    [row] = result["rows"]
+    assert (row["row"], row["name"], row["passed"], row["problems"]) == (5, "slide", True, [])
+    assert row["scenes"] == ["05-slide.yaml"]
+    [measure] = row["measures"]
+    assert measure["bar"] == 0.003
+    assert 0 <= measure["error"] <= measure["bar"]
+    assert list(measure["convergence"]) == ["240", "480", "960", "1920"]
+    assert measure["convergence"]["240"] > measure["convergence"]["1920"]
+    assert measure["worst"] == "draw 1"
+
+
+def test_a_missed_bar_exits_1(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    strict = replace(physics.ROWS[4], measures=(Measure("distance", 1e-15),))
+    monkeypatch.setattr(physics, "ROWS", (strict,))
+    assert main(["evaluate", "physics", "--draws", "1", "--no-convergence", "--jobs", "1"]) == 1
+    said = capsys.readouterr().out
+    assert "FAIL" in said
+    assert said.endswith("0 of 1 rows pass\n")
+
+
+@pytest.mark.parametrize(
+    "flags", [["--rows", "99"], ["--rows", "one"], ["--draws", "0"], ["--json", "--markdown"]]
+)
+def test_bad_use_exits_2(flags: list[str], capsys) -> None:
+    try:
+        code = main(["evaluate", "physics", *flags])
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1
+
+
+def test_a_file_is_no_folder(tmp_path: Path, capsys) -> None:
+    (tmp_path / "taken").write_text("")
+    assert main([*QUICK, "-o", str(tmp_path / "taken")]) == 2
+    assert "taken: is a file; name a folder with -o" in capsys.readouterr().err
+
+
+def test_an_unknown_scorecard_exits_2(capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["evaluate", "astrology"])
+    assert stop.value.code == 2
+
+
+def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
+    folder = tmp_path / "kept"
+    assert main([*QUICK[:3], "39", "--draws", "2", *QUICK[-3:], "-o", str(folder)]) == 0
+    assert sorted(p.name for p in folder.iterdir()) == ["39-falling-over-draw-2.yaml", "39-falling-over.yaml"]
+    text = (folder / "39-falling-over.yaml").read_text()
+    assert text.startswith("# Row 39 of the physics scorecard: plank falling over")
+    assert "# w² = 2 g (y0 - y)/(I/m + (dy/da)²)" in text
+    assert "# bar: spin 0.3 %" in text
+    capsys.readouterr()
+    out = tmp_path / "out"
+    scene = str(folder / "39-falling-over.yaml")
+    assert main(["render", scene, "-o", str(out), "--set", "render.frames=3", "--format", "png"]) == 0
+    assert len(list((out / "39-falling-over" / "frames").iterdir())) == 3
+
+
+def test_results_do_not_depend_on_jobs() -> None:
+    rows = physics.choose([1, 3, 13])
+    one, two = (physics.evaluate(rows, 2, (240, 960), workers=workers) for workers in (1, 2))
+    assert [score.as_dict() for score in one] == [score.as_dict() for score in two]
+
+
+def test_a_scene_that_cannot_be_run_misses_its_bar(tmp_path: Path) -> None:
+    def cases(draw) -> list[Case]:
+        return [
+            Case({"physgen": 1, "size": [10, 10], "objects": {"a": {"mass": -1}}}, lambda run: {"x": 0.0})
+        ]
+
+    row = Row(99, "broken", "broken", "", "", "", (Measure("x", 1.0),), cases)
+    write_scenes(row, 0, tmp_path)
+    found = score(row, 1, (), {(0, None): run_draw(row, 0, tmp_path)}).as_dict()
+    assert found["passed"] is False
+    assert found["measures"][0]["error"] is None
+    assert any("99-broken.yaml:" in problem and "mass" in problem for problem in found["problems"])
+    assert str(tmp_path) not in json.dumps(found)
+    shown = table.text({"rows": [found]})
+    assert "FAIL" in shown
+    assert "row 99: 99-broken.yaml" in shown
+
+
+def test_what_is_no_number_misses_its_bar(tmp_path: Path) -> None:
+    fall = physics.ROWS[0]
+    case = replace(fall.draw(0)[0], measure=lambda run: {"fall": float("nan")})
+    row = replace(fall, cases=lambda draw: [case])
+    write_scenes(row, 0, tmp_path)
+    result = score(row, 1, (), {(0, None): run_draw(row, 0, tmp_path)})
+    assert not result.passed
+    json.dumps(result.as_dict(), allow_nan=False)
+
+
+def test_a_rival_is_measured_by_the_same_rows(tmp_path: Path) -> None:
+    """Any function of a world and a rate that gives a trajectory can stand in for the engine."""
+    seen = []
+
+    def rival(world, rate):
+        seen.append(rate)
+        return pipeline.simulate(world, rate)
+
+    row = physics.ROWS[16]
+    write_scenes(row, 0, tmp_path)
+    run_draw(row, 0, tmp_path, simulate=rival)
+    assert seen == [480.0, 480.0]  # g and 4 g
+
+
+def test_rivals_have_columns_where_they_were_measured() -> None:
+    measure = {
+        "name": "x", "unit": "part", "bar": 0.01, "error": 0.001, "worst": "draw 1", "passed": True,
+        "convergence": {"960": 0.001}, "rivals": {"mujoco": 0.02, "box2d": None},
+    }  # fmt: skip
+    row = {
+        "row": 1, "name": "fall", "title": "fall", "closed_form": "y | z", "draws": "some", "why": "so", "passed": True,
+        "scenes": ["01-fall.yaml"], "measures": [measure], "problems": [],
+    }  # fmt: skip
+    page = table.markdown({"rows": [row]})
+    assert "| # | test | closed form | bar | error | 960/s | mujoco | box2d |" in page
+    assert "| [1](../scenes/physics/01-fall.yaml) | fall | y \\| z | 1 % | 0.1 % | 0.1 % | 2 % | - |" in page
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "shown"),
+    [
+        (0.0, Unit.PART, "0 %"), (1e-4, Unit.PART, "0.01 %"), (1.23, Unit.PART, "123 %"), (2e-9, Unit.PART, "< 1e-6 %"),
+        (0.5, Unit.DEGREES, "0.5 degrees"), (0.0, Unit.SWITCH, "yes"), (1.0, Unit.SWITCH, "no"),
+        (None, Unit.PX, "none"),
+    ],
+)  # fmt: skip
+def test_quantities(value: float | None, unit: Unit, shown: str) -> None:
+    assert table.quantity(value, unit.value) == shown
+
+
+# ---- what is committed -------------------------------------------------------------------------------------------
+
+
+def test_page_is_what_its_json_says() -> None:
+    code = (
+        "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.physics_page())"
+    )
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (ROOT / "docs" / "physics.md").read_text() == run.stdout
+
+
+def test_json_is_of_these_rows() -> None:
+    """Figures are of the day they were measured; what they are figures of is as the rows say now."""
+    stored = json.loads((ROOT / "benchmarks" / "results" / "physics.json").read_text())["rows"]
+    assert len(stored) == len(physics.ROWS)
+    for row, record in zip(physics.ROWS, stored, strict=True):
+        now = {
+            "row": row.number, "name": row.name, "title": row.title, "closed_form": row.closed_form,
+            "draws": row.ranges, "why": row.why, "scenes": [scene_file(row, case, 0) for case in row.draw(0)],
+        }  # fmt: skip
+        assert {key: record[key] for key in now} == now
+        bars = [(m.name, m.bar, m.unit.value) for m in row.measures]
+        assert [(m["name"], m["bar"], m["unit"]) for m in record["measures"]] == bars
+        assert record["passed"], row.name
+
+
+def test_scenes_are_what_the_rows_draw_first() -> None:
+    folder = ROOT / "scenes" / "physics"
+    assert {p.name: p.read_text() for p in folder.glob("*.yaml")} == dict(physics.examples())
+
+
+@pytest.mark.parametrize("name", [name for name, _ in physics.examples()])
+def test_scenes_show_what_happens(name: str) -> None:
+    """Things begin on the canvas, none is a dot on it, and some second of them is seen."""
+    scene = pipeline.load(ROOT / "scenes" / "physics" / name)
+    world = pipeline.compile(scene, None).world
+    width, height = scene.size
+    assert max(width, height) <= 1000
+    assert len(world.times) >= 48
+    for body in world.bodies:
+        assert 0 <= body.center[0] <= width, body.name
+        assert 0 <= body.center[1] <= height, body.name
+        assert body.reach >= 3, body.name
+    end = pipeline.simulate(world).poses[-1, :, :2]
+    seen = ((end > -20) & (end < np.array([width, height]) + 20)).all(axis=1)
+    assert seen.mean() >= 0.5
