@@ -26,6 +26,8 @@ SLOP = 0.005
 """px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
 SEAM = 0.5
 """px between the ends of two walls that make one smooth line."""
+LEAP = 2.0
+"""px in a step by which no contact creeps."""
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
 
@@ -48,6 +50,7 @@ WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * WORDS
 """Of the integers."""
+_PLACES = slice(4, 13)
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
@@ -182,6 +185,14 @@ class Chipmunk:
             on_second=rows[:, _ON_SECOND].reshape(-1, 2, 2),
             depth=-rows[:, _DISTANCE],
         )
+
+
+def leapt(now: bytes, before: bytes) -> bool:
+    """Whether a contact of the same pairs, in the same order, is elsewhere at once: another corner has come down."""
+    if not now or len(now) != len(before):
+        return False
+    new, old = (np.frombuffer(numbers).reshape(-1, NUMBERS)[:, _PLACES] for numbers in (now, before))
+    return bool(np.abs(new - old).max() > LEAP)
 
 
 def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:

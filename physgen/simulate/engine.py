@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.model import Load, Motion
-from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk
+from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk, leapt
 from physgen.simulate.divide import Reach
 from physgen.simulate.governor import Governor
 from physgen.simulate.impacts import Blows, Things, strike
@@ -120,7 +120,7 @@ class _Run:
         wide = np.zeros((len(bodies) + len(walls), 3))
         wide[: len(bodies)] = self._center
         self._wide, self._fast = wide, np.zeros_like(wide)
-        self._words = b""
+        self._words = self._numbers = b""
         self._states = b""
         self._h = 0.0
         self._parts = 1
@@ -259,7 +259,7 @@ class _Run:
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
             state = self._state().copy()
-        sweeps = self._governor.after_blows if self._suspicious else self._governor.sweeps
+        sweeps = self._governor.sweeps
         self._space.iterations = 1 if probing else sweeps
         for _ in range(ATTEMPTS):
             load: _Load | None = None
@@ -270,7 +270,7 @@ class _Run:
                 self._resistance.press(self._space)
             states, words, numbers = self._space.step(h)
             blow = None
-            if words != self._words or self._suspicious:
+            if words != self._words or self._suspicious or leapt(numbers, self._numbers):
                 if state is None:
                     state = self._state().copy()
                 after = np.frombuffer(states, np.float64).reshape(M, 6)
@@ -298,7 +298,7 @@ class _Run:
             self._space.place(exact)
             states = exact.tobytes()
         self._stirred |= not self._calm
-        self._words, self._suspicious = words, False
+        self._words, self._numbers, self._suspicious = words, numbers, False
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
         used = before if before is not None else self._state()[:, 3:]
         self._pull = velocity[:, 3:] - used

@@ -37,7 +37,7 @@ class Governor:
         self._most = MOST
         self._loud = 1.0
         self._blows = self._contacts = 0
-        self.sweeps = iterations or MOST  # the first steps find all contacts anew
+        self.sweeps = iterations or MANY  # the first steps find all contacts anew
         self.most_sweeps = self.sweeps
         self.loudest = 1.0
         """Highest factor on the speed of rest so far."""

@@ -212,7 +212,8 @@ class Ledger:
         blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
         for s, blows in blown:
             time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))
-            self._struck.append((time + 1e-9 if self._first else time, blows.lost, blows.work))
+            begun = (float(ends[s - 1]) if s else self._time) + 1e-9  # what fell as the step began falls after the last
+            self._struck.append((max(time, begun), blows.lost, blows.work))
         self.log.block(
             ends,
             np.searchsorted(self.times, ends - 1e-12),
