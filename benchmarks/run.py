@@ -3,6 +3,8 @@
     python benchmarks/run.py                 # everything; peer scenes only where PHYSGEN_PEER_SCENES names their folder
     python benchmarks/run.py render start    # some of it
     python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
+    python benchmarks/run.py rivals          # the same rows in other engines, beside ours; some minutes
+    python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """
@@ -12,17 +14,24 @@ from __future__ import annotations
 import json
 import os
 import platform
+import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
+from growth import growth, plot
 from tables import RESULTS, page, physics_page
 
 from physgen.cli import main as physgen
+from physgen.compile.world import World
 from physgen.evaluate import physics as scorecard
+from physgen.evaluate.rivals.roster import Unsupported, find, make, names
+from physgen.evaluate.row import DRAWS, Row
+from physgen.evaluate.trial import run_draw, write_scenes
 from physgen.percepts.maps import read_image, read_labels
+from physgen.simulate.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent
 BUNDLED = ("billiards", "dominoes")
@@ -179,7 +188,52 @@ def physics(folder: Path) -> list[dict]:
     return rows
 
 
+def rivals(folder: Path) -> list[dict]:
+    """The rows of the scorecard in other engines, worst of the draws; null where one cannot, or takes a minute a draw.
+
+    Added to benchmarks/results/physics.json, which `physics` writes.
+    """
+    path = RESULTS / "physics.json"
+    rows = json.loads(path.read_text())["rows"]
+    by_number = {row.number: row for row in scorecard.ROWS}
+    signal.signal(signal.SIGALRM, _too_slow)
+    for record in rows:
+        row = by_number[record["row"]]
+        for index in range(DRAWS):
+            write_scenes(row, index, folder)
+        for name in names():
+            found = _rival(name, row, folder)
+            for measure in record["measures"]:
+                measure.setdefault("rivals", {})[name] = found.get(measure["name"])
+    return rows
+
+
+def _rival(name: str, row: Row, folder: Path) -> dict[str, float]:
+    run, engine = make(name), find(name)
+
+    def simulate(world: World, rate: float) -> Trajectory:
+        rate = engine.rate_near(rate)
+        return run(world, np.arange(int(world.duration * rate + 1e-9) + 1) / rate)
+
+    worst: dict[str, float] = {}
+    try:
+        for index in range(DRAWS):
+            signal.alarm(60)
+            for measure, found in run_draw(row, index, folder, simulate=simulate).errors.items():
+                worst[measure] = max(worst.get(measure, 0.0), found.size)
+    except (Unsupported, ArithmeticError, ValueError, IndexError, TimeoutError):
+        return {}
+    finally:
+        signal.alarm(0)
+    return {measure: float(f"{error:.3g}") for measure, error in worst.items() if np.isfinite(error)}
+
+
+def _too_slow(*_: object) -> None:
+    raise TimeoutError
+
+
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
+PARTS |= {"rivals": rivals, "growth": growth}
 
 
 def main(names: list[str]) -> None:
@@ -189,7 +243,11 @@ def main(names: list[str]) -> None:
             rows = PARTS[name](Path(folder))
         machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
         result = {"machine": machine, "rows": rows}
-        (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+        file = "physics" if name == "rivals" else name
+        (RESULTS / f"{file}.json").write_text(json.dumps(result, indent=1) + "\n")
+    if (RESULTS / "growth.json").exists():
+        rows = json.loads((RESULTS / "growth.json").read_text())["rows"]
+        (ROOT / "docs" / "growth.svg").write_text(plot(rows))
     (ROOT / "docs" / "benchmarks.md").write_text(page())
     if (RESULTS / "physics.json").exists():
         (ROOT / "docs" / "physics.md").write_text(physics_page())

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from growth import KINDS, exponent
+
 from physgen.evaluate.table import markdown
 
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -22,6 +24,7 @@ def page() -> str:
         ("render", _render),
         ("start", _start),
         ("check", _check),
+        ("growth", _growth),
         ("segmentation", _segmentation),
     ):
         path = RESULTS / f"{name}.json"
@@ -52,6 +55,35 @@ def physics_page() -> str:
             "",
         ]
     )
+
+
+def _growth(rows: list[dict]) -> list[str]:
+    table = [
+        "## Growth",
+        "",
+        "Heaps of balls and boxes that fall into a trough, and columns of boxes at rest; 2 s, 960 steps a second, 60",
+        "samples. MB: trajectory.npz. bounces: closing speed below which contacts did not bounce, at most.",
+        "",
+        *_table(
+            ["bodies", "CPU, s", "MB", "blows", "sweeps, at most", "bounces above, px/s"],
+            [
+                [
+                    f"{row['kind']}, {row['bodies']:,}",
+                    row["cpu"],
+                    row["mb"],
+                    f"{row['impacts']:,}",
+                    row["iterations"],
+                    row["still"],
+                ]
+                for row in rows
+            ],
+        ),
+        "",
+    ]
+    powers = ", ".join(
+        f"{kind} as bodies^{exponent([row for row in rows if row['kind'] == kind]):.2f}" for kind in KINDS
+    )
+    return [*table, f"Cost grows: {powers}.", "", "![CPU seconds over bodies](growth.svg)"]
 
 
 def _table(head: list[str], rows: list[list[object]]) -> list[str]:

@@ -7,7 +7,6 @@ taken first, so that free fall is exact. Steps never depend on the samples: both
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import ceil, nan
 
 import numpy as np
@@ -20,13 +19,12 @@ from physgen.simulate.divide import Reach
 from physgen.simulate.governor import Governor
 from physgen.simulate.impacts import Blows, Things, strike
 from physgen.simulate.joined import Assemblies
+from physgen.simulate.lasting import Lasting, Settled
+from physgen.simulate.lasting import Load as Lasted
 from physgen.simulate.ledger import Ledger, Step
 from physgen.simulate.loads import Loads
-from physgen.simulate.motors import Motors
 from physgen.simulate.points import contact_points
-from physgen.simulate.resistance import Resistance
 from physgen.simulate.scripts import Scripts
-from physgen.simulate.table import Table
 from physgen.simulate.trajectory import Effort, Trajectory
 
 Array = NDArray[np.float64]
@@ -36,6 +34,8 @@ ATTEMPTS = 24
 """Times that a step is taken again because blows changed what it does."""
 PHASE = 0.2
 """rad that the stiffest spring may turn in a step."""
+
+NOTHING = Settled(0.0, 0.0, None)
 
 Progress = Callable[[str, int, int], None]
 """Told the stage, samples done and samples in all."""
@@ -84,18 +84,14 @@ class _Run:
         self._world = world
         self._space = Chipmunk(world)
         self._governor = Governor(world, iterations)
-        self._loads, self._table, self._scripts = Loads(world), Table(world), Scripts(world)
-        self._resistance, self._motors = Resistance(world), Motors(world)
-        self.ledger = Ledger(world, self._space, self._loads, self._scripts, times)
+        loads, self._scripts = Loads(world), Scripts(world)
+        self._lasting = Lasting(world, self._space, loads)
+        self.ledger = Ledger(world, self._space, loads, self._scripts, times)
         moving = self._space.moving
         self._row = {int(body): row for row, body in enumerate(moving)}
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._mass = np.array([b.mass for b in bodies]).reshape(-1)
         self._moment = np.array([b.moment for b in bodies]).reshape(-1)
-        self._nothing = np.zeros((len(bodies), 3))
-        self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
-        self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
-        self._weight = np.stack([self._mass, self._mass, self._moment], axis=1)
         nothing = [0.0] * len(walls)
         surfaces = [surface for _, surface in world.surfaces]
         self._things = Things(
@@ -114,20 +110,16 @@ class _Run:
         )
         self._reach = Reach(world, moving)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
-        self._roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
-        self._busy = self._loads.busy or self._table.busy
-        self._accounts = self._busy or self._resistance.busy or self._motors.busy
         wide = np.zeros((len(bodies) + len(walls), 3))
         wide[: len(bodies)] = self._center
         self._wide, self._fast = wide, np.zeros_like(wide)
         self._words = self._numbers = b""
         self._states = b""
         self._h = 0.0
-        self._parts = 1
         self._kicks: list[tuple[float, float]] = []
         self._suspicious = self._stirred = True
         """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
-        spring = self._loads.fastest() / world.steps_per_second / PHASE
+        spring = loads.fastest() / world.steps_per_second / PHASE
         self._stiff = min(256, max(1, ceil(spring)))
         self._steps = self._divided = self._most_parts = self._impacts = self._reviewed = 0
         self._calm = True
@@ -146,11 +138,10 @@ class _Run:
     def start(self) -> None:
         """The half step to t = 0: velocities from t = 0 to the middle of the first step."""
         world = self._world
-        h = 1.0 / world.steps_per_second / self._parts_at_start()
-        pose, velocity = (
-            self._center.copy(),
-            np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(-1, 3),
-        )
+        h = 1.0 / world.steps_per_second / self._stiff
+        pose = self._center.copy()
+        velocity = np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(-1, 3)
+        roll = self._lasting.roll
         if self._scripts.busy:
             self._scripts.sample(0.0, pose, velocity)
         shown = velocity.copy()
@@ -168,11 +159,7 @@ class _Run:
         self._states = step.states
         if step.before is None:
             step.before = state[:, 3:].copy()
-        self.ledger.begin(step, pose, shown, self._roll_before)
-
-    def _parts_at_start(self) -> int:
-        self._parts = self._stiff
-        return self._parts
+        self.ledger.begin(step, pose, shown, roll)
 
     def advance(self, begin: float, end: float) -> None:
         """A base step, in as many parts as it needs."""
@@ -255,19 +242,19 @@ class _Run:
         before = None if state is None else state[:, 3:].copy()
         original: Array | None = None
         blows: list[Blows] = []
-        self._roll_before = self._roll
+        self._lasting.begin()
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
             state = self._state().copy()
         sweeps = self._governor.sweeps
         self._space.iterations = 1 if probing else sweeps
         for _ in range(ATTEMPTS):
-            load: _Load | None = None
-            if self._busy:
+            load: Lasted | None = None
+            if self._lasting.pushes:
                 placed = self._state() if state is None else state
-                load = self._push(placed, end, h, first)
-            if self._resistance.busy:
-                self._resistance.press(self._space)
+                load = self._lasting.push(placed, end, h, first)
+            if self._lasting.brakes:
+                self._lasting.press()
             states, words, numbers = self._space.step(h)
             blow = None
             if words != self._words or self._suspicious or leapt(numbers, self._numbers):
@@ -302,12 +289,11 @@ class _Run:
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
         used = before if before is not None else self._state()[:, 3:]
         self._pull = velocity[:, 3:] - used
-        lost = work = 0.0
-        roll = None
-        if self._accounts:
-            lost, work, roll = self._settle(load, used, velocity, words, numbers, h)
+        settled = NOTHING
+        if self._lasting.accounts:
+            settled = self._lasting.settle(load, used, velocity, words, numbers, h)
         kicks, self._kicks = self._kicks, []
-        return Step(end, states, words, numbers, before, original, blows, lost, work, roll, kicks)
+        return Step(end, states, words, numbers, before, original, blows, settled, kicks)
 
     def _strike(
         self,
@@ -317,7 +303,7 @@ class _Run:
         numbers: bytes,
         h: float,
         first: bool,
-        load: _Load | None,
+        load: Lasted | None,
     ) -> Blows | None:
         """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way."""
         touch = self._space.touching(words, numbers)
@@ -332,77 +318,7 @@ class _Run:
         keys = set((was.first * things + was.second).tolist())
         touched = np.array([k in keys for k in (touch.first * things + touch.second).tolist()], bool)
         drift = np.zeros((things, 2))
-        drift[: len(self._fall)] = self._fall[:, :2]
-        if load is not None:
-            drift[: len(self._fall)] += (load.total / self._weight)[:, :2] * self._dynamic[:, None]
+        drift[: len(self._dynamic)] = self._lasting.drift(load)
         drift[was.first] = drift[was.second] = 0.0
         drift[self._held] = 0.0
         return strike(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
-
-    def _push(self, state: Array, end: float, h: float, first: bool) -> _Load:
-        """Lasting forces for the step to `end`, taken where the bodies then are."""
-        velocity = self._spread(state[:, 3:], self._nothing)
-        load = _Load(self._nothing, None, None, None)
-        if self._loads.busy:
-            pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
-            begin, part = (end, 0.5) if first else (end - h / 2, 1.0)
-            loads = self._loads.at(pose, velocity, begin, end + h / 2)
-            drive, spend = loads.drive * part, loads.spend * part
-            load = _Load(loads.hold * part + drive + spend, drive, spend, None)
-        if self._table.busy:
-            part = h / 2 if first else h
-            trial = velocity + load.total / self._weight * h + self._fall * part
-            change, rolled = self._table.kick(trial, self._roll_before, part)
-            grip = change * (self._weight / h)
-            spend = grip if load.spend is None else load.spend + grip
-            load = _Load(load.total + grip, load.drive, spend, rolled)
-        self._space.push(load.total[self._space.moving])
-        return load
-
-    def _spread(self, rows: Array, others: Array) -> Array:
-        """(M, 3) of the bodies that move -> (N, 3) of all."""
-        if len(rows) == len(others):
-            return rows
-        out = others.copy()
-        out[self._space.moving] = rows
-        return out
-
-    def _settle(
-        self, load: _Load | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
-    ) -> tuple[float, float, Array | None]:
-        """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
-        before, after = self._spread(used, self._nothing), self._spread(state[:, 3:], self._nothing)
-        mean = (before + after) / 2
-        lost = work = 0.0
-        if load is not None:
-            work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
-            lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
-            if self._scripts.busy:  # a spring on a scripted body hands on what its script does
-                work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
-            if load.rolled is not None:
-                # what the table takes from a sphere's motion partly goes into its rolling
-                half = self._roll_before + load.rolled / 2
-                lost -= float(self._moment @ (load.rolled * half).sum(axis=1))
-                self._roll = self._roll_before + load.rolled
-        if self._resistance.busy or self._motors.busy:
-            touch = self._space.touching(words, numbers)
-            if self._resistance.busy:
-                lost += self._resistance.settle(self._space, touch, mean, h)
-            if self._motors.busy:
-                pose = self._spread(state[:, :3], self._center)
-                total = self._nothing if load is None else load.total
-                work += self._motors.work(self._space.driven(), touch, pose, before, after, total, h)
-        return lost, work, self._roll if self._table.busy else None
-
-
-@dataclass(frozen=True)
-class _Load:
-    """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
-
-    total: Array
-    drive: Array | None
-    """The part that does work."""
-    spend: Array | None
-    """The part that takes energy out."""
-    rolled: Array | None
-    """(N, 2) rad/s: change of the spheres' roll on the table."""

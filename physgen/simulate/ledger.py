@@ -13,6 +13,7 @@ from physgen.scene.model import Motion
 from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk
 from physgen.simulate.contacts import ContactLog
 from physgen.simulate.impacts import Blows
+from physgen.simulate.lasting import Settled
 from physgen.simulate.loads import Loads
 from physgen.simulate.scripts import Scripts
 from physgen.simulate.trajectory import Energy
@@ -40,12 +41,8 @@ class Step:
     original: Array | None
     """(M, 3): the same before blows changed them; None without blows."""
     blows: list[Blows]
-    lost: float
-    """g·px²/s² to table, dampers and rolling resistance."""
-    work: float
-    """g·px²/s² by pushes, wind and motors."""
-    roll: Array | None
-    """(N, 2) at its end."""
+    settled: Settled
+    """What lasting forces did in it."""
     kicks: list[tuple[float, float]]
     """Time, s, and work of the impulses that were given in it."""
 
@@ -123,7 +120,7 @@ class Ledger:
         if not steps:
             return
         M = len(self.space.moving)
-        self._rolling |= steps[0].roll is not None
+        self._rolling |= steps[0].settled.roll is not None
         states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
         after = states[:, :, 3:]
         before = np.concatenate([self._after[None], after[:-1]])
@@ -134,8 +131,8 @@ class Ledger:
         mean = self._all((before + after) / 2)
         pose = self._all(states[:, :, :3], self._still)
         flow = self._contacts(steps, pose, self._all(before), self._all(after))
-        flow[:, 0] += [step.lost for step in steps]
-        flow[:, 1] += [step.work for step in steps]
+        flow[:, 0] += [step.settled.lost for step in steps]
+        flow[:, 1] += [step.settled.work for step in steps]
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
         smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
@@ -147,8 +144,8 @@ class Ledger:
         self._smooth, self._owed = smooth[-1], owed
         self._time = float(ends[-1])
         self._pose, self._mean = pose[-1], mean[-1]
-        if steps[-1].roll is not None:
-            self._roll = steps[-1].roll
+        if steps[-1].settled.roll is not None:
+            self._roll = steps[-1].settled.roll
         self._struck.clear()
 
     def _all(self, moving: Array, still: Array | None = None) -> Array:
@@ -212,7 +209,9 @@ class Ledger:
         blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
         for s, blows in blown:
             time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))
-            begun = (float(ends[s - 1]) if s else self._time) + 1e-9  # what fell as the step began falls after the last
+            begun = (
+                float(ends[s - 1]) if s else self._time
+            ) + 1e-9  # what fell as the step began falls after the last
             self._struck.append((max(time, begun), blows.lost, blows.work))
         self.log.block(
             ends,
@@ -234,7 +233,7 @@ class Ledger:
             start = self._time if s == 0 else float(ends[s - 1])
             pose0, mean0 = (self._pose, self._mean) if s == 0 else (pose[s - 1], mean[s - 1])
             books0 = self._smooth if s == 0 else smooth[s - 1]
-            earlier, later = steps[s - 1].roll if s else None, steps[s].roll
+            earlier, later = steps[s - 1].settled.roll if s else None, steps[s].settled.roll
             roll0 = self._roll if earlier is None else earlier
             roll1 = roll0 if later is None else later
             h = float(ends[s]) - start

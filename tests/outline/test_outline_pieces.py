@@ -87,3 +87,16 @@ def test_slivers_and_straight_corners_go():
     (piece,) = check(Region((Ring(ring),)))
     assert len(piece) == 4
     assert convex_pieces(Region((Ring(box(0, 0, 1, 1e-4)),))) == ()
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-6, 0.3, 0.5])
+def test_pieces_of_a_cut_slab_are_one_again(gap):
+    left, right = box(0, 0, 50, 20), box(50 + gap, 0, 90, 20)
+    (piece,) = convex_pieces(Region((Ring(left), Ring(right))))
+    assert polygon_moments(piece).area == pytest.approx((90) * 20, rel=1e-9)
+
+
+def test_pieces_that_are_apart_or_not_convex_together_stay_apart():
+    a = box(0, 0, 50, 20)
+    for b in (box(51, 0, 90, 20), box(50, 0, 90, 30), box(20, 20, 30, 60)):
+        assert len(convex_pieces(Region((Ring(a), Ring(b))))) == 2

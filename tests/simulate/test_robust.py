@@ -225,7 +225,7 @@ def busy_worlds():
     yield "shove", world(box("a", 0, 180, mu=0.3), walls=[floor(y=200)], pushes=[shove])
 
 
-@pytest.mark.parametrize(("name", "scene"), busy_worlds())
+@pytest.mark.parametrize(("name", "scene"), list(busy_worlds()))
 def test_energy_is_accounted_for(name, scene) -> None:
     t = simulate(scene, np.arange(int(scene.duration * 240) + 1) / 240)
     assert t.imbalance() < 0.01, name
