@@ -50,7 +50,6 @@ WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * WORDS
 """Of the integers."""
-_PLACES = slice(4, 13)
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
@@ -187,12 +186,14 @@ class Chipmunk:
         )
 
 
-def leapt(now: bytes, before: bytes) -> bool:
-    """Whether a contact of the same pairs, in the same order, is elsewhere at once: another corner has come down."""
-    if not now or len(now) != len(before):
-        return False
-    new, old = (np.frombuffer(numbers).reshape(-1, NUMBERS)[:, _PLACES] for numbers in (now, before))
-    return bool(np.abs(new - old).max() > LEAP)
+def places(numbers: bytes) -> Array:
+    """(K, 9) px: where contacts are, on both partners."""
+    return np.frombuffer(numbers).reshape(-1, NUMBERS)[:, 4:13]
+
+
+def leapt(now: Array, before: Array) -> bool:
+    """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down."""
+    return len(now) == len(before) > 0 and float(np.abs(now - before).max()) > LEAP
 
 
 def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.model import Load, Motion
-from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk, leapt
+from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk, leapt, places
 from physgen.simulate.divide import Reach
 from physgen.simulate.governor import Governor
 from physgen.simulate.impacts import Blows, Things, strike
@@ -113,7 +113,8 @@ class _Run:
         wide = np.zeros((len(bodies) + len(walls), 3))
         wide[: len(bodies)] = self._center
         self._wide, self._fast = wide, np.zeros_like(wide)
-        self._words = self._numbers = b""
+        self._words, self._places = b"", places(b"")
+        self._cornered = any(b.radius is None for b in bodies)
         self._states = b""
         self._h = 0.0
         self._kicks: list[tuple[float, float]] = []
@@ -257,7 +258,11 @@ class _Run:
                 self._lasting.press()
             states, words, numbers = self._space.step(h)
             blow = None
-            if words != self._words or self._suspicious or leapt(numbers, self._numbers):
+            if (
+                words != self._words
+                or self._suspicious
+                or (self._cornered and leapt(places(numbers), self._places))
+            ):
                 if state is None:
                     state = self._state().copy()
                 after = np.frombuffer(states, np.float64).reshape(M, 6)
@@ -285,7 +290,9 @@ class _Run:
             self._space.place(exact)
             states = exact.tobytes()
         self._stirred |= not self._calm
-        self._words, self._numbers, self._suspicious = words, numbers, False
+        self._words, self._suspicious = words, False
+        if self._cornered:
+            self._places = places(numbers)
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
         used = before if before is not None else self._state()[:, 3:]
         self._pull = velocity[:, 3:] - used
