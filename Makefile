@@ -12,7 +12,7 @@ demo: .venv/.demo
 	$(BIN)/physgen perceive scenes/dominoes/photo.png -o $(OUT)/perceived/dominoes-perceived.yaml
 	$(BIN)/physgen render $(OUT)/perceived/billiards-perceived.yaml -o $(OUT) --set "objects.ball-1.velocity=[4200,-356]"
 	$(BIN)/physgen render $(OUT)/perceived/dominoes-perceived.yaml -o $(OUT) --set world.pixels_per_meter=1000 --set "forces=[{object: block-1, impulse: [1200, 0], at: [160, 262]}]"
-	$(BIN)/physgen render scenes/billiards/scene.yaml scenes/dominoes/scene.yaml -o $(OUT)
+	$(BIN)/physgen render scenes/billiards/scene.yaml scenes/dominoes/scene.yaml -o $(OUT) --chaos
 	@echo
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
 
