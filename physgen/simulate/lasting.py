@@ -56,6 +56,7 @@ class Lasting:
         self._moment, self._weight = moment, np.stack([mass, mass, moment], axis=1)
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
+        self._falls = bool(world.gravity.any())
         self.roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
         """(N, 2) rad/s: how spheres on a table roll now."""
         self._roll_before = self.roll
@@ -92,12 +93,15 @@ class Lasting:
             load = Load(loads.hold * part + drive + spend, drive, spend, None)
         if self._table.busy:
             part = h / 2 if first else h
-            trial = velocity + load.total / self._weight * h + self._fall * part
+            trial = velocity + load.total / self._weight * h if self._loads.busy else velocity
+            trial = trial + self._fall * part if self._falls else trial
             change, rolled = self._table.kick(trial, self._roll_before, part)
-            grip = change * (self._weight / h)
+            grip = change * self._weight
+            grip /= h
             spend = grip if load.spend is None else load.spend + grip
-            load = Load(load.total + grip, load.drive, spend, rolled)
-        self._space.push(load.total[self._space.moving])
+            load = Load(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
+        every = len(self._space.moving) == len(load.total)
+        self._space.push(load.total if every else load.total[self._space.moving])
         return load
 
     def _spread(self, rows: Array, others: Array) -> Array:

@@ -32,14 +32,14 @@ class Table:
         self.busy = bool(world.press > 0 and (on & ((grip > 0) | (ball & (rolling > 0)))).any())
         self._balls = np.flatnonzero(on & ball)
         self._discs = np.flatnonzero(on & ~ball & (grip > 0))
-        self._grip, self._press = grip * world.press, world.press
+        self._grip = grip * world.press
         """(N,) px/s²: deceleration of what slides without spinning."""
         self._mass = np.array([b.mass for b in bodies]).reshape(-1)
         self._moment = np.array([b.moment for b in bodies]).reshape(-1)
-        self._radius = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)
         self._patch = np.array([b.patch for b in bodies]).reshape(-1)
         k = self._balls
-        m, inertia, r = self._mass[k], self._moment[k], self._radius[k]
+        m, inertia = self._mass[k], self._moment[k]
+        r = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)[k]
         share = m * r**2 / np.maximum(inertia, 1e-300)  # of a solid sphere 5/2
         self._r, self._lever, self._yield = r, share / np.maximum(r, 1e-300), 1 / (1 + share)
         self._brake, slow = self._grip[k], rolling[k] * world.press / np.maximum(r, 1e-300)
@@ -55,18 +55,14 @@ class Table:
             half = velocity[on] + self._slide(velocity[on], h / 2)
             full = self._slide(velocity[on], h, half)
             change[on] = full
-        if len(self._balls):
-            change[self._balls, :2], turned[self._balls] = self._rolled(
-                velocity[self._balls, :2], roll[self._balls], h
-            )
+        if len(self._balls) == len(velocity):
+            self._rolled(velocity, roll, h, change, turned)
+        elif len(self._balls):
+            k = self._balls
+            pushed, rolled = change[k], turned[k]
+            self._rolled(velocity[k], roll[k], h, pushed, rolled)
+            change[k], turned[k] = pushed, rolled
         return change, turned
-
-    def slip(self, velocity: Array, roll: Array) -> Array:
-        """(N, 2) px/s of each sphere's lowest point over the table; the bodies' own velocity for all others."""
-        slip = velocity[:, :2].copy()
-        k = self._balls
-        slip[k] += self._radius[k, None] * np.stack([roll[k, 1], -roll[k, 0]], axis=1)
-        return slip
 
     def _slide(self, velocity: Array, h: float, at: Array | None = None) -> Array:
         """(D, 3): change by friction as it is at the velocity `at`; never beyond rest."""
@@ -96,26 +92,28 @@ class Table:
         change[left] = -velocity[left]
         return change
 
-    def _rolled(self, velocity: Array, roll: Array, h: float) -> tuple[Array, Array]:
-        vx, vy = velocity[:, 0], velocity[:, 1]
-        sx, sy = vx + self._r * roll[:, 1], vy - self._r * roll[:, 0]
+    def _rolled(self, velocity: Array, roll: Array, h: float, change: Array, turned: Array) -> None:
+        """Write the changes of B spheres' velocities and rolls."""
+        vx, vy, wx, wy = velocity[:, 0], velocity[:, 1], roll[:, 0], roll[:, 1]
+        sx, sy = vx + self._r * wy, vy - self._r * wx  # of the lowest point over the table
         speed = np.sqrt(sx * sx + sy * sy)
         stick = speed * self._yield
         brake = np.minimum(self._brake * h, stick)
         part = brake / np.maximum(speed, 1e-300)
-        change, turned = np.empty_like(velocity), np.empty_like(roll)
-        change[:, 0], change[:, 1] = -part * sx, -part * sy
-        turned[:, 0], turned[:, 1] = -self._lever * change[:, 1], self._lever * change[:, 0]
+        dx, dy = -part * sx, -part * sy
+        tx, ty = -self._lever * dy, self._lever * dx
         if self._resists:
             # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
             rolls = brake >= stick * (1 - 1e-12)
-            new = roll + turned
-            now = np.sqrt(new[:, 0] ** 2 + new[:, 1] ** 2)
+            nx, ny = wx + tx, wy + ty
+            now = np.sqrt(nx * nx + ny * ny)
             lost = np.where(rolls, self._lost_rolling, self._lost_sliding) * h
-            stop = np.minimum(lost / np.maximum(now, 1e-300), 1.0)[:, None]
-            turned -= stop * new
-            change = np.where(rolls[:, None], change - stop * (velocity + change), change)
-        return change, turned
+            stop = np.minimum(lost / np.maximum(now, 1e-300), 1.0)
+            tx, ty = tx - stop * nx, ty - stop * ny
+            stop = np.where(rolls, stop, 0.0)
+            dx, dy = dx - stop * (vx + dx), dy - stop * (vy + dy)
+        change[:, 0], change[:, 1] = dx, dy
+        turned[:, 0], turned[:, 1] = tx, ty
 
 
 @cache
