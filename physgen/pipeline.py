@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from physgen.simulate.chaos import Chaos
     from physgen.simulate.trajectory import Trajectory
 
+UNBALANCED = 0.03
+"""Part of the energy that flows above which a simulation is not to be trusted."""
 MOST_POSES = 20_000_000
 """Samples times objects of one trajectory: about 2 GB."""
 
@@ -287,6 +289,15 @@ def render_scene(
     # a body's fall by a pixel is the least that counts: at rest, nothing flows
     weight = sum(body.mass for body in compiled.world.bodies) * float(np.hypot(*compiled.world.gravity))
     record.imbalance = trajectory.imbalance(weight)
+    if record.imbalance > UNBALANCED:
+        fix = (
+            "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
+        )
+        found = f"miss {record.imbalance:.0%} of what flows"
+        problem = Problem(scene.place("world"), "world", "the books of energy", found, fix, Severity.WARNING)
+        lints.append(problem)
+        warn(problem)
+        record.warnings.append({**problem.as_dict(), "text": str(problem)})
     if ask_chaos:
         with record.stage("chaos"):
             record.chaos = chaos(compiled.world, progress).as_dict()

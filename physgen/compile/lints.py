@@ -26,7 +26,7 @@ OVERLAP = 0.25
 """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
 MISSED = 0.05
 """Part of a mask that its shape may miss."""
-APART = 1e6
+APART = 1e3
 """Masses that touch or are joined: of a heavier one by a lighter, contacts come out soft or are slow to settle."""
 TOUCH = 1.0
 """px between two objects that count as touching."""

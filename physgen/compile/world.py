@@ -70,11 +70,19 @@ class Body:
 
     @property
     def size(self) -> float:
-        """Smallest extent, px: what a step may not jump over."""
+        """Smallest width of its thinnest piece in any direction, px: what a step may not jump over."""
         if self.radius is not None:
             return 2 * self.radius
-        points = np.concatenate(self.pieces)
-        return float((points.max(axis=0) - points.min(axis=0)).min())
+        return min(_width(piece) for piece in self.pieces)
+
+
+def _width(piece: Array) -> float:
+    """Least distance of two parallel lines with a convex piece between them; one of them holds an edge."""
+    along = np.roll(piece, -1, axis=0) - piece
+    length = np.hypot(*along.T)
+    along = along[length > 1e-9] / length[length > 1e-9, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1) @ piece.T
+    return float((across.max(axis=1) - across.min(axis=1)).min())
 
 
 @dataclass(frozen=True)

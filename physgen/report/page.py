@@ -50,7 +50,7 @@ def report_page(
         held=drawn(scene, world),
         holds=listed(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
-        world=_world_facts(world),
+        world=_world_facts(scene, world),
         engine=_engine(record),
         chaos=_chaos(record),
         combine=world.combine.value,
@@ -210,7 +210,7 @@ def _chaos(record: RunRecord) -> dict[str, Any] | None:
     return {"verdict": record.chaos["verdict"], "runs": record.chaos["runs"], "rows": rows}
 
 
-def _world_facts(world: World) -> list[tuple[str, str, str]]:
+def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     scale = world.pixels_per_meter
     gravity = float(np.hypot(*world.gravity))
     facts = [
@@ -227,5 +227,5 @@ def _world_facts(world: World) -> list[tuple[str, str, str]]:
         ("coefficients", world.combine.value, ""),
     ]
     if world.view is View.TOP:
-        facts.append(("table friction", f"{world.table.friction:g}", ""))
+        facts.append(("table friction", f"{scene.world.table_friction:g}", ""))
     return facts

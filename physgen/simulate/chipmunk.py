@@ -88,8 +88,7 @@ class Chipmunk:
         self._bodies = bodies
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
-        self._motors = _add_joints(space, world.joints, bodies, self._anchor)
-        self._limits = [motor.max_force for motor in self._motors]
+        _add_joints(space, world.joints, bodies, self._anchor)
         ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
         self._by_id = np.argsort(ids)
         self._ids = ids[self._by_id]
@@ -132,10 +131,8 @@ class Chipmunk:
         )
 
     def weaken(self, part: float) -> None:
-        """Let gravity and motors act with a part of their strength."""
+        """Let gravity act with a part of its strength."""
         self._space.gravity = tuple((self._gravity * part).tolist())
-        for motor, limit in zip(self._motors, self._limits, strict=True):
-            motor.max_force = limit * part
 
     def place(self, state: Array) -> None:
         """Set positions and velocities, (M, 6)."""
@@ -162,10 +159,6 @@ class Chipmunk:
     def braked(self) -> dict[tuple[int, int], float]:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
         return {key: float(motor.impulse) for key, motor in self._brakes.items()}
-
-    def driven(self) -> list[float]:
-        """Size of the angular impulse that each motor gave in the last step, g·px²/s."""
-        return [float(motor.impulse) for motor in self._motors]
 
     def touching(self, words: bytes, numbers: bytes | None) -> Touching:
         """Contacts of one or more steps as they were read, in their order; without numbers, only who touches whom."""
@@ -265,30 +258,32 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
 
 def _add_joints(
     space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body], world: pymunk.Body
-) -> list[pymunk.SimpleMotor]:
-    """Pins, welds and motors; springs are loads (loads.py). Errors are undone within a step. Returns the motors.
+) -> None:
+    """Pins and welds, so that contacts are solved with them. They keep velocities only: where joints are, and motors,
+    is for joined.py, which solves them exactly after each step; springs are loads.
 
-    With all of a joint's error taken back each step, the velocity between two steps points at where the pin is next:
-    the leapfrog with constraints (SHAKE).
+    Where a weld sits does not matter; between the two centres it turns by the shortest levers.
     """
-    motors = []
     for joint in joints:
         if joint.kind is JointKind.SPRING:
             continue
         a = bodies[joint.first]
         b = world if joint.second is None else bodies[joint.second]
-        parts: list[pymunk.Constraint] = [
-            pymunk.PivotJoint(a, b, joint.first_at.tolist(), joint.second_at.tolist())
-        ]
+        first, second = joint.first_at, joint.second_at
+        if joint.kind is JointKind.WELD:
+            one, two = np.array(a.position), np.array(b.position)
+            middle = (
+                one
+                if joint.second is None
+                else (a.mass * one + b.mass * two) / (a.mass + b.mass)
+                if a.mass + b.mass < np.inf
+                else two
+            )
+            first, second = middle - one, middle - two
+        parts: list[pymunk.Constraint] = [pymunk.PivotJoint(a, b, first.tolist(), second.tolist())]
         if joint.kind is JointKind.WELD:
             parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
-        elif joint.kind is JointKind.MOTOR:
-            motor = pymunk.SimpleMotor(a, b, joint.speed)
-            motor.max_force = joint.limit
-            parts.append(motor)
-            motors.append(motor)
         for part in parts:
-            part.error_bias = 0.0
+            part.error_bias = 1.0
             part.collide_bodies = joint.collide
             space.add(part)
-    return motors

@@ -24,22 +24,23 @@ class ContactLog:
     def block(
         self,
         times: Array,
-        samples: Index,
         step: Index,
+        sample: Index,
         first: Index,
         second: Index,
         impulse: Array,
         when: Array,
     ) -> None:
-        """S steps that end at `times` (S,), each within the sample `samples` (S,); and R contacts of them.
+        """S steps that end at `times` (S,), and R contacts of them.
 
-        step (R,) tells which, impulse (R, 2) g·px/s is on the first, when (R,) s is when it began, where that is known.
+        step, sample (R,): in which step, before which sample each acted; impulse (R, 2) g·px/s is on the first; when
+        (R,) s: the end of its step, or the very time of a blow.
         """
         N = len(self._surfaces)
         swap = first > second
         key = np.where(swap, second, first) * N + np.where(swap, first, second)
         signed = np.where(swap[:, None], -impulse, impulse)
-        self._sum(samples[step], key, signed)
+        self._sum(sample, key, signed)
         self._touch(times, step, key, when)
 
     def _sum(self, sample: Index, key: Index, impulse: Array) -> None:

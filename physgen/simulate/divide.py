@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.scene.model import Motion
+from physgen.scene.model import Load, Motion
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -43,21 +43,29 @@ class Reach:
         ]
         self._still = np.array(boxes, np.float64).reshape(-1, 4)
         self._free = np.array([body.motion is Motion.DYNAMIC for body in bodies], bool)
+        self._jolt = np.zeros(len(bodies))
+        """(M,) px/s that pushes may add in a step."""
+        row = {int(body): k for k, body in enumerate(moving.tolist())}
+        for push in world.pushes:
+            if push.load is Load.FORCE and push.body in row:
+                body = world.bodies[push.body]
+                force = float(np.hypot(*push.vector)) / world.steps_per_second
+                self._jolt[row[push.body]] += force / body.mass * 2
         self.watchful = False
         """Whether something is fast enough to be looked at every step."""
 
-    def _ratio(self, state: Array, h: float, more: float = 0.0) -> Array:
+    def _ratio(self, state: Array, h: float, more: Array | float = 0.0) -> Array:
         """(M,): movement in h seconds over what is allowed."""
         speed = np.hypot(state[:, 3], state[:, 4]) + np.abs(state[:, 5]) * self._turns + more
         return np.asarray(speed * h / self._limit)
 
     def look(self, state: Array, ahead: float, gravity: float, h: float) -> None:
         """Start to watch where something may move too far in a step of h seconds within the time `ahead`."""
-        self.watchful = bool((self._ratio(state, h, gravity * ahead) > 1).any())
+        self.watchful = bool((self._ratio(state, h, gravity * ahead + self._jolt) > 1).any())
 
     def parts(self, state: Array, h: float) -> int:
         """Parts of a step of h seconds; 1 where what is fast has nothing in its way."""
-        ratio = self._ratio(state, h)
+        ratio = self._ratio(state, h, self._jolt)
         fast = np.flatnonzero((ratio > 1) & np.isfinite(ratio))
         if not len(fast):
             self.watchful = False

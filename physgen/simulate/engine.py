@@ -7,14 +7,16 @@ taken first, so that free fall is exact. Steps never depend on the samples: both
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import ceil, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
+from physgen.problems import InputError
 from physgen.scene.model import Load, Motion
-from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk, leapt, places
+from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk, Touching, leapt, places
 from physgen.simulate.divide import Reach
 from physgen.simulate.governor import Governor
 from physgen.simulate.impacts import Blows, Things, strike
@@ -30,10 +32,14 @@ from physgen.simulate.trajectory import Effort, Trajectory
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-ATTEMPTS = 24
+ATTEMPTS = 8
 """Times that a step is taken again because blows changed what it does."""
-PHASE = 0.2
-"""rad that the stiffest spring may turn in a step."""
+PHASE = 0.1
+"""rad that the stiffest spring, or a pass by an attractor, may turn in a step."""
+MOST_PARTS = 1024
+"""Of a step that springs or attractors divide."""
+
+LEFT = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
 
 NOTHING = Settled(0.0, 0.0, None)
 
@@ -56,14 +62,19 @@ def simulate(
     times = world.times if times is None else np.asarray(times, np.float64)
     run = _Run(world, times, iterations)
     ledger, h = run.ledger, 1.0 / world.steps_per_second
-    with np.errstate(over="ignore", invalid="ignore"):  # what leaves all numbers is told by name
-        run.start()
-        last = ceil(float(times[-1]) / h - 1e-9) if len(times) else 0
-        for number in range(1, last + 1):
-            run.advance((number - 1) * h, number * h)
-            if number % 256 == 0:
-                progress("simulate", ledger.done, len(times))
-        ledger.flush()
+    number = 0
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # what leaves all numbers is told by name
+            run.start()
+            last = ceil(float(times[-1]) / h - 1e-9) if len(times) else 0
+            for number in range(1, last + 1):
+                run.advance((number - 1) * h, number * h)
+                if number % 256 == 0:
+                    progress("simulate", ledger.done, len(times))
+            ledger.flush()
+    except (OverflowError, np.linalg.LinAlgError) as error:
+        found = f"leaves all numbers by t = {number * h:.3f} s"
+        raise InputError.of("world", "the motion", found, LEFT) from error
     return Trajectory(
         times=times,
         names=tuple(body.name for body in world.bodies),
@@ -103,6 +114,10 @@ class _Run:
         )
         self._joined = Assemblies(world)
         self._held = self._joined.held()
+        light, ease = (
+            np.array(values[: len(bodies)]) for values in (self._things.lightness, self._things.ease)
+        )
+        self._inverse = np.stack([light, light, ease], axis=1)
         self._gravity = float(np.hypot(*world.gravity))
         self._impulses = sorted(
             (p for p in world.pushes if p.load is Load.IMPULSE and self._dynamic[p.body]),
@@ -117,11 +132,16 @@ class _Run:
         self._cornered = any(b.radius is None for b in bodies)
         self._states = b""
         self._h = 0.0
-        self._kicks: list[tuple[float, float]] = []
+        self._kicks: list[tuple[float, float, float]] = []
         self._suspicious = self._stirred = True
         """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
-        spring = loads.fastest() / world.steps_per_second / PHASE
-        self._stiff = min(256, max(1, ceil(spring)))
+        self._loads = loads
+        self._restless = loads.busy or self._scripts.busy
+        self._stiff = max(1, ceil(loads.fastest() / world.steps_per_second / PHASE))
+        if self._stiff > MOST_PARTS:
+            found = f"needs every step divided into {self._stiff:,} parts"
+            fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
+            raise InputError.of(f"joints.{loads.stiffest()}.stiffness", "", found, fix)
         self._steps = self._divided = self._most_parts = self._impacts = self._reviewed = 0
         self._calm = True
 
@@ -145,10 +165,11 @@ class _Run:
         roll = self._lasting.roll
         if self._scripts.busy:
             self._scripts.sample(0.0, pose, velocity)
-        shown = velocity.copy()
         while self._impulses and self._impulses[0].start <= 1e-12:
             self._impulse(velocity, pose, 0.0)
-            shown = velocity.copy()
+        if self._joined.busy:
+            velocity = self._fit(pose, velocity, 0.0)
+        shown = velocity.copy()
         moving = self._space.moving
         state = np.concatenate([pose[moving] - velocity[moving] * h, velocity[moving]], axis=1)
         self._space.place(state)
@@ -166,16 +187,44 @@ class _Run:
         """A base step, in as many parts as it needs."""
         h = end - begin
         parts = self._stiff
-        if not self._reach.watchful and (self._stirred or self._steps % 8 == 0):
+        if not self._reach.watchful and (self._stirred or self._restless or self._steps % 8 == 0):
             self._stirred = False
-            self._reach.look(self._state(), h * 8, self._gravity, h)
+            self._reach.look(self._ahead(end, h), h * 8, self._gravity, h)
         if self._reach.watchful:
-            parts = max(parts, self._reach.parts(self._state(), h))
+            parts = max(parts, self._reach.parts(self._ahead(end, h), h))
+        if self._loads.steers:
+            pose, velocity = self._center.copy(), np.zeros_like(self._center)
+            state, moving = self._state(), self._space.moving
+            pose[moving], velocity[moving] = state[:, :3], state[:, 3:]
+            parts = max(parts, min(MOST_PARTS, ceil(self._loads.pace(pose, velocity) * h / PHASE)))
         if parts > 1:
             self._divided += 1
             self._most_parts = max(self._most_parts, parts)
         for part in range(parts):
             self._part(begin + h * part / parts, h / parts)
+
+    def _ahead(self, end: float, h: float) -> Array:
+        """The state (M, 6), scripted bodies with the fastest of this step and the next."""
+        state = self._state()
+        if self._scripts.busy:
+            state = state.copy()
+            now = state[:, 3:].copy()
+            self._scripts.drive(end, h, state, self._row)
+            later = state[:, 3:].copy()
+            self._scripts.drive(end + h, h, state, self._row)
+            state[:, :3], state[:, 3:] = self._state()[:, :3], now
+            for row in self._scripts.rows(self._row):
+                state[row, 3:] = max(
+                    (now[row], later[row], self._last_speed(row, end, h)),
+                    key=lambda v: float(np.hypot(*v[:2])),
+                )
+        return state
+
+    def _last_speed(self, row: int, end: float, h: float) -> Array:
+        """Of a scripted row, within the step that ends at `end`."""
+        state = self._state().copy()
+        self._scripts.drive(end - h, h, state, self._row)
+        return state[row, 3:]
 
     def _state(self) -> Array:
         return np.frombuffer(self._states, np.float64).reshape(-1, 6)
@@ -216,6 +265,8 @@ class _Run:
             velocity[moving], pose[moving] = state[:, 3:], state[:, :3]
             was = velocity.copy()
             self._impulse(velocity, pose, since)
+            if self._joined.busy:
+                velocity = self._fit(pose, velocity, begin + since)
             change = (velocity - was)[moving]
             state[:, 3:] += change
             state[:, :3] -= change * since
@@ -232,7 +283,7 @@ class _Run:
         change[2] = (arm[0] * push.vector[1] - arm[1] * push.vector[0]) / self._moment[body]
         work = self._mass[body] * (change[:2] @ (velocity[body, :2] + change[:2] / 2))
         work += self._moment[body] * change[2] * (velocity[body, 2] + change[2] / 2)
-        self._kicks.append((push.start, float(work)))
+        self._kicks.append((push.start, 0.0, float(work)))
         velocity[body] += change
         self._suspicious = self._stirred = True
 
@@ -249,7 +300,7 @@ class _Run:
             state = self._state().copy()
         sweeps = self._governor.sweeps
         self._space.iterations = 1 if probing else sweeps
-        for _ in range(ATTEMPTS):
+        for attempt in range(ATTEMPTS):
             load: Lasted | None = None
             if self._lasting.pushes:
                 placed = self._state() if state is None else state
@@ -258,15 +309,14 @@ class _Run:
                 self._lasting.press()
             states, words, numbers = self._space.step(h)
             blow = None
-            if (
-                words != self._words
-                or self._suspicious
-                or (self._cornered and leapt(places(numbers), self._places))
-            ):
+            leap = self._cornered and leapt(places(numbers), self._places)
+            surprise = self._suspicious or leap
+            # the last try is taken as it comes: what still closes then does not bounce
+            if attempt < ATTEMPTS - 1 and (surprise or words != self._words):
                 if state is None:
                     state = self._state().copy()
                 after = np.frombuffer(states, np.float64).reshape(M, 6)
-                blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, first, load)
+                blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, surprise, first, load)
             if blow is None and not probing:
                 break
             assert state is not None
@@ -283,10 +333,14 @@ class _Run:
             probing = False
             self._space.place(state)
         self._calm = original is None
-        if state is not None and not self._calm:
-            # the first try pushed overlaps apart that the blows have undone
+        driven = 0.0
+        if self._joined.busy or (state is not None and not self._calm):
             exact = np.frombuffer(states, np.float64).reshape(M, 6).copy()
-            exact[:, :3] = state[:, :3] + state[:, 3:] * h
+            if state is not None and not self._calm:
+                # the first try pushed overlaps apart that the blows have undone
+                exact[:, :3] = state[:, :3] + state[:, 3:] * h
+            if self._joined.busy:
+                exact[:, 3:], driven = self._hold(exact, h, 0.5 if first else 1.0)
             self._space.place(exact)
             states = exact.tobytes()
         self._stirred |= not self._calm
@@ -299,8 +353,26 @@ class _Run:
         settled = NOTHING
         if self._lasting.accounts:
             settled = self._lasting.settle(load, used, velocity, words, numbers, h)
+        if driven:
+            settled = replace(settled, work=settled.work + driven)
         kicks, self._kicks = self._kicks, []
         return Step(end, states, words, numbers, before, original, blows, settled, kicks)
+
+    def _hold(self, state: Array, h: float, strength: float) -> tuple[Array, float]:
+        """Velocities (M, 3) that keep all joints, and the motors' work; motors act with a part of their strength."""
+        moving = self._space.moving
+        pose, velocity = self._center.copy(), np.zeros_like(self._center)
+        pose[moving], velocity[moving] = state[:, :3], state[:, 3:]
+        velocity, work = self._joined.hold(pose, velocity, self._inverse, h, strength)
+        return velocity[moving], work
+
+    def _fit(self, pose: Array, velocity: Array, time: float) -> Array:
+        """Velocities (N, 3) that joints allow: what they forbid is lost at once."""
+        allowed, _ = self._joined.hold(pose, velocity, self._inverse, 1.0, None)
+        weight = np.stack([self._mass, self._mass, self._moment], axis=1)[self._dynamic]
+        gone = (weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2
+        self._kicks.append((time, float(gone), 0.0))
+        return allowed
 
     def _strike(
         self,
@@ -309,10 +381,14 @@ class _Run:
         words: bytes,
         numbers: bytes,
         h: float,
+        surprise: bool,
         first: bool,
         load: Lasted | None,
     ) -> Blows | None:
-        """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way."""
+        """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way.
+
+        What touched before closes by what the solver left undone, and does not bounce, but for a `surprise`.
+        """
         touch = self._space.touching(words, numbers)
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
@@ -322,10 +398,19 @@ class _Run:
             return None
         things = len(wide)
         was = touch if first else self._space.touching(self._words, None)
-        keys = set((was.first * things + was.second).tolist())
-        touched = np.array([k in keys for k in (touch.first * things + touch.second).tolist()], bool)
+        before = set(_pairs(was, things))
+        touched = np.array([pair in before for pair in _pairs(touch, things)], bool)
+        points = replace(points, closing=np.where(surprise | ~touched[points.row], points.closing, 0.0))
+        if not (points.closing > threshold).any():
+            return None
         drift = np.zeros((things, 2))
         drift[: len(self._dynamic)] = self._lasting.drift(load)
         drift[was.first] = drift[was.second] = 0.0
         drift[self._held] = 0.0
         return strike(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
+
+
+def _pairs(touch: Touching, things: int) -> list[tuple[int, int]]:
+    """Each contact's partners, in one order, and its number of points."""
+    low, high = np.minimum(touch.first, touch.second), np.maximum(touch.first, touch.second)
+    return list(zip((low * things + high).tolist(), touch.count.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Bodies that joints hold together -> how a blow on one of them moves them all."""
+"""Bodies that joints hold together -> how a blow on one moves them all, and velocities that keep every joint."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ class Assemblies:
         for joint in joints:
             if joint.second is not None and dynamic[joint.first] and dynamic[joint.second]:
                 root[find(joint.first)] = find(joint.second)
+        self.busy = any(dynamic[j.first] or (j.second is not None and dynamic[j.second]) for j in joints)
         self._root: dict[int, int] = {}
         for joint in joints:
             for body in (joint.first, joint.second):
@@ -54,6 +55,67 @@ class Assemblies:
         """Every body that a joint holds."""
         return sorted(self._root)
 
+    def hold(
+        self, pose: Array, velocity: Array, inverse: Array, h: float, strength: float | None
+    ) -> tuple[Array, float]:
+        """Velocities (N, 3) with which every joint is whole a step of h seconds later, and the work of the motors.
+
+        pose (N, 3) now; inverse (N, 3): 1/mass, 1/mass, 1/moment, 0 for what is not dynamic. One linear system a
+        group, so that chains and welds hold whatever their length and masses (SHAKE, Ryckaert and others 1977). A
+        motor turns its two sides as it is told, with at most its limit times `strength`; None: what the pins allow now.
+        """
+        velocity, work, motors = velocity.copy(), 0.0, strength is not None
+        for group, joints in sorted(self._joints.items()):
+            bodies = self._members[group]
+            place = {body: 3 * k for k, body in enumerate(bodies)}
+            rows, wanted, limits = [], [], []
+            for joint in joints:
+                mine = _rows(joint, place, pose, 3 * len(bodies))
+                off = _error(joint, pose)
+                speed = _given(joint, place, pose, velocity)
+                for k, row in enumerate(mine):
+                    rows.append(row)
+                    wanted.append(-(off[k] / h if motors else 0.0) - speed[k])
+                    limits.append(np.inf)
+                if motors and joint.kind is JointKind.MOTOR:
+                    turn = np.zeros(3 * len(bodies))
+                    rest = 0.0
+                    for body, sign in ((joint.first, 1.0), (joint.second, -1.0)):
+                        if body is not None and body in place:
+                            turn[place[body] + 2] = sign
+                        elif body is not None:
+                            rest += sign * float(velocity[body, 2])
+                    rows.append(turn)
+                    wanted.append(joint.speed - rest)
+                    limits.append(joint.limit * h * (strength or 0.0))
+            J, light = np.array(rows), inverse[bodies].ravel()
+            before = velocity[bodies].ravel()
+            give = (J * light) @ J.T
+            give[np.diag_indices_from(give)] *= 1 + 1e-12
+            goal = np.array(wanted) - J @ before
+            impulse = _solved(give, goal)
+            driven = np.isfinite(limits) & (np.abs(impulse) > limits)
+            if driven.any():
+                fixed = np.where(driven, np.sign(impulse) * np.minimum(limits, np.abs(impulse)), 0.0)
+                free = ~driven
+                impulse = fixed
+                impulse[free] = _solved(
+                    give[np.ix_(free, free)], goal[free] - give[np.ix_(free, driven)] @ fixed[driven]
+                )
+            after = before + light * (J.T @ impulse)
+            mean = J @ (before + after) / 2
+            work += float((impulse * mean)[self._motor_rows(joints, motors)].sum())
+            velocity[bodies] = after.reshape(-1, 3)
+        return velocity, work
+
+    def _motor_rows(self, joints: list[Joint], motors: bool) -> NDArray[np.bool_]:
+        """Which rows of a group's system are motors'."""
+        rows: list[bool] = []
+        for joint in joints:
+            rows += [False] * (3 if joint.kind is JointKind.WELD else 2)
+            rows += [True] * (motors and joint.kind is JointKind.MOTOR)
+        return np.array(rows, bool)
+
     def response(self, bodies: list[int], inverse: Array, pose: Array) -> Array:
         """(3n, 3n): change of the n bodies' velocities by impulses on them, while all joints hold.
 
@@ -70,6 +132,44 @@ class Assemblies:
         J = np.array(rows)
         give = J @ free
         return np.asarray(free - give.T @ np.linalg.pinv(give @ J.T) @ give)
+
+
+def _solved(matrix: Array, goal: Array) -> Array:
+    """The system's solution; the smallest one where joints say the same twice."""
+    try:
+        found = np.linalg.solve(matrix, goal)
+        if np.isfinite(found).all() and np.abs(matrix @ found - goal).max(initial=0) <= 1e-6 * np.abs(
+            goal
+        ).max(initial=1e-300):
+            return np.asarray(found)
+    except np.linalg.LinAlgError:
+        pass
+    return np.asarray(np.linalg.lstsq(matrix, goal, rcond=1e-10)[0])
+
+
+def _arm(at: Array, angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
+
+
+def _error(joint: Joint, pose: Array) -> list[float]:
+    """px, px and, of a weld, rad by which a joint's two sides are apart."""
+    one = pose[joint.first, :2] + _arm(joint.first_at, pose[joint.first, 2])
+    two, angle = joint.second_at, 0.0
+    if joint.second is not None:
+        two = pose[joint.second, :2] + _arm(joint.second_at, pose[joint.second, 2])
+        angle = float(pose[joint.second, 2])
+    return [*(one - two).tolist(), float(pose[joint.first, 2]) - angle]
+
+
+def _given(joint: Joint, place: dict[int, int], pose: Array, velocity: Array) -> list[float]:
+    """The part of a joint's relative velocity that scripted partners bring."""
+    total = np.zeros(3)
+    for body, at, sign in ((joint.first, joint.first_at, 1.0), (joint.second, joint.second_at, -1.0)):
+        if body is not None and body not in place:
+            arm, (vx, vy, spin) = _arm(at, pose[body, 2]), velocity[body]
+            total += sign * np.array([vx - spin * arm[1], vy + spin * arm[0], spin])
+    return total.tolist()
 
 
 def _rows(joint: Joint, place: dict[int, int], pose: Array, size: int) -> list[Array]:

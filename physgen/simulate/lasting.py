@@ -11,7 +11,6 @@ from physgen.compile.world import World
 from physgen.scene.model import Motion
 from physgen.simulate.chipmunk import Chipmunk
 from physgen.simulate.loads import Loads
-from physgen.simulate.motors import Motors
 from physgen.simulate.resistance import Resistance
 from physgen.simulate.table import Table
 
@@ -47,7 +46,7 @@ class Lasting:
     def __init__(self, world: World, space: Chipmunk, loads: Loads) -> None:
         bodies = world.bodies
         self._space, self._loads, self._table = space, loads, Table(world)
-        self._resistance, self._motors = Resistance(world), Motors(world)
+        self._resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
@@ -62,7 +61,7 @@ class Lasting:
         self._roll_before = self.roll
         self.pushes = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
-        self.accounts = self.pushes or self._resistance.busy or self._motors.busy
+        self.accounts = self.pushes or self._resistance.busy
         """Whether a step has to be settled."""
         self.brakes = self._resistance.busy
 
@@ -116,8 +115,7 @@ class Lasting:
         self, load: Load | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
     ) -> Settled:
         """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
-        before, after = self._spread(used, self._nothing), self._spread(state[:, 3:], self._nothing)
-        mean = (before + after) / 2
+        mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
         lost = work = 0.0
         if load is not None:
             work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
@@ -129,12 +127,7 @@ class Lasting:
                 half = self._roll_before + load.rolled / 2
                 lost -= float(self._moment @ (load.rolled * half).sum(axis=1))
                 self.roll = self._roll_before + load.rolled
-        if self._resistance.busy or self._motors.busy:
+        if self._resistance.busy:
             touch = self._space.touching(words, numbers)
-            if self._resistance.busy:
-                lost += self._resistance.settle(self._space, touch, mean, h)
-            if self._motors.busy:
-                pose = self._spread(state[:, :3], self._center)
-                total = self._nothing if load is None else load.total
-                work += self._motors.work(self._space.driven(), touch, pose, before, after, total, h)
+            lost += self._resistance.settle(self._space, touch, mean, h)
         return Settled(lost, work, self.roll if self._table.busy else None)

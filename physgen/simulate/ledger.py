@@ -43,8 +43,8 @@ class Step:
     blows: list[Blows]
     settled: Settled
     """What lasting forces did in it."""
-    kicks: list[tuple[float, float]]
-    """Time, s, and work of the impulses that were given in it."""
+    kicks: list[tuple[float, float, float]]
+    """Time, s, and what was lost and done by the impulses that were given in it."""
 
 
 @dataclass
@@ -205,7 +205,7 @@ class Ledger:
             self.residual = self.overlap = 0.0
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
         late = 0.0 if self._first else 1e-9
-        self._struck += [(time + late, 0.0, work) for step in steps for time, work in step.kicks]
+        self._struck += [(time + late, lost, work) for step in steps for time, lost, work in step.kicks]
         blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
         for s, blows in blown:
             time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))
@@ -213,14 +213,20 @@ class Ledger:
                 float(ends[s - 1]) if s else self._time
             ) + 1e-9  # what fell as the step began falls after the last
             self._struck.append((max(time, begun), blows.lost, blows.work))
+        step = np.concatenate([row, *(np.full(len(b.first), s) for s, b in blown)]).astype(np.int64)
+        when = np.concatenate([ends[row], *(ends[s] - b.earlier for s, b in blown)])
+        sample = np.searchsorted(self.times, when - 1e-12)
+        inside = sample < len(self.times)
+        one, other = (
+            np.concatenate([mine, *theirs])
+            for mine, theirs in (
+                (first, [b.first for _, b in blown]),
+                (second, [b.second for _, b in blown]),
+            )
+        )
+        given = np.concatenate([impulse, *(b.impulse for _, b in blown)])
         self.log.block(
-            ends,
-            np.searchsorted(self.times, ends - 1e-12),
-            np.concatenate([row, *(np.full(len(b.first), s) for s, b in blown)]).astype(np.int64),
-            np.concatenate([first, *(b.first for _, b in blown)]),
-            np.concatenate([second, *(b.second for _, b in blown)]),
-            np.concatenate([impulse, *(b.impulse for _, b in blown)]),
-            np.concatenate([ends[row], *(ends[s] - b.earlier for s, b in blown)]),
+            ends, step[inside], sample[inside], one[inside], other[inside], given[inside], when[inside]
         )
         return flow
 
@@ -298,5 +304,5 @@ def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) 
     wrong = np.flatnonzero(~(np.isfinite(pose).all(axis=1) & np.isfinite(velocity).all(axis=1)))
     if len(wrong):
         expected = f"leaves all numbers by t = {time:.3f} s"
-        fix = "bring its mass, velocity and forces nearer to the others'"
+        fix = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
         raise InputError.of(f"objects.{world.bodies[wrong[0]].name}", "", expected, fix)

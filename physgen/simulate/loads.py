@@ -44,18 +44,44 @@ class Loads:
         self._springs = [j for j in world.joints if j.kind is JointKind.SPRING]
         self._winds = [f for f in world.fields if f.kind is FieldKind.WIND]
         self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
+        self._pull: dict[int, float] = {}  # 1/s²: all springs of a body together
+        self._dampers: dict[int, int] = {}
+        for spring in self._springs:
+            for body in (spring.first, spring.second):
+                if body is not None and dynamic[body]:
+                    self._pull[body] = self._pull.get(body, 0.0) + spring.stiffness * self._give(spring)
+                    self._dampers[body] = self._dampers.get(body, 0) + (spring.damping > 0)
+        self.steers = bool(self._attractors)
+        """Whether `pace` has anything to say."""
         self.busy = bool(self._pushes or self._springs or self._winds or self._attractors)
 
     def fastest(self) -> float:
         """Highest angular frequency of a spring by itself, rad/s: what a step must resolve."""
+        return float(max(self._pull.values(), default=0.0) ** 0.5)
+
+    def stiffest(self) -> str:
+        """Name of the spring that pulls hardest for its masses."""
+        return max(self._springs, key=lambda spring: spring.stiffness * self._give(spring)).name
+
+    def pace(self, pose: Array, velocity: Array) -> float:
+        """1/s: how fast the pull of an attractor changes, at most; 0 without attractors."""
         top = 0.0
-        for spring in self._springs:
-            give = 0.0
-            for body, at in ((spring.first, spring.first_at), (spring.second, spring.second_at)):
-                if body is not None:
-                    give += self._lightness[body] + self._ease[body] * float(at @ at)
-            top = max(top, (spring.stiffness * give) ** 0.5)
+        for field in self._attractors:
+            on = np.array(field.bodies, np.int64)
+            near = ((field.vector - pose[on, :2]) ** 2).sum(axis=1) + field.soften**2
+            near = np.sqrt(np.maximum(near, 1e-12))
+            swing = np.sqrt(abs(field.strength) / near**3)
+            pass_by = np.sqrt((velocity[on, :2] ** 2).sum(axis=1)) / near
+            top = max(top, float(np.maximum(swing, pass_by).max()))
         return top
+
+    def _give(self, spring: Joint) -> float:
+        """1/g: how easily a spring's ends move."""
+        give = 0.0
+        for body, at in ((spring.first, spring.first_at), (spring.second, spring.second_at)):
+            if body is not None:
+                give += float(self._lightness[body] + self._ease[body] * float(at @ at))
+        return give
 
     def at(self, pose: Array, velocity: Array, begin: float, end: float) -> Sum:
         """Mean loads from `begin` to `end`, s, about the time at which the bodies have the pose (N, 3).
@@ -81,14 +107,12 @@ class Loads:
             total.hold[on, :2] += pull[:, None] * away
         for field in self._winds:
             on = np.array(field.bodies, np.int64)
-            strength = (field.drag * self._width[on])[:, None]
             known = self._gravity + total.hold[on, :2] * self._lightness[on, None]
-            rush = field.vector - velocity[on, :2]
-            force = strength * np.hypot(*rush.T)[:, None] * rush
-            # the drag half a step on, where this force is taken
-            rush = rush - h / 2 * (force * self._lightness[on, None] + known)
-            force = strength * np.hypot(*rush.T)[:, None] * rush
-            total.drive[on, :2] += force
+            rush = field.vector - velocity[on, :2] - h / 2 * known
+            # drag alone brakes by 1 / (1 + k |u| t): exact, and never beyond the wind's own speed
+            slows = field.drag * self._width[on] * self._lightness[on] * np.hypot(*rush.T) * h
+            part = slows / (1 + slows)
+            total.drive[on, :2] += (self._mass[on] * part / h)[:, None] * rush
         return total
 
     def potential(self, pose: Array) -> float:
@@ -129,8 +153,9 @@ class Loads:
             speed += sign * float(velocity[body, :2] @ along + velocity[body, 2] * lever)
         damp = 0.0
         if spring.damping and give:
-            rate = spring.damping * give * h
-            # exact for a damper alone, and never overshoots
+            # as many dampers as share a body take their part each: together they never overshoot
+            share = max(self._dampers.get(body, 1) for body, _, _ in sides)
+            rate = spring.damping * give * h * share
             damp = -spring.damping * (speed + h / 2 * give * pull) * -np.expm1(-rate) / rate
         for body, arm, sign in sides:
             lever = arm[0] * along[1] - arm[1] * along[0]

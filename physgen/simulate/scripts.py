@@ -35,6 +35,10 @@ class Scripts:
             state[row[body], :3] = now - velocity * h
             state[row[body], 3:] = velocity
 
+    def rows(self, row: dict[int, int]) -> list[int]:
+        """Rows of the scripted bodies in the state."""
+        return [row[body] for body, _ in self._paths]
+
     def sample(self, time: float, pose: Array, velocity: Array) -> None:
         """Write the exact pose and velocity of the scripted bodies into (N, 3) arrays."""
         for body, path in self._paths:

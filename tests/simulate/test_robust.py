@@ -15,6 +15,7 @@ from worlds import ball, box, floor, push, world
 from physgen import pipeline
 from physgen.compile.pairs import surface
 from physgen.compile.world import Field, Joint, Wall
+from physgen.problems import InputError
 from physgen.scene.model import Combine, FieldKind, JointKind, Load, Motion, Solid
 from physgen.simulate.engine import simulate
 
@@ -249,3 +250,104 @@ def test_a_break_is_chaos_and_dominoes_are_not() -> None:
         assert set(found.as_dict()["objects"]) == {item.name for item in scene.objects}
     assert said["billiards"].startswith("Chaos")
     assert said["dominoes"].startswith("Foretold")
+
+
+# ---- what a review found --------------------------------------------------------------------------------------------
+
+
+def chain(kind, bodies, anchor, links):
+    """Joints from the world at `anchor` to the first body, then from each to the next at the points `links`."""
+    joints = [pin(0, None, at=np.array(anchor) - bodies[0].center, to=anchor, kind=kind)]
+    return joints + [
+        pin(k, k + 1, at=np.array(p) - bodies[k].center, to=np.array(p) - bodies[k + 1].center, kind=kind)
+        for k, p in enumerate(links)
+    ]
+
+
+def test_a_long_weld_does_not_sag() -> None:
+    row = [box(f"w{k}", 40 * k, 0, mass=10) for k in range(8)]
+    joints = chain(JointKind.WELD, row, (-20, 0), [(40 * k + 20, 0) for k in range(7)])
+    t = simulate(world(*row, joints=joints))
+    assert np.abs(t.poses - t.poses[0])[:, :, :2].max() < 1e-3
+
+
+def test_a_chain_with_a_heavy_load_keeps_its_energy() -> None:
+    links = [box(f"l{k:02}", 20 + 40 * k, 100, w=40, h=8, mass=20) for k in range(12)]
+    load = ball("load", 490, 100, r=15, mass=5000)
+    joints = chain(JointKind.PIVOT, [*links, load], (0, 100), [(40 * (k + 1), 100) for k in range(12)])
+    t = simulate(world(*links, load, joints=joints, duration=2))
+    assert t.imbalance() < 1e-3
+
+
+def test_a_motor_that_swings_a_link_tells_its_work() -> None:
+    arm, link = box("arm", 50, 0, w=100, h=8), box("link", 150, 0, w=100, h=8, mass=200)
+    motor = pin(at=(-50, 0), kind=JointKind.MOTOR, speed=10.0, limit=5e8)
+    hinge = pin(0, 1, at=(50, 0), to=(-50, 0))
+    assert simulate(world(arm, link, joints=[motor, hinge], duration=3)).imbalance() < 0.02
+
+
+def test_a_velocity_that_a_pin_forbids_is_lost_and_booked() -> None:
+    rod = box("rod", 100, 0, v=(300, 0))
+    t = simulate(world(rod, joints=[pin(at=(-100, 0))], gravity=(0, 0), duration=0.2))
+    assert t.energy.dissipated[0] == approx(100 * 300**2 / 2)
+    assert t.velocities[0, 0] == approx([0, 0, 0], abs=1e-9)
+
+
+def test_a_thin_rod_across_its_flight_does_not_pass() -> None:
+    turn = np.array([[1, -1], [1, 1]]) / np.sqrt(2)
+    rod = box("rod", 0, 0, w=200, h=2, mass=30, v=(10000, 0), e=0.5)
+    rod = replace(rod, pieces=(rod.pieces[0] @ turn.T,))
+    wall = Wall("wall", (np.array([[400.0, -900.0], [400.0, 900.0]]),), surface(0.5, 0.5, Combine.GEOMETRIC))
+    t = simulate(world(rod, walls=[wall], gravity=(0, 0), duration=0.3))
+    assert t.poses[:, 0, 0].max() < 400
+
+
+@pytest.mark.parametrize("force", [1e8, 1e9])
+def test_a_sudden_force_does_not_push_through_a_line(force) -> None:
+    wall = Wall("wall", (np.array([[400.0, -900.0], [400.0, 900.0]]),), surface(0.5, 0.5, Combine.GEOMETRIC))
+    shove = push(Load.FORCE, (force, 0), start=0.0101, end=0.02)
+    t = simulate(
+        world(ball("a", 330, 0, r=2, mass=10), walls=[wall], pushes=[shove], gravity=(0, 0), duration=0.1)
+    )
+    assert t.poses[:, 0, 0].max() < 400
+
+
+@pytest.mark.parametrize("speed", [2e3, 2e4, 6e4])
+def test_a_sudden_piston_takes_along_what_is_before_it(speed) -> None:
+    path = [(0, 0, 0, 0), (0.1003, 0, 0, 0), (0.1003 + 200 / speed, 200, 0, 0), (1, 200, 0, 0)]
+    piston = box("piston", 0, 0, w=20, h=60, motion=Motion.SCRIPTED, path=path)
+    t = simulate(world(piston, ball("ball", 60, 0, r=10), gravity=(0, 0), duration=0.3))
+    assert t.poses[-1, 1, 0] > 210
+
+
+def test_several_dampers_on_one_body_never_turn_it_round() -> None:
+    dampers = [pin(kind=JointKind.SPRING, length=100.0, stiffness=1.0, damping=1e5) for _ in range(5)]
+    t = simulate(world(ball("a", 100, 0, mass=10, v=(10, 0)), joints=dampers, gravity=(0, 0), duration=0.2))
+    assert (t.energy.kinetic <= t.energy.kinetic[0] + 1e-9).all()
+    assert t.energy.kinetic[-1] < 1
+
+
+def test_strong_wind_takes_a_leaf_to_its_own_speed() -> None:
+    wind = Field("wind", FieldKind.WIND, (0,), np.array([500.0, 0.0]), 1.0, 0.0, 0.0)
+    t = simulate(world(ball("leaf", 0, 0, mass=1), fields=[wind], gravity=(0, 0)))
+    slows = 1.0 * 40 / 1
+    assert t.velocities[:, 0, 0] == approx(500 - 500 / (1 + slows * 500 * t.times), rel=1e-2)
+
+
+def test_a_spring_too_stiff_for_any_step_is_refused_by_name() -> None:
+    stiff = pin(kind=JointKind.SPRING, length=100.0, stiffness=1e14)
+    with pytest.raises(InputError, match=r"joints\.joint\.stiffness: needs every step divided"):
+        simulate(world(ball("a", 100, 0, mass=1), joints=[stiff]))
+
+
+@pytest.mark.parametrize("rate", [30.0, 37.0, 1000.0])
+def test_impulses_up_to_a_sample_are_the_change_of_momentum(rate) -> None:
+    bouncing = ball("a", 0, 200, v=(50, 0), e=0.9, mu=0.0)
+    scene = world(
+        bouncing, walls=[floor(e=0.9, mu=0.0)], gravity=(0, 0), pushes=[push(Load.IMPULSE, (0, 4e4))]
+    )
+    t = simulate(scene, np.arange(int(rate) + 1) / rate)
+    given = np.zeros((len(t.times), 2))
+    np.add.at(given, t.contacts.impulse_rows[:, 0], t.contacts.impulses)
+    change = 100 * (t.velocities[:, 0, :2] - t.velocities[0, 0, :2])
+    assert np.cumsum(given, axis=0) == approx(change, abs=1.0)
