@@ -108,15 +108,14 @@ def plot(rows: list[dict]) -> str:
         line = "M" + "L".join(f"{x} {y}" for x, y in points)
         parts.append(f'<path d="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
         parts += [f'<circle cx="{x}" cy="{y}" r="4" fill="{colour}"/>' for x, y in points]
-        x, y = points[2]
+        y = top + 250 + 24 * KINDS.index(kind)
         label = f"{kind}: bodies^{exponent(mine):.2f}"
-        up = -14 if kind == "heap" else 26
-        anchor = "end" if up < 0 else "start"
-        parts.append(f'<text x="{x - 6}" y="{y + up}" text-anchor="{anchor}" fill="{colour}">{label}</text>')
+        parts.append(f'<text x="{left + 380}" y="{y}" fill="{colour}">{label}</text>')
     first = next(row for row in rows if row["kind"] == KINDS[0])
-    (x0, y0), (x1, y1) = at(10, first["cpu"]), at(1000, first["cpu"] * 100**1.2)
+    last = 10 * (10**high_y / first["cpu"]) ** (1 / 1.2)  # where the line leaves the plot
+    (x0, y0), (x1, y1) = at(10, first["cpu"]), at(last, 10**high_y)
     parts.append(f'<path d="M{x0} {y0}L{x1} {y1}" stroke="#888" stroke-dasharray="5 5"/>')
-    parts.append(f'<text x="{x1 - 8}" y="{y1 - 6}" text-anchor="end" fill="#666">bodies^1.2</text>')
+    parts.append(f'<text x="{x1 - 34}" y="{y1 + 14}" text-anchor="end" fill="#666">bodies^1.2</text>')
     middle = left + width / 2
     parts.append(f'<text x="{middle}" y="{top + height + 46}" text-anchor="middle">bodies</text>')
     parts.append(
