@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Load:
+class Forces:
     """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
     total: Array
@@ -73,23 +73,23 @@ class Lasting:
         """Set the brakes of rolling resistance by the normal forces of the last step."""
         self._resistance.press(self._space)
 
-    def drift(self, load: Load | None) -> Array:
+    def drift(self, load: Forces | None) -> Array:
         """(N, 2) px/s²: acceleration of each body while nothing touches it."""
         fall: Array = self._fall[:, :2]
         if load is None:
             return fall
         return np.asarray(fall + (load.total / self._weight)[:, :2] * self._dynamic[:, None])
 
-    def push(self, state: Array, end: float, h: float, first: bool) -> Load:
+    def push(self, state: Array, end: float, h: float, first: bool) -> Forces:
         """Lasting forces for the step to `end`, taken where the bodies then are."""
         velocity = self._spread(state[:, 3:], self._nothing)
-        load = Load(self._nothing, None, None, None)
+        load = Forces(self._nothing, None, None, None)
         if self._loads.busy:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
             begin, part = (end, 0.5) if first else (end - h / 2, 1.0)
             loads = self._loads.at(pose, velocity, begin, end + h / 2)
             drive, spend = loads.drive * part, loads.spend * part
-            load = Load(loads.hold * part + drive + spend, drive, spend, None)
+            load = Forces(loads.hold * part + drive + spend, drive, spend, None)
         if self._table.busy:
             part = h / 2 if first else h
             trial = velocity + load.total / self._weight * h if self._loads.busy else velocity
@@ -98,7 +98,7 @@ class Lasting:
             grip = change * self._weight
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
-            load = Load(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
+            load = Forces(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
         every = len(self._space.moving) == len(load.total)
         self._space.push(load.total if every else load.total[self._space.moving])
         return load
@@ -112,7 +112,7 @@ class Lasting:
         return out
 
     def settle(
-        self, load: Load | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
+        self, load: Forces | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
     ) -> Settled:
         """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
         mean = self._spread((used + state[:, 3:]) / 2, self._nothing)

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.problems import InputError
+from physgen.problems import InputError, Place, Problem
 from physgen.scene.model import Motion
 from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk
 from physgen.simulate.contacts import ContactLog
 from physgen.simulate.impacts import Blows
+from physgen.simulate.kicks import Kick
 from physgen.simulate.lasting import Settled
 from physgen.simulate.loads import Loads
 from physgen.simulate.scripts import Scripts
@@ -23,6 +24,9 @@ Index = NDArray[np.int64]
 
 BLOCK = 256
 """Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
+SCENE = Place("scene")
+"""Where a problem lies that only shows in the running; who knows the file says where in it."""
+LEFT = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
 BYTES = 2_000_000
 """Of contacts that are held before they are read."""
 
@@ -43,8 +47,7 @@ class Step:
     blows: list[Blows]
     settled: Settled
     """What lasting forces did in it."""
-    kicks: list[tuple[float, float, float]]
-    """Time, s, and what was lost and done by the impulses that were given in it."""
+    kicks: list[Kick]
 
 
 @dataclass
@@ -205,7 +208,7 @@ class Ledger:
             self.residual = self.overlap = 0.0
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
         late = 0.0 if self._first else 1e-9
-        self._struck += [(time + late, lost, work) for step in steps for time, lost, work in step.kicks]
+        self._struck += [(kick.time + late, kick.lost, kick.work) for step in steps for kick in step.kicks]
         blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
         for s, blows in blown:
             time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))
@@ -304,5 +307,5 @@ def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) 
     wrong = np.flatnonzero(~(np.isfinite(pose).all(axis=1) & np.isfinite(velocity).all(axis=1)))
     if len(wrong):
         expected = f"leaves all numbers by t = {time:.3f} s"
-        fix = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
-        raise InputError.of(f"objects.{world.bodies[wrong[0]].name}", "", expected, fix)
+        path = f"objects.{world.bodies[wrong[0]].name}"
+        raise InputError([Problem(SCENE, path, "", expected, LEFT)])

@@ -8,9 +8,10 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.compile.springs import springs
 from physgen.compile.world import Body, Joint, World
 from physgen.geometry import polygon_moments
-from physgen.scene.model import FieldKind, JointKind, Load, Motion
+from physgen.scene.model import FieldKind, Load, Motion
 
 Array = NDArray[np.float64]
 
@@ -41,27 +42,17 @@ class Loads:
         self._ease = np.divide(1.0, moment, out=np.zeros(self._N), where=dynamic)
         self._width = np.array([2 * np.sqrt(_area(b) / pi) for b in bodies])
         self._pushes = [p for p in world.pushes if p.load is not Load.IMPULSE and dynamic[p.body]]
-        self._springs = [j for j in world.joints if j.kind is JointKind.SPRING]
+        self._springs = springs(world)
         self._winds = [f for f in world.fields if f.kind is FieldKind.WIND]
         self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
-        self._pull: dict[int, float] = {}  # 1/s²: all springs of a body together
         self._dampers: dict[int, int] = {}
         for spring in self._springs:
             for body in (spring.first, spring.second):
-                if body is not None and dynamic[body]:
-                    self._pull[body] = self._pull.get(body, 0.0) + spring.stiffness * self._give(spring)
+                if body is not None:
                     self._dampers[body] = self._dampers.get(body, 0) + (spring.damping > 0)
         self.steers = bool(self._attractors)
         """Whether `pace` has anything to say."""
         self.busy = bool(self._pushes or self._springs or self._winds or self._attractors)
-
-    def fastest(self) -> float:
-        """Highest angular frequency of a spring by itself, rad/s: what a step must resolve."""
-        return float(max(self._pull.values(), default=0.0) ** 0.5)
-
-    def stiffest(self) -> str:
-        """Name of the spring that pulls hardest for its masses."""
-        return max(self._springs, key=lambda spring: spring.stiffness * self._give(spring)).name
 
     def pace(self, pose: Array, velocity: Array) -> float:
         """1/s: how fast the pull of an attractor changes, at most; 0 without attractors."""
@@ -74,14 +65,6 @@ class Loads:
             pass_by = np.sqrt((velocity[on, :2] ** 2).sum(axis=1)) / near
             top = max(top, float(np.maximum(swing, pass_by).max()))
         return top
-
-    def _give(self, spring: Joint) -> float:
-        """1/g: how easily a spring's ends move."""
-        give = 0.0
-        for body, at in ((spring.first, spring.first_at), (spring.second, spring.second_at)):
-            if body is not None:
-                give += float(self._lightness[body] + self._ease[body] * float(at @ at))
-        return give
 
     def at(self, pose: Array, velocity: Array, begin: float, end: float) -> Sum:
         """Mean loads from `begin` to `end`, s, about the time at which the bodies have the pose (N, 3).
