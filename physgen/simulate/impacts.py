@@ -10,15 +10,14 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from math import hypot, isnan
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.simulate.cone import cone, single
 from physgen.simulate.joined import Assemblies
-from physgen.simulate.points import Points
+from physgen.simulate.points import Point, Points, Things, closed
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -34,21 +33,6 @@ CROWD = 500
 """Contact points of a heap."""
 TOGETHER = 0.02
 """Part of a step within which two contacts of one body count as simultaneous."""
-
-
-@dataclass(frozen=True)
-class Things:
-    """What the N bodies and walls bring to a blow; the mass and moment of whatever is not dynamic is infinite."""
-
-    lightness: list[float]
-    """1/g."""
-    ease: list[float]
-    """1/(g·px²)."""
-    friction: list[float]
-    """Factors; a pair's coefficient is their product."""
-    elasticity: list[float]
-    radius: list[float]
-    """px; NaN where it is not a circle."""
 
 
 @dataclass(frozen=True)
@@ -72,35 +56,6 @@ class Blows:
     """g·px²/s² that scripted bodies did."""
 
 
-@dataclass(slots=True)
-class _Point:
-    """One contact point, when it closed."""
-
-    a: int
-    b: int
-    nx: float
-    ny: float
-    """From a to b; (-ny, nx) is along the surface."""
-    earlier: float
-    own: bool
-    """Whether it closed by the motion before all blows."""
-    ma: float
-    mb: float
-    ea: float
-    eb: float
-    na: float
-    nb: float
-    """Levers of the normal and of the tangent about both centres."""
-    ta: float
-    tb: float
-    nn: float
-    nt: float
-    tt: float
-    """Change of closing and sliding speed by a unit of impulse."""
-    elasticity: float
-    friction: float
-
-
 def strike(
     things: Things,
     joined: Assemblies,
@@ -117,19 +72,7 @@ def strike(
     pose (N, 3) at the step's end; velocity (N, 3) within the step, before contacts; drift (N, 2) px/s²: acceleration of
     what flies freely, zero for the rest; touched (K,): the pair touched a step ago already.
     """
-    # the engine lists contacts in an order that depends on memory addresses
-    place = points.on_first
-    order = np.lexsort((place[:, 1], place[:, 0], points.row, points.second, points.first))
-    points = Points(*(getattr(points, field.name)[order] for field in fields(points)))
-    own, row = points.closing > threshold, points.row
-    # when each point closed, before the end of the step; what touched before closes when a blow makes it
-    depth = np.maximum(points.depth, 0.0)
-    earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(points.closing, 1e-300), h), 0.0)
-    # two points of one pair close together: what lands flat stays flat
-    pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
-    pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
-    earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
-    return _Instant(things, joined, pose, velocity, drift, points, earlier, own, h, threshold).run()
+    return _Instant(things, joined, pose, velocity, drift, points.sorted(), touched, h, threshold).run()
 
 
 class _Instant:
@@ -143,21 +86,21 @@ class _Instant:
         velocity: Array,
         drift: Array,
         points: Points,
-        earlier: Array,
-        own: Flags,
+        touched: Flags,
         h: float,
         threshold: float,
     ) -> None:
         self._things, self._joined = things, joined
         self._pose, self._velocity, self._drift = pose, velocity, drift
-        self._found, self._earlier, self._own, self._h = points, earlier, own, h
-        self._threshold = threshold
+        self._found, self._h, self._threshold = points, h, threshold
+        self._own = points.closing > threshold
+        self._earlier = points.earlier(self._own, touched, h)
         self._exact = EXACT if len(points.first) < CROWD else NEARLY
         both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
         self._owner: list[int] = both[order].tolist()
         self._listed: list[int] = (order % len(points.first)).tolist()
-        self._points: dict[int, _Point] = {}
+        self._points: dict[int, Point] = {}
         self._v: dict[int, list[float]] = {}
         self._shift: dict[int, list[float]] = {}
         self._when: dict[int, float] = {}
@@ -175,11 +118,9 @@ class _Instant:
             times = {k: self._time(k, number) for k in closing}
             struck = self._leading(closing, times)
             self._begin(struck, times)
-            moved: set[int] = set()
-            for group in self._groups(struck):
-                moved |= self._solve(group, times)
+            moved = set[int]().union(*(self._solve(group, times) for group in self._groups(struck)))
             near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
-            closing = [k for k in sorted(near) if self._speed(self._point(k)) < -faint]
+            closing = [k for k in sorted(near) if self._leaving(self._point(k)) < -faint]
         velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
         for body, (vx, vy, spin) in self._v.items():
             lx, ly = self._leap.get(body, (0.0, 0.0))
@@ -275,64 +216,23 @@ class _Instant:
             groups.setdefault(find(k), []).append(k)
         return list(groups.values())
 
-    def _point(self, k: int) -> _Point:
+    def _point(self, k: int) -> Point:
         if k not in self._points:
-            self._points[k] = self._made(k)
+            self._points[k] = closed(
+                self._things, self._found, k, self._pose, self._velocity, self._earlier, self._own
+            )
         return self._points[k]
-
-    def _made(self, k: int) -> _Point:
-        """Levers from both centres to one common point when it closed: angular momentum is kept to the last digit."""
-        things, back = self._things, float(self._earlier[k])
-        found = self._found
-        a, b = int(found.first[k]), int(found.second[k])
-        nx, ny = found.normal[k].tolist()
-        places, centers = [], []
-        for body, on in ((a, found.on_first), (b, found.on_second)):
-            x, y, _ = self._pose[body].tolist()
-            vx, vy, spin = self._velocity[body].tolist()
-            px, py = on[k].tolist()
-            centers.append((x - back * vx, y - back * vy))
-            places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
-        (ax, ay), (bx, by) = centers
-        px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
-        # a circle touches where its normal leaves it, however it turns
-        ra, rb = things.radius[a], things.radius[b]
-        if not (isnan(ra) or isnan(rb)):
-            distance = max(hypot(bx - ax, by - ay), 1e-12)
-            nx, ny = (bx - ax) / distance, (by - ay) / distance
-            px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
-        elif not isnan(ra):
-            px, py = ax + ra * nx, ay + ra * ny
-        elif not isnan(rb):
-            px, py = bx - rb * nx, by - rb * ny
-        ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
-        na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
-        ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
-        return _Point(
-            a, b, nx, ny, back, bool(self._own[k]), ma, mb, ea, eb, na, nb, ta, tb,
-            ma + mb + ea * na * na + eb * nb * nb,
-            ea * na * ta + eb * nb * tb,
-            ma + mb + ea * ta * ta + eb * tb * tb,
-            things.elasticity[a] * things.elasticity[b],
-            things.friction[a] * things.friction[b],
-        )  # fmt: skip
 
     # What a blow does
 
-    def _speed(self, p: _Point) -> float:
-        """px/s at which b leaves a; negative: it closes."""
-        va, vb = self._speeds(p.a), self._speeds(p.b)
-        return p.nx * (vb[0] - va[0]) + p.ny * (vb[1] - va[1]) + p.nb * vb[2] - p.na * va[2]
-
-    def _slip(self, p: _Point) -> float:
-        """px/s at which b slides along a."""
-        va, vb = self._speeds(p.a), self._speeds(p.b)
-        return p.nx * (vb[1] - va[1]) - p.ny * (vb[0] - va[0]) + p.tb * vb[2] - p.ta * va[2]
+    def _leaving(self, p: Point) -> float:
+        """px/s; negative: it closes."""
+        return p.leaving(self._speeds(p.a), self._speeds(p.b))
 
     def _solve(self, group: list[int], times: dict[int, float]) -> set[int]:
         """Find the impulses of points that close together, and carry them out; the bodies that they move."""
         points = [self._point(k) for k in group]
-        was = [(self._speed(p), self._slip(p)) for p in points]
+        was = [p.motion(self._speeds(p.a), self._speeds(p.b)) for p in points]
         bodies = {body for p in points for body in (p.a, p.b) if self._free(body)}
         wholes = {self._joined.of(body) for body in bodies} - {None}
         driven = [self._drive(p) for p in points]
@@ -345,13 +245,14 @@ class _Instant:
             for whole in wholes:
                 bodies |= set(self._joined.members(whole)) if whole is not None else set()
             found = self._together(points, was, sorted(bodies), [times[k] for k in group])
-        for k, p, (jn, jt), (vn, vt), (on_a, on_b) in zip(group, points, found, was, driven, strict=True):
+        for k, p, (jn, jt), (vn, vt), (dn, dt) in zip(group, points, found, was, driven, strict=True):
             self._rows.append((p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k]))
-            self._lost -= jn * (vn + self._speed(p)) / 2 + jt * (vt + self._slip(p)) / 2
-            self._work += jn * (on_a[0] - on_b[0]) + jt * (on_a[1] - on_b[1])
+            leaves, slides = p.motion(self._speeds(p.a), self._speeds(p.b))
+            self._lost -= jn * (vn + leaves) / 2 + jt * (vt + slides) / 2
+            self._work += jn * dn + jt * dt
         return bodies
 
-    def _give(self, to: dict[int, list[float]], p: _Point, jn: float, jt: float, part: float) -> None:
+    def _give(self, to: dict[int, list[float]], p: Point, jn: float, jt: float, part: float) -> None:
         """Add the changes of velocity by an impulse on two free bodies, times `part`."""
         fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
         for body, m, turn, sign in (
@@ -365,7 +266,7 @@ class _Instant:
                 row[2] += sign * turn
 
     def _together(
-        self, points: list[_Point], was: list[tuple[float, float]], bodies: list[int], times: list[float]
+        self, points: list[Point], was: list[tuple[float, float]], bodies: list[int], times: list[float]
     ) -> list[tuple[float, float]]:
         """Impulses of points that share bodies, or whose bodies joints hold, carried out on all of them."""
         things = self._things
@@ -392,13 +293,8 @@ class _Instant:
                 shift[axis] += float(moved[k + axis])
         return [(float(jn), float(jt)) for jn, jt in found.reshape(-1, 2)]
 
-    def _drive(self, p: _Point) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Speeds along the normal and the surface of the scripted partners' points; zero for the others."""
-        found = []
-        for body, turn, slide in ((p.a, p.na, p.ta), (p.b, p.nb, p.tb)):
-            if self._free(body):
-                found.append((0.0, 0.0))
-            else:
-                vx, vy, spin = self._speeds(body)
-                found.append((p.nx * vx + p.ny * vy + turn * spin, p.nx * vy - p.ny * vx + slide * spin))
-        return found[0], found[1]
+    def _drive(self, p: Point) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""
+        va, vb = ([0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b))
+        (na, ta), (nb, tb) = p.first_speed(va), p.second_speed(vb)
+        return na - nb, ta - tb

@@ -1,8 +1,9 @@
-"""Pairs of shapes that touch -> single contact points, and how fast they close."""
+"""Pairs of shapes that touch -> single contact points, how fast and when they close, with what levers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from math import hypot, isnan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from physgen.simulate.chipmunk import Touching
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,91 @@ class Points:
     depth: Array
     closing: Array
     """(P,) px/s at which they close, by velocities before contacts."""
+
+    def sorted(self) -> Points:
+        """In an order of their own: the engine lists contacts in one that depends on memory addresses."""
+        place = self.on_first
+        order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
+        return Points(*(getattr(self, field.name)[order] for field in fields(self)))
+
+    def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
+        """(P,) s before the step's end at which each closed; `own` (P,) do, `touched` (K,) pairs did a step ago.
+
+        What touched before closes when a blow makes it.
+        """
+        row = self.row
+        depth = np.maximum(self.depth, 0.0)
+        earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(self.closing, 1e-300), h), 0.0)
+        # two points of one pair close together: what lands flat stays flat
+        pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
+        pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
+        earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
+        return earlier
+
+
+@dataclass(frozen=True)
+class Things:
+    """What the N bodies and walls bring to a blow; the mass and moment of whatever is not dynamic is infinite."""
+
+    lightness: list[float]
+    """1/g."""
+    ease: list[float]
+    """1/(g·px²)."""
+    friction: list[float]
+    """Factors; a pair's coefficient is their product."""
+    elasticity: list[float]
+    radius: list[float]
+    """px; NaN where it is not a circle."""
+
+
+@dataclass(slots=True)
+class Point:
+    """One contact point, when it closed."""
+
+    a: int
+    b: int
+    nx: float
+    ny: float
+    """From a to b; (-ny, nx) is along the surface."""
+    earlier: float
+    own: bool
+    """Whether it closed by the motion before all blows."""
+    ma: float
+    mb: float
+    ea: float
+    eb: float
+    na: float
+    nb: float
+    """Levers of the normal and of the tangent about both centres."""
+    ta: float
+    tb: float
+    nn: float
+    nt: float
+    tt: float
+    """Change of closing and sliding speed by a unit of impulse."""
+    elasticity: float
+    friction: float
+
+    def leaving(self, va: list[float], vb: list[float]) -> float:
+        """px/s at which b leaves a, by their velocities; negative: it closes."""
+        return self.nx * (vb[0] - va[0]) + self.ny * (vb[1] - va[1]) + self.nb * vb[2] - self.na * va[2]
+
+    def motion(self, va: list[float], vb: list[float]) -> tuple[float, float]:
+        """px/s at which b leaves a, and slides along it."""
+        slides = self.nx * (vb[1] - va[1]) - self.ny * (vb[0] - va[0]) + self.tb * vb[2] - self.ta * va[2]
+        return self.leaving(va, vb), slides
+
+    def first_speed(self, v: list[float]) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of a's point."""
+        return self.nx * v[0] + self.ny * v[1] + self.na * v[2], self.nx * v[1] - self.ny * v[
+            0
+        ] + self.ta * v[2]
+
+    def second_speed(self, v: list[float]) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of b's point."""
+        return self.nx * v[0] + self.ny * v[1] + self.nb * v[2], self.nx * v[1] - self.ny * v[
+            0
+        ] + self.tb * v[2]
 
 
 def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
@@ -49,3 +136,45 @@ def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
     out[:, 0] -= v[:, 2] * arm[:, 1]
     out[:, 1] += v[:, 2] * arm[:, 0]
     return out
+
+
+def closed(
+    things: Things, found: Points, k: int, pose: Array, velocity: Array, earlier: Array, own: Flags
+) -> Point:
+    """Point `k` as it was `earlier` s (P,) before the poses (N, 3); velocity (N, 3) on the way; own (P,).
+
+    Levers go from both centres to one common point: angular momentum is kept to the last digit.
+    """
+    back = float(earlier[k])
+    a, b = int(found.first[k]), int(found.second[k])
+    nx, ny = found.normal[k].tolist()
+    places, centers = [], []
+    for body, on in ((a, found.on_first), (b, found.on_second)):
+        x, y, _ = pose[body].tolist()
+        vx, vy, spin = velocity[body].tolist()
+        px, py = on[k].tolist()
+        centers.append((x - back * vx, y - back * vy))
+        places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
+    (ax, ay), (bx, by) = centers
+    px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
+    # a circle touches where its normal leaves it, however it turns
+    ra, rb = things.radius[a], things.radius[b]
+    if not (isnan(ra) or isnan(rb)):
+        distance = max(hypot(bx - ax, by - ay), 1e-12)
+        nx, ny = (bx - ax) / distance, (by - ay) / distance
+        px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
+    elif not isnan(ra):
+        px, py = ax + ra * nx, ay + ra * ny
+    elif not isnan(rb):
+        px, py = bx - rb * nx, by - rb * ny
+    ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
+    na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
+    ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
+    return Point(
+        a, b, nx, ny, back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
+        ma + mb + ea * na * na + eb * nb * nb,
+        ea * na * ta + eb * nb * tb,
+        ma + mb + ea * ta * ta + eb * tb * tb,
+        things.elasticity[a] * things.elasticity[b],
+        things.friction[a] * things.friction[b],
+    )  # fmt: skip

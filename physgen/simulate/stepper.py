@@ -12,12 +12,12 @@ from physgen.compile.world import World
 from physgen.scene.model import Motion
 from physgen.simulate.chipmunk import Chipmunk, Touching, leapt, places
 from physgen.simulate.governor import Governor
-from physgen.simulate.impacts import Blows, Things, strike
+from physgen.simulate.impacts import Blows, strike
 from physgen.simulate.joined import Assemblies
 from physgen.simulate.kicks import Kick
 from physgen.simulate.lasting import Forces, Lasting, Settled
 from physgen.simulate.ledger import Step
-from physgen.simulate.points import contact_points
+from physgen.simulate.points import Things, contact_points
 
 Array = NDArray[np.float64]
 
