@@ -1,10 +1,11 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
 # make test: install what tests need, lint, type-check, test
+# make studio: render the bundled photos and their truth again, from scratch; hours, and an LLVM library
 PYTHON ?= python3
 BIN = .venv/bin
 OUT = out/demo
 
-.PHONY: demo test docs bench clean
+.PHONY: demo test docs bench studio clean
 
 demo: .venv/.demo
 	mkdir -p $(OUT)/perceived
@@ -12,6 +13,7 @@ demo: .venv/.demo
 	$(BIN)/physgen perceive scenes/dominoes/photo.png -o $(OUT)/perceived/dominoes-perceived.yaml
 	$(BIN)/physgen render $(OUT)/perceived/billiards-perceived.yaml -o $(OUT) --set "objects.ball-1.velocity=[4200,-356]"
 	$(BIN)/physgen render $(OUT)/perceived/dominoes-perceived.yaml -o $(OUT) --set world.pixels_per_meter=1000 --set "forces=[{object: block-1, impulse: [1200, 0], at: [160, 262]}]"
+	$(BIN)/physgen render scenes/*/scene.yaml -o $(OUT) --jobs 2
 	$(BIN)/physgen render scenes/billiards/scene.yaml scenes/dominoes/scene.yaml -o $(OUT) --chaos
 	@echo
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
@@ -27,6 +29,11 @@ docs: .venv/.demo
 bench: .venv/.test
 	$(BIN)/python benchmarks/run.py
 
+studio: .venv/.studio
+	$(BIN)/python studio/make.py
+	$(BIN)/python studio/split.py
+	$(BIN)/python studio/gallery.py
+
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv .venv
@@ -39,6 +46,10 @@ bench: .venv/.test
 
 .venv/.test: .venv/.python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@ .venv/.demo
+
+.venv/.studio: .venv/.python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable '.[studio]'
 	@touch $@ .venv/.demo
 
 clean:

@@ -1,0 +1,107 @@
+"""docs/gallery.md and its pictures: every scene and what physgen makes of it, beside the truth where it was filmed.
+
+python studio/gallery.py            # all scenes; needs no Mitsuba
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT)]
+from physgen import pipeline  # noqa: E402
+from physgen.percepts.maps import read_image  # noqa: E402
+from physgen.render.frames import Frame  # noqa: E402
+from physgen.simulate.engine import simulate  # noqa: E402
+
+COLUMNS = 6
+WIDE = 240  # px of one picture
+
+
+def frames(scene_file: Path, times: np.ndarray, variant: str | None = None) -> list[Frame]:
+    """The scene as physgen renders it at `times` (s, from 0)."""
+    scene = pipeline.load(scene_file, variant=variant)
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    return list(pipeline.render(pipeline.stage(scene, compiled, maps), simulate(compiled.world, times)))
+
+
+def row(pictures: list[np.ndarray]) -> np.ndarray:
+    """Pictures side by side, WIDE px each, with a hair of white between them."""
+    height = round(WIDE * pictures[0].shape[0] / pictures[0].shape[1])
+    small = [cv2.resize(p, (WIDE, height), interpolation=cv2.INTER_AREA) for p in pictures]
+    return np.hstack([np.pad(p, ((0, 4), (0, 4), (0, 0)), constant_values=255) for p in small])
+
+
+def sheet(name: str) -> tuple[np.ndarray, str]:
+    """A scene's contact sheet, and what its rows are."""
+    file, told = ROOT / "scenes" / name / "scene.yaml", ROOT / "studio/truth" / name / "film/film.json"
+    if not told.exists():
+        times = np.linspace(0, pipeline.load(file).world.duration * 0.95, COLUMNS)
+        return row([f.rgb for f in frames(file, times)]), f"physgen's video, 0 to {times[-1]:.2f} s"
+    film = json.loads(told.read_text())
+    pick = np.unique(np.linspace(0, len(film["times_s"]) - 1, COLUMNS - 1).astype(int))
+    times = np.array([0.0, *(film["times_s"][k] for k in pick)])
+    ours = [f.rgb for f in frames(file, times, film["variant"])]
+    true = [ours[0], *(read_image(told.parent / f"{k + 1:02}.webp") for k in pick)]
+    return np.vstack(
+        [row(true), row(ours)]
+    ), f"above the truth (Mitsuba), below physgen's video, 0 to {times[-1]:.2f} s"
+
+
+def main() -> None:
+    folder = ROOT / "docs/gallery"
+    folder.mkdir(exist_ok=True)
+    split = json.loads((ROOT / "studio/split.json").read_text())
+    half = {name: key for key in ("tune", "test") for name in split[key]}
+    lines = [
+        "# Gallery",
+        "",
+        "Written by `python studio/gallery.py`; do not edit. The photos are our own (studio/README.md), so that what",
+        "physgen makes of them can be compared with what is true. Each scene is a folder of [scenes](../scenes).",
+        "",
+    ]
+    photos = []
+    for name in sorted(p.parent.name for p in (ROOT / "scenes").glob("*/scene.yaml")):
+        picture, rows = sheet(name)
+        Image.fromarray(picture).save(folder / f"{name}.webp", "WEBP", quality=82, method=6)
+        story = [
+            line[2:]
+            for line in (ROOT / "scenes" / name / "scene.yaml").read_text().splitlines()[:8]
+            if line.startswith("# ")
+        ]
+        text = " ".join(line for line in story if "$schema" not in line and "studio/sets" not in line)
+        lines += [
+            f"## [{name}](../scenes/{name}/scene.yaml)",
+            "",
+            f"{text} Split: {half[name]}.",
+            "",
+            f"![{name}](gallery/{name}.webp)",
+            "",
+            f"*{rows[0].upper()}{rows[1:]}.*",
+            "",
+        ]
+        photos.append(read_image(ROOT / "scenes" / name / "photo.png"))
+    square = [_square(p) for p in photos]
+    blank = [np.full_like(square[0], 255)] * (-len(square) % COLUMNS)
+    both = square + blank
+    wall = np.vstack([row(both[k : k + COLUMNS]) for k in range(0, len(both), COLUMNS)])
+    Image.fromarray(wall).save(folder / "photos.webp", "WEBP", quality=85, method=6)
+    lines[4:4] = ["", "![all photos](gallery/photos.webp)", ""]
+    (ROOT / "docs/gallery.md").write_text("\n".join(lines).rstrip() + "\n")
+
+
+def _square(photo: np.ndarray) -> np.ndarray:
+    """The middle of a photo."""
+    height, width = photo.shape[:2]
+    side = min(height, width)
+    y, x = (height - side) // 2, (width - side) // 2
+    return cv2.resize(photo[y : y + side, x : x + side], (512, 512), interpolation=cv2.INTER_AREA)
+
+
+if __name__ == "__main__":
+    main()

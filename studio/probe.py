@@ -1,0 +1,83 @@
+"""The light of a stage as the scene file has it: a direction, intensity and ambient, fitted to what truly falls there.
+
+A small white sphere is imagined where the objects are, with no objects there: how much light a matt patch of it would
+send back is measured for many directions of the patch, and ambient + intensity max(0, normal . direction) fitted to it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from exposure import Studio, irradiance
+from optics import dr, mi
+
+LUMA = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True)
+class Light:
+    """In the units of the photo: albedo x shading = 1 is white at exposure's knee."""
+
+    direction: list[float]
+    """Unit, towards the light: +x right, +y down, +z to the viewer."""
+    intensity: float
+    ambient: float
+    colour: list[float]
+    """RGB of the directional part, mean 1."""
+    residual: float
+    """Root mean square of what the model misses, as a share of the mean shading."""
+
+
+def probe(studio: Studio, clean: object, normals: int = 400, rays: int = 4096) -> Light:
+    """`clean` is the scene without its things."""
+    stage, camera = studio.stage, studio.camera
+    rng = np.random.default_rng(5)
+    n = rng.standard_normal((normals, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    n = n[n @ camera.axes[2] > 0.05]  # patches that the camera can see
+    places = np.array([[*t.at, t.depth] for t in stage.things])
+    if camera.view == "side":
+        places = places[:, [0, 2, 1]]
+    spot = np.repeat(places[rng.integers(len(places), size=len(n))], rays, 0).T
+    spot = spot + 0.0
+    normal = np.repeat(n, rays, 0).T
+    hit = dr.zeros(mi.SurfaceInteraction3f, spot.shape[1])
+    hit.p, hit.n = mi.Point3f(spot), mi.Normal3f(normal)
+    hit.sh_frame = mi.Frame3f(mi.Normal3f(normal))
+    hit.t = mi.Float(1.0) + dr.zeros(mi.Float, spot.shape[1])
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(11, spot.shape[1])
+    light = irradiance(studio, clean, hit, sampler)
+    shading = np.stack([np.array(c).reshape(len(n), rays).mean(1) for c in light], -1) * stage.exposure
+    grey = shading @ LUMA
+    image = n @ camera.axes.T * [1, -1, 1]
+    ambient, vector = _fit(image, grey)
+    strength = float(np.linalg.norm(vector))
+    model = ambient + np.maximum(image @ vector, 0)
+    direction = vector / max(strength, 1e-9)
+    facing = np.maximum(image @ direction, 0)
+    colour = [float(np.polyfit(facing, shading[:, k], 1)[0]) for k in range(3)]
+    colour_ = np.maximum(colour, 0) / max(np.mean(np.maximum(colour, 0)), 1e-9)
+    return Light(
+        [round(float(v), 4) for v in direction],
+        round(strength, 4),
+        round(float(ambient), 4),
+        [round(float(c), 3) for c in colour_],
+        round(float(np.sqrt(np.mean((grey - model) ** 2)) / grey.mean()), 4),
+    )
+
+
+def _fit(normals: np.ndarray, shading: np.ndarray) -> tuple[float, np.ndarray]:
+    """Least squares of ambient + max(0, n . b), ambient not negative: linear in what is lit, iterated to rest."""
+    weight = np.maximum(shading - np.percentile(shading, 20), 0)
+    b = (weight[:, None] * normals).sum(0)
+    b *= (shading.max() - shading.min()) / max(np.linalg.norm(b), 1e-9)
+    ambient = float(shading.min())
+    for _ in range(100):
+        lit = normals @ b > 0
+        rows = np.column_stack([np.ones(len(normals)), normals * lit[:, None]])
+        found = np.linalg.lstsq(rows, shading, rcond=None)[0]
+        step = found[1:] - b
+        ambient, b = float(found[0]), b + 0.5 * step
+        if np.linalg.norm(step) < 1e-6 * np.linalg.norm(b):
+            break
+    return max(ambient, 0.0), b

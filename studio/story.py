@@ -1,0 +1,59 @@
+"""A stage as the scene file that a person would enjoy editing."""
+
+from probe import Light
+from stage import Stage, tidy
+
+from physgen.scene.write import scene_text
+
+SCHEMA = "../../schemas/scene-1.schema.json"
+
+
+def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
+    """Plain data of the scene file, and the comments by dotted path."""
+    camera = stage.camera
+    comments = {}
+    objects = {}
+    for k, thing in enumerate(stage.things, 1):
+        item: dict = {"label": thing.label, "mask": k, "shape": thing.shape(camera)}
+        optional = {"solid": thing.solid, "mass": thing.mass, "friction": thing.friction}
+        optional |= {"elasticity": thing.elasticity, "rolling": thing.rolling}
+        if thing.velocity is not None:
+            optional["velocity"] = camera.shift(thing.velocity)
+        item |= {key: value for key, value in (optional | {"spin": thing.spin}).items() if value is not None}
+        objects[thing.name] = item | thing.extra
+        if thing.note:
+            comments[f"objects.{thing.name}.label"] = thing.note
+    boundaries = {}
+    for name, line in stage.boundaries.items():
+        points = [tidy(p) for p in camera.pixel(line.points)]
+        kind = "segment" if len(points) == 2 else "polyline"
+        boundaries[name] = {kind: points, "friction": line.friction, "elasticity": line.elasticity}
+        if line.note:
+            comments[f"boundaries.{name}"] = line.note
+    found = {
+        "physgen": 1,
+        "image": "photo.png",
+        "assets": "photo.assets",
+        "world": {
+            "view": camera.view,
+            "pixels_per_meter": tidy([camera.ppm], 3)[0],
+            "duration": stage.duration,
+            **stage.world,
+        },
+        "objects": objects,
+        "boundaries": boundaries,
+        "light": {
+            "direction": [round(v, 3) for v in light.direction],
+            "intensity": round(light.intensity, 3),
+            "ambient": round(light.ambient, 3),
+        },
+    }
+    sections = stage.sections(camera)
+    comments |= sections.pop("comments", {})
+    return found | sections, comments
+
+
+def text(stage: Stage, light: Light) -> str:
+    """The scene file."""
+    head = f"{stage.story.strip()}\nThe photo is our own: studio/sets/{stage.name.replace('-', '_')}.py."
+    return scene_text(*document(stage, light), header=head, schema=SCHEMA)
