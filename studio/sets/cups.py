@@ -23,7 +23,7 @@ def china(seed: int, tone: tuple[float, float, float] = (224, 222, 215)) -> dict
 def cup(
     name: str, at: tuple[float, float], seed: int, side: int, label: str = "cup", **more: object
 ) -> Thing:
-    """An espresso cup, 70 mm wide, its handle on the right (1) or the left (-1)."""
+    """An espresso cup, 70 mm wide, its handle on the right (1) or the left (-1); closed by its rim in outline."""
     skin = china(seed)
     outer = [
         (0.0215, 0.001),
@@ -50,8 +50,8 @@ def cup(
         (side * (0.0375 + 0.0181 * np.cos(a)), 0.035 + 0.0181 * np.sin(a))
         for a in np.radians(np.arange(-75, 80, 15))
     ]
-    right = [*outer[2:7], *(arc if side > 0 else []), outer[8], (0.0343, CUP), *inner[1:5]]
-    left = [*outer[2:7], *(arc if side < 0 else []), outer[8], (0.0343, CUP), *inner[1:5]]
+    right = [*outer[2:7], *(arc if side > 0 else []), outer[8], (0.0343, CUP)]
+    left = [*outer[2:7], *(arc if side < 0 else []), outer[8], (0.0343, CUP)]
     mirror = [(x if x < 0 else -x, z) for x, z in left[::-1]]
     return Thing(name, label, [body, loop], {"polygon": [*right, *mirror]}, at, 165, 0.35, 0.25, **more)
 
@@ -253,7 +253,7 @@ def stage() -> Stage:
     return Stage(
         "cups",
         "White on white: cups, a saucer, a milk jug, sugar and an egg in the light of an overcast sky.\n"
-        "The upper cup of the tower gets a nudge, throws the lid off the sugar bowl and takes its place.",
+        "The upper cup of the tower gets a nudge, throws the lid off the sugar bowl and leans there.",
         CAMERA,
         [jug(-0.0996), *tower(-0.0005), *sugar(0.1003), egg(0.1723)],
         room(),
@@ -268,17 +268,17 @@ def stage() -> Stage:
 def sections(camera: Camera) -> dict:
     rim = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.052))]
     return {
-        "forces": [{"object": "cup-2", "impulse": camera.push((0.219, 0)), "at": rim}],
+        "forces": [{"object": "cup-2", "impulse": camera.push((0.18, 0)), "at": rim}],
         "render": {"frames": 72, "fps": 30},
         "variants": {
-            "gentle": {"forces[0].impulse": camera.push((0.11, 0))},
+            "gentle": {"forces[0].impulse": camera.push((0.095, 0))},
             "hard": {"forces[0].impulse": camera.push((0.275, 0))},
             "slippery": {"objects.*.friction": 0.04},
         },
         "comments": {
-            "forces[0].impulse": "0.22 N s, a flick of the finger",
+            "forces[0].impulse": "0.18 N s, a flick of the finger",
             "render": "half speed",
-            "variants.gentle": "the cup tips and stays on its saucer",
+            "variants.gentle": "the cup rocks and stays on its saucer",
             "variants.hard": "both fall to the table",
         },
     }

@@ -106,6 +106,7 @@ def stage() -> Stage:
         lights,
         {"ground": Boundary([(-3, 0), (3, 0)], 1.0, 1.0)},
         duration=1.6,
+        exposure=0.88,
         world={"combine": "multiply"},
         sections=sections,
         film={"frames": 14, "until": 0.91},

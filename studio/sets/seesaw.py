@@ -137,7 +137,7 @@ def stage() -> Stage:
         ),
         "log": extrude(half * (radius - 0.006), 0.24, sawn, 0.001, 2 * radius, (0.5, 0)),
         "bark": extrude(half * radius, 0.234, bark, 0.003, 0.2),
-        "pot": moved(pot, T().translate([0.56, 1.5, 0])),
+        "pot": moved(pot, T().translate([0.50, 1.5, 0])),
     }
     lights = {"sky": sky((1.25, 1.3, 1.36), (0.62, 0.64, 0.62), (0.10, 0.11, 0.06))}
     story = """A stone lies on the low end of a plank, and an iron ball comes down on the high one.

@@ -141,7 +141,7 @@ def stage() -> Stage:
         return {
             "render": {"frames": 60, "fps": 30},
             "variants": {
-                "smash": {"objects.ball.velocity": c.shift((7, 0.4))},
+                "smash": {"objects.ball.velocity": c.shift((6, 0.4)), "world.duration": 0.3},
                 "topspin": {"objects.ball.spin": 6000},
                 "beach-ball": {"objects.ball.mass": 6, "fields": {"air": {"wind": [0, 0], "drag": 2e-4}}},
                 "bare-yard": {"objects.old-ball": None},
