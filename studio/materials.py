@@ -8,7 +8,7 @@ from optics import T, mi
 
 
 def texture(rgb: np.ndarray, repeat: tuple[float, float] = (1, 1), turn: float = 0.0) -> dict:
-    """A reflectance texture from (H, W, 3) linear light; row 0 lies at v = 1 (the top). It repeats beyond 0..1."""
+    """A reflectance texture from (H, W, 3) linear light; row 0 lies at v = 0 (flip prints). It repeats beyond 0..1."""
     bitmap = mi.Bitmap(np.ascontiguousarray(rgb[..., :3], dtype=np.float32))
     to_uv = T().rotate([0, 0, 1], turn).scale([repeat[0], repeat[1], 1])
     return {"type": "bitmap", "bitmap": bitmap, "raw": True, "to_uv": to_uv}

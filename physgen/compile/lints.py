@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from math import ceil
+from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from physgen.compile.assemble import Compiled
 from physgen.compile.effects import without_effect
 from physgen.compile.masses import grams, mass_path
-from physgen.compile.reach import Lines, distance, moved
+from physgen.compile.reach import Lines, beyond, distance, moved
 from physgen.compile.support import unsupported
 from physgen.compile.warning import warning
 from physgen.outline.outline import bounds
 from physgen.outline.overlap import overlap_depth
-from physgen.outline.raster import coverage_box
 from physgen.problems import Problem, by_place
 from physgen.scene.model import Auto, JointKind, Motion, Scene
 
@@ -26,6 +25,11 @@ OVERLAP = 0.25
 """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
 MISSED = 0.05
 """Part of a mask that its shape may miss."""
+SEEN = 0.08
+"""Of a mask's size (root of its area): how far it may reach beyond the hull of its shape and still be its own.
+
+A shape is the section through the plane of motion; the photo also shows a top, an inside or a rim nearer the lens.
+"""
 APART = 1e3
 """Masses that touch or are joined: of a heavier one by a lighter, contacts come out soft or are slow to settle."""
 TOUCH = 1.0
@@ -193,11 +197,9 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for k, item in enumerate(scene.objects):
         if item.mask is None or isinstance(item.shape, Auto):
             continue
-        mask = compiled.labels == k + 1
-        area = int(mask.sum())
-        box, (x0, y0) = coverage_box(compiled.outlines[k], (0, 0, *scene.size))
-        hit = np.count_nonzero(mask[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]] & (box >= 0.5))
-        missed = 1 - hit / max(area, 1)
+        rows, columns = np.nonzero(compiled.labels == k + 1)
+        away = beyond(compiled.outlines[k], np.stack([columns, rows], axis=-1).astype(np.float64))
+        missed = np.count_nonzero(away > SEEN * sqrt(len(away))) / max(len(away), 1)
         if missed > MISSED:
             expected = f"misses {missed:.0%} of its mask"
             fix = "write shape: auto, or correct the outline"

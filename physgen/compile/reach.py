@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, Wall
 from physgen.geometry import cross
 from physgen.outline.outline import Disc, Outline, Region, Ring
+from physgen.outline.pieces import hull
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,19 @@ class Lines:
             if depth > deepest.get(wall, 0.0):
                 deepest[wall] = depth
         return deepest
+
+
+def beyond(outline: Outline, points: Array) -> Array:
+    """(P,) px by which points (P, 2) lie outside the outline's convex hull, 0 inside; never more than the distance."""
+    if isinstance(outline, Disc):
+        return np.asarray(np.maximum(np.hypot(*(points - outline.center).T) - outline.radius, 0.0))
+    corners = hull(np.concatenate([ring.outer for ring in outline.rings]))
+    along = np.roll(corners, -1, axis=0) - corners
+    outward = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
+    most = np.zeros(len(points))
+    for corner, normal in zip(corners, outward, strict=True):
+        np.maximum(most, (points - corner) @ normal, out=most)
+    return most
 
 
 def moved(outline: Outline, by: Array) -> Outline:

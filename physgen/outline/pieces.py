@@ -57,19 +57,19 @@ def _as_one(a: Array, b: Array) -> Array | None:
     if (a.min(axis=0) > b.max(axis=0) + SEAM).any() or (b.min(axis=0) > a.max(axis=0) + SEAM).any():
         return None
     points = np.concatenate([a, b])
-    hull = points[_hull(points)]
-    start, along = hull, np.roll(hull, -1, axis=0) - hull
+    whole = hull(points)
+    start, along = whole, np.roll(whole, -1, axis=0) - whole
     inside = cross(along[:, None], points[None] - start[:, None]) / np.hypot(*along.T)[:, None]
     gap = min(_apart(a, b), _apart(b, a))
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
-    added = _area(hull) - _area(a) - _area(b)
+    added = _area(whole) - _area(a) - _area(b)
     if (inside.min(axis=0) > FLUSH).any() or gap > SEAM or added > (gap + FLUSH) * longest:
         return None
-    return hull
+    return whole
 
 
-def _hull(points: Array) -> list[int]:
-    """Corners of the convex hull, turning +x towards +y (Andrew's monotone chain)."""
+def hull(points: Array) -> Array:
+    """(K, 2) corners of the convex hull, turning +x towards +y (Andrew's monotone chain)."""
     order = np.lexsort((points[:, 1], points[:, 0])).tolist()
     xy = points.tolist()
 
@@ -84,7 +84,7 @@ def _hull(points: Array) -> list[int]:
             kept.append(k)
         return kept[:-1]
 
-    return chain(order) + chain(order[::-1])
+    return points[chain(order) + chain(order[::-1])]
 
 
 def _apart(points: Array, outline: Array) -> float:

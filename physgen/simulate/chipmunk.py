@@ -124,11 +124,21 @@ class Chipmunk:
         batch.get_space_bodies(self._space, _STATE, self._states)
         self._contacts.clear()
         batch.get_space_arbiters(self._space, _CONTACT, self._contacts)
-        return (
-            bytes(self._states.float_buf()[: 48 * len(self.moving)]),
-            bytes(self._contacts.int_buf()),
-            bytes(self._contacts.float_buf()),
-        )
+        return (bytes(self._states.float_buf()[: 48 * len(self.moving)]), *self._in_order())
+
+    def _in_order(self) -> tuple[bytes, bytes]:
+        """Contacts by things and places; the engine's names of bodies, and its order, are those of memory addresses."""
+        words = np.array(self._contacts.int_buf()).view(np.int64).reshape(-1, WORDS)
+        words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
+        rows = np.frombuffer(self._contacts.float_buf()).reshape(-1, NUMBERS)
+        if len(words) < 2:
+            return words.tobytes(), rows.tobytes()
+        pair = words[:, 0] << 32 | words[:, 1]
+        order = np.argsort(pair)
+        if len(set(pair.tolist())) < len(pair):
+            # several pieces or segments, of which some touch at one and the same corner
+            order = np.lexsort((*rows.T[[3, 2, 1, 0, 10, 9, 5, 4]], pair))
+        return words[order].tobytes(), rows[order].tobytes()
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
@@ -162,15 +172,14 @@ class Chipmunk:
 
     def touching(self, words: bytes, numbers: bytes | None) -> Touching:
         """Contacts of one or more steps as they were read, in their order; without numbers, only who touches whom."""
-        ints = np.frombuffer(words, np.uint64).reshape(-1, WORDS)
+        ints = np.frombuffer(words, np.int64).reshape(-1, WORDS)
         rows = (
             np.zeros((len(ints), NUMBERS)) if numbers is None else np.frombuffer(numbers).reshape(-1, NUMBERS)
         )
-        things = self._by_id[np.searchsorted(self._ids, ints[:, :2])]
         return Touching(
-            first=things[:, 0],
-            second=things[:, 1],
-            count=ints[:, 2].astype(np.int64),
+            first=ints[:, 0],
+            second=ints[:, 1],
+            count=ints[:, 2],
             impulse=rows[:, :2],
             normal=rows[:, 2:4],
             on_first=rows[:, _ON_FIRST].reshape(-1, 2, 2),

@@ -167,12 +167,8 @@ class Ledger:
         touch = self.space.touching(
             b"".join(step.words for step in steps), b"".join(step.numbers for step in steps)
         )
-        # the engine lists contacts in an order that depends on memory addresses: sort before any sum
-        place = touch.on_first[:, 0]
-        order = np.lexsort((place[:, 1], place[:, 0], touch.second, touch.first, row))
-        row, first, second = row[order], touch.first[order], touch.second[order]
-        impulse, count = touch.impulse[order], touch.count[order]
-        points, normal = (touch.on_first[order] + touch.on_second[order]) / 2, touch.normal[order]
+        first, second, impulse, count = touch.first, touch.second, touch.impulse, touch.count
+        points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
 
         def widen(array: Array) -> Array:
             return np.concatenate([array, np.zeros((S, W, 3))], axis=1)

@@ -33,7 +33,7 @@ class Points:
     """(P,) px/s at which they close, by velocities before contacts."""
 
     def sorted(self) -> Points:
-        """In an order of their own: the engine lists contacts in one that depends on memory addresses."""
+        """By things, pairs of shapes and place."""
         place = self.on_first
         order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
         return Points(*(getattr(self, field.name)[order] for field in fields(self)))

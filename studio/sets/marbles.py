@@ -174,7 +174,7 @@ def stage() -> Stage:
             "variants": {
                 "pushed": {"forces": [{"object": "trough", "impulse": c.push((0.085, 0))}]},
                 "rough": {"objects.*.friction": 0.6},
-                "one-against-five": {"objects.yellow": None, "objects.red.velocity": c.shift((0.3, -0.9))},
+                "one-against-four": {"objects.yellow": None, "objects.red.velocity": c.shift((0.3, -0.9))},
                 "steel": {"objects.*.mass": 16, "objects.trough.mass": 60},
             },
             "comments": {

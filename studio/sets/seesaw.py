@@ -104,6 +104,7 @@ def stage() -> Stage:
             0.2,
             solid="sphere",
             rolling=0.01,
+            velocity=(0, -0.3),
         ),
     ]
     radius = PIN * np.cos(np.radians(lean)) - THICK / 2

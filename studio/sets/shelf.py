@@ -218,4 +218,12 @@ def stage() -> Stage:
         exposure=1.75,
         sections=sections,
         film={"frames": 12, "until": 0.9},
+        clips={"count": 50, "frames": 8, "until": 0.9, "edit": push},
     )
+
+
+def push(camera: Camera, rng: np.random.Generator) -> list[str]:
+    """A push of the ball for one clip: 0.4 to 3.5 m/s, level or upwards by up to 25 degrees."""
+    speed, rise = rng.uniform(0.4, 3.5), np.radians(rng.uniform(0, 25))
+    x, y = camera.push(0.19 * speed * np.array([np.cos(rise), np.sin(rise)]))
+    return [f"forces[0].impulse=[{x}, {y}]"]

@@ -262,3 +262,48 @@ objects:
   b: {{shape: {{circle: {{center: [65, 47], radius: 6}}}}}}
 {FLOOR.format(150, 400)}"""
     assert [line.partition(":")[0] for line in told(tmp_path, body)] == ["objects.a"]  # b would land on a
+
+
+# ---- masks and shapes --------------------------------------------------------------------------------------------
+
+
+def masked(tmp_path: Path, shape: str, *parts: tuple[int, int, int, int]) -> list[str]:
+    """Warnings of a scene of one object whose mask is made of boxes x0, y0, x1, y1."""
+    mask = np.zeros((150, 200), np.uint8)
+    for x0, y0, x1, y1 in parts:
+        mask[y0:y1, x0:x1] = 1
+    cv2.imwrite(str(tmp_path / "masks.png"), mask)
+    return told(
+        tmp_path,
+        f"""\
+assets: .
+world: {{view: top}}
+objects: {{a: {{mask: 1, shape: {shape}}}}}""",
+        photo(tmp_path),
+    )
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        pytest.param("{box: {center: [70, 75], size: [60, 50]}}", id="a box whose top the lens sees"),
+        pytest.param(
+            "{polygon: [[40, 46], [44, 46], [44, 96], [96, 96], [96, 46], [100, 46], [100, 100], [40, 100]]}",
+            id="the section of a bowl",
+        ),
+    ],
+)
+def test_a_section_of_what_is_seen_is_no_mistake(tmp_path: Path, shape: str) -> None:
+    assert not [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line]
+
+
+@pytest.mark.parametrize(
+    ("shape", "share"),
+    [
+        pytest.param("{box: {center: [70, 85], size: [60, 30]}}", 30, id="half of it"),
+        pytest.param("{circle: {center: [80, 63], radius: 30}}", 25, id="another place"),
+    ],
+)
+def test_a_shape_that_misses_its_mask_is_told(tmp_path: Path, shape: str, share: float) -> None:
+    (line,) = [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line]
+    assert abs(int(line.split("misses ")[1].split("%")[0]) - share) < 15
