@@ -71,6 +71,7 @@ def simulate(
         poses=ledger.poses,
         velocities=ledger.velocities,
         rolls=ledger.rolled(),
+        turns=ledger.turned(),
         contacts=ledger.log.result(),
         energy=ledger.energy(),
         effort=run.effort(),

@@ -18,6 +18,8 @@ from physgen.simulate.lasting import Settled
 from physgen.simulate.loads import Loads
 from physgen.simulate.scripts import Scripts
 from physgen.simulate.trajectory import Energy
+from physgen.simulate.turning import after as then
+from physgen.simulate.turning import running, turn
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -70,6 +72,7 @@ class Ledger:
         self.poses, self.velocities = np.zeros((T, N, 3)), np.zeros((T, N, 3))
         self._rolling = False
         self.rolls = np.zeros((T, N, 2))
+        self.turns = np.zeros((T, N, 4))
         self._books = np.zeros((T, 4))
         self.done = 0
         """Samples taken."""
@@ -100,6 +103,7 @@ class Ledger:
     def begin(self, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
         """The half step to t = 0: pose (N, 3), velocity (N, 3), roll (N, 2) at t = 0 as the scene has them."""
         self._pose, self._mean, self._roll = pose, velocity, roll
+        self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
         self._after = np.zeros((len(self.space.moving), 3))
         self._write(step)
         self.flush()
@@ -143,12 +147,22 @@ class Ledger:
         if self._first:  # of the half step to t = 0, nothing is done yet at t = 0
             pose[0], mean[0], smooth, owed = self._pose, self._mean, np.zeros((1, 2)), flow[-1]
             self._first = False
-        self._samples(steps, ends, pose, mean, smooth)
+        rolls = vectors = turns = np.zeros((0, 0, 3))
+        if self._rolling:
+            rolls = np.stack(
+                [self._roll, *(self._roll if (r := s.settled.roll) is None else r for s in steps)]
+            )
+            spans = np.diff(np.concatenate([[self._time], ends]))[:, None]
+            vectors = np.empty(pose.shape)
+            vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * spans[..., None]
+            vectors[:, :, 2] = np.diff(np.concatenate([self._pose[None], pose])[:, :, 2], axis=0)
+            turns = running(vectors, self._turn)
+        self._samples(steps, ends, pose, mean, smooth, rolls, vectors, turns)
+        if self._rolling:
+            self._roll, self._turn = rolls[-1], turns[-1]
         self._smooth, self._owed = smooth[-1], owed
         self._time = float(ends[-1])
         self._pose, self._mean = pose[-1], mean[-1]
-        if steps[-1].settled.roll is not None:
-            self._roll = steps[-1].settled.roll
         self._struck.clear()
 
     def _all(self, moving: Array, still: Array | None = None) -> Array:
@@ -229,8 +243,18 @@ class Ledger:
         )
         return flow
 
-    def _samples(self, steps: list[Step], ends: Array, pose: Array, mean: Array, smooth: Array) -> None:
-        """Take the samples that fall into these steps."""
+    def _samples(
+        self,
+        steps: list[Step],
+        ends: Array,
+        pose: Array,
+        mean: Array,
+        smooth: Array,
+        rolls: Array,
+        vectors: Array,
+        turns: Array,
+    ) -> None:
+        """Take the samples that fall into these steps; rolls (S + 1, N, 2), their vectors and turns where any rolls."""
         T = len(self.times)
         while self.done < T and self.times[self.done] <= ends[-1] + 1e-12:
             time = float(self.times[self.done])
@@ -238,9 +262,6 @@ class Ledger:
             start = self._time if s == 0 else float(ends[s - 1])
             pose0, mean0 = (self._pose, self._mean) if s == 0 else (pose[s - 1], mean[s - 1])
             books0 = self._smooth if s == 0 else smooth[s - 1]
-            earlier, later = steps[s - 1].settled.roll if s else None, steps[s].settled.roll
-            roll0 = self._roll if earlier is None else earlier
-            roll1 = roll0 if later is None else later
             h = float(ends[s]) - start
             part = 1.0 if h <= 0 or time > ends[s] - 1e-9 * h else max(0.0, (time - start) / h)
             x, v = pose0 + part * (pose[s] - pose0), mean0 + part * (mean[s] - mean0)
@@ -248,8 +269,11 @@ class Ledger:
                 self._inside(steps[s], time, part * h, h, x, v, pose0, pose[s])
             if self.scripts.busy:
                 self.scripts.sample(time, x, v)
-            roll = roll0 + part * (roll1 - roll0)
             k = self.done
+            roll = self._roll
+            if self._rolling:
+                roll = rolls[s] + part * (rolls[s + 1] - rolls[s])
+                self.turns[k] = then(turn(part * vectors[s]), turns[s - 1] if s else self._turn)
             self.poses[k], self.velocities[k], self.rolls[k] = x, v, roll
             _refuse_infinities(self.world, x, v, time)
             books = books0 + part * (smooth[s] - books0)
@@ -297,6 +321,10 @@ class Ledger:
     def rolled(self) -> Array:
         """(T, N, 2), or (T, 0, 2) where nothing rolls on a table."""
         return self.rolls if self._rolling else self.rolls[:, :0]
+
+    def turned(self) -> Array:
+        """(T, N, 4), or (T, 0, 4) where nothing rolls on a table."""
+        return self.turns if self._rolling else self.turns[:, :0]
 
 
 def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) -> None:

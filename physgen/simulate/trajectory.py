@@ -83,6 +83,8 @@ class Trajectory:
     """(T, N, 3): px/s, px/s, rad/s."""
     rolls: Array
     """(T, N, 2) rad/s about +x and +y by the right hand: of spheres on a table seen from above; (T, 0, 2) without."""
+    turns: Array
+    """(T, N, 4) unit quaternions w, x, y, z: how they have turned since t = 0, +z into the photo; (T, 0, 4) without."""
     contacts: Contacts
     energy: Energy
     effort: Effort
@@ -127,6 +129,7 @@ class Trajectory:
             "poses": self.poses,
             "velocities": self.velocities,
             "rolls": self.rolls,
+            "turns": self.turns,
             "contacts_surfaces": np.array(self.contacts.surfaces, dtype=np.str_),
         }
         for part, of in (("contacts", self.contacts), ("energy", self.energy), ("effort", self.effort)):
@@ -170,6 +173,7 @@ def read_trajectory(path: Path) -> Trajectory:
             poses=file["poses"],
             velocities=file["velocities"],
             rolls=file["rolls"],
+            turns=file["turns"],
             contacts=Contacts(**parts["contacts"]),
             energy=Energy(**parts["energy"]),
             effort=Effort(**{name: value.item() for name, value in parts["effort"].items()}),

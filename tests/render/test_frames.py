@@ -29,6 +29,7 @@ def trajectory(*tracks):
         poses,
         np.zeros_like(poses),
         np.zeros((T, 0, 2)),
+        np.zeros((T, 0, 4)),
         none,
         Energy(zero, zero, zero, zero),
         Effort(T, 0, 0, 0, 0, 0.0),

@@ -171,6 +171,7 @@ def record(engine: Engine, world: World, times: Array, step: float) -> Trajector
         poses=np.ascontiguousarray(states[:, :, :3]),
         velocities=np.ascontiguousarray(states[:, :, 3:6]),
         rolls=np.ascontiguousarray(rolls),
+        turns=np.zeros((len(times), 0, 4)),
         contacts=_no_contacts(),
         energy=_energy(world, states),
         effort=Effort(

@@ -1,0 +1,58 @@
+"""How spheres turn in space: closed forms, and another reader of rotations."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from worlds import ball, world
+
+from physgen.scene.model import Solid
+from physgen.simulate.engine import simulate
+from physgen.simulate.turning import matrix, running, turn
+
+RNG = np.random.default_rng(4)
+
+
+def test_turns_are_those_of_rodrigues() -> None:
+    vectors = RNG.normal(size=(50, 3))
+    for vector, found in zip(vectors, matrix(turn(vectors)), strict=True):
+        assert found == pytest.approx(cv2.Rodrigues(vector)[0], abs=1e-12)
+
+
+def test_running_turns_are_products_in_order() -> None:
+    vectors = RNG.normal(size=(37, 3, 3))
+    start = turn(RNG.normal(size=(3, 3)))
+    now = matrix(start)
+    for vector, found in zip(vectors, running(vectors, start), strict=True):
+        now = matrix(turn(vector)) @ now
+        assert matrix(found) == pytest.approx(now, abs=1e-12)
+
+
+@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8)])
+def test_a_ball_that_rolls_turns_by_its_way_over_its_radius(way) -> None:
+    r, speed = 20.0, 150.0
+    vx, vy = speed * np.array(way)
+    scene = world(
+        ball("a", 100, 100, r=r, v=(vx, vy), solid=Solid.SPHERE, k=0.4, roll=(vy / r, -vx / r)),
+        gravity=(0, 0), press=980.0, table=0.3, duration=1.0,
+    )  # fmt: skip
+    t = simulate(scene, np.linspace(0, 1, 7))
+    for k, time in enumerate(t.times):
+        way_rolled = speed * time / r
+        # the ball's lowest point, farthest from the viewer, moves against the way
+        expected = cv2.Rodrigues(np.array([way[1], -way[0], 0.0]) * way_rolled)[0]
+        assert matrix(t.turns[k, 0]) == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_spin_in_the_picture_alone_is_the_angle() -> None:
+    scene = world(
+        ball("a", 100, 100, solid=Solid.SPHERE, k=0.4, spin=3.0),
+        gravity=(0, 0), press=980.0, table=0.3, duration=1.0,
+    )  # fmt: skip
+    t = simulate(scene, np.linspace(0, 1, 5))
+    angle = t.poses[-1, 0, 2]
+    assert angle == pytest.approx(3.0, rel=1e-6)
+    assert matrix(t.turns[-1, 0])[:2, :2] == pytest.approx(
+        np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), abs=1e-9
+    )
