@@ -203,6 +203,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     from physgen.render.flat import flat_background, flat_sprites
     from physgen.render.frames import Stage
     from physgen.render.sprites import cut_sprites
+    from physgen.render.staging import staged
 
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
     if maps is None:
@@ -210,7 +211,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
     sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
-    return Stage(background, sprites)
+    return staged(scene, compiled.world, sprites, maps, background, coverage, absent)
 
 
 def filled(

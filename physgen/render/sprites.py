@@ -7,7 +7,7 @@ beside the object that is on top there, and fades as the object leaves its place
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import decode
+from physgen.render.ball import Ball
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
@@ -46,6 +47,8 @@ class Sprite:
     """(h, w) in 0..1."""
     rest: F32 | None = None
     """(h, w, 3) linear: what the photo shows here beyond light and background, at the border alone; of either sign."""
+    ball: Ball | None = None
+    """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
 
     @cached_property
     def fine(self) -> F32:
@@ -55,6 +58,13 @@ class Sprite:
         exactly what was asked; OpenCV's own cubic (a = -0.75) is off by up to 0.05 px.
         """
         return _halved(_halved(np.dstack([self.light, self.coverage]), 0), 1)
+
+    @cached_property
+    def fine_still(self) -> F32:
+        """(2h - 1, 2w - 1, 4) likewise, of what a ball shows beside its shaded skin, and its coverage."""
+        assert self.ball is not None
+        still = self.ball.gloss * self.coverage[..., None]
+        return _halved(_halved(np.dstack([still, self.coverage]), 0), 1)
 
 
 def _halved(values: F32, axis: int) -> F32:
@@ -75,44 +85,60 @@ def cut_sprites(
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too.
     """
-    photo, behind = decode(rgb), decode(background)
+    photo = decode(rgb)
     boxes = _boxes(labels)
     total = _soft((labels > 0) | absent)
-    soft: dict[int, F32] = {}
+    around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
+    sprites = []
     for k in order:
-        if k + 1 in boxes:
-            x0, y0, x1, y1 = boxes[k + 1]
-            soft[k] = _soft(labels[y0:y1, x0:x1] == k + 1)
-    composite, top = behind.copy(), np.zeros(labels.shape, np.int32)
-    parts: list[tuple[int, F32, F32]] = []
-    for k in soft:
+        if k + 1 not in boxes:
+            continue
         x0, y0, x1, y1 = boxes[k + 1]
         box = np.s_[y0:y1, x0:x1]
-        share = soft[k] / np.maximum(total[box], 1e-6)
-        alpha = np.where(soft[k] > LEAST, coverage[box] * share, 0.0).astype(np.float32)
+        soft = _soft(labels[box] == k + 1)
+        share = soft / np.maximum(total[box], 1e-6)
+        alpha = np.where(soft > LEAST, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = alpha[..., None] * _foreground(photo[box], labels[box] == k + 1, alpha)
-        composite[box] = light + (1 - alpha[..., None]) * composite[box]
-        top[box][alpha > 0] = k + 1
-        parts.append((k, light, alpha))
-    rest = photo - composite
-    rest[_soft(absent) > LEAST] = 0.0
-    sprites = []
-    for k, light, alpha in parts:
-        x0, y0, x1, y1 = boxes[k + 1]
-        box = np.s_[y0:y1, x0:x1]
-        own = np.where((top[box] == k + 1)[..., None], rest[box], np.float32(0))
-        around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
         sprites.append(
             Sprite(
                 body=k,
                 corner=(x0 - MARGIN, y0 - MARGIN),
                 light=np.pad(light.astype(np.float32), (*around, (0, 0))),
                 coverage=np.pad(alpha, around),
-                rest=np.pad(own, (*around, (0, 0))),
             )
         )
-    return sprites
+    return anchored(sprites, photo, decode(background), absent)
+
+
+def anchored(sprites: Sequence[Sprite], photo: F32, behind: F32, absent: NDArray[np.bool_]) -> list[Sprite]:
+    """Sprites whose `rest` makes them, over `behind` (H, W, 3) linear, the photo (H, W, 3) again at t = 0.
+
+    A pixel's rest goes with the object on top there, or else with one that is near.
+    """
+    composite, top = behind.copy(), np.zeros(behind.shape[:2], np.int32)
+    insides = [
+        np.s_[MARGIN : s.coverage.shape[0] - MARGIN, MARGIN : s.coverage.shape[1] - MARGIN] for s in sprites
+    ]
+    places = []
+    for sprite, inside in zip(sprites, insides, strict=True):
+        h, w = sprite.coverage[inside].shape
+        x0, y0 = sprite.corner[0] + MARGIN, sprite.corner[1] + MARGIN
+        places.append(np.s_[y0 : y0 + h, x0 : x0 + w])
+    for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
+        alpha = sprite.coverage[inside]
+        composite[place] = sprite.light[inside] + (1 - alpha[..., None]) * composite[place]
+        near = (_soft(alpha > 0) > LEAST) & (top[place] <= 0) | (top[place] == 0)
+        top[place][near] = -number
+        top[place][alpha > 0] = number
+    rest = photo - composite
+    rest[_soft(absent) > LEAST] = 0.0
+    found = []
+    for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
+        own = np.zeros_like(sprite.light)
+        own[inside] = np.where((np.abs(top[place]) == number)[..., None], rest[place], np.float32(0))
+        found.append(replace(sprite, rest=own))
+    return found
 
 
 def covers_scenery(coverage: F32, labels: U16, scenery: NDArray[np.bool_]) -> bool:

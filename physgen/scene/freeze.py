@@ -54,6 +54,8 @@ def frozen(root: Node, name: str, source: Source, ground: Ground) -> model.Scene
             combine=model.Combine(world["combine"]),
             duration=float(world["duration"]),
             steps_per_second=float(world["steps_per_second"]),
+            tilt=float(world["tilt"]),
+            backdrop=float(world["backdrop"]) if "backdrop" in world else None,
         ),
         objects=_named(data["objects"], _object),
         boundaries=_named(data["boundaries"], _boundary),
@@ -202,7 +204,12 @@ def _number(item: Mapping[str, Any], key: str) -> float | None:
 def _light(item: Mapping[str, Any]) -> model.Light:
     x, y, z = (float(value) for value in item["direction"])
     length = (x * x + y * y + z * z) ** 0.5
-    return model.Light((x / length, y / length, z / length), float(item["intensity"]), float(item["ambient"]))
+    return model.Light(
+        (x / length, y / length, z / length),
+        float(item["intensity"]),
+        float(item["ambient"]),
+        float(item["softness"]),
+    )
 
 
 def _render(item: Mapping[str, Any]) -> model.Render:

@@ -270,6 +270,10 @@ class Settings:
     combine: Combine
     duration: float
     steps_per_second: float
+    tilt: float
+    """degrees by which the camera looks down on the floor, seen from the side."""
+    backdrop: float | None
+    """px from the objects back to an upright wall; None: none is near."""
 
 
 @dataclass(frozen=True)
@@ -279,6 +283,8 @@ class Light:
     direction: tuple[float, float, float]
     intensity: float
     ambient: float
+    softness: float
+    """degrees: half its width as the objects see it."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,127 @@
+"""A sphere's pixels -> its skin (colour without light) and its gloss; and the sphere again, turned in space.
+
+Skin turns with the ball; shading and highlights stay where the light is. The side that the photo does not show is the
+mirror image of the one that it does: at the rim, where they meet, both agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.photometry import DistantLight
+
+F32 = NDArray[np.float32]
+Array = NDArray[np.float64]
+
+RIM = 0.955
+"""Of the radius: farther out pixels are mixed, and so much foreshortened that they tell little."""
+DARKEST = 0.25
+"""Of full light: where less falls, the photo's own darkness is taken for the skin's."""
+GLOSS_WIDTH = 0.5
+"""Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
+GLOSS_LEAST = 0.6
+"""Linear light that the dimmest channel of a highlight has at least."""
+GLOSS_COSINE = 0.80
+"""Of the angle between a highlight's normal and the mirror's direction, at least."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """What is seen of a sphere, on a square box of pixels around its centre."""
+
+    corner: tuple[int, int]
+    """Photo column and row of the box's first pixel."""
+    center: tuple[float, float]
+    """px in the photo at t = 0."""
+    radius: float
+    skin: F32
+    """(h, w, 3) linear light over shading, carried outwards from the rim."""
+    gloss: F32
+    """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
+    light: DistantLight
+
+    def seen(
+        self, center: tuple[float, float], turn: Array, size: tuple[int, int], at: tuple[int, int]
+    ) -> F32:
+        """(h, w, 3) linear light without gloss, of the ball at `center` turned by (3, 3), in a box of `size` (w, h).
+
+        `at` is the box's first pixel. The turn is about the image axes, +z into the photo.
+        """
+        u = (
+            (np.arange(size[0], dtype=np.float32) + np.float32(at[0] - center[0])) / np.float32(self.radius)
+        )[None, :]
+        v = (
+            (np.arange(size[1], dtype=np.float32) + np.float32(at[1] - center[1])) / np.float32(self.radius)
+        )[:, None]
+        rho2 = u * u + v * v
+        squeeze = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(rho2, 1e-12)))
+        su, sv = u * squeeze, v * squeeze
+        z = np.sqrt(np.maximum(1 - su * su - sv * sv, 0))  # towards the viewer
+        back = turn.T.astype(np.float32)  # where on the photo's ball this point was
+        mu = back[0, 0] * su + back[0, 1] * sv - back[0, 2] * z
+        mv = back[1, 0] * su + back[1, 1] * sv - back[1, 2] * z
+        within = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(mu * mu + mv * mv, 1e-12)))
+        scale = np.float32(self.radius) * within
+        x = mu * scale + np.float32(self.center[0] - self.corner[0])
+        y = mv * scale + np.float32(self.center[1] - self.corner[1])
+        skin = cv2.remap(self.skin, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(np.maximum(skin, 0) * shading(self.light, su, sv, z)[..., None], np.float32)
+
+
+def shading(light: DistantLight, u: F32, v: F32, z: F32) -> F32:
+    """Lambert's law on a unit sphere's normals (u, v, z to the viewer), never below DARKEST of the most."""
+    lx, ly, lz = (np.float32(c) for c in light.direction)
+    facing = np.maximum(lx * u + ly * v + lz * z, 0)
+    shade = np.float32(light.ambient) + np.float32(light.intensity) * facing
+    return np.asarray(np.maximum(shade, np.float32(DARKEST * (light.ambient + light.intensity))), np.float32)
+
+
+def skin(
+    colour: F32, corner: tuple[int, int], center: tuple[float, float], radius: float, light: DistantLight
+) -> Ball:
+    """`colour` (h, w, 3) linear light of the ball alone on a box of the photo that begins at `corner`."""
+    h, w = colour.shape[:2]
+    u = (np.arange(w, dtype=np.float32) + np.float32(corner[0] - center[0]))[None, :] / np.float32(radius)
+    v = (np.arange(h, dtype=np.float32) + np.float32(corner[1] - center[1]))[:, None] / np.float32(radius)
+    rho = np.sqrt(np.maximum(u * u + v * v, 1e-12))
+    squeeze = np.minimum(np.float32(1), np.float32(RIM) / rho)
+    su, sv = u * squeeze, v * squeeze
+    z = np.sqrt(np.maximum(1 - su * su - sv * sv, 0))
+    x = su * np.float32(radius) + np.float32(center[0] - corner[0])
+    y = sv * np.float32(radius) + np.float32(center[1] - corner[1])
+    inner = np.asarray(cv2.remap(colour, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    shine = _gloss(inner, su, sv, z, radius, light)
+    bare = np.ascontiguousarray((inner - shine) / shading(light, su, sv, z)[..., None], np.float32)
+    ball = Ball(corner, center, radius, bare, shine, light)
+    # what the model has not, of the rim above all, is the light's doing too, and stays
+    return replace(ball, gloss=colour - ball.seen(center, np.eye(3), (w, h), corner))
+
+
+def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLight) -> F32:
+    """Bright spots near where a mirror would show the light."""
+    half = np.array(light.direction) + np.array([0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(half))
+    if length < 1e-6 or radius < 4:
+        return np.zeros_like(colour)
+    hx, hy, hz = (np.float32(c / length) for c in half)
+    side = 2 * max(1, round(GLOSS_WIDTH * radius / 2)) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    beneath = cv2.morphologyEx(colour, cv2.MORPH_OPEN, kernel, borderType=cv2.BORDER_REPLICATE)
+    dimmest = colour.min(axis=2)
+    core = (dimmest > GLOSS_LEAST) & (hx * u + hy * v + hz * z > GLOSS_COSINE)
+    core &= dimmest > 1.5 * beneath.min(axis=2) + 0.05
+    count, names, boxes, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
+    for k in range(1, count):
+        long = max(boxes[k, cv2.CC_STAT_WIDTH], boxes[k, cv2.CC_STAT_HEIGHT])
+        if long > GLOSS_WIDTH * radius:
+            core[names == k] = False
+    if not core.any():
+        return np.zeros_like(colour)
+    reach = max(2, round(0.12 * radius))
+    near = cv2.dilate(core.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    soft = cv2.GaussianBlur(near.astype(np.float32), (0, 0), max(0.6, reach / 3))
+    return np.asarray(np.maximum(colour - beneath, 0) * soft[..., None], np.float32)

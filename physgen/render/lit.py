@@ -1,0 +1,241 @@
+"""Background with the objects' shadows in it -> the same with every shadow where its object stands now.
+
+What simple geometry (`shadow.py`) foretells of the photo's shadows is taken for theirs; what the photo shows beyond
+that, dark or light, belongs to the object that is nearest and moves with it, as long as the object stands on the floor
+as it did. All is kept as logarithms of the share of light that is left, so that shadows of many objects add up, and at
+t = 0 the sum is the photo's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.photometry import decode, luminance
+from physgen.render.shadow import Box, Setting, Silhouette, blurred, darkness
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+
+SMOOTH = 0.5
+"""px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
+RING = 2
+"""px around objects where the background still shows traces of them."""
+GAP = 4
+"""px: half the width of gaps between objects in which nobody sees a background."""
+DEEPEST = 3.5
+"""-log of the least light that a shadow leaves."""
+NEAR = 0.5
+"""Of an object's size: how far around it what is dark may be its own."""
+LIFT = 0.25
+"""Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
+TURN = 0.35
+"""rad by which an object that is not round may turn until then."""
+
+
+@dataclass(frozen=True)
+class Cast:
+    """One object's share of the photo's shadows."""
+
+    start: Silhouette
+    first: tuple[Box, F32] | None
+    """-log of the light that it leaves at t = 0, by geometry."""
+    own: tuple[Box, F32]
+    """What the photo shows beyond it, of either sign."""
+    round: bool
+    """Whether turning changes nothing."""
+
+
+@dataclass(frozen=True)
+class Lit:
+    """A background taken apart."""
+
+    setting: Setting
+    plate: F32
+    """(H, W, 3) linear: in the light that no object keeps away."""
+    tint: F32
+    """(3,): by how much more or less than the average a channel darkens."""
+    total: F32
+    """(H, W): -log of the light left at t = 0, of all objects."""
+    casts: Sequence[Cast]
+
+    def behind(self) -> F32:
+        """(H, W, 3) linear: the background at t = 0."""
+        return shaded(self.plate, self.total, self.tint)
+
+    def moved(self, k: int, now: Silhouette | None, turn: float) -> list[tuple[Box, F32, float]]:
+        """What object k adds now: boxes, what is dark there, and a sign or strength for each."""
+        cast = self.casts[k]
+        found: list[tuple[Box, F32, float]] = []
+        if now is None:
+            return found
+        if (dark := darkness(now, self.setting)) is not None:
+            found.append((*dark, 1.0))
+        strength, shift = self._kept(cast, now, turn)
+        if strength > 0.02:
+            (x0, y0, _, _), own = cast.own
+            box, carried = carry(own, (x0, y0), shift, self.setting.size)
+            if box is not None:
+                found.append((box, carried, strength))
+        return found
+
+    def _kept(self, cast: Cast, now: Silhouette, turn: float) -> tuple[float, tuple[float, float]]:
+        """How much of the photo's own shadow still holds, and by how much it has moved, px."""
+        start = cast.start
+        dx, dy = now.center[0] - start.center[0], now.center[1] - start.center[1]
+        size = max(min(start.coverage.shape), 1)
+        strength = 1.0 if cast.round else float(np.exp(-((turn / TURN) ** 2)))
+        if self.setting.top:
+            return strength, (dx, dy)
+        if start.floor is None or now.floor is None:
+            return strength * float(np.exp(-((np.hypot(dx, dy) / (LIFT * size)) ** 2))), (0.0, 0.0)
+        lift = (start.floor - start.center[1]) - (now.floor - now.center[1])
+        strength *= float(np.exp(-((lift / (LIFT * size)) ** 2)))
+        return strength, (dx, now.floor - start.floor)
+
+
+def shaded(plate: F32, dark: F32, tint: F32) -> F32:
+    """(h, w, 3) of a plate in the light that is left."""
+    out = np.empty_like(plate)
+    for c in range(3):
+        np.multiply(plate[..., c], np.asarray(cv2.exp(dark * -tint[c])).reshape(dark.shape), out=out[..., c])
+    return out
+
+
+def carry(
+    picture: F32, corner: tuple[int, int], shift: tuple[float, float], size: tuple[int, int]
+) -> tuple[Box | None, F32]:
+    """A picture moved by a fraction of pixels, cut to the photo."""
+    h, w = picture.shape
+    x, y = corner[0] + shift[0], corner[1] + shift[1]
+    x0, y0 = int(np.floor(x)), int(np.floor(y))
+    left, top = max(x0, 0), max(y0, 0)
+    right, bottom = min(x0 + w + 1, size[0]), min(y0 + h + 1, size[1])
+    if right <= left or bottom <= top:
+        return None, picture
+    matrix = np.array([[1.0, 0, x - left], [0, 1, y - top]])
+    moved = cv2.warpAffine(picture, matrix, (right - left, bottom - top), borderMode=cv2.BORDER_CONSTANT)
+    return (left, top, right, bottom), np.asarray(moved, np.float32)
+
+
+def take_apart(
+    background: U8,
+    clean: U8 | None,
+    coverage: F32,
+    starts: Sequence[Silhouette],
+    rounds: Sequence[bool],
+    setting: Setting,
+) -> Lit:
+    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: nobody has lifted them."""
+    lit = decode(background)
+    bare = lit if clean is None else decode(clean)
+    dark = np.log((luminance(bare) + 1e-4) / (luminance(lit) + 1e-4)).astype(np.float32)
+    dark = np.clip(dark, -0.5, DEEPEST)
+    # close to an object, and in narrow gaps between objects, the background is not to be trusted
+    unknown = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8))
+    unknown = cv2.morphologyEx(unknown, cv2.MORPH_CLOSE, np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
+    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
+    open_ = (unknown == 0) | (reach == 0)
+    weight = open_.astype(np.float32)
+    firsts = [darkness(start, setting) if clean is not None else None for start in starts]
+    total = np.zeros(dark.shape, np.float32)
+    for first in firsts:
+        if first is not None:
+            _add(total, *first)
+    rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SMOOTH)
+    if clean is None:
+        rest[:] = 0
+    owns = _owned(rest, starts, firsts)
+    for box, own in owns:
+        _add(total, box, own)
+    tint = _tint(lit, bare, dark, open_)
+    detail = np.log((lit + 1e-4) / (bare + 1e-4)) + total[..., None] * tint
+    inside = np.stack([_spread_into(detail[..., c] * weight, weight, 3.0) for c in range(3)], axis=-1)
+    plate = np.where(open_[..., None], lit * np.exp(total[..., None] * tint), bare * np.exp(inside))
+    casts = [
+        Cast(start, first, own, is_round)
+        for start, first, own, is_round in zip(starts, firsts, owns, rounds, strict=True)
+    ]
+    return Lit(setting, np.asarray(plate, np.float32), tint, total, casts)
+
+
+def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
+    """A blur of what is known, which dies away in what is not."""
+    near = blurred(weight, sigma)
+    return np.asarray(blurred(values, sigma) / np.maximum(near, 0.02) * np.clip(near * 4, 0, 1), np.float32)
+
+
+def _tint(lit: F32, bare: F32, dark: F32, where: NDArray[np.bool_]) -> F32:
+    """(3,) least squares of each channel's darkening by that of the luminance."""
+    seen = where & (dark > 0.3) & (lit.min(axis=2) > 2e-3) & (bare.min(axis=2) > 2e-3)
+    if np.count_nonzero(seen) < 200:
+        return np.ones(3, np.float32)
+    each = np.log(bare[seen] / lit[seen])
+    d = dark[seen][:, None]
+    return np.asarray(np.clip((each * d).sum(axis=0) / (d * d).sum(), 0.85, 1.15), np.float32)
+
+
+def _owned(
+    rest: F32, starts: Sequence[Silhouette], firsts: Sequence[tuple[Box, F32] | None]
+) -> list[tuple[Box, F32]]:
+    """Each object's part of what geometry does not explain: by the shadow it foretells, and by how near it is."""
+    H, W = rest.shape
+    claims: list[tuple[Box, F32]] = []
+    sum_ = np.full((H, W), 0.02, np.float32)
+    for start, first in zip(starts, firsts, strict=True):
+        h, w = start.coverage.shape
+        reach = NEAR * min(h, w) + 4
+        pad = ceil(2 * reach)
+        x0, y0, x1, y1 = (
+            start.corner[0] - pad,
+            start.corner[1] - pad,
+            start.corner[0] + w + pad,
+            start.corner[1] + h + pad,
+        )
+        if first is not None:
+            (a, b, c, d), _ = first
+            x0, y0, x1, y1 = min(x0, a), min(y0, b), max(x1, c), max(y1, d)
+        box = max(x0, 0), max(y0, 0), min(x1, W), min(y1, H)
+        x0, y0, x1, y1 = box
+        if x1 <= x0 or y1 <= y0:
+            claims.append(((0, 0, 0, 0), np.zeros((0, 0), np.float32)))
+            continue
+        away = (_pasted(start, box) <= 0.5).astype(np.uint8)
+        distance = cv2.distanceTransform(away, cv2.DIST_L2, 3)
+        claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
+        if first is not None:
+            (a, b, c, d), dark = first
+            claim[b - y0 : d - y0, a - x0 : c - x0] += 4 * dark
+        claims.append((box, claim))
+        sum_[y0:y1, x0:x1] += claim
+    found = []
+    for (x0, y0, x1, y1), claim in claims:
+        if not claim.size:
+            found.append(((x0, y0, x1, y1), claim))
+            continue
+        own = rest[y0:y1, x0:x1] * claim / sum_[y0:y1, x0:x1]
+        edge = 6  # nothing at the box's border, so that it may move unseen
+        ramp_x = np.clip(np.minimum(np.arange(x1 - x0), np.arange(x1 - x0)[::-1]) / edge, 0, 1)
+        ramp_y = np.clip(np.minimum(np.arange(y1 - y0), np.arange(y1 - y0)[::-1]) / edge, 0, 1)
+        own = own * (ramp_x[None, :] * ramp_y[:, None]).astype(np.float32)
+        found.append(((x0, y0, x1, y1), np.asarray(own, np.float32)))
+    return found
+
+
+def _pasted(what: Silhouette, box: Box) -> F32:
+    """The silhouette's coverage on a box of the photo."""
+    x0, y0, x1, y1 = box
+    matrix = np.array([[1.0, 0, what.corner[0] - x0], [0, 1, what.corner[1] - y0]])
+    there = cv2.warpAffine(what.coverage, matrix, (x1 - x0, y1 - y0), flags=cv2.INTER_NEAREST)
+    return np.asarray(there, np.float32)
+
+
+def _add(canvas: F32, box: Box, values: F32, strength: float = 1.0) -> None:
+    x0, y0, x1, y1 = box
+    if values.size:
+        canvas[y0:y1, x0:x1] += values if strength == 1.0 else np.float32(strength) * values

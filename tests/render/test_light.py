@@ -1,0 +1,187 @@
+"""Balls that turn in space, and shadows that move: closed forms, and pictures made another way."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.photometry import DistantLight, decode, encode_u8
+from physgen.render.ball import skin
+from physgen.render.shadow import Setting, Silhouette, darkness
+from physgen.simulate.engine import simulate
+
+SUN = DistantLight((-0.36, -0.48, 0.8), 0.7, 0.35)
+
+
+def hues(m):
+    """(..., 3) a colour for every direction: smooth, and different everywhere."""
+    return np.stack(
+        [0.45 + 0.3 * np.sin(3 * m[..., k] + k) * np.cos(2 * m[..., (k + 1) % 3]) for k in range(3)], -1
+    )
+
+
+def sphere(r, center, size, turn):
+    """(H, W, 3) linear light of a painted sphere, and (H, W) its normals' z, by hand."""
+    y, x = np.mgrid[: size[1], : size[0]]
+    u, v = (x - center[0]) / r, (y - center[1]) / r
+    z2 = 1 - u * u - v * v
+    z = np.sqrt(np.maximum(z2, 0))
+    body = np.stack([u, v, -z], -1) @ turn  # turn.T applied to each point
+    facing = np.maximum(np.stack([u, v, z], -1) @ np.array(SUN.direction), 0)
+    light = hues(body) * (SUN.ambient + SUN.intensity * facing)[..., None]
+    return np.where((z2 > 0)[..., None], light, 0).astype(np.float32), np.where(z2 > 0, z, 0), body[..., 2]
+
+
+@pytest.mark.parametrize("vector", [(0.0, 0.0, 0.7), (0.5, 0.0, 0.0), (-0.3, 0.6, 0.2), (0.7, -0.5, 0.4)])
+def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
+    r, size = 40.0, (101, 101)
+    photo, _, _ = sphere(r, (50, 50), size, np.eye(3))
+    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN)
+    turn = cv2.Rodrigues(np.array(vector))[0]
+    expected, z, was = sphere(r, (50, 50), size, turn)
+    found = ball.seen((50.0, 50.0), turn, size, (0, 0)) + ball.gloss
+    known = (z > 0.4) & (was < -0.4)  # seen now, and seen in the photo
+    assert known.sum() > 300
+    off = np.abs(encode_u8(found).astype(int) - encode_u8(expected))[known]
+    assert off.mean() < 1.5
+    assert np.percentile(off, 99) < 8
+
+
+def test_a_ball_at_rest_is_the_photo() -> None:
+    photo, z, _ = sphere(30.0, (40, 40), (81, 81), np.eye(3))
+    ball = skin(photo, (0, 0), (40.0, 40.0), 30.0, SUN)
+    found = ball.seen((40.0, 40.0), np.eye(3), (81, 81), (0, 0)) + ball.gloss
+    assert np.abs(found - photo)[z > 0].max() < 1e-6
+
+
+def test_a_highlight_stays_where_the_light_is() -> None:
+    r, center = 40.0, (50, 50)
+    photo, _, _ = sphere(r, center, (101, 101), np.eye(3))
+    half = np.array(SUN.direction) + np.array([0.0, 0.0, 1.0])
+    half /= np.linalg.norm(half)
+    y, x = np.mgrid[:101, :101]
+    spot = np.exp(-((x - 50 - r * half[0]) ** 2 + (y - 50 - r * half[1]) ** 2) / (2 * 3.0**2))
+    photo = np.minimum(photo * 0.4 + spot[..., None] * 2, 1).astype(np.float32)
+    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN)
+    turned = ball.seen((50.0, 50.0), cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0], (101, 101), (0, 0))
+    bright = (turned + ball.gloss).min(-1)
+    assert np.hypot(*(np.unravel_index(bright.argmax(), bright.shape) - half[1::-1] * r - 50)) < 4
+    assert turned.min(-1).max() < 0.5, "none of it turned with the skin"
+
+
+def setting(light=SUN, softness=1.0, top=True, **rest):
+    return Setting(light, softness, top, rest.get("tilt", 0.1), rest.get("backdrop", np.inf), (300, 300))
+
+
+def disc(x, y, r):
+    yy, xx = np.mgrid[:300, :300]
+    cover = np.clip(r + 0.5 - np.hypot(xx - x, yy - y), 0, 1).astype(np.float32)
+    return cover
+
+
+def ball_at(x, y, r, floor=None):
+    return Silhouette(disc(x, y, r), (0, 0), (x, y), r, 2 * r, floor)
+
+
+def test_a_ball_on_a_table_hides_the_sky_by_its_solid_angle() -> None:
+    """Cosine-weighted, (1 + (d/r)^2)^(-3/2) for a ball that touches the table at distance 0."""
+    (x0, y0, _, _), dark = darkness(ball_at(150, 150, 20.0), setting(DistantLight((0, 0, 1), 0.0, 1.0)))
+    for d in (5, 10, 15):
+        left = np.exp(-dark[150 - y0, 150 + d - x0])
+        assert left == pytest.approx(1 - 0.98 * (1 + (d / 20) ** 2) ** -1.5, abs=0.02)
+
+
+def test_a_ball_on_a_table_throws_its_ellipse() -> None:
+    r, (lx, ly, lz) = 20.0, SUN.direction
+    bare = DistantLight(SUN.direction, 1.0, 0.0)
+    (x0, y0, x1, y1), dark = darkness(ball_at(150, 150, r), setting(bare, 0.1))
+    shade = 1 - np.exp(-dark)
+    y, x = np.mgrid[y0:y1, x0:x1]
+    middle = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
+    assert middle == pytest.approx([150 - r * lx / lz, 150 - r * ly / lz], abs=0.5)
+    assert (shade / 0.98).sum() == pytest.approx(np.pi * r * r / lz, rel=0.05)
+
+
+def test_a_wall_behind_takes_the_silhouette_moved_along_the_light() -> None:
+    lx, ly, lz = SUN.direction
+    bare = DistantLight(SUN.direction, 1.0, 0.0)
+    (x0, y0, x1, y1), dark = darkness(ball_at(100, 100, 20.0), setting(bare, 0.1, top=False, backdrop=60.0))
+    shade = 1 - np.exp(-dark)
+    y, x = np.mgrid[y0:y1, x0:x1]
+    middle = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
+    assert middle == pytest.approx([100 - 60 * lx / lz, 100 - 60 * ly / lz], abs=0.5)
+    assert (shade / 0.98).sum() == pytest.approx(np.pi * 20**2, rel=0.03)
+
+
+def test_a_thing_that_rises_leaves_the_floor_to_the_light() -> None:
+    shades = []
+    for height in (0.0, 20.0, 80.0):
+        found = darkness(ball_at(150, 180 - height, 20.0, floor=200.0), setting(softness=8.0, top=False))
+        shades.append(float(found[1].max()))
+    assert shades[0] > shades[1] > shades[2] > 0
+
+
+# ---- whole scenes ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A grey disc on a grainy table, with a shadow of our own making, and its scene file."""
+    rng = np.random.default_rng(3)
+    grain = (0.3 + 0.02 * rng.standard_normal((200, 300, 1))).astype(np.float32) * [1.0, 0.9, 0.8]
+    yy, xx = np.mgrid[:200, :300]
+    shadow = cv2.GaussianBlur(np.clip(26.5 - np.hypot(xx - 92, yy - 112), 0, 1).astype(np.float32), (0, 0), 3)
+    lit = grain * (1 - 0.5 * shadow[..., None])
+    cover = np.clip(25.5 - np.hypot(xx - 80, yy - 100), 0, 1)
+    photo = lit * (1 - cover[..., None]) + cover[..., None] * [0.5, 0.2, 0.2]
+    assets = tmp_path / "photo.assets"
+    assets.mkdir()
+    pictures = {"photo.png": photo, "photo.assets/clean.png": grain, "photo.assets/background.png": lit}
+    for name, picture in pictures.items():
+        cv2.imwrite(str(tmp_path / name), encode_u8(picture)[..., ::-1])
+    cv2.imwrite(str(assets / "masks.png"), (cover >= 0.5).astype(np.uint8))
+    cv2.imwrite(str(assets / "coverage.png"), np.rint(cover * 255).astype(np.uint8))
+    (tmp_path / "scene.yaml").write_text("""\
+physgen: 1
+image: photo.png
+assets: photo.assets
+world: {view: top, duration: 1}
+objects: {a: {mask: 1, shape: {circle: {center: [80, 100], radius: 25}}, velocity: [100, 0]}}
+light: {direction: [-0.4, -0.4, 0.8]}
+""")
+    return tmp_path / "scene.yaml", shadow, grain
+
+
+def frames(path, times, **edits):
+    scene = pipeline.load(path, overrides=[f"{key}={value}" for key, value in edits.items()])
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    return list(
+        pipeline.render(pipeline.stage(scene, compiled, maps), simulate(compiled.world, np.array(times)))
+    )
+
+
+def test_a_shadow_goes_with_its_object(table) -> None:
+    path, shadow, grain = table
+    first, last = frames(path, [0.0, 1.0])
+    photo = cv2.imread(str(path.parent / "photo.png"))[..., ::-1]
+    assert np.array_equal(first.rgb, photo)
+    moved = np.roll(shadow, 100, axis=1)
+    cover = np.roll(np.hypot(*np.mgrid[-100:100, -80:220]) < 29, 100, axis=1)
+    expected = grain * (1 - 0.5 * moved[..., None])
+    off = np.abs(decode(last.rgb) - expected).max(-1)
+    assert off[~cover].max() < 0.05, "light where the shadow was, shadow where the object is"
+    assert off[~cover].mean() < 0.004
+    far = np.ones(shadow.shape, bool)
+    far[50:190, 20:290] = False
+    assert np.array_equal(last.rgb[far], photo[far])
+
+
+def test_shadows_false_leaves_all_as_it_was(table) -> None:
+    path, _, _ = table
+    _, last = frames(path, [0.0, 1.0], **{"render.shadows": "false"})
+    background = cv2.imread(str(path.parent / "photo.assets/background.png"))[..., ::-1]
+    cover = np.hypot(*np.mgrid[-100:100, -180:120]) < 32
+    assert np.array_equal(last.rgb[~cover], background[~cover])
