@@ -52,6 +52,8 @@ BACKENDS: tuple[Backend, ...] = (
             "A soft border of about two pixels that follows the photo's own edge."),
     Backend("inpaint", "fill", f"{_HERE}.inpaint_fill:fill",
             "Continues the surroundings' colour smoothly and borrows their grain."),
+    Backend("shadow", "geometry", f"{_HERE}.shadow_geometry:geometry",
+            "Looks for the light whose shadows lie where the photo is dark, and lifts them."),
     Backend("boundary", "support", f"{_HERE}.boundary_support:support",
             "Tells side from top views and lays floors under the lowest points of objects."),
 )  # fmt: skip

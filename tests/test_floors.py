@@ -13,7 +13,7 @@ PACKAGE = Path(physgen.__file__).parent
 
 FLOORS = {
     0: ("geometry", "problems", "backends", "photometry", "materials", "resources", "whole", "pictures"),
-    1: ("percepts", "outline", "scene.model"),
+    1: ("percepts", "outline", "scene.model", "shadow"),
     2: ("scene",),
     3: ("perceive", "compile"),
     4: ("simulate",),

@@ -118,6 +118,41 @@ class Matte(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Shadows:
+    """The objects' shadows, lifted, and what throws them."""
+
+    clean: Rgb | None
+    """The background without them; None where none are seen."""
+    light: DistantLight
+    softness: float
+    """degrees: half the width of the light."""
+    tilt: float
+    """degrees by which the camera looks down on the floor."""
+    backdrop: float | None
+    """px from the objects back to an upright wall that takes their shadows."""
+    confidence: float
+    """0..1."""
+    reason: str
+
+
+class Shadow(Protocol):
+    """Finds the shadows that objects throw, and lifts them from the background."""
+
+    def __call__(
+        self,
+        background: Rgb,
+        coverage: NDArray[np.float32],
+        labels: Labels,
+        things: Sequence[Thing],
+        matter: Mapping[int, Matter],
+        setting: Setting,
+        light: LightGuess,
+    ) -> Shadows:
+        """`background` has the objects filled and their shadows still there. Never fails."""
+        ...
+
+
 class Inpaint(Protocol):
     """Continues the background where objects are taken away."""
 

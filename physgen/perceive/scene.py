@@ -16,7 +16,7 @@ from physgen.outline import raster
 from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
-from physgen.perceive.roles import LightGuess, Matter, Name, Rgb, Setting, Thing
+from physgen.perceive.roles import LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import View
@@ -25,7 +25,7 @@ Progress = Callable[[str, int, int], None]
 """Told the stage that begins, how much of it is done, and of how much."""
 SMALLEST = 12
 """px: an id of fewer pixels is a speck, no object."""
-ROLES = ("segment", "label", "physics", "boundary", "light", "matte", "inpaint")
+ROLES = ("segment", "label", "physics", "boundary", "light", "matte", "inpaint", "shadow")
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,10 @@ def perceive(
     light: LightGuess = role("light")(rgb, found.labels, things)
     coverage = role("matte")(rgb, found.labels)
     background = role("inpaint")(rgb, coverage > 0)
-    percepts = Percepts(rgb=rgb, labels=found.labels, coverage=coverage, background=background)
+    shadows: Shadows = role("shadow")(background, coverage, found.labels, things, matter, setting, light)
+    percepts = Percepts(
+        rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=shadows.clean
+    )
 
     called = words.names(things, {i: name for i, name in before.items() if i not in renamed})
     objects = {}
@@ -139,13 +142,13 @@ def perceive(
         "physgen": 1,
         "image": image,
         "assets": assets,
-        "world": _world(setting, pixels_per_meter),
+        "world": _world(setting, pixels_per_meter, shadows),
         "objects": objects,
         "boundaries": {w.name: words.wall(w) for w in setting.walls},
         "forces": [],
-        "light": _light(light),
+        "light": _light(light, shadows),
     }
-    comments |= _comments(found, things, left_out, setting, light, called, matter)
+    comments |= _comments(found, things, left_out, setting, light, shadows, called, matter)
     header = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
     return Perceived(percepts, document, comments, header)
 
@@ -215,21 +218,27 @@ def _renamed(things: Sequence[Thing], renames: Sequence[str]) -> tuple[list[Thin
     return [replace(t, label=said[t.id]) if t.id in said else t for t in things], set(said)
 
 
-def _world(setting: Setting, pixels_per_meter: float | None) -> dict[str, Any]:
+def _world(setting: Setting, pixels_per_meter: float | None, shadows: Shadows) -> dict[str, Any]:
     world: dict[str, Any] = {"view": setting.view.value, "pixels_per_meter": pixels_per_meter or 100}
     if setting.view is View.TOP:
         world["table"] = {"friction": 0}
-    return world | {"duration": 2.0}
+    world["duration"] = 2.0
+    if setting.view is View.SIDE and shadows.clean is not None:
+        world["tilt"] = shadows.tilt
+        if shadows.backdrop is not None:
+            world["backdrop"] = shadows.backdrop
+    return world
 
 
-def _light(guess: LightGuess) -> dict[str, Any]:
-    x, y, z = (round(v, 3) for v in guess.light.direction)
-    light = guess.light
-    return {
+def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
+    light = guess.light if shadows.clean is None else shadows.light
+    x, y, z = (round(v, 3) for v in light.direction)
+    told = {
         "direction": [x, y, z],
         "intensity": round(light.intensity, 3),
         "ambient": round(light.ambient, 3),
     }
+    return told if shadows.clean is None else told | {"softness": shadows.softness}
 
 
 def _comments(
@@ -238,6 +247,7 @@ def _comments(
     left_out: int,
     setting: Setting,
     light: LightGuess,
+    shadows: Shadows,
     called: Mapping[int, str],
     matter: Mapping[int, Matter],
 ) -> dict[str, str]:
@@ -254,7 +264,9 @@ def _comments(
         "world.pixels_per_meter": "1 px = 1 cm, as in the paper: things look large and fall slowly; masses do not "
         "follow from it. A larger number makes things fall faster",
         "objects": f"{words.counted({t.id: t.label for t in things})}, {how}, counted from left to right{specks}",
-        "light": f"{light.reason} (confidence {light.confidence:g})",
+        "light": f"{light.reason} (confidence {light.confidence:g})"
+        if shadows.clean is None
+        else f"{shadows.reason} (confidence {shadows.confidence:g})",
         "forces": _push(setting, things, called, matter),
     }
     if setting.view is View.TOP:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from physgen.geometry import Pose, rotation
 from physgen.photometry import decode, encode_u8
 from physgen.render.lit import Lit, shaded
-from physgen.render.shadow import Silhouette
 from physgen.render.sprites import Sprite
+from physgen.shadow import Silhouette
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import decode, luminance
-from physgen.render.shadow import Box, Setting, Silhouette, blurred, darkness
+from physgen.shadow import Box, Setting, Silhouette, blurred, darkness
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]

@@ -17,9 +17,9 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import skin
 from physgen.render.frames import Actor, Stage, silhouette
 from physgen.render.lit import take_apart
-from physgen.render.shadow import Setting
 from physgen.render.sprites import Sprite, anchored
 from physgen.scene.model import Scene, Solid, View
+from physgen.shadow import Setting
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]

@@ -10,7 +10,8 @@ import pytest
 
 from physgen import backends
 from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.roles import LightGuess, Matter, Name, Segments, Setting, Thing
+from physgen.perceive.roles import LightGuess, Matter, Name, Segments, Setting, Shadows, Thing
+from physgen.photometry import DistantLight
 from physgen.scene.model import View
 
 ROWS = [row for row in backends.BACKENDS if not row.missing()]
@@ -115,6 +116,39 @@ def check_inpaint(run, rgb, labels, things):
     assert np.array_equal(run(rgb, np.zeros_like(hole)), rgb)
     assert run(rgb, np.ones_like(hole)).shape == rgb.shape
     assert np.array_equal(run(rgb, hole), filled)
+
+
+def check_shadow(run, rgb, labels, things):
+    coverage = (labels > 0).astype(np.float32)
+    matter = backends.make("physics")(rgb, things, None)
+    light = backends.make("light")(rgb, labels, things)
+    y, x = np.mgrid[: labels.shape[0], : labels.shape[1]]
+    for view in (View.SIDE, View.TOP):
+        setting = backends.make("boundary")(rgb, labels, things, view)
+        found = run(rgb, coverage, labels, things, matter, setting, light)
+        assert isinstance(found, Shadows)
+        assert 0 <= found.confidence <= 1
+        assert 0 <= found.softness <= 60
+        assert 0 <= found.tilt <= 60
+        assert np.linalg.norm(found.light.direction) == pytest.approx(1)
+        assert found.clean is None or (found.clean.shape == rgb.shape and found.clean.dtype == np.uint8)
+        assert run(rgb, coverage, labels, [], matter, setting, light).clean is None
+    # a table with a shadow of the ball beside it: the light is found, and the shadow lifted
+    table = np.full(rgb.shape, (120, 130, 110), np.uint8)
+    shadow = cv2.GaussianBlur(np.clip(20.5 - np.hypot(x - 60, y - 88), 0, 1), (0, 0), 2)
+    seen = np.rint(table * (1 - 0.4 * shadow[..., None])).astype(np.uint8)
+    ball = np.where(labels == 1, labels, 0).astype(np.uint16)
+    setting = backends.make("boundary")(seen, ball, things[:1], View.TOP)
+    even = LightGuess(DistantLight((0.0, 0.0, 1.0), 0.8, 0.4), 0.1, "")
+    found = run(seen, (ball > 0).astype(np.float32), ball, things[:1], matter, setting, even)
+    assert found.clean is not None
+    assert found.light.direction[0] < -0.3
+    assert found.light.direction[1] < -0.2
+    outside = cv2.dilate((ball > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
+    before, after = (
+        np.abs(p.astype(int) - table).max(-1)[outside & (shadow > 0.1)].mean() for p in (seen, found.clean)
+    )
+    assert after < 0.35 * before
 
 
 def check_boundary(run, rgb, labels, things):

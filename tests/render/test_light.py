@@ -9,7 +9,7 @@ import pytest
 from physgen import pipeline
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render.ball import skin
-from physgen.render.shadow import Setting, Silhouette, darkness
+from physgen.shadow import Setting, Silhouette, darkness
 from physgen.simulate.engine import simulate
 
 SUN = DistantLight((-0.36, -0.48, 0.8), 0.7, 0.35)
