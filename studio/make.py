@@ -30,7 +30,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", help=f"names of scenes; all without ({', '.join(names())})")
     parser.add_argument(
-        "--only", choices=["photo", "wide", "video", "clips"], action="append", help="only these; all without"
+        "--only",
+        choices=["photo", "story", "wide", "video", "clips"],
+        action="append",
+        help="only these; all without (story: the scene file alone)",
     )
     parser.add_argument("--scale", type=float, default=1.0, help="size of the pictures, 0.5 for a quick look")
     parser.add_argument(
@@ -49,7 +52,7 @@ def main() -> None:
     wanted = args.only or ["photo", "wide", "video", "clips"]
     start = time.monotonic()
     from film import clips, film
-    from photograph import WIDE, photograph, widen
+    from photograph import WIDE, photograph, retell, widen
     from records import Quality
 
     if args.look:
@@ -65,6 +68,8 @@ def main() -> None:
         stage = importlib.import_module(name.replace("-", "_")).stage()
         if "photo" in wanted:
             photograph(stage, *folders, Quality().times(args.rays), args.scale)
+        if "story" in wanted:
+            retell(stage, *folders)
         if "wide" in wanted:
             widen(stage, folders[1], WIDE.times(args.rays), args.scale)
         if "video" in wanted:

@@ -1,5 +1,6 @@
 """A stage in, a folder of `scenes/` and one of `studio/truth/` out: photo, plates, masks, maps, scene file."""
 
+import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 from darkroom import decode, denoise, develop, encode, png
 from exposure import Maps, Picture, Studio, maps, picture, shading
-from probe import probe
+from probe import Light, probe
 from records import Quality, facts, readable, write_geometry, write_light
 from stage import Camera, Stage
 from story import text
@@ -50,6 +51,13 @@ def photograph(
     told = write_geometry(found, proof) | write_light(found, bright, light, proof)
     (proof / "truth.json").write_text(readable(facts(stage, camera, quality) | told) + "\n")
     tell(f"{stage.name}: {len(stage.things)} objects, all in {time.monotonic() - start:.0f} s")
+
+
+def retell(stage: Stage, scenes: Path, truth: Path, tell: Callable[[str], None] = print) -> None:
+    """Write the scene file anew, from the light that was measured when the photo was taken."""
+    light = Light(**json.loads((truth / stage.name / "truth.json").read_text())["light"])
+    (scenes / stage.name / "scene.yaml").write_text(text(stage, light))
+    tell(f"{stage.name}: scene file")
 
 
 def widen(

@@ -176,6 +176,10 @@ class Stage:
     duration: float = 2.0
     exposure: float = 1.0
     """Light of radiance 1/exposure becomes white; the middle of a photo should come out near 0.2 of it."""
+    softness: float = 10.0
+    """degrees: half the width of the main light as the things see it."""
+    backdrop: float | None = None
+    """m from the plane of motion back to an upright wall that takes the things' shadows."""
     world: dict = field(default_factory=dict)
     """More keys of `world` in the scene file (table, ...)."""
     sections: Callable[[Camera], dict] = lambda camera: {}

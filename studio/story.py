@@ -1,5 +1,6 @@
 """A stage as the scene file that a person would enjoy editing."""
 
+import numpy as np
 from probe import Light
 from stage import Stage, tidy
 
@@ -39,6 +40,7 @@ def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
             "pixels_per_meter": tidy([camera.ppm], 3)[0],
             "duration": stage.duration,
             **stage.world,
+            **seen(stage),
         },
         "objects": objects,
         "boundaries": boundaries,
@@ -46,11 +48,21 @@ def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
             "direction": [round(v, 3) for v in light.direction],
             "intensity": round(light.intensity, 3),
             "ambient": round(light.ambient, 3),
+            "softness": stage.softness,
         },
     }
     sections = stage.sections(camera)
     comments |= sections.pop("comments", {})
     return found | sections, comments
+
+
+def seen(stage: Stage) -> dict:
+    """What shadows depend on: how far the lens looks down, and the wall behind."""
+    if stage.camera.view == "top":
+        return {}
+    down = np.degrees(np.arctan(stage.camera.rise[1] / stage.camera.distance))
+    wall = {} if stage.backdrop is None else {"backdrop": round(stage.backdrop * stage.camera.ppm)}
+    return {"tilt": round(float(down), 1), **wall}
 
 
 def text(stage: Stage, light: Light) -> str:

@@ -181,6 +181,7 @@ def stage() -> Stage:
         },
         {"cushions": Boundary(around, 0.14, 0.6, note)},
         world={"table": {"friction": 0.67}},
+        softness=8,
         exposure=1.35,
         vignette=0.1,
         depth=8,

@@ -126,6 +126,8 @@ def stage() -> Stage:
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.5, 0.2)},
         duration=1.6,
+        softness=4.5,
+        backdrop=0.95,
         exposure=4.2,
         vignette=0.12,
         sections=sections,

@@ -99,6 +99,7 @@ Take a tin away, fill the lowest with sand, or throw harder."""
         lights,
         {"trestle": Boundary([(-1.2, 0), (1.2, 0)], 0.4, 0.2)},
         duration=1.0,
+        softness=20,
         exposure=1.9,
         sections=lambda c: {
             "render": {"frames": 75, "fps": 25},

@@ -260,6 +260,7 @@ def stage() -> Stage:
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.4, 0.2)},
         duration=1.2,
+        softness=20,
         exposure=1.55,
         sections=sections,
     )

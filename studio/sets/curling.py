@@ -130,6 +130,7 @@ def stage() -> Stage:
         lights,
         {},
         duration=2.0,
+        softness=6,
         exposure=2.1,
         world={"table": {"friction": 0.003}},
         sections=sections,

@@ -61,6 +61,7 @@ def stage() -> Stage:
         lights,
         {"table": Boundary([(-0.28144, 0), (0.29456, 0)], 0.5, 0.2)},
         duration=0.75,
+        softness=12,
         exposure=1.3,
         vignette=0.1,
         sections=sections,

@@ -605,6 +605,7 @@ def stage() -> Stage:
         window,
         {"table": Boundary([(-3, 0), (3, 0)], 0.5, 0.15)},
         duration=1.2,
+        softness=15,
         exposure=1.9,
         sections=sections,
         film={"frames": 12, "until": 1.2},

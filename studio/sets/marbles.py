@@ -195,6 +195,7 @@ def stage() -> Stage:
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.3, 0.3)},
         duration=2.0,
+        softness=16,
         exposure=1.8,
         depth=10,
         sections=sections,

@@ -159,6 +159,8 @@ The pin of its thread is the joint below: move it, or hang a heavier ball on it.
         lights,
         {"bench": Boundary([(-2, 0), (2, 0)], 0.5, 0.2)},
         duration=1.2,
+        softness=13,
+        backdrop=0.56,
         exposure=1.25,
         film={"frames": 14, "until": 1.2},
         sections=lambda c: {

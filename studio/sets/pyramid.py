@@ -161,6 +161,7 @@ def stage() -> Stage:
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.5, 0.25)},
         duration=0.8,
+        softness=13,
         exposure=1.3,
         diffuse=True,
         sections=sections,

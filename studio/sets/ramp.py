@@ -175,6 +175,7 @@ it was rubbed with wax; try sand (its friction), or make the lowest carton the h
             "floor": Boundary([tuple(FOOT), (6, 0)], 0.6, 0.1),
         },
         duration=2.0,
+        softness=0.3,
         exposure=1.8,
         diffuse=True,
         sections=lambda c: {

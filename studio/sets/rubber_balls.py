@@ -106,6 +106,8 @@ def stage() -> Stage:
         lights,
         {"ground": Boundary([(-3, 0), (3, 0)], 1.0, 1.0)},
         duration=1.6,
+        softness=0.5,
+        backdrop=0.5,
         exposure=0.88,
         world={"combine": "multiply"},
         sections=sections,

@@ -157,6 +157,7 @@ How high the stone flies is a matter of two masses, a height and the place of th
             ),
         },
         duration=1.4,
+        softness=45,
         exposure=1.75,
         film={"frames": 14, "until": 1.4},
         sections=lambda c: {

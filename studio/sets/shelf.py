@@ -215,6 +215,8 @@ def stage() -> Stage:
             "right-side": Boundary([(INSIDE, 0), (INSIDE, 0.8)], 0.4, 0.6),
         },
         duration=1.2,
+        softness=1.7,
+        backdrop=0.14,
         exposure=1.75,
         sections=sections,
         film={"frames": 12, "until": 0.9},

@@ -222,6 +222,7 @@ def stage() -> Stage:
             "ramp": Boundary(list(RAMP), 0.5, 0.2, "The ramp is nailed down."),
         },
         duration=1.0,
+        softness=17,
         exposure=1.25,
         world={"steps_per_second": 1920},
         sections=sections,

@@ -162,6 +162,7 @@ def stage() -> Stage:
         },
         duration=0.9,
         diffuse=True,
+        softness=0.3,
         exposure=0.85,
         sections=sections,
     )
