@@ -236,11 +236,12 @@ def filled(
     return coverage, backends.make("inpaint")(maps.rgb, coverage > 0)
 
 
-def render(drawn: Stage, trajectory: Trajectory) -> Iterator[Frame]:
-    """Frames, one at a time."""
+def render(drawn: Stage, trajectory: Trajectory, parts: int = 1) -> Iterator[Frame]:
+    """Frames, one at a time; each the mean of `parts` samples, in linear light."""
     from physgen.render.frames import render_frames
+    from physgen.render.shutter import exposed
 
-    return render_frames(drawn, trajectory)
+    return exposed(render_frames(drawn, trajectory), parts)
 
 
 def render_scene(
@@ -260,11 +261,13 @@ def render_scene(
 
     `ask_chaos` runs the scene's neighbours too, for the report. Raises InputError.
     """
+    from physgen.render.shutter import shutter
     from physgen.report.folder import whole_folder
     from physgen.report.page import report_page
     from physgen.report.record import RunRecord, file_hash, frame_hash, write_json
     from physgen.report.video import Format, open_video
     from physgen.scene.write import scene_text
+    from physgen.simulate.engine import simulate as run_at
 
     record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
     record.overrides, record.variant = list(overrides), variant
@@ -305,6 +308,12 @@ def render_scene(
     with record.stage("cut out"):
         drawn = stage(scene, compiled, maps)
     del maps
+    # the engine's steps do not depend on its samples: the fine run is the same motion
+    moments, parts = shutter(trajectory.times, compiled.world, scene.render.motion_blur)
+    fine = trajectory
+    if parts > 1:
+        with record.stage("expose"):
+            fine = run_at(compiled.world, moments)
     kinds = tuple(formats) if formats else (Format.MP4,)
     with whole_folder(final) as folder:
         started = time.process_time()
@@ -313,7 +322,7 @@ def render_scene(
                 writers = [
                     files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds
                 ]
-            frames = render(drawn, trajectory)
+            frames = render(drawn, fine, parts)
             for index in range(len(trajectory.times)):
                 with record.stage("render", time.thread_time):
                     frame = next(frames)

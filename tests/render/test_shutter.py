@@ -1,0 +1,62 @@
+"""Motion blur is the mean of the light of an exposure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.photometry import decode
+from physgen.render.shutter import exposed, shutter
+from physgen.simulate.engine import simulate
+
+SCENE = """\
+physgen: 1
+size: [160, 60]
+world: {view: top, duration: 0.5}
+objects: {a: {shape: {circle: {center: [30, 30], radius: 12}}, velocity: [200, 0]}}
+"""
+
+
+def frames(tmp_path, part):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE)
+    scene = pipeline.load(path)
+    compiled = pipeline.compile(scene, None)
+    times, parts = shutter(compiled.world.times, compiled.world, part)
+    return list(
+        pipeline.render(pipeline.stage(scene, compiled, None), simulate(compiled.world, times), parts)
+    )
+
+
+def test_a_closed_shutter_changes_nothing(tmp_path) -> None:
+    assert shutter(np.arange(3.0), None, 0.0)[1] == 1
+
+
+def test_the_first_frame_is_sharp_and_the_rest_are_smeared_backwards(tmp_path) -> None:
+    sharp, smeared = frames(tmp_path, 0.0), frames(tmp_path, 1.0)
+    assert len(sharp) == len(smeared)
+    assert np.array_equal(sharp[0].rgb, smeared[0].rgb)
+    assert [f.time for f in smeared] == pytest.approx([f.time for f in sharp])
+    for before, after in zip(sharp[5:], smeared[5:], strict=True):
+        paper = decode(before.rgb[0, 0])
+        dark = [np.abs(decode(f.rgb) - paper).sum(-1) for f in (before, after)]
+        # as much is hidden, spread over the way of an exposure, which lies behind: 200 px/s / 30 fps x 7/8 / 2
+        assert dark[1].sum() == pytest.approx(dark[0].sum(), rel=0.02)
+        x = np.arange(160)
+        middle = [(d.sum(0) * x).sum() / d.sum() for d in dark]
+        assert middle[0] - middle[1] == pytest.approx(200 / 30 * 7 / 8 / 2, abs=0.15)
+
+
+def test_it_is_the_mean_of_light(tmp_path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE)
+    scene = pipeline.load(path)
+    compiled = pipeline.compile(scene, None)
+    stage = pipeline.stage(scene, compiled, None)
+    times, parts = shutter(compiled.world.times, compiled.world, 0.5)
+    each = [f.rgb for f in pipeline.render(stage, simulate(compiled.world, times))]
+    blurred = list(exposed(pipeline.render(stage, simulate(compiled.world, times)), parts))
+    for k, frame in enumerate(blurred):
+        mean = np.mean([decode(rgb) for rgb in each[k * parts : (k + 1) * parts]], axis=0)
+        assert np.abs(decode(frame.rgb) - mean).max() < 0.006
