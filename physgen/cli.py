@@ -220,6 +220,9 @@ def render(options: argparse.Namespace) -> int:
 def evaluate(options: argparse.Namespace) -> int:
     import os
 
+    if options.what == "fidelity":
+        return _fidelity(options)
+
     from physgen.evaluate import physics, table
 
     bar = Bar()
@@ -239,6 +242,19 @@ def evaluate(options: argparse.Namespace) -> int:
     else:
         sys.stdout.write(table.markdown(result) if options.markdown else table.text(result))
     return OK if result["passed"] else FAILED
+
+
+def _fidelity(options: argparse.Namespace) -> int:
+    from physgen.evaluate import fidelity
+
+    bar = Bar()
+    result = fidelity.evaluate(options.truth, options.scenes, bar.show)
+    bar.clear()
+    if options.json:
+        _print_json(result)
+    else:
+        sys.stdout.write(fidelity.markdown(result))
+    return OK
 
 
 def list_backends(options: argparse.Namespace) -> int:

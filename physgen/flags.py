@@ -185,7 +185,25 @@ def build_parser() -> argparse.ArgumentParser:
         "Scorecards: how far physgen is from what is known. Exit code 1 when a bar is missed.",
         "physgen evaluate physics --rows 1,5,12",
     )
-    sub.add_argument("what", choices=("physics",), help="physics: motion against closed forms")
+    sub.add_argument(
+        "what",
+        choices=("physics", "fidelity"),
+        help="physics: motion against closed forms; fidelity: frames against the studio's truth videos",
+    )
+    sub.add_argument(
+        "--truth",
+        metavar="DIR",
+        type=Path,
+        default=Path("studio/truth"),
+        help="fidelity: the studio's truth; default: studio/truth",
+    )
+    sub.add_argument(
+        "--scenes",
+        metavar="LIST",
+        type=lambda t: t.split(","),
+        default=[],
+        help="fidelity: some scenes, e.g. curling,shelf",
+    )
     sub.add_argument(
         "--rows", metavar="LIST", type=_rows, default=[], help="some rows, e.g. 1,5,12; default: all"
     )

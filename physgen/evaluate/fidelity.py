@@ -1,0 +1,276 @@
+"""Frames against truth: the studio's true poses replayed, by physgen and by the paper's compositing.
+
+Truth videos (`studio/truth/NAME/film`) hold poses and what a path tracer sees at them. The headline uses the maps that
+`perceive` makes of the photo, given the true masks. Beside it stand the same with the true maps, ours with parts taken
+away, and the paper's way: objects cut out hard and pasted over the true background, without and with its relighting.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen import pipeline
+from physgen.compile.assemble import Compiled
+from physgen.geometry import rotation
+from physgen.perceive.given import from_masks
+from physgen.perceive.scene import perceive
+from physgen.percepts.maps import Percepts, read_image
+from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
+from physgen.problems import InputError
+from physgen.scene.model import Light, Scene, Settings, Solid
+from physgen.simulate.engine import simulate
+from physgen.simulate.trajectory import Trajectory
+
+U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+REGIONS = ("objects", "shadows", "rest")
+SHADOW = 6
+"""Grey levels by which truth differs from the empty background where a shadow or a reflection falls."""
+MOST_DB = 60.0
+"""dB: what is equal counts as this."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One truth video."""
+
+    name: str
+    scene: Scene
+    maps: Percepts
+    film: Mapping[str, Any]
+    folder: Path
+
+    def frames(self) -> Iterator[tuple[U8, Mask]]:
+        """(H, W, 3) sRGB and where objects are (H, W), a frame after the other."""
+        for k in range(1, len(self.film["times_s"]) + 1):
+            yield read_image(self.folder / f"{k:02}.webp"), read_ids(self.folder / f"ids-{k:02}.png") > 0
+
+
+def read_ids(path: Path) -> U8:
+    """(H, W) uint8 ids of a truth frame."""
+    return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), np.uint8)
+
+
+def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
+    """Truth videos below `folder`, by name; raises InputError where there are none, or none of that name."""
+    found = {path.parent.parent.name: path for path in sorted(folder.glob("*/film/film.json"))}
+    if not found:
+        fix = "name the folder of the studio's truth, studio/truth in physgen's repository"
+        raise InputError.of("--truth", str(folder), "holds no truth videos", fix)
+    wrong = [name for name in names if name not in found]
+    if wrong:
+        raise InputError.of(
+            "--scenes", ", ".join(wrong), "has no truth video", f"choose from {', '.join(found)}"
+        )
+    result = []
+    for name in names or found:
+        film = json.loads(found[name].read_text())
+        scene = pipeline.load(folder.resolve().parents[1] / film["scene"], variant=film["variant"])
+        maps = pipeline.percepts(scene)
+        assert maps is not None
+        result.append(Truth(name, scene, maps, film, found[name].parent))
+    return result
+
+
+def replayed(truth: Truth, compiled: Compiled) -> Trajectory:
+    """The stored poses as a trajectory, t = 0 first; how balls have turned is simulated again."""
+    times = np.array([0.0, *truth.film["times_s"]])
+    run = simulate(compiled.world, times)
+    poses = run.poses.copy()
+    for k, name in enumerate(run.names):
+        stored = np.array(truth.film["objects"][name])
+        poses[1:, k] = np.column_stack([stored[:, :2], np.radians(stored[:, 2])])
+    return replace(run, poses=poses)
+
+
+# ---- ways to draw ------------------------------------------------------------------------------------------------
+
+
+def ours(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
+    """physgen's frames, after the photo itself."""
+    compiled = pipeline.compile(scene, maps)
+    frames = pipeline.render(pipeline.stage(scene, compiled, maps), replayed(truth, compiled))
+    next(frames)
+    for frame in frames:
+        yield frame.rgb
+
+
+def seen(truth: Truth) -> tuple[Scene, Percepts]:
+    """Scene and maps with what `perceive` makes of the photo, given the true masks; shapes and motion stay true."""
+    world = truth.scene.world
+    found = perceive(truth.maps.rgb, from_masks(truth.maps.labels), view=world.view)
+    told, around = found.document["light"], found.document["world"]
+    direction = np.array(told["direction"], float)
+    x, y, z = (direction / np.linalg.norm(direction)).tolist()
+    light = Light((x, y, z), told["intensity"], told["ambient"], told.get("softness", 4.0))
+    settings: Settings = replace(world, tilt=around.get("tilt", 4.0), backdrop=around.get("backdrop"))
+    return replace(truth.scene, light=light, world=settings), found.percepts
+
+
+def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[U8]:
+    """Objects cut out by their masks, hard, and pasted over `background`; relit by Lambert's law where there is light.
+
+    Relighting multiplies the photo by the shading of the turned normals over that of the first ones, with the true
+    light and, for spheres, the true normals.
+    """
+    compiled = pipeline.compile(truth.scene, truth.maps)
+    run = replayed(truth, compiled)
+    height, width = compiled.labels.shape
+    photo = decode(truth.maps.rgb)
+    order = sorted(range(len(truth.scene.objects)), key=lambda k: truth.scene.objects[k].layer)
+    for sample in range(1, len(run.times)):
+        canvas = background.copy()
+        for k in order:
+            body = compiled.world.bodies[k]
+            x, y, angle = run.poses[sample, k]
+            turn = rotation(angle)
+            matrix = np.concatenate([turn, (np.array([[x], [y]]) - turn @ body.center[:, None])], axis=1)
+            mask = (compiled.labels == k + 1).astype(np.uint8)
+            there = cv2.warpAffine(mask, matrix, (width, height), flags=cv2.INTER_NEAREST) > 0
+            look: F32 = photo
+            if light is not None and body.solid is Solid.SPHERE and body.radius is not None:
+                normals, _ = sphere_normals(height, width, tuple(body.center.tolist()), body.radius)
+                turned = normals.copy()
+                turned[..., :2] = normals[..., :2] @ turn.T.astype(np.float32)
+                ratio = light.shade(turned) / np.maximum(light.shade(normals), 0.05)
+                look = np.asarray(photo * ratio[..., None], np.float32)
+            moved = cv2.warpAffine(look, matrix, (width, height), flags=cv2.INTER_LINEAR)
+            canvas[there] = encode_u8(np.asarray(moved, np.float32)[there])
+        yield canvas
+
+
+def ways(truth: Truth) -> dict[str, Callable[[], Iterator[U8]]]:
+    """Every way to draw the video, by name; the first is the headline."""
+    scene, maps = truth.scene, truth.maps
+    assert scene.light is not None
+    light = DistantLight(scene.light.direction, scene.light.intensity, scene.light.ambient)
+    assert maps.background is not None
+    assert maps.clean is not None
+    dull, flat = replace(scene.render, relight=False), replace(scene.render, shadows=False)
+    shadowed, clean = maps.background, maps.clean
+    return {
+        "ours": lambda: ours(truth, *seen(truth)),
+        "ours, true maps": lambda: ours(truth, scene, maps),
+        "ours, true maps, no relighting": lambda: ours(truth, replace(scene, render=dull), maps),
+        "ours, true maps, no shadows": lambda: ours(truth, replace(scene, render=flat), maps),
+        "paper": lambda: paper(truth, shadowed, None),
+        "paper, relit": lambda: paper(truth, shadowed, light),
+        "paper, relit, no old shadows": lambda: paper(truth, clean, light),
+    }
+
+
+# ---- measures ----------------------------------------------------------------------------------------------------
+
+
+def psnr(error: NDArray[np.float64], where: Mask) -> float | None:
+    """dB of squared errors (H, W), 0..1, over a region; None where it is empty."""
+    if not where.any():
+        return None
+    return min(MOST_DB, float(-10 * np.log10(max(float(error[where].mean()), 1e-9))))
+
+
+def ssim(a: U8, b: U8) -> F32:
+    """(H, W) structural similarity of luma: Gaussian windows of 1.5 px (Wang, Bovik, Sheikh, Simoncelli, 2004)."""
+    x, y = (cv2.cvtColor(p, cv2.COLOR_RGB2GRAY).astype(np.float32) for p in (a, b))
+
+    def mean(v: Any) -> F32:
+        return np.asarray(cv2.GaussianBlur(v, (11, 11), 1.5), np.float32)
+
+    mx, my = mean(x), mean(y)
+    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
+    c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
+    return np.asarray(
+        ((2 * mx * my + c1) * (2 * vxy + c2)) / ((mx * mx + my * my + c1) * (vx + vy + c2)), np.float32
+    )
+
+
+def compared(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
+    """PSNR (dB) and SSIM over objects, shadow regions and the rest; flicker: grey levels by which the error changes."""
+    assert truth.maps.clean is not None
+    empty = truth.maps.clean.astype(np.int16)
+    sums: dict[str, list[float]] = {f"{m}_{r}": [] for m in ("psnr", "ssim") for r in REGIONS}
+    flicker: list[float] = []
+    before: NDArray[np.float64] | None = None
+    for (true, objects), drawn in zip(truth.frames(), frames, strict=True):
+        shaded = ~objects & (np.abs(true.astype(np.int16) - empty).max(-1) > SHADOW)
+        off = (drawn.astype(np.float64) - true) / 255
+        square, alike = (off**2).mean(-1), ssim(drawn, true)
+        for region, where in zip(REGIONS, (objects, shaded, ~objects & ~shaded), strict=True):
+            if (decibels := psnr(square, where)) is not None:
+                sums[f"psnr_{region}"].append(decibels)
+                sums[f"ssim_{region}"].append(float(alike[where].mean()))
+        if before is not None:
+            flicker.append(float(np.abs(off - before)[objects | shaded].mean() * 255))
+        before = off
+    result: dict[str, float | None] = {key: float(np.mean(v)) if v else None for key, v in sums.items()}
+    result["flicker"] = float(np.mean(flicker)) if flicker else None
+    return result
+
+
+def evaluate(
+    folder: Path, names: Sequence[str] = (), progress: Callable[[str, int, int], None] = lambda *_: None
+) -> dict[str, Any]:
+    """Every way on every truth video below `folder`; means over the scenes of each half of the split."""
+    films = truths(folder, names)
+    split = json.loads((folder / "../split.json").read_text()) if (folder / "../split.json").exists() else {}
+    rows: list[dict[str, Any]] = []
+    for k, truth in enumerate(films):
+        for name, draw in ways(truth).items():
+            progress(f"{truth.name}: {name}", k, len(films))
+            rows.append(
+                {
+                    "scene": truth.name,
+                    "half": _half(split, truth.name),
+                    "way": name,
+                    **compared(truth, draw()),
+                }
+            )
+    means = []
+    for half in ("test", "tune"):
+        for way in dict.fromkeys(row["way"] for row in rows):
+            mine = [row for row in rows if row["way"] == way and row["half"] == half]
+            if mine:
+                keys = [key for key in mine[0] if key not in ("scene", "half", "way")]
+                values = {key: [row[key] for row in mine if row[key] is not None] for key in keys}
+                means.append(
+                    {"half": half, "way": way, **{key: float(np.mean(v)) for key, v in values.items() if v}}
+                )
+    return {"rows": rows, "means": means}
+
+
+def markdown(result: Mapping[str, Any]) -> str:
+    """Tables of means over scenes, and of each scene's headline against the paper's best."""
+    heads = ["half", "way", *(f"{r}, dB" for r in REGIONS), *(f"{r}, SSIM" for r in REGIONS), "flicker"]
+    keys = [*(f"psnr_{r}" for r in REGIONS), *(f"ssim_{r}" for r in REGIONS), "flicker"]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    for row in result["means"]:
+        lines.append(
+            f"| {row['half']} | {row['way']} | " + " | ".join(_cell(row, key) for key in keys) + " |"
+        )
+    shown = ("ours", "ours, true maps", "paper, relit", "paper, relit, no old shadows")
+    lines += ["", "| scene | half | " + " | ".join(f"{w}: objects / shadows, dB" for w in shown) + " |"]
+    lines.append("|" + "---|" * (2 + len(shown)))
+    for name in dict.fromkeys(row["scene"] for row in result["rows"]):
+        mine = {row["way"]: row for row in result["rows"] if row["scene"] == name}
+        cells = [f"{_cell(mine[w], 'psnr_objects')} / {_cell(mine[w], 'psnr_shadows')}" for w in shown]
+        lines.append(f"| {name} | {mine[shown[0]]['half']} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(row: Mapping[str, Any], key: str) -> str:
+    value = row.get(key)
+    return "" if value is None else f"{value:.3f}" if key.startswith("ssim") else f"{value:.2f}"
+
+
+def _half(split: Mapping[str, Any], name: str) -> str:
+    return next((half for half in ("tune", "test") if name in split.get(half, ())), "")
