@@ -7,6 +7,7 @@ have friction 1 and elasticity 0 unless told, balls turn as discs.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,16 @@ from numpy.typing import NDArray
 from physgen import backends
 from physgen.outline.outline import Disc, mass_properties
 from physgen.perceive import words
+from physgen.perceive.lifted import refilled
 from physgen.perceive.membrane import seamless
 from physgen.perceive.primitives import outlines_of
-from physgen.perceive.roles import Rgb, Thing
+from physgen.perceive.roles import LightGuess, Rgb, Setting, Shadows, Thing, Wall
 from physgen.perceive.scene import Perceived, Progress, silent
 from physgen.perceive.sim_yaml import Body, Sim, read_sim
 from physgen.percepts.maps import Percepts, read_image, read_labels
 from physgen.photometry import decode, fit_light
 from physgen.problems import InputError
+from physgen.scene.model import View
 
 F32 = NDArray[np.float32]
 SPREAD = 0.06
@@ -74,12 +77,35 @@ def import_physgen(
     document["forces"] = [_impulse(called[t.id], t, sim) for t in things if t.id in sim.push]
     if (light := _light(normals, shading, labels)) is not None:
         document["light"], comments["light"] = light
+    shadows = _shadows(percepts, things, sim)
+    if shadows.clean is not None:
+        percepts = replace(percepts, clean=refilled(shadows.clean, coverage, backends.make("inpaint")))
+        document["light"] = words.light(shadows.light) | {"softness": shadows.softness}
+        comments["light"] = f"{shadows.reason} (confidence {shadows.confidence:g})"
+        document["world"] |= words.view(shadows, bool(sim.gravity))
     document["render"] = {"fps": max(1, round(sim.frames / sim.duration, 3)), "frames": sim.frames}
     if sim.strength is not None:
         document["refine"] = {"strength": sim.strength}
     comments |= _comments(sim, folder, labels)
     header = f"Imported from {folder.name}/sim.yaml of the paper's public code. Run: physgen render THIS-FILE"
     return Perceived(percepts, document, comments, header, tuple(sim.warnings))
+
+
+def _shadows(percepts: Percepts, things: list[Thing], sim: Sim) -> Shadows:
+    """The photo's shadows, by a light near the one found from the maps."""
+    walls = tuple(
+        Wall(f"wall-{k}", ends, sim.ground_friction, sim.ground_elasticity, 1.0, "", "")
+        for k, ends in enumerate(sim.edges, 1)
+    )
+    setting = Setting(View.SIDE if sim.gravity else View.TOP, 1.0, "", walls)
+    matter = backends.make("physics")(percepts.rgb, things, None)
+    guess: LightGuess = backends.make("light")(percepts.rgb, percepts.labels, things)
+    assert percepts.background is not None
+    assert percepts.coverage is not None
+    found: Shadows = backends.make("shadow")(
+        percepts.background, percepts.coverage, percepts.labels, things, matter, setting, guess
+    )
+    return found
 
 
 def _complete(folder: Path) -> None:
@@ -203,14 +229,8 @@ def _light(
     fit = fit_light(shading[seen][::step], normals[seen][::step])
     if fit is None or fit.light.intensity < 1e-3 or fit.spread < SPREAD:
         return None
-    light = fit.light
-    direction = [round(v, 3) for v in light.direction]
     said = f"fitted to shading.npy over normal.npy on the objects; explains {fit.explained:.0%} of it"
-    return {
-        "direction": direction,
-        "intensity": round(min(light.intensity, 1000), 3),
-        "ambient": round(light.ambient, 3),
-    }, said
+    return words.light(fit.light), said
 
 
 def _comments(sim: Sim, folder: Path, labels: NDArray[np.uint16]) -> dict[str, str]:

@@ -16,6 +16,7 @@ from physgen.outline import raster
 from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
+from physgen.perceive.lifted import refilled
 from physgen.perceive.roles import LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
@@ -106,9 +107,10 @@ def perceive(
     coverage = role("matte")(rgb, found.labels)
     background = role("inpaint")(rgb, coverage > 0)
     shadows: Shadows = role("shadow")(background, coverage, found.labels, things, matter, setting, light)
-    percepts = Percepts(
-        rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=shadows.clean
-    )
+    clean = shadows.clean
+    if clean is not None:
+        clean = refilled(clean, coverage, backends.make("inpaint", who.get("inpaint")))
+    percepts = Percepts(rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean)
 
     called = words.names(things, {i: name for i, name in before.items() if i not in renamed})
     objects = {}
@@ -222,23 +224,13 @@ def _world(setting: Setting, pixels_per_meter: float | None, shadows: Shadows) -
     world: dict[str, Any] = {"view": setting.view.value, "pixels_per_meter": pixels_per_meter or 100}
     if setting.view is View.TOP:
         world["table"] = {"friction": 0}
-    world["duration"] = 2.0
-    if setting.view is View.SIDE and shadows.clean is not None:
-        world["tilt"] = shadows.tilt
-        if shadows.backdrop is not None:
-            world["backdrop"] = shadows.backdrop
-    return world
+    return world | {"duration": 2.0} | words.view(shadows, setting.view is View.SIDE)
 
 
 def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
-    light = guess.light if shadows.clean is None else shadows.light
-    x, y, z = (round(v, 3) for v in light.direction)
-    told = {
-        "direction": [x, y, z],
-        "intensity": round(light.intensity, 3),
-        "ambient": round(light.ambient, 3),
-    }
-    return told if shadows.clean is None else told | {"softness": shadows.softness}
+    if shadows.clean is None:
+        return words.light(guess.light)
+    return words.light(shadows.light) | {"softness": shadows.softness}
 
 
 def _comments(

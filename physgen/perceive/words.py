@@ -11,7 +11,8 @@ import numpy as np
 
 from physgen.geometry import Array
 from physgen.outline.outline import Disc, Outline, mass_properties
-from physgen.perceive.roles import Thing, Wall
+from physgen.perceive.roles import Shadows, Thing, Wall
+from physgen.photometry import DistantLight
 
 
 def slug(label: str) -> str:
@@ -24,6 +25,24 @@ def slug(label: str) -> str:
     if not text:
         return "object"
     return text if text[0].isalpha() else f"object-{text}"
+
+
+def light(found: DistantLight) -> dict[str, Any]:
+    """The scene's `light:`."""
+    x, y, z = (round(v, 3) for v in found.direction)
+    return {
+        "direction": [x, y, z],
+        "intensity": round(min(found.intensity, 1000.0), 3),
+        "ambient": round(found.ambient, 3),
+    }
+
+
+def view(shadows: Shadows, side: bool) -> dict[str, Any]:
+    """What `world:` says of where shadows fall; nothing where none are seen."""
+    if shadows.clean is None or not side:
+        return {}
+    wall = {} if shadows.backdrop is None else {"backdrop": shadows.backdrop}
+    return {"tilt": shadows.tilt, **wall}
 
 
 def names(things: Sequence[Thing], kept: Mapping[int, str] | None = None) -> dict[int, str]:

@@ -324,14 +324,15 @@ def _seen(
             model[y0:y1, x0:x1] += values
     size = float(np.median([(s.coverage > 0.5).sum() ** 0.5 for s in silhouettes])) + 1
     solid = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8)) > 0
-    blur = max(2.0, 0.08 * size)
-    reach = cv2.GaussianBlur(cv2.dilate(model, np.ones((3, 3), np.uint8)), (0, 0), blur)
+    side = 2 * max(1, round(0.2 * size)) + 1
+    wide = cv2.dilate(model, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    reach = _wide(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
     region = (reach > 0.03) | solid
     linear = decode(background)
     light = np.log(luminance(linear) + FLOOR)
     smooth = np.asarray(cv2.medianBlur(light, 5), np.float32)
     reference = _reference(linear, smooth, ~region, size)
-    most = 1.7 * np.maximum(model, reach) + 0.12
+    most = 1.7 * np.maximum(model, reach) + 0.2
     window = np.clip(reach / 0.08, 0, 1)
     dark = np.clip(reference - smooth, 0, most) * window
     return np.asarray(dark, np.float32)
@@ -339,8 +340,8 @@ def _seen(
 
 def _reference(linear: F32, light: F32, known: NDArray[np.bool_], size: float) -> F32:
     """(H, W): the light of like-coloured surfaces round about, from where it is `known`."""
-    red, green, blue = (np.log(linear[..., c] + FLOOR) for c in range(3))
-    hue = cv2.GaussianBlur(np.dstack([red - green, blue - green]), (0, 0), 2)
+    grey = linear.sum(axis=2) + 3 * FLOOR
+    hue = cv2.GaussianBlur(np.dstack([(linear[..., c] + FLOOR) / grey for c in (0, 2)]), (0, 0), 2)
     sample = np.ascontiguousarray(hue[known][:: max(1, int(known.sum()) // 8000)], np.float32)
     total = np.full(light.shape, 1e-6, np.float32)
     if len(sample) < HUES:
@@ -349,7 +350,7 @@ def _reference(linear: F32, light: F32, known: NDArray[np.bool_], size: float) -
     _, names, centers = cv2.kmeans(
         sample, HUES, np.zeros((len(sample), 1), np.int32), (3, 20, 1e-3), 1, cv2.KMEANS_PP_CENTERS
     )
-    width = max(0.06, 2 * float(np.abs(sample - centers[names.ravel()]).mean()))
+    width = max(0.03, 2 * float(np.abs(sample - centers[names.ravel()]).mean()))
     result = 1e-6 * light
     w = known.astype(np.float32)
     for center in centers:
