@@ -1,6 +1,6 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
 # make test: install what tests need, lint, type-check, test
-# make studio: render the bundled photos and their truth again, from scratch; hours, and an LLVM library
+# make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
 BIN = .venv/bin
 OUT = out/demo
@@ -30,9 +30,7 @@ bench: .venv/.test
 	$(BIN)/python benchmarks/run.py
 
 studio: .venv/.studio
-	$(BIN)/python studio/make.py
-	$(BIN)/python studio/split.py
-	$(BIN)/python studio/gallery.py
+	$(BIN)/python studio/make.py -o out/studio
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

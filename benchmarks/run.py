@@ -4,6 +4,7 @@
     python benchmarks/run.py render start    # some of it
     python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
     python benchmarks/run.py rivals          # the same rows in other engines, beside ours; some minutes
+    python benchmarks/run.py fidelity        # frames against the studio's truth videos, and docs/fidelity.md
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -22,10 +23,11 @@ from pathlib import Path
 
 import numpy as np
 from growth import growth, plot
-from tables import RESULTS, page, physics_page
+from tables import RESULTS, fidelity_page, page, physics_page
 
 from physgen.cli import main as physgen
 from physgen.compile.world import World
+from physgen.evaluate import fidelity
 from physgen.evaluate import physics as scorecard
 from physgen.evaluate.rivals.roster import Unsupported, find, make, names
 from physgen.evaluate.row import DRAWS, Row
@@ -132,9 +134,11 @@ def segmentation(folder: Path) -> list[dict]:
     """Objects found at an intersection over union of 0.5, against the masks."""
     from physgen import backends
 
+    split = json.loads((ROOT / "studio/split.json").read_text())
+    half = {name: key for key in ("tune", "test") for name in split[key]}
     photos = {
         name: (ROOT / "scenes" / name / "photo.png", ROOT / "scenes" / name / "photo.assets/masks.png")
-        for name in BUNDLED
+        for name in half
     }
     if peers := peer_folder():
         photos |= {
@@ -157,6 +161,7 @@ def segmentation(folder: Path) -> list[dict]:
         rows.append(
             {
                 "photo": name,
+                "half": half.get(name, "real"),
                 "hit": len(hits),
                 "said": found,
                 "true": true,
@@ -164,6 +169,11 @@ def segmentation(folder: Path) -> list[dict]:
             }
         )
     return rows
+
+
+def frames_against_truth(folder: Path) -> list[dict]:
+    """Frames against the studio's truth videos, ours and the paper's way, each scene and way."""
+    return fidelity.evaluate(ROOT / "studio/truth")["rows"]
 
 
 def physics(folder: Path) -> list[dict]:
@@ -233,7 +243,7 @@ def _too_slow(*_: object) -> None:
 
 
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
-PARTS |= {"rivals": rivals, "growth": growth}
+PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth}
 
 
 def main(names: list[str]) -> None:
@@ -251,6 +261,8 @@ def main(names: list[str]) -> None:
     (ROOT / "docs" / "benchmarks.md").write_text(page())
     if (RESULTS / "physics.json").exists():
         (ROOT / "docs" / "physics.md").write_text(physics_page())
+    if (RESULTS / "fidelity.json").exists():
+        (ROOT / "docs" / "fidelity.md").write_text(fidelity_page())
     print(page())
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from growth import KINDS, exponent
 
+from physgen.evaluate import fidelity
 from physgen.evaluate.table import markdown
 
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -51,6 +52,29 @@ def physics_page() -> str:
             "mu friction, I moment of inertia, R radius.",
             "",
             markdown(result),
+            f"Measured on {result['machine']}.",
+            "",
+        ]
+    )
+
+
+def fidelity_page() -> str:
+    result = json.loads((RESULTS / "fidelity.json").read_text())
+    return "\n".join(
+        [
+            "# Fidelity",
+            "",
+            "Written by `python benchmarks/run.py fidelity` from `benchmarks/results/fidelity.json`; do not edit.",
+            "",
+            "Frames of the studio's truth videos (Mitsuba) against frames drawn from the photo at the same poses,",
+            "by `physgen evaluate fidelity`. `ours` uses the maps that `perceive` makes of the photo, given the true",
+            "masks; `true maps` are the studio's. The paper's way pastes hard cut-outs over the true background,",
+            "with the old shadows or without, and relights with the true light. PSNR in dB and SSIM, means over",
+            "frames, then scenes:",
+            "over objects, over shadows and reflections (where truth differs from the empty background by more",
+            "than 6 grey levels), and over the rest. Flicker: grey levels by which the error changes between frames.",
+            "",
+            fidelity.markdown({"rows": result["rows"], "means": fidelity.means(result["rows"])}),
             f"Measured on {result['machine']}.",
             "",
         ]
@@ -140,6 +164,7 @@ def _segmentation(rows: list[dict]) -> list[str]:
     body = [
         [
             r["photo"],
+            r["half"],
             r["hit"],
             r["said"],
             r["true"],
@@ -152,7 +177,7 @@ def _segmentation(rows: list[dict]) -> list[str]:
     return [
         "## Finding objects",
         "",
-        "Without masks, at an intersection over union of 0.5.",
+        "Without masks, at an intersection over union of 0.5. Halves as in [studio.md](studio.md).",
         "",
-        *_table(["photo", "hit", "said", "true", "precision", "recall", "mean IoU"], body),
+        *_table(["photo", "half", "hit", "said", "true", "precision", "recall", "mean IoU"], body),
     ]

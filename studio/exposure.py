@@ -285,7 +285,7 @@ def maps(studio: Studio, scene: object, lookup: np.ndarray, rays: int = 64) -> M
         good = right & hit.is_valid()
         away = (mi.Vector3f(*map(float, studio.camera.eye)) - hit.p) @ mi.Vector3f(*map(float, axes[2]))
         normal = dr.select(dr.dot(hit.sh_frame.n, ray.d) > 0, -hit.sh_frame.n, hit.sh_frame.n)
-        albedo = hit.bsdf(ray).eval_diffuse_reflectance(hit)
+        albedo = _diffuse(hit, ray, sampler)
         weight = dr.select(good, 1.0, 0.0)
         numbers_ = [weight, away - camera.distance, *normal, *albedo]
         return [weight, *(dr.select(good, v, 0) for v in numbers_[1:])]
@@ -298,6 +298,19 @@ def maps(studio: Studio, scene: object, lookup: np.ndarray, rays: int = 64) -> M
     image = world @ axes.T * [1, -1, 1]
     image /= np.maximum(np.linalg.norm(image, axis=-1, keepdims=True), 1e-6)
     return Maps(labels, first, second, everything, depth, image.astype(np.float32), np.stack(values[3:], -1))
+
+
+def _diffuse(hit: object, ray: object, sampler: object) -> object:
+    """What comes back diffusely, of white light from everywhere: the pigment as seen through its coat; one sample.
+
+    The BSDF's own diffuse part alone, over cosine-weighted directions; nothing for bare metal and glass.
+    """
+    only = mi.BSDFContext()
+    only.type_mask = int(mi.BSDFFlags.DiffuseReflection)
+    local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    hit.wi = dr.select(mi.Frame3f.cos_theta(hit.wi) < 0, -hit.wi, hit.wi)
+    value = hit.bsdf(ray).eval(only, hit, local)
+    return dr.select(hit.is_valid(), _finite(value * dr.pi / mi.Frame3f.cos_theta(local)), 0)
 
 
 def _fill(values: F32, known: np.ndarray) -> F32:

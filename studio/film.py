@@ -18,8 +18,8 @@ from stage import Camera, Stage
 
 from physgen import pipeline
 from physgen.simulate.engine import simulate
-
-FINE = 960  # Hz: how finely the rolling of balls is added up
+from physgen.simulate.trajectory import Trajectory
+from physgen.simulate.turning import matrix
 
 
 def poses(
@@ -32,10 +32,7 @@ def poses(
     """Poses of every thing at each time (s): in metres for Mitsuba, and as the file has them (x px, y px, degrees)."""
     scene = pipeline.load(scene_file, variant=variant, overrides=list(overrides))
     world = pipeline.compile(scene, pipeline.percepts(scene)).world
-    step = times[0] / max(1, round(times[0] * FINE)) if len(times) else 1 / FINE
-    fine = np.arange(round(times[-1] / step) + 1) * step
-    run = simulate(world, fine)
-    at = [round(t / step) for t in times]
+    run = simulate(world, np.array(times))
 
     def metres(px: np.ndarray) -> np.ndarray:
         middle = (np.array(camera.size) - 1) / 2
@@ -43,32 +40,29 @@ def poses(
 
     frames: list[dict[str, Pose]] = [{} for _ in times]
     for k, body in enumerate(world.bodies):
-        rolls = run.rolls[:, k] if run.rolls.size else np.zeros((len(fine), 2))
-        turns = rotations(camera, rolls, run.poses[:, k, 2], step)
-        for frame, sample in zip(frames, at, strict=True):
-            now = run.poses[sample, k]
-            frame[body.name] = Pose(metres(body.center), metres(now[:2]), turns[sample])
+        turns = rotations(camera, run, k)
+        for sample, frame in enumerate(frames):
+            frame[body.name] = Pose(metres(body.center), metres(run.poses[sample, k, :2]), turns[sample])
+    rolled = run.turns if run.turns.size else np.zeros((len(times), len(world.bodies), 0))
     said = {
-        body.name: [np.round([*p[:2], np.degrees(p[2])], 4).tolist() for p in run.poses[at, k]]
+        body.name: [
+            np.round([*p[:2], np.degrees(p[2]), *turn], 4).tolist()
+            for p, turn in zip(run.poses[:, k], rolled[:, k], strict=True)
+        ]
         for k, body in enumerate(world.bodies)
     }
     return frames, said
 
 
-def rotations(camera: Camera, rolls: np.ndarray, angles: np.ndarray, step: float) -> np.ndarray:
-    """(T, 3, 3) rotation of the world since t = 0, from rolling (T, 2) rad/s and the angle (T,) rad in the picture.
+def rotations(camera: Camera, run: Trajectory, body: int) -> np.ndarray:
+    """(T, 3, 3) rotation of the world since t = 0, from how a body has turned in space, or in the picture.
 
     The picture's axes are +x right, +y down and so +z into it, by the right hand.
     """
     into = camera.axes * [[1], [-1], [-1]]  # rows: the picture's x, y and z in the world
-    spin = np.gradient(angles, step) if len(angles) > 1 else np.zeros(1)
-    if not rolls.any():
-        return np.stack([cv2.Rodrigues(into[2] * a)[0] for a in angles])
-    now, found = np.eye(3), []
-    for (wx, wy), wz in zip(rolls, spin, strict=True):
-        found.append(now)
-        now = cv2.Rodrigues((np.array([wx, wy, wz]) @ into) * step)[0] @ now
-    return np.stack(found)
+    if run.turns.size:
+        return into.T @ matrix(run.turns[:, body]) @ into
+    return np.stack([cv2.Rodrigues(into[2] * angle)[0] for angle in run.poses[:, body, 2]])
 
 
 def film(
@@ -79,7 +73,7 @@ def film(
     scale: float = 1.0,
     tell: Callable[[str], None] = print,
 ) -> None:
-    """Photograph `stage.film` into truth/NAME/film/: 01.webp ... and ids.png, film.json with times and poses."""
+    """Photograph `stage.film` into truth/NAME/film/: 01.webp ..., ids-01.png ..., film.json with times and poses."""
     if stage.film is None:
         return
     start = time.monotonic()
@@ -101,7 +95,7 @@ def film(
         "variant": stage.film.get("variant"),
         "rays": rays,
         "times_s": np.round(times, 6).tolist(),
-        "poses": "x px, y px of the centre of mass, degrees turned since t = 0, one a frame",
+        "poses": "x px, y px of the centre of mass, degrees turned since t = 0; of balls on a table also a quaternion w, x, y, z (+x right, +y down, +z into the photo); one a frame",
         "objects": said,
     }
     (folder / "film.json").write_text(rows(about) + "\n")
@@ -122,6 +116,7 @@ def clips(
     truth: Path,
     rays: int = 32,
     side: int = 256,
+    scale: float = 1.0,
     tell: Callable[[str], None] = print,
 ) -> None:
     """Record `stage.clips` into truth/NAME/clips/: a strip of frames a clip; clips.json says the pushes."""
@@ -132,11 +127,12 @@ def clips(
     times = [until * (k + 1) / frames for k in range(frames)]
     folder = truth / stage.name / "clips"
     folder.mkdir(parents=True, exist_ok=True)
+    camera = scaled(stage.camera, scale)
     studio = Studio(stage, scaled(stage.camera, side / stage.camera.size[1]))
     about = []
     for k in range(count):
-        edits = stage.clips["edit"](stage.camera, np.random.default_rng(1000 + k))
-        motions, said = poses(stage.camera, scenes / stage.name / "scene.yaml", times, edits)
+        edits = stage.clips["edit"](camera, np.random.default_rng(1000 + k))
+        motions, said = poses(camera, scenes / stage.name / "scene.yaml", times, edits)
         strip = [
             shot(studio, studio.scene(frame)[0], rays, seed=k * frames + i) for i, frame in enumerate(motions)
         ]

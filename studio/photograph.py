@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 from darkroom import decode, denoise, develop, encode, png
 from exposure import Maps, Picture, Studio, maps, picture, shading
 from probe import Light, probe
-from records import Quality, facts, readable, write_geometry, write_light
+from records import Quality, facts, readable, write_albedo, write_geometry, write_shading
 from stage import Camera, Stage
 from story import text
 
@@ -46,18 +46,51 @@ def photograph(
     png(assets / "coverage.png", np.round(found.coverage * 255).astype(np.uint8))
     tell(f"{stage.name}: photo and plates, {time.monotonic() - start:.0f} s so far")
     bright = denoise(shading(studio, full, quality.shading), None, found.normals)
-    light = probe(studio, clean)
-    (folder / "scene.yaml").write_text(text(replace(stage, camera=camera), light))
-    told = write_geometry(found, proof) | write_light(found, bright, light, proof)
-    (proof / "truth.json").write_text(readable(facts(stage, camera, quality) | told) + "\n")
+    told = write_geometry(found, proof) | write_albedo(found, proof) | write_shading(found, bright, proof)
+    _say(stage, camera, quality, told | {"light": asdict(probe(studio, clean))}, scenes, truth)
     tell(f"{stage.name}: {len(stage.things)} objects, all in {time.monotonic() - start:.0f} s")
 
 
+def remeasure(
+    stage: Stage,
+    scenes: Path,
+    truth: Path,
+    quality: Quality = USUAL,
+    scale: float = 1.0,
+    shade: bool = True,
+    tell: Callable[[str], None] = print,
+) -> None:
+    """Truth and scene file anew, beside the photo as it is; shading too, if asked."""
+    start = time.monotonic()
+    camera, proof = scaled(stage.camera, scale), truth / stage.name
+    studio = Studio(stage, camera)
+    full, lookup = studio.scene()
+    clean, _ = studio.scene(things=False)
+    found = maps(studio, full, lookup, quality.masks)
+    told = json.loads((proof / "truth.json").read_text())
+    told = {"depth": told["depth"], "shading": told["shading"]}
+    told |= write_geometry(found, proof) | write_albedo(found, proof)
+    if shade:
+        bright = denoise(shading(studio, full, quality.shading), None, found.normals)
+        told |= write_shading(found, bright, proof)
+    _say(stage, camera, quality, told | {"light": asdict(probe(studio, clean))}, scenes, truth)
+    tell(f"{stage.name}: truth in {time.monotonic() - start:.0f} s")
+
+
 def retell(stage: Stage, scenes: Path, truth: Path, tell: Callable[[str], None] = print) -> None:
-    """Write the scene file anew, from the light that was measured when the photo was taken."""
-    light = Light(**json.loads((truth / stage.name / "truth.json").read_text())["light"])
-    (scenes / stage.name / "scene.yaml").write_text(text(stage, light))
+    """What is told in words anew, with the light and the maps that were measured when the photo was taken."""
+    old = json.loads((truth / stage.name / "truth.json").read_text())
+    told = {key: old[key] for key in ("depth", "shading", "light")}
+    _say(stage, stage.camera, Quality(**old["rays"]), told, scenes, truth)
     tell(f"{stage.name}: scene file")
+
+
+def _say(stage: Stage, camera: Camera, quality: Quality, told: dict, scenes: Path, truth: Path) -> None:
+    """Write scene.yaml and truth.json."""
+    (scenes / stage.name / "scene.yaml").write_text(
+        text(replace(stage, camera=camera), Light(**told["light"]))
+    )
+    (truth / stage.name / "truth.json").write_text(readable(facts(stage, camera, quality) | told) + "\n")
 
 
 def widen(
@@ -114,11 +147,11 @@ def shoot(
         return develop(denoise(what.light, what.albedo, what.normals), stage.exposure, stage.vignette)
 
     photo, bare = print_of(seen), print_of(empty)
-    background = np.where(covered[..., None], lit_patches(print_of(shadowed), bare, covered), photo)
+    background = np.where(covered[..., None], contact_filled(print_of(shadowed), bare, covered), photo)
     return photo, (background, bare)
 
 
-def lit_patches(background: np.ndarray, clean: np.ndarray, covered: np.ndarray) -> np.ndarray:
+def contact_filled(background: np.ndarray, clean: np.ndarray, covered: np.ndarray) -> np.ndarray:
     """Where an object stands, no light gets between it and the table: such a patch takes the darkness around it.
 
     What is filled is the ratio of the two plates in linear light; a patch is what keeps less than a tenth of its light.

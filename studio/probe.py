@@ -6,16 +6,18 @@ send back is measured for many directions of the patch, and ambient + intensity 
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from exposure import Studio, irradiance
 from optics import dr, mi
+from stage import Camera, Thing
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True)
 class Light:
-    """In the units of the photo: albedo x shading = 1 is white at exposure's knee."""
+    """In the units of the photo: a matt surface of albedo 1 develops from its shading x exposure."""
 
     direction: list[float]
     """Unit, towards the light: +x right, +y down, +z to the viewer."""
@@ -34,11 +36,8 @@ def probe(studio: Studio, clean: object, normals: int = 400, rays: int = 4096) -
     n = rng.standard_normal((normals, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     n = n[n @ camera.axes[2] > 0.05]  # patches that the camera can see
-    places = np.array([[*t.at, t.depth] for t in stage.things])
-    if camera.view == "side":
-        places = places[:, [0, 2, 1]]
+    places = np.array([middle(camera, thing) for thing in stage.things])
     spot = np.repeat(places[rng.integers(len(places), size=len(n))], rays, 0).T
-    spot = spot + 0.0
     normal = np.repeat(n, rays, 0).T
     hit = dr.zeros(mi.SurfaceInteraction3f, spot.shape[1])
     hit.p, hit.n = mi.Point3f(spot), mi.Normal3f(normal)
@@ -64,6 +63,22 @@ def probe(studio: Studio, clean: object, normals: int = 400, rays: int = 4096) -
         [round(float(c), 3) for c in colour_],
         round(float(np.sqrt(np.mean((grey - model) ** 2)) / grey.mean()), 4),
     )
+
+
+def middle(camera: Camera, thing: Thing) -> np.ndarray:
+    """(3,) m: the middle of a thing's section; things drawn from their foot have their origin on the table."""
+    shape = thing.shape(camera)
+    if "polygon" in shape:
+        outline = np.array(shape["polygon"], np.float32)
+        moments = cv2.moments(outline)
+        px = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    else:
+        px = np.array(next(iter(shape.values()))["center"])
+    film = (np.array(camera.size) - 1) / 2
+    right, up = (px - film) / camera.ppm * [1, -1] + camera.centre
+    if camera.view == "top":
+        return np.array([right, up, camera.plane])
+    return np.array([right, thing.depth, up])
 
 
 def _fit(normals: np.ndarray, shading: np.ndarray) -> tuple[float, np.ndarray]:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from darkroom import encode, png, webp
 from exposure import F32, Maps
-from probe import Light
 from stage import Camera, Stage, Thing
 
 DEEP = 65535  # of depth.png: nothing was hit
@@ -25,7 +24,7 @@ class Quality:
 
     def times(self, factor: float) -> "Quality":
         """More or fewer of all."""
-        return Quality(*(max(4, round(v * factor)) for v in asdict(self).values()))
+        return Quality(*(max(4, round(v * factor)) if v else 0 for v in asdict(self).values()))
 
 
 def write_geometry(found: Maps, folder: Path) -> dict:
@@ -40,12 +39,18 @@ def write_geometry(found: Maps, folder: Path) -> dict:
     return {"depth": {"unit": "m behind the plane of motion", "near": near, "far": far, "nothing": DEEP}}
 
 
-def write_light(found: Maps, bright: F32, light: Light, folder: Path) -> dict:
-    """albedo.webp, shading.webp; returns how to read shading, and the light."""
-    top = float(np.percentile(bright, 99.9))
+def write_albedo(found: Maps, folder: Path) -> dict:
+    """albedo.webp; nothing more to tell."""
     webp(folder / "albedo.webp", np.round(encode(found.albedo.clip(0, 1)) * 255).astype(np.uint8), 95)
+    return {}
+
+
+def write_shading(found: Maps, bright: F32, folder: Path) -> dict:
+    """shading.webp; returns how to read it. Nothing on a thing is cut off at the top."""
+    things = bright[found.labels > 0]
+    top = max(float(np.percentile(bright, 99.9)), float(np.percentile(things, 99.95)))
     webp(folder / "shading.webp", np.round(encode((bright / top).clip(0, 1)) * 255).astype(np.uint8), 95)
-    return {"shading": {"scale": top, "encoding": "sRGB curve of shading / scale"}, "light": asdict(light)}
+    return {"shading": {"scale": top, "encoding": "sRGB curve of shading / scale"}}
 
 
 def facts(stage: Stage, camera: Camera, quality: Quality) -> dict:
@@ -65,6 +70,8 @@ def facts(stage: Stage, camera: Camera, quality: Quality) -> dict:
         "exposure": stage.exposure,
         "vignette": stage.vignette,
         "diffuse": stage.diffuse,
+        "combine": stage.world.get("combine", "geometric"),
+        "table": stage.world.get("table"),
         "rays": asdict(quality),
         "objects": [_thing(k, thing, camera) for k, thing in enumerate(stage.things, 1)],
         "boundaries": {

@@ -142,7 +142,7 @@ class Thing:
             return {"circle": {"center": tidy(camera.pixel(self.at)), "radius": tidy([size * camera.ppm])[0]}}
         if kind == "box":
             box = {"center": tidy(camera.pixel(self.at)), "size": tidy(np.array(size) * camera.ppm)}
-            return {"box": box | ({"angle": self.degrees} if self.degrees else {})}
+            return {"box": box | ({"angle": tidy([self.degrees], 4)[0]} if self.degrees else {})}
         turn = np.radians(-self.degrees)
         rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         points = np.array(size, float) @ rotation.T + self.at

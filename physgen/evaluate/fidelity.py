@@ -235,17 +235,22 @@ def evaluate(
                     **compared(truth, draw()),
                 }
             )
-    means = []
+    return {"rows": rows, "means": means(rows)}
+
+
+def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Of every way, over the scenes of each half."""
+    found = []
     for half in ("test", "tune"):
         for way in dict.fromkeys(row["way"] for row in rows):
             mine = [row for row in rows if row["way"] == way and row["half"] == half]
             if mine:
                 keys = [key for key in mine[0] if key not in ("scene", "half", "way")]
-                values = {key: [row[key] for row in mine if row[key] is not None] for key in keys}
-                means.append(
-                    {"half": half, "way": way, **{key: float(np.mean(v)) for key, v in values.items() if v}}
+                values = {key: [float(row[key]) for row in mine if row[key] is not None] for key in keys}
+                found.append(
+                    {"half": half, "way": way, **{k: float(np.mean(v)) for k, v in values.items() if v}}
                 )
-    return {"rows": rows, "means": means}
+    return found
 
 
 def markdown(result: Mapping[str, Any]) -> str:

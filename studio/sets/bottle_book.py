@@ -73,7 +73,7 @@ def stage() -> Stage:
             volume,
             {"box": BOOK},
             (AT[0], BOOK[1] / 2),
-            420,
+            700,
             0.5,
             0.15,
             note="It stands on its short edge, its spine to us.",

@@ -111,5 +111,5 @@ def stage() -> Stage:
         exposure=0.88,
         world={"combine": "multiply"},
         sections=sections,
-        film={"frames": 14, "until": 0.91},
+        film={"frames": 12, "until": 0.91},
     )

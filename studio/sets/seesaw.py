@@ -159,7 +159,7 @@ How high the stone flies is a matter of two masses, a height and the place of th
         duration=1.4,
         softness=45,
         exposure=1.75,
-        film={"frames": 14, "until": 1.4},
+        film=None,
         sections=lambda c: {
             "joints": {"pin": {"objects": ["plank"], "pivot": [float(v) for v in c.pixel(pin).round(2)]}},
             "render": {"frames": 63, "fps": 30},

@@ -86,7 +86,7 @@ def books() -> list[Thing]:
             (0.030, 0.186),
             (-0.171, 0.015),
             -90,
-            290,
+            400,
             ((196, 172, 124), "Night Trains", "E. Sato"),
             {"dark": True, "shine": 0.3, "bands": [(0.72, 0.74, red), (0, 0.09, red)]},
         ),
@@ -94,7 +94,7 @@ def books() -> list[Thing]:
             (0.026, 0.170),
             (-0.174, 0.043),
             -90,
-            210,
+            330,
             ((52, 84, 76), "Small Islands", "R. Hale"),
             {"bands": [(0.03, 0.045, cream)]},
         ),
@@ -102,7 +102,7 @@ def books() -> list[Thing]:
             (0.025, 0.178),
             (0.128, 0.089),
             0,
-            150,
+            305,
             ((172, 62, 46), "THE TIN WHALE", "M. Orr"),
             {"bands": [(0.03, 0.045, cream)]},
         ),
@@ -110,7 +110,7 @@ def books() -> list[Thing]:
             (0.028, 0.206),
             (0.180, 0.103),
             0,
-            200,
+            415,
             ((52, 74, 84), "A History of Rain", "Lindqvist"),
             {"bands": stripes},
         ),
@@ -118,7 +118,7 @@ def books() -> list[Thing]:
             (0.025, 0.190),
             None,
             LEAN,
-            170,
+            360,
             ((96, 108, 66), "ON KEEPING BEES", "Hale"),
             {"bands": [(0.85, 0.86, cream)]},
         ),
@@ -138,7 +138,7 @@ def stage() -> Stage:
     camera = Camera("side", height=0.60, centre=(0, 0.23), rise=(0, 0.26), distance=5.0, aperture=0.035)
     rng = np.random.default_rng(1)
     hide = satin(leather_ball([srgb(150, 50, 38), srgb(212, 190, 150)], 2), 0.32)
-    hide = bumpy(hide, cloud(512, 1024, (7, 7), 3, rng, 0.8) * 0.15 + 0.5, 0.012)
+    hide = bumpy(hide, cloud(512, 1024, (7, 7), 3, rng, 0.8) * 0.15 + 0.5, 0.0006)
     pose = T().rotate([0, 1, 0], 35).rotate([1, 0, 0], 48)
     ball = Thing(
         "ball",
@@ -148,7 +148,7 @@ def stage() -> Stage:
         (-0.186, 0.056 + BALL),
         190,
         0.5,
-        0.9,
+        0.5,
         solid="sphere",
         rolling=0.004,
     )
