@@ -30,6 +30,8 @@ FLAT = 0.8
 """Of its radius: how high a disc reaches above a table, where nobody says."""
 DEEP = 0.9
 """Of the root of its area: how far anything else reaches through the plane of motion."""
+STRAY = 0.03
+"""Share of a ball's pixels that may lie outside its circle."""
 STEEP = 1.2
 """Rise over run from which a boundary is a wall, no floor."""
 
@@ -106,7 +108,11 @@ def _skinned(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     """A sphere's sprite with its skin; any other as it is."""
     if body.radius is None or body.solid is not Solid.SPHERE or sprite.coverage.max(initial=0) < 1:
         return sprite
+    x, y = body.center.tolist()
+    rows, columns = np.indices(sprite.coverage.shape)
+    away = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
+    if sprite.coverage[away > body.radius + 2].sum() > STRAY * sprite.coverage.sum():
+        return sprite  # a thread, a handle: what is no ball turns as a picture
     alpha = sprite.coverage[..., None]
     colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
-    x, y = body.center.tolist()
     return replace(sprite, ball=skin(colour, sprite.corner, (x, y), body.radius, light))
