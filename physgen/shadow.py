@@ -287,7 +287,10 @@ def _on_wall(what: Silhouette, setting: Setting) -> tuple[Box, F32] | None:
         return None
     away = setting.backdrop
     rise = max(lz, LOWEST)
-    dx, dy = -lx / rise * away, -ly / rise * away
+    dx, dy = (
+        -lx / rise * away,
+        -ly / rise * away - setting.tilt * away,
+    )  # what lies farther back appears higher
     soft = _spread(setting, away, rise)
     h, w = what.coverage.shape
     pad = ceil(2.5 * soft) + 1

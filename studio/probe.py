@@ -49,7 +49,16 @@ def probe(studio: Studio, clean: object, normals: int = 400, rays: int = 4096) -
     shading = np.stack([np.array(c).reshape(len(n), rays).mean(1) for c in light], -1) * stage.exposure
     grey = shading @ LUMA
     image = n @ camera.axes.T * [1, -1, 1]
-    ambient, vector = _fit(image, grey)
+    if stage.sun is None:
+        ambient, vector = _fit(image, grey)
+    else:
+        towards = np.array(stage.sun) @ camera.axes.T * [1, -1, 1]
+        towards /= np.linalg.norm(towards)
+        facing = np.maximum(image @ towards, 0)
+        (ambient, strength), *_ = np.linalg.lstsq(
+            np.column_stack([np.ones(len(facing)), facing]), grey, rcond=None
+        )
+        ambient, vector = max(float(ambient), 0.0), strength * towards
     strength = float(np.linalg.norm(vector))
     model = ambient + np.maximum(image @ vector, 0)
     direction = vector / max(strength, 1e-9)

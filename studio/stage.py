@@ -178,6 +178,8 @@ class Stage:
     """Light of radiance 1/exposure becomes white; the middle of a photo should come out near 0.2 of it."""
     softness: float = 10.0
     """degrees: half the width of the main light as the things see it."""
+    sun: tuple[float, float, float] | None = None
+    """World direction towards a sun that throws the shadows; None: the light's direction is fitted."""
     backdrop: float | None = None
     """m from the plane of motion back to an upright wall that takes the things' shadows."""
     world: dict = field(default_factory=dict)

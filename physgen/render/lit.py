@@ -34,6 +34,8 @@ NEAR = 0.5
 """Of an object's size: how far around it what is dark may be its own."""
 LIFT = 0.25
 """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
+FLIES = 1.2
+"""Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
 TURN = 0.35
 """rad by which an object that is not round may turn until then."""
 
@@ -81,8 +83,18 @@ class Lit:
             (x0, y0, _, _), own = cast.own
             box, carried = carry(own, (x0, y0), shift, self.setting.size)
             if box is not None:
+                if not self.setting.top and self._on_wall(cast.start) and now.floor is not None:
+                    end = now.floor - self.setting.tilt * self.setting.backdrop  # the wall's foot
+                    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+                    carried = carried * np.clip(end - rows + 0.5, 0, 1).astype(np.float32)
                 found.append((box, carried, strength))
         return found
+
+    def _on_wall(self, start: Silhouette) -> bool:
+        """Whether its shadow is mostly on the wall behind: it flies before one."""
+        if not np.isfinite(self.setting.backdrop):
+            return False
+        return start.floor is None or start.floor - start.center[1] > FLIES * start.thick
 
     def _kept(self, cast: Cast, now: Silhouette, turn: float) -> tuple[float, tuple[float, float]]:
         """How much of the photo's own shadow still holds, and by how much it has moved, px."""
@@ -90,7 +102,7 @@ class Lit:
         dx, dy = now.center[0] - start.center[0], now.center[1] - start.center[1]
         size = max(min(start.coverage.shape), 1)
         strength = 1.0 if cast.round else float(np.exp(-((turn / TURN) ** 2)))
-        if self.setting.top:
+        if self.setting.top or self._on_wall(start):
             return strength, (dx, dy)
         if start.floor is None or now.floor is None:
             return strength * float(np.exp(-((np.hypot(dx, dy) / (LIFT * size)) ** 2))), (0.0, 0.0)
@@ -199,7 +211,7 @@ def _owned(
         )
         if first is not None:
             (a, b, c, d), _ = first
-            x0, y0, x1, y1 = min(x0, a), min(y0, b), max(x1, c), max(y1, d)
+            x0, y0, x1, y1 = min(x0, a - pad), min(y0, b - pad), max(x1, c + pad), max(y1, d + pad)
         box = max(x0, 0), max(y0, 0), min(x1, W), min(y1, H)
         x0, y0, x1, y1 = box
         if x1 <= x0 or y1 <= y0:
@@ -210,7 +222,9 @@ def _owned(
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
         if first is not None:
             (a, b, c, d), dark = first
-            claim[b - y0 : d - y0, a - x0 : c - x0] += 4 * dark
+            cast = np.zeros_like(claim)
+            cast[b - y0 : d - y0, a - x0 : c - x0] = dark
+            claim += 4 * cast + 4 * blurred(cast, 0.6 * reach)
         claims.append((box, claim))
         sum_[y0:y1, x0:x1] += claim
     found = []

@@ -176,6 +176,7 @@ it was rubbed with wax; try sand (its friction), or make the lowest carton the h
         },
         duration=2.0,
         softness=0.3,
+        sun=(-0.85, -0.45, 0.32),
         exposure=1.8,
         diffuse=True,
         sections=lambda c: {

@@ -107,6 +107,7 @@ def stage() -> Stage:
         {"ground": Boundary([(-3, 0), (3, 0)], 1.0, 1.0)},
         duration=1.6,
         softness=0.5,
+        sun=tuple(SUN),
         backdrop=0.5,
         exposure=0.88,
         world={"combine": "multiply"},

@@ -163,6 +163,7 @@ def stage() -> Stage:
         duration=0.9,
         diffuse=True,
         softness=0.3,
+        sun=(-0.62, -0.55, 0.72),
         exposure=0.85,
         sections=sections,
     )
