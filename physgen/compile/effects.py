@@ -23,9 +23,6 @@ def without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _stages(scene: Scene) -> Iterator[Problem]:
-    if scene.render.motion_blur > 0:
-        why = "has no effect yet: the shutter is not simulated"
-        yield warning(scene, "render.motion_blur", f"{scene.render.motion_blur:g}", why, "take it out")
     if scene.refine.backend != "none":
         why = "has no effect yet: no refinement backend is installed"
         yield warning(scene, "refine.backend", scene.refine.backend, why, "write none")

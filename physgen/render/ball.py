@@ -21,6 +21,8 @@ RIM = 0.955
 """Of the radius: farther out pixels are mixed, and so much foreshortened that they tell little."""
 DARKEST = 0.25
 """Of full light: where less falls, the photo's own darkness is taken for the skin's."""
+PLAIN = 0.25
+"""Departure of log light from an even change, up to which a ball is of one colour; a number or a stripe is beyond."""
 GLOSS_WIDTH = 0.5
 """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
 GLOSS_LEAST = 0.6
@@ -97,8 +99,23 @@ def skin(
     shine = _gloss(inner, su, sv, z, radius, light)
     bare = np.ascontiguousarray((inner - shine) / shading(light, su, sv, z)[..., None], np.float32)
     ball = Ball(corner, center, radius, bare, shine, light)
+    if _plain(bare, su, sv, z, rho < RIM):
+        # a ball of one colour looks the same however it has turned: all that is uneven is light
+        ball = replace(ball, skin=np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy())
     # what the model has not, of the rim above all, is the light's doing too, and stays
     return replace(ball, gloss=colour - ball.seen(center, np.eye(3), (w, h), corner))
+
+
+def _plain(bare: F32, u: F32, v: F32, z: F32, inside: NDArray[np.bool_]) -> bool:
+    """Whether a ball is of one colour: its skin as it seems changes evenly, but for a tenth of it."""
+    if np.count_nonzero(inside) < 50:
+        return False
+    level = np.log(np.maximum(bare, 1e-3))[inside].astype(np.float64)
+    rows = np.column_stack(
+        [np.ones(len(level)), *(np.broadcast_to(n, inside.shape)[inside] for n in (u, v, z))]
+    )
+    left = level - rows @ np.linalg.lstsq(rows, level, rcond=None)[0]
+    return bool(np.percentile(np.abs(left), 90) < PLAIN)
 
 
 def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLight) -> F32:

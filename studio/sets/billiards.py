@@ -193,7 +193,7 @@ def stage() -> Stage:
 def sections(camera: Camera) -> dict:
     return {
         "variants": {
-            "hard-break": {"objects.cue-ball.velocity": camera.shift((5.0, 0.422857))},
+            "soft-break": {"objects.cue-ball.velocity": camera.shift((5.0, 0.422857))},
             "no-nine": {"objects.ball-9": None},
         },
         "comments": {

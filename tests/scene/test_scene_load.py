@@ -35,7 +35,9 @@ def test_everything_that_is_written() -> None:
     found = load(FULL)
     assert found.name == "full"
     assert (found.size, found.image, found.assets) == ((512, 384), None, None)
-    assert found.world == model.Settings(model.View.TOP, 200, (1, 2), 0.2, model.Combine.MULTIPLY, 1.5, 480)
+    assert found.world == model.Settings(
+        model.View.TOP, 200, (1, 2), 0.2, model.Combine.MULTIPLY, 1.5, 480, 4, None
+    )
     ball, blob, crate, kite, ring = found.objects
     assert ball == model.Object(
         name="ball",
@@ -89,7 +91,7 @@ def test_everything_that_is_written() -> None:
         model.Field("breeze", model.FieldKind.WIND, ("ball", "kite"), (300, -5), 2e-3, 0, 0),
         model.Field("magnet", model.FieldKind.ATTRACTOR, (), (400, 200), 0, -4e7, 5),
     )
-    assert found.light == model.Light((0, 0.6, 0.8), 2, 0.1)
+    assert found.light == model.Light((0, 0.6, 0.8), 2, 0.1, 4)
     assert found.render == model.Render(24, 16, False, False, 0.5)
     assert found.refine == model.Refine("svd", 0.3, 4, 20, 7)
     assert found.maps == {"depth": (1, 9.5), "shading": (0, 2)}
@@ -102,7 +104,9 @@ def test_defaults(tmp_path: Path) -> None:
     assert (a.label, a.mask, a.solid, a.mass, a.density) == ("", None, None, None, 1)
     assert (a.friction, a.elasticity, a.rolling, a.velocity, a.spin) == (0.5, 0.4, 0, (0, 0), 0)
     assert (a.roll, a.motion, a.layer, a.provenance) == ("natural", model.Motion.DYNAMIC, 0, {})
-    assert found.world == model.Settings(model.View.SIDE, 100, (0, 980), 0, model.Combine.GEOMETRIC, 2, 960)
+    assert found.world == model.Settings(
+        model.View.SIDE, 100, (0, 980), 0, model.Combine.GEOMETRIC, 2, 960, 4, None
+    )
     assert found.render == model.Render(30, None, True, True, 0)
     assert found.refine == model.Refine("none", 0.5, 5, 50, 0)
     assert (found.light, found.forces, found.boundaries, found.maps, found.variants) == (None, (), (), {}, ())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 from pathlib import Path
@@ -14,6 +13,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "studio"))
 import measures  # noqa: E402  (needs no Mitsuba)
+from split import digest, page  # noqa: E402
 
 NAMES = sorted(path.parent.name for path in (ROOT / "studio/truth").glob("*/truth.json"))
 DIFFUSE = [n for n in NAMES if json.loads((ROOT / f"studio/truth/{n}/truth.json").read_text())["diffuse"]]
@@ -40,7 +40,21 @@ def test_clips_vary_the_push() -> None:
     strips = [picture(folder / clip["clip"]) for clip in about["clips"]]
     assert {strip.shape for strip in strips} == {(256, 8 * 256, 3)}
     last = np.stack([strip[:, -256:].astype(np.float32) for strip in strips])
-    assert last.std(0).max() > 20, "the ends differ"
+    empty = np.median(last, axis=0)
+    scene = json.loads((folder.parent / "truth.json").read_text())
+    (ball,) = [entry for entry in scene["objects"] if entry["name"] == "ball"]
+    y, x = np.mgrid[:256, :256]
+    scale = 256 / scene["size"][0]
+    there, elsewhere = [], []
+    for clip, picture_ in zip(about["clips"], last, strict=True):
+        px, py = (np.array(clip["poses"]["ball"][-1][:2]) + 0.5) * scale - 0.5
+        inside = np.hypot(x - px, y - py) < 0.8 * ball["circle"]["radius"] * scale
+        off = np.abs(picture_ - empty).mean(-1)
+        if inside.sum() > 50:
+            there.append(off[inside].mean())
+            elsewhere.append(off[~inside].mean())
+    assert len(there) > 40
+    assert np.median(there) > 5 * np.median(elsewhere), "the ball is where its pose says"
 
 
 def test_split_is_frozen_and_fair() -> None:
@@ -48,10 +62,14 @@ def test_split_is_frozen_and_fair() -> None:
     assert not set(SPLIT["tune"]) & set(SPLIT["test"])
     assert {*SPLIT["tune"], *SPLIT["test"]} == set(NAMES)
     assert min(len(SPLIT["tune"]), len(SPLIT["test"])) >= 6
-    for name, digest in SPLIT["sha256"].items():
-        parts = [ROOT / "scenes" / name / "photo.png", ROOT / "scenes" / name / "photo.assets/masks.png"]
-        assert hashlib.sha256(b"".join(p.read_bytes() for p in parts)).hexdigest() == digest, name
+    for name, frozen in SPLIT["sha256"].items():
+        assert digest(name) == frozen, name
     assert set(SPLIT["sha256"]) == set(SPLIT["test"])
+    tune, test = SPLIT["means"]["tune"], SPLIT["means"]["test"]
+    for harder in ("objects", "touching_pairs", "faint_outline", "clutter"):
+        assert test[harder] >= tune[harder], harder
+    for easier in ("size_px", "outline_contrast"):
+        assert test[easier] <= tune[easier], easier
 
 
 def test_statistics_are_those_of_the_pictures() -> None:
@@ -67,6 +85,4 @@ def test_the_repository_stays_small() -> None:
 
 
 def test_the_page_is_what_the_split_says() -> None:
-    from split import page
-
     assert (ROOT / "docs/studio.md").read_text() == page(SPLIT)
