@@ -422,12 +422,12 @@ def test_a_stopped_batch_ends_and_leaves_nothing(sign: signal.Signals, lesson: P
         "2",
     ]
     batch = subprocess.Popen(
-        [*command, "--set", "render.frames=20000"],
+        [*command, "--set", "render.frames=8000"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     while not (out.exists() and len(list(out.glob(".*.part"))) == 2) and time.monotonic() < deadline:
         time.sleep(0.05)
     if sign is signal.SIGINT:
