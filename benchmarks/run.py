@@ -21,10 +21,12 @@ import sys
 import tempfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 from growth import growth, plot
 from tables import RESULTS, fidelity_page, page, physics_page
 
+from physgen import pipeline
 from physgen.cli import main as physgen
 from physgen.compile.world import World
 from physgen.evaluate import fidelity
@@ -32,7 +34,10 @@ from physgen.evaluate import physics as scorecard
 from physgen.evaluate.rivals.roster import Unsupported, find, make, names
 from physgen.evaluate.row import DRAWS, Row
 from physgen.evaluate.trial import run_draw, write_scenes
+from physgen.perceive.given import from_masks
+from physgen.perceive.scene import perceive
 from physgen.percepts.maps import read_image, read_labels
+from physgen.photometry import decode, luminance
 from physgen.simulate.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -176,6 +181,30 @@ def frames_against_truth(folder: Path) -> list[dict]:
     return fidelity.evaluate(ROOT / "studio/truth")["rows"]
 
 
+def shadows(folder: Path) -> list[dict]:
+    """How much of the photos' shadows is lifted, given the true masks: errors of the logarithm of light, rms."""
+    rows = []
+    for path in sorted((ROOT / "studio/truth").glob("*/truth.json")):
+        scene = pipeline.load(ROOT / "scenes" / path.parent.name / "scene.yaml")
+        maps = pipeline.percepts(scene)
+        assert maps is not None
+        found = perceive(maps.rgb, from_masks(maps.labels), view=scene.world.view).percepts
+        open_ = (
+            cv2.dilate(((maps.coverage > 0) | (found.coverage > 0)).astype(np.uint8), np.ones((5, 5))) == 0
+        )
+        true = _log(maps.clean) - _log(maps.background)
+        lifted = 0 * true if found.clean is None else _log(found.clean) - _log(found.background)
+        dark, plain = open_ & (true > 0.05), open_ & (np.abs(true) < 0.03)
+        errors = {"before": true[dark], "after": (true - lifted)[dark], "elsewhere": lifted[plain]}
+        row = {"scene": path.parent.name, "lifted": found.clean is not None}
+        rows.append(row | {key: round(float(np.sqrt((e**2).mean())), 3) for key, e in errors.items()})
+    return rows
+
+
+def _log(srgb: np.ndarray) -> np.ndarray:
+    return np.log(luminance(decode(srgb)) + 2e-3)
+
+
 def physics(folder: Path) -> list[dict]:
     """The scorecard; what rivals scored is kept from the last time."""
     examples = ROOT / "scenes" / "physics"
@@ -243,7 +272,7 @@ def _too_slow(*_: object) -> None:
 
 
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
-PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth}
+PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 
 
 def main(names: list[str]) -> None:

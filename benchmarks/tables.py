@@ -27,6 +27,7 @@ def page() -> str:
         ("check", _check),
         ("growth", _growth),
         ("segmentation", _segmentation),
+        ("shadows", _shadows),
     ):
         path = RESULTS / f"{name}.json"
         if path.exists():
@@ -180,4 +181,23 @@ def _segmentation(rows: list[dict]) -> list[str]:
         "Without masks, at an intersection over union of 0.5. Halves as in [studio.md](studio.md).",
         "",
         *_table(["photo", "half", "hit", "said", "true", "precision", "recall", "mean IoU"], body),
+    ]
+
+
+def _shadows(rows: list[dict]) -> list[str]:
+    body = [
+        [
+            r["scene"],
+            "yes" if r["lifted"] else "no",
+            *(f"{r[k]:.3f}" for k in ("before", "after", "elsewhere")),
+        ]
+        for r in rows
+    ]
+    return [
+        "## Lifting shadows",
+        "",
+        "By `perceive`, given the true masks. Root mean square error of the logarithm of light where a shadow",
+        "truly falls, before and after, and what was lifted where there is none.",
+        "",
+        *_table(["photo", "lifted", "before", "after", "elsewhere"], body),
     ]

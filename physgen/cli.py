@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.flags import WRONG_INPUT, build_parser, four, joined, two
+from physgen.flags import WRONG_INPUT, build_parser, four, joined, scene_name, two
 from physgen.problems import InputError, Problem, Severity
 from physgen.whole import meant, write_whole
 
@@ -59,7 +59,7 @@ def _stop(number: int, frame: object) -> None:
 def perceive(options: argparse.Namespace) -> int:
     from physgen import backends, pipeline
 
-    _scene_name(options.output)
+    scene_name(options.output)
     bar = Bar()
     text = pipeline.perceive(
         options.image,
@@ -84,7 +84,7 @@ def perceive(options: argparse.Namespace) -> int:
 def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
-    _scene_name(options.output)
+    scene_name(options.output)
     bar = Bar()
     if options.kind == "physgen":
         text = pipeline.import_physgen(options.path, options.output, bar.show, tell_one, tell_kept)
@@ -97,6 +97,7 @@ def import_(options: argparse.Namespace) -> int:
 
 def check(options: argparse.Namespace) -> int:
     from physgen import pipeline
+    from physgen.compile.pairs import pair_header
     from physgen.scene.write import scene_text
 
     report: list[Problem] = []
@@ -108,7 +109,7 @@ def check(options: argparse.Namespace) -> int:
                 compiled = pipeline.compile(scene, pipeline.percepts(scene))
                 report += [p for p in pipeline.lint(scene, compiled) if p not in report]
                 if options.resolved:
-                    resolved.append(scene_text(scene.document, header=_pair_header(compiled.world)))
+                    resolved.append(scene_text(scene.document, header=pair_header(compiled.world)))
         except InputError as error:
             report += [p for p in error.problems if p not in report]
     failed = any(p.severity is Severity.ERROR or options.strict for p in report)
@@ -299,17 +300,6 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
 # ---- values of flags ---------------------------------------------------------------------------------------------
 
 
-def _scene_name(output: Path | None) -> None:
-    """Refuses what would overwrite a photo, or leave a scene that no command reads."""
-    if output is not None and (output.suffix not in (".yaml", ".yml") or output.is_dir()):
-        raise InputError.of(
-            "-o",
-            f'"{output}"',
-            "is no name for a scene file",
-            "end it in .yaml; without -o it goes to stdout",
-        )
-
-
 def _hand_over(text: str, output: Path | None) -> None:
     """The scene on stdout, or the path of the file that it went to."""
     sys.stdout.write(text if output is None else f"{output}\n")
@@ -373,16 +363,6 @@ def _print_json(data: Any) -> None:
     import json
 
     print(json.dumps(data, indent=1, ensure_ascii=False, default=str))
-
-
-def _pair_header(world: Any) -> str:
-    from physgen.compile.pairs import pair_table
-
-    rows = [
-        f"{p.first} x {p.second}: friction {p.friction:.4g}, elasticity {p.elasticity:.4g}"
-        for p in pair_table(world)
-    ]
-    return "\n".join(["pair coefficients in use:", *rows]) if rows else ""
 
 
 class Bar:

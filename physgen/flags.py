@@ -303,3 +303,14 @@ def two(flag: str, text: str) -> tuple[float, float]:
     """`x,y` px; raises InputError."""
     a, b = _numbers(flag, text, 2)
     return a, b
+
+
+def scene_name(output: Path | None) -> None:
+    """Refuses what would overwrite a photo, or leave a scene that no command reads."""
+    if output is not None and (output.suffix not in (".yaml", ".yml") or output.is_dir()):
+        raise InputError.of(
+            "-o",
+            f'"{output}"',
+            "is no name for a scene file",
+            "end it in .yaml; without -o it goes to stdout",
+        )

@@ -8,8 +8,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -262,9 +260,9 @@ def render_scene(
     `ask_chaos` runs the scene's neighbours too, for the report. Raises InputError.
     """
     from physgen.render.shutter import shutter
-    from physgen.report.folder import whole_folder
+    from physgen.report.folder import output_folder, whole_folder
     from physgen.report.page import report_page
-    from physgen.report.record import RunRecord, file_hash, frame_hash, write_json
+    from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, write_json
     from physgen.report.video import Format, open_video
     from physgen.scene.write import scene_text
     from physgen.simulate.engine import simulate as run_at
@@ -278,7 +276,7 @@ def render_scene(
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document
     record.seeds = {"refine": scene.refine.seed}
-    record.inputs = _inputs(scene, Path(path))
+    record.inputs = inputs(scene, Path(path))
     progress("compile", 0, 1)
     with record.stage("compile"):
         compiled = compile(scene, maps)
@@ -358,52 +356,3 @@ def output_name(path: str | Path, variant: str | None) -> str:
         fix = "rename the file: its name becomes that of a folder"
         raise InputError.of(repr(str(path)), "", "has characters in its name that cannot be shown", fix)
     return f"{name}-{variant}" if variant is not None else name
-
-
-def output_folder(out: Path, name: str) -> Path:
-    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost."""
-    if out.exists() and not out.is_dir():
-        raise InputError.of(str(out), "", "is a file", "name a folder with -o")
-    final = out / name
-    strange = _strangers(final)
-    if strange is None:
-        fix = "choose another folder with -o"
-        raise InputError.of(str(final), "", "is there already and was not made by physgen", fix)
-    if strange:
-        found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
-        fix = "move it out, or choose another folder with -o"
-        raise InputError.of(
-            str(final), "", f"would be replaced, and holds {found}, which physgen did not make", fix
-        )
-    return final
-
-
-def _strangers(folder: Path) -> list[str] | None:
-    """Files of an earlier run's folder that the run did not write; None for a folder that no run made."""
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
-        return []
-    try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        own = {"manifest.json", *manifest["files"]} if manifest["manifest"] == 1 else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    if own is None:
-        return None
-    files = (p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir())
-    return [name for name in files if name not in own]
-
-
-def _inputs(scene: Scene, path: Path) -> dict[str, str]:
-    """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
-    from physgen.report.record import file_hash
-
-    files = [path, *(Path(place.file) for place in scene.places.values() if place.line)]
-    if scene.image is not None:
-        files.append(scene.image)
-        if scene.assets is not None and scene.assets.is_dir():
-            files += sorted(p for p in scene.assets.iterdir() if p.suffix == ".png")
-    folder = scene.folder.resolve()
-    named = {}
-    for file in dict.fromkeys(file.resolve() for file in files):
-        named[Path(os.path.relpath(file, folder)).as_posix()] = file_hash(file)
-    return named

@@ -25,8 +25,6 @@ LEVELS = 8
 """Heights at which an object's silhouette is looked at."""
 LOWEST = 0.2
 """Least sine of the light's height over a surface: lower lights throw shadows without end."""
-NOTHING = 4e-3
-"""A share of light that is not worth a pixel."""
 FARTHEST = 0.98
 """Of the direct or the ambient light, no more is taken away."""
 

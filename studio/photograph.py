@@ -46,7 +46,8 @@ def photograph(
     png(assets / "coverage.png", np.round(found.coverage * 255).astype(np.uint8))
     tell(f"{stage.name}: photo and plates, {time.monotonic() - start:.0f} s so far")
     bright = denoise(shading(studio, full, quality.shading), None, found.normals)
-    told = write_geometry(found, proof) | write_albedo(found, proof) | write_shading(found, bright, proof)
+    write_albedo(found, proof)
+    told = write_geometry(found, proof) | write_shading(found, bright, proof)
     _say(stage, camera, quality, told | {"light": asdict(probe(studio, clean))}, scenes, truth)
     tell(f"{stage.name}: {len(stage.things)} objects, all in {time.monotonic() - start:.0f} s")
 
@@ -69,7 +70,8 @@ def remeasure(
     found = maps(studio, full, lookup, quality.masks)
     told = json.loads((proof / "truth.json").read_text())
     told = {"depth": told["depth"], "shading": told["shading"]}
-    told |= write_geometry(found, proof) | write_albedo(found, proof)
+    write_albedo(found, proof)
+    told |= write_geometry(found, proof)
     if shade:
         bright = denoise(shading(studio, full, quality.shading), None, found.normals)
         told |= write_shading(found, bright, proof)

@@ -10,7 +10,7 @@ from darkroom import encode, png, webp
 from exposure import F32, Maps
 from stage import Camera, Stage, Thing
 
-DEEP = 65535  # of depth.png: nothing was hit
+STEPS = 65534  # of depth.png, from the nearest to the farthest
 
 
 @dataclass(frozen=True)
@@ -31,18 +31,16 @@ def write_geometry(found: Maps, folder: Path) -> dict:
     """instances.png, depth.png, normals.webp; returns how to read depth."""
     parts = [found.labels, np.round(found.first * 255), found.second]
     png(folder / "instances.png", np.stack([v.astype(np.uint8) for v in parts], -1))
-    depth = np.where(np.abs(found.depth) < 1e3, found.depth, np.nan)
-    near, far = float(np.nanmin(depth)), float(np.nanmax(depth))
-    steps = np.where(np.isnan(depth), DEEP, np.round((depth - near) / max(far - near, 1e-9) * (DEEP - 1)))
+    near, far = float(found.depth.min()), float(found.depth.max())
+    steps = np.round((found.depth - near) / max(far - near, 1e-9) * STEPS)
     png(folder / "depth.png", steps.astype(np.uint16))
     webp(folder / "normals.webp", np.round(128 + 127 * found.normals).clip(0, 255).astype(np.uint8))
-    return {"depth": {"unit": "m behind the plane of motion", "near": near, "far": far, "nothing": DEEP}}
+    return {"depth": {"unit": "m behind the plane of motion", "near": near, "far": far}}
 
 
-def write_albedo(found: Maps, folder: Path) -> dict:
-    """albedo.webp; nothing more to tell."""
+def write_albedo(found: Maps, folder: Path) -> None:
+    """albedo.webp."""
     webp(folder / "albedo.webp", np.round(encode(found.albedo.clip(0, 1)) * 255).astype(np.uint8), 95)
-    return {}
 
 
 def write_shading(found: Maps, bright: F32, folder: Path) -> dict:

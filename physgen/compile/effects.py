@@ -30,6 +30,11 @@ def _stages(scene: Scene) -> Iterator[Problem]:
     if friction > 0 and scene.world.view is View.SIDE:
         why = "has no effect seen from the side"
         yield warning(scene, "world.table.friction", f"{friction:g}", why, "take it out, or write view: top")
+    if scene.world.view is View.TOP:
+        for key in ("tilt", "backdrop"):
+            if f"world.{key}" in scene.places:
+                why = "has no effect seen from above: shadows fall on the table"
+                yield warning(scene, f"world.{key}", key, why, "take it out, or write view: side")
 
 
 def _object(scene: Scene, item: Object, body: Body) -> Iterator[Problem]:

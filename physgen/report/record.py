@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 import resource
 import sys
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import __version__
+from physgen.scene.model import Scene
 from physgen.whole import write_whole
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
@@ -142,3 +144,17 @@ def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
     return str(value)
+
+
+def inputs(scene: Scene, path: Path) -> dict[str, str]:
+    """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
+    files = [path, *(Path(place.file) for place in scene.places.values() if place.line)]
+    if scene.image is not None:
+        files.append(scene.image)
+        if scene.assets is not None and scene.assets.is_dir():
+            files += sorted(p for p in scene.assets.iterdir() if p.suffix == ".png")
+    folder = scene.folder.resolve()
+    named = {}
+    for file in dict.fromkeys(file.resolve() for file in files):
+        named[Path(os.path.relpath(file, folder)).as_posix()] = file_hash(file)
+    return named

@@ -55,6 +55,9 @@ objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
 {CLOTH}objects: {{a: {{shape: {BALL}, roll: [90, 0]}}}}""",
     "objects.a.roll: none has no effect: the table has no friction; ": f"""\
 {TOP}objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
+    "world.backdrop: backdrop has no effect seen from above: shadows fall on the table; take it out, or write view": (
+        "world: {view: top, backdrop: 100}\nobjects: {}"
+    ),
     "world.table.friction: 0.2 has no effect seen from the side; take it out, or write view: top": (
         "world: {table: {friction: 0.2}}\nobjects: {}"
     ),

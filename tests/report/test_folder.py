@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from physgen.pipeline import output_folder
 from physgen.problems import InputError
-from physgen.report.folder import whole_folder
+from physgen.report.folder import output_folder, whole_folder
 
 
 def test_a_folder_appears_when_it_is_whole(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Sha
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from physgen.scene.model import Solid, View
 from physgen.shadow import Setting as Place
-from physgen.shadow import Silhouette, darkness
+from physgen.shadow import Silhouette, blurred, darkness
 
 F32 = NDArray[np.float32]
 Matters = Mapping[int, Matter]
@@ -326,7 +326,7 @@ def _seen(
     solid = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8)) > 0
     side = 2 * max(1, round(0.2 * size)) + 1
     wide = cv2.dilate(model, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
-    reach = _wide(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
+    reach = blurred(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
     region = (reach > 0.03) | solid
     linear = decode(background)
     light = np.log(luminance(linear) + FLOOR)
@@ -357,17 +357,8 @@ def _reference(linear: F32, light: F32, known: NDArray[np.bool_], size: float) -
         kin = np.exp(-((hue - center) ** 2).sum(-1) / (2 * width * width)).astype(np.float32)
         sums, weights = np.full(light.shape, 1e-9, np.float32) * light, np.full(light.shape, 1e-9, np.float32)
         for sigma, gain in ((0.4 * size, 1.0), (1.0 * size, 0.05), (3 * size, 0.002)):
-            sums = sums + gain * _wide(light * w * kin, sigma)
-            weights = weights + gain * _wide(w * kin, sigma)
+            sums = sums + gain * blurred(light * w * kin, sigma)
+            weights = weights + gain * blurred(w * kin, sigma)
         result = result + kin * sums / weights
         total = total + kin
     return np.asarray(result / total, np.float32)
-
-
-def _wide(picture: F32, sigma: float) -> F32:
-    """A Gaussian blur on a grid as coarse as it may be."""
-    step = max(1, int(sigma / 4))
-    h, w = picture.shape
-    small = cv2.resize(picture, (max(2, w // step), max(2, h // step)), interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), sigma / step)
-    return np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
