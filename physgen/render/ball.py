@@ -27,6 +27,8 @@ GLOSS_WIDTH = 0.5
 """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
 GLOSS_LEAST = 0.6
 """Linear light that the dimmest channel of a highlight has at least."""
+OUTSHINES = 1.2
+"""Times the brightest paint elsewhere on the ball that a highlight has at least."""
 GLOSS_COSINE = 0.80
 """Of the angle between a highlight's normal and the mirror's direction, at least."""
 
@@ -129,8 +131,12 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     beneath = cv2.morphologyEx(colour, cv2.MORPH_OPEN, kernel, borderType=cv2.BORDER_REPLICATE)
     dimmest = colour.min(axis=2)
-    core = (dimmest > GLOSS_LEAST) & (hx * u + hy * v + hz * z > GLOSS_COSINE)
+    near = hx * u + hy * v + hz * z > GLOSS_COSINE
+    core = (dimmest > GLOSS_LEAST) & near
     core &= dimmest > 1.5 * beneath.min(axis=2) + 0.05
+    # a white stripe is as white elsewhere on the ball; a highlight outshines all of it
+    paint = dimmest / shading(light, u, v, z)
+    core &= paint > OUTSHINES * np.percentile(paint[~near], 97)
     count, names, boxes, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
     for k in range(1, count):
         long = max(boxes[k, cv2.CC_STAT_WIDTH], boxes[k, cv2.CC_STAT_HEIGHT])
@@ -139,6 +145,6 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     if not core.any():
         return np.zeros_like(colour)
     reach = max(2, round(0.12 * radius))
-    near = cv2.dilate(core.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-    soft = cv2.GaussianBlur(near.astype(np.float32), (0, 0), max(0.6, reach / 3))
+    around = cv2.dilate(core.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    soft = cv2.GaussianBlur(around.astype(np.float32), (0, 0), max(0.6, reach / 3))
     return np.asarray(np.maximum(colour - beneath, 0) * soft[..., None], np.float32)
