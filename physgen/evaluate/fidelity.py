@@ -78,6 +78,10 @@ def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
         scene = pipeline.load(folder.resolve().parents[1] / film["scene"], variant=film["variant"])
         maps = pipeline.percepts(scene)
         assert maps is not None
+        normals = found[name].parent.parent / "normals.webp"
+        if normals.exists():
+            turned = (read_image(normals).astype(np.float32) - 128) / 127
+            maps = replace(maps, normals=np.asarray(turned, np.float32))
         result.append(Truth(name, scene, maps, film, found[name].parent))
     return result
 

@@ -13,14 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import DistantLight
+from physgen.render.paints import DIM, MOST, Paints, basis, paints
+from physgen.scene.model import View
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 RIM = 0.955
 """Of the radius: farther out pixels are mixed, and so much foreshortened that they tell little."""
-DARKEST = 0.25
+DARKEST = 0.18
 """Of full light: where less falls, the photo's own darkness is taken for the skin's."""
+PAINTED = 0.4
+"""Share of pixels between paints up to which a ball is taken for a painted one."""
+NEAR_RIM = 0.75, 0.9
+"""Of the radius: between these, pixels give way to paints."""
 PLAIN = 0.25
 """Departure of log light from an even change, up to which a ball is of one colour; a number or a stripe is beyond."""
 GLOSS_WIDTH = 0.5
@@ -47,6 +53,16 @@ class Ball:
     gloss: F32
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight
+    even: F32 | None = None
+    """(8,) of `paints.basis`: log of what light does beyond Lambert's law."""
+
+    def shade(self, u: F32, v: F32, z: F32) -> F32:
+        """(h, w, 3) shading of the normals (u, v, z to the viewer)."""
+        plain = shading(self.light, u, v, z)[..., None]
+        if self.even is None:
+            return plain
+        more = np.stack(np.broadcast_arrays(*basis(u, v, z)), axis=-1) @ self.even
+        return np.asarray(plain * np.exp(np.clip(more, -MOST, MOST)), np.float32)
 
     def seen(
         self, center: tuple[float, float], turn: Array, size: tuple[int, int], at: tuple[int, int]
@@ -73,7 +89,7 @@ class Ball:
         x = mu * scale + np.float32(self.center[0] - self.corner[0])
         y = mv * scale + np.float32(self.center[1] - self.corner[1])
         skin = cv2.remap(self.skin, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(np.maximum(skin, 0) * shading(self.light, su, sv, z)[..., None], np.float32)
+        return np.asarray(np.maximum(skin, 0) * self.shade(su, sv, z), np.float32)
 
 
 def shading(light: DistantLight, u: F32, v: F32, z: F32) -> F32:
@@ -85,9 +101,18 @@ def shading(light: DistantLight, u: F32, v: F32, z: F32) -> F32:
 
 
 def skin(
-    colour: F32, corner: tuple[int, int], center: tuple[float, float], radius: float, light: DistantLight
+    colour: F32,
+    corner: tuple[int, int],
+    center: tuple[float, float],
+    radius: float,
+    light: DistantLight,
+    view: View,
 ) -> Ball:
-    """`colour` (h, w, 3) linear light of the ball alone on a box of the photo that begins at `corner`."""
+    """`colour` (h, w, 3) linear light of the ball alone on a box of the photo that begins at `corner`.
+
+    Seen from above a ball turns its far side up; seen from the side it turns in the picture, and all that is needed is
+    there.
+    """
     h, w = colour.shape[:2]
     u = (np.arange(w, dtype=np.float32) + np.float32(corner[0] - center[0]))[None, :] / np.float32(radius)
     v = (np.arange(h, dtype=np.float32) + np.float32(corner[1] - center[1]))[:, None] / np.float32(radius)
@@ -101,11 +126,27 @@ def skin(
     shine = _gloss(inner, su, sv, z, radius, light)
     bare = np.ascontiguousarray((inner - shine) / shading(light, su, sv, z)[..., None], np.float32)
     ball = Ball(corner, center, radius, bare, shine, light)
+    found = paints(bare, su, sv, z, (rho < RIM) & (shine.max(axis=2) <= 0))
+    if found is not None and found.between < PAINTED:
+        ball = replace(ball, even=found.even)
+        bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
+        if view is View.TOP:
+            bare = _painted(bare, rho, found)
+        ball = replace(ball, skin=bare)
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light
         ball = replace(ball, skin=np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy())
     # what the model has not, of the rim above all, is the light's doing too, and stays
     return replace(ball, gloss=colour - ball.seen(center, np.eye(3), (w, h), corner))
+
+
+def _painted(bare: F32, rho: F32, found: Paints) -> F32:
+    """Towards the rim, where few slanted pixels stand for much of the far side, paints instead of pixels."""
+    level, colours = np.log(np.maximum(bare, 0) + DIM), np.log(found.colours + DIM)
+    paint = np.argmin([((level - c) ** 2).sum(axis=2) for c in colours], axis=0).astype(np.uint8)
+    flat = found.colours[cv2.medianBlur(paint, 5)]
+    share = np.clip((rho - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1)[..., None]
+    return np.asarray(np.ascontiguousarray(bare + share * (flat - bare)), np.float32)
 
 
 def _plain(bare: F32, u: F32, v: F32, z: F32, inside: NDArray[np.bool_]) -> bool:

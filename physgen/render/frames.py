@@ -236,6 +236,15 @@ def _place(
         borderMode=cv2.BORDER_CONSTANT,
     )
     light = warped[..., :3]
+    if sprite.relief is not None and turn != 0.0:
+        ratio = cv2.warpAffine(
+            sprite.relief.ratio(turn),
+            matrix / 2,
+            (x1 - x0, y1 - y0),
+            flags=how,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        light = light * ratio[..., None]
     if sprite.ball is not None and space is not None:
         center = sprite.ball.center[0] + pose.x - start.x, sprite.ball.center[1] + pose.y - start.y
         skin = sprite.ball.seen(center, space, (x1 - x0, y1 - y0), (x0, y0))

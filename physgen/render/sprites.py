@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.photometry import decode
 from physgen.render.ball import Ball
+from physgen.render.relief import Relief
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
@@ -31,6 +32,10 @@ MARGIN = 2
 """px of nothing around a sprite, so that interpolation fades to nothing."""
 CLEAN = 2
 """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
+
+
+TRUST = (0.3, 0.8)
+"""Coverage up to which a pixel's own light is a guess, and from which it is the photo less the background."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,8 @@ class Sprite:
     """(h, w, 3) linear: what the photo shows here beyond light and background, at the border alone; of either sign."""
     ball: Ball | None = None
     """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
+    relief: Relief | None = None
+    """Of what is no ball: the normals that turn with it, where somebody knows them."""
 
     @cached_property
     def fine(self) -> F32:
@@ -85,7 +92,7 @@ def cut_sprites(
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too.
     """
-    photo = decode(rgb)
+    photo, behind = decode(rgb), decode(background)
     boxes = _boxes(labels)
     total = _soft((labels > 0) | absent)
     around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
@@ -96,10 +103,10 @@ def cut_sprites(
         x0, y0, x1, y1 = boxes[k + 1]
         box = np.s_[y0:y1, x0:x1]
         soft = _soft(labels[box] == k + 1)
-        share = soft / np.maximum(total[box], 1e-6)
+        share: F32 = np.asarray(soft / np.maximum(total[box], 1e-6), np.float32)
         alpha = np.where(soft > LEAST, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
-        light = alpha[..., None] * _foreground(photo[box], labels[box] == k + 1, alpha)
+        light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
         sprites.append(
             Sprite(
                 body=k,
@@ -108,7 +115,7 @@ def cut_sprites(
                 coverage=np.pad(alpha, around),
             )
         )
-    return anchored(sprites, photo, decode(background), absent)
+    return anchored(sprites, photo, behind, absent)
 
 
 def anchored(sprites: Sequence[Sprite], photo: F32, behind: F32, absent: NDArray[np.bool_]) -> list[Sprite]:
@@ -174,8 +181,12 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     return boxes
 
 
-def _foreground(photo: F32, mask: NDArray[np.bool_], alpha: F32) -> F32:
-    """The object's own light `(h, w, 3)`, carried outwards from where nothing is mixed in."""
+def _foreground(photo: F32, behind: F32, mask: NDArray[np.bool_], alpha: F32, share: F32) -> F32:
+    """The object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
+
+    Where little of a pixel is the object's, and nobody knows well what is behind it, the light that is carried outwards
+    from inside bounds it.
+    """
     inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     sure = (inside > CLEAN) & (alpha >= 1.0)
     if not sure.any():
@@ -191,4 +202,10 @@ def _foreground(photo: F32, mask: NDArray[np.bool_], alpha: F32) -> F32:
         new = ~known & (norm > 1e-3)
         filled[new] = spread[new] / norm[new][:, None]
         known |= new
-    return filled
+    a = alpha[..., None]
+    own = photo - (1 - a) * behind
+    trust = np.clip((a - TRUST[0]) / (TRUST[1] - TRUST[0]), 0, 1)
+    trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
+    return np.asarray(
+        np.where(a > 0, trust * np.clip(own, 0, None) + (1 - trust) * a * filled, 0), np.float32
+    )

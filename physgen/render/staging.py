@@ -17,6 +17,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import skin
 from physgen.render.frames import Actor, Stage, silhouette
 from physgen.render.lit import take_apart
+from physgen.render.relief import relief
 from physgen.render.sprites import Sprite, anchored
 from physgen.scene.model import Scene, Solid, View
 from physgen.shadow import Setting
@@ -50,7 +51,9 @@ def staged(
         return Stage(background, sprites)
     light = DistantLight(scene.light.direction, scene.light.intensity, scene.light.ambient)
     if scene.render.relight:
-        sprites = [_skinned(sprite, world.bodies[sprite.body], light) for sprite in sprites]
+        sprites = [_skinned(sprite, world.bodies[sprite.body], light, world.view) for sprite in sprites]
+        if maps.normals is not None:
+            sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
     if not scene.render.shadows:
         return Stage(background, sprites)
     top = world.view is View.TOP
@@ -104,7 +107,7 @@ def _radius(body: Body) -> float | None:
     return body.radius if body.solid is Solid.SPHERE else None
 
 
-def _skinned(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
+def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View) -> Sprite:
     """A sphere's sprite with its skin; any other as it is."""
     if body.radius is None or body.solid is not Solid.SPHERE or sprite.coverage.max(initial=0) < 1:
         return sprite
@@ -115,4 +118,20 @@ def _skinned(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
         return sprite  # a thread, a handle: what is no ball turns as a picture
     alpha = sprite.coverage[..., None]
     colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
-    return replace(sprite, ball=skin(colour, sprite.corner, (x, y), body.radius, light))
+    return replace(sprite, ball=skin(colour, sprite.corner, (x, y), body.radius, light, view))
+
+
+def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
+    """Any other sprite with the photo's `normals` (H, W, 3)."""
+    if sprite.ball is not None:
+        return sprite
+    height, width = normals.shape[:2]
+    h, w = sprite.coverage.shape
+    x0, y0 = sprite.corner
+    own = np.zeros((h, w, 3), np.float32)
+    known = np.zeros((h, w), bool)
+    here = np.s_[max(y0, 0) : min(y0 + h, height), max(x0, 0) : min(x0 + w, width)]
+    there = np.s_[here[0].start - y0 : here[0].stop - y0, here[1].start - x0 : here[1].stop - x0]
+    own[there] = normals[here]
+    known[there] = sprite.coverage[there] > 0.7
+    return replace(sprite, relief=relief(own, known, light))

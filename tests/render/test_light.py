@@ -9,6 +9,8 @@ import pytest
 from physgen import pipeline
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render.ball import skin
+from physgen.render.relief import lambert, relief
+from physgen.scene.model import View
 from physgen.shadow import Setting, Silhouette, darkness
 from physgen.simulate.engine import simulate
 
@@ -38,7 +40,7 @@ def sphere(r, center, size, turn):
 def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
     r, size = 40.0, (101, 101)
     photo, _, _ = sphere(r, (50, 50), size, np.eye(3))
-    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN)
+    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
     turn = cv2.Rodrigues(np.array(vector))[0]
     expected, z, was = sphere(r, (50, 50), size, turn)
     found = ball.seen((50.0, 50.0), turn, size, (0, 0)) + ball.gloss
@@ -51,7 +53,7 @@ def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
 
 def test_a_ball_at_rest_is_the_photo() -> None:
     photo, z, _ = sphere(30.0, (40, 40), (81, 81), np.eye(3))
-    ball = skin(photo, (0, 0), (40.0, 40.0), 30.0, SUN)
+    ball = skin(photo, (0, 0), (40.0, 40.0), 30.0, SUN, View.SIDE)
     found = ball.seen((40.0, 40.0), np.eye(3), (81, 81), (0, 0)) + ball.gloss
     assert np.abs(found - photo)[z > 0].max() < 1e-6
 
@@ -64,11 +66,63 @@ def test_a_highlight_stays_where_the_light_is() -> None:
     y, x = np.mgrid[:101, :101]
     spot = np.exp(-((x - 50 - r * half[0]) ** 2 + (y - 50 - r * half[1]) ** 2) / (2 * 3.0**2))
     photo = np.minimum(photo * 0.4 + spot[..., None] * 2, 1).astype(np.float32)
-    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN)
+    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
     turned = ball.seen((50.0, 50.0), cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0], (101, 101), (0, 0))
     bright = (turned + ball.gloss).min(-1)
     assert np.hypot(*(np.unravel_index(bright.argmax(), bright.shape) - half[1::-1] * r - 50)) < 4
     assert turned.min(-1).max() < 0.5, "none of it turned with the skin"
+
+
+def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
+    """Two paints in stripes; a floor below lends light and colour that Lambert's law with one light has not."""
+    r, size = 40.0, (101, 101)
+    y, x = np.mgrid[:101, :101]
+    u, v = (x - 50) / r, (y - 50) / r
+    z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+    lambertian = SUN.ambient + SUN.intensity * np.maximum(
+        np.stack([u, v, z], -1) @ np.array(SUN.direction), 0
+    )
+    more = np.exp(-0.35 * v + 0.2 * u)[..., None] * np.exp(0.15 * v[..., None] * np.array([1, 0, -1]))
+
+    def ball_turned(angle):
+        across = (np.cos(angle) * u + np.sin(angle) * v) * 5
+        paint = np.where((np.sin(across) > 0)[..., None], [0.7, 0.12, 0.08], [0.62, 0.55, 0.36])
+        return (paint * lambertian[..., None] * more).astype(np.float32)
+
+    ball = skin(ball_turned(0.0), (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, 2.0]))[0]
+    found, expected = ball.seen((50.0, 50.0), turn, size, (0, 0)), ball_turned(2.0)
+    inside = z > 0.4
+    off = np.abs(encode_u8(found).astype(int) - encode_u8(expected))[inside]
+    assert np.median(off) <= 3, "Lambert's law alone leaves 10"
+    plain = np.abs(
+        encode_u8(
+            ball_turned(0.0) * 0 + found / np.maximum(ball.shade(u, v, z), 1e-6) * lambertian[..., None]
+        ).astype(int)
+        - encode_u8(expected)
+    )[inside]
+    assert np.median(off) < 0.4 * np.median(plain)
+
+
+@pytest.mark.parametrize("turn", [0.5, 2.0, -1.2])
+def test_normals_turn_with_a_thing_and_its_light_does_not(turn) -> None:
+    y, x = np.mgrid[-20:21, -20:21] / 22.0
+    known = x * x + y * y < 0.8
+    normals = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0.01))], -1).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    found = relief(normals, known, SUN)
+    c, s = np.cos(turn), np.sin(turn)
+    turned = normals.copy()
+    turned[..., 0], turned[..., 1] = c * x - s * y, s * x + c * y
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+    expected = lambert(SUN, turned) / lambert(SUN, normals)
+    assert found.ratio(turn)[known] == pytest.approx(expected[known], rel=1e-3)
+    assert found.ratio(0.0)[known] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_flat_front_keeps_its_light() -> None:
+    flat = np.broadcast_to(np.array([0, 0, 1], np.float32), (20, 20, 3))
+    assert relief(flat, np.ones((20, 20), bool), SUN) is None
 
 
 def setting(light=SUN, softness=1.0, top=True, **rest):
