@@ -36,8 +36,9 @@ def encode_u8(linear: NDArray[Any]) -> NDArray[np.uint8]:
 
     A table of 2**16 entries: at most one code off the rounded exact curve, only at the border of two codes.
     """
-    index = np.clip(linear, 0.0, 1.0).astype(np.float32, copy=False) * np.float32(65535) + np.float32(0.5)
-    return np.asarray(_encode_table()[index.astype(np.uint16)])
+    index = linear.astype(np.float32, copy=False) * np.float32(65535)
+    index += np.float32(0.5)
+    return np.asarray(_encode_table().take(index.astype(np.int64), mode="clip"))
 
 
 def luminance(linear: NDArray[Any]) -> Float:

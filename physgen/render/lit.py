@@ -9,13 +9,14 @@ t = 0 the sum is the photo's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.geometry import Pose
 from physgen.photometry import decode, luminance
 from physgen.shadow import Box, Setting, Silhouette, blurred, darkness
 
@@ -36,19 +37,27 @@ LIFT = 0.25
 """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
 FLIES = 1.2
 """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
+FAINT = 0.004
+"""-log of light that nobody misses: half a grey level of white."""
+CELLS = 24
+"""Of the grid on which a shadow is worked out, at least so many across the thing."""
 TURN = 0.35
 """rad by which an object that is not round may turn until then."""
 
 
 @dataclass(frozen=True)
 class Cast:
-    """One object's share of the photo's shadows."""
+    """One object's share of the photo's shadows; darkness is -log of the light that it leaves."""
 
     start: Silhouette
-    first: tuple[Box, F32] | None
-    """-log of the light that it leaves at t = 0, by geometry."""
+    step: int
+    """px a side of the grid on which its shadow is worked out."""
+    whole: tuple[Box, F32] | None
+    """All of it, at t = 0."""
     own: tuple[Box, F32]
-    """What the photo shows beyond it, of either sign."""
+    """Of `whole` what the photo shows beyond geometry, of either sign."""
+    sliding: tuple[tuple[int, int], F32] | None
+    """Where the shadow never changes its shape: its corner, and all of it, beyond the photo's border too."""
     round: bool
     """Whether turning changes nothing."""
 
@@ -70,24 +79,29 @@ class Lit:
         """(H, W, 3) linear: the background at t = 0."""
         return shaded(self.plate, self.total, self.tint)
 
-    def moved(self, k: int, now: Silhouette | None, turn: float) -> list[tuple[Box, F32, float]]:
-        """What object k adds now: boxes, what is dark there, and a sign or strength for each."""
+    def moved(self, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[tuple[Box, F32]]:
+        """What object k adds now, at `pose` instead of `start`: boxes, and what is dark there."""
         cast = self.casts[k]
-        found: list[tuple[Box, F32, float]] = []
+        if cast.sliding is not None:
+            corner, picture = cast.sliding
+            box, carried = carry(picture, corner, (pose.x - start.x, pose.y - start.y), self.setting.size)
+            return [] if box is None else [(box, carried)]
+        found: list[tuple[Box, F32]] = []
         if now is None:
             return found
-        if (dark := darkness(now, self.setting)) is not None:
-            found.append((*dark, 1.0))
-        strength, shift = self._kept(cast, now, turn)
+        if (dark := foretold(now, self.setting, cast.step)) is not None:
+            found.append(dark)
+        strength, shift = self._kept(cast, now, pose.angle - start.angle)
         if strength > 0.02:
             (x0, y0, _, _), own = cast.own
             box, carried = carry(own, (x0, y0), shift, self.setting.size)
             if box is not None:
+                carried *= np.float32(strength)
                 if not self.setting.top and self._on_wall(cast.start) and now.floor is not None:
                     end = now.floor - self.setting.tilt * self.setting.backdrop  # the wall's foot
                     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
                     carried = carried * np.clip(end - rows + 0.5, 0, 1).astype(np.float32)
-                found.append((box, carried, strength))
+                found.append((box, carried))
         return found
 
     def _on_wall(self, start: Silhouette) -> bool:
@@ -111,12 +125,53 @@ class Lit:
         return strength, (dx, now.floor - start.floor)
 
 
+def foretold(what: Silhouette, setting: Setting, step: int) -> tuple[Box, F32] | None:
+    """`darkness`, worked out on a grid of `step` px: shadows are soft, and large things have large shadows."""
+    if step == 1:
+        return darkness(what, setting)
+    (x, y), (h, w) = what.corner, what.coverage.shape
+    left, top = x % step, y % step
+    padded = np.pad(what.coverage, ((top, -(top + h) % step), (left, -(left + w) % step)))
+    small = cv2.resize(
+        padded, (padded.shape[1] // step, padded.shape[0] // step), interpolation=cv2.INTER_AREA
+    )
+    W, H = setting.size
+    rough = darkness(
+        Silhouette(
+            np.asarray(small, np.float32),
+            ((x - left) // step, (y - top) // step),
+            ((what.center[0] + 0.5) / step - 0.5, (what.center[1] + 0.5) / step - 0.5),
+            None if what.radius is None else what.radius / step,
+            what.thick / step,
+            None if what.floor is None else (what.floor + 0.5) / step - 0.5,
+        ),
+        replace(setting, size=(-(-W // step), -(-H // step)), backdrop=setting.backdrop / step),
+    )
+    if rough is None:
+        return None
+    (x0, y0, x1, y1), dark = rough
+    fine = cv2.resize(dark, ((x1 - x0) * step, (y1 - y0) * step), interpolation=cv2.INTER_LINEAR)
+    x0, y0 = x0 * step, y0 * step
+    x1, y1 = min(x1 * step, W), min(y1 * step, H)
+    return (x0, y0, x1, y1), np.asarray(fine[: y1 - y0, : x1 - x0], np.float32)
+
+
+def boundless(what: Silhouette, setting: Setting, step: int) -> tuple[tuple[int, int], F32]:
+    """Corner and picture of an object's whole shadow on a table, as if the photo had no border."""
+    beyond = step * ceil((10 * max(what.coverage.shape) + 64) / step)
+    (x, y), (cx, cy), (W, H) = what.corner, what.center, setting.size
+    far = replace(what, corner=(x + beyond, y + beyond), center=(cx + beyond, cy + beyond))
+    found = foretold(far, replace(setting, size=(W + 2 * beyond, H + 2 * beyond)), step)
+    if found is None:
+        return what.corner, np.zeros((1, 1), np.float32)
+    (x0, y0, _, _), dark = found
+    return (x0 - beyond, y0 - beyond), dark
+
+
 def shaded(plate: F32, dark: F32, tint: F32) -> F32:
     """(h, w, 3) of a plate in the light that is left."""
-    out = np.empty_like(plate)
-    for c in range(3):
-        np.multiply(plate[..., c], np.asarray(cv2.exp(dark * -tint[c])).reshape(dark.shape), out=out[..., c])
-    return out
+    left = cv2.merge([dark * -part for part in tint])
+    return np.asarray(cv2.multiply(plate, cv2.exp(left)), np.float32)
 
 
 def carry(
@@ -154,7 +209,11 @@ def take_apart(
     reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
     open_ = (unknown == 0) | (reach == 0)
     weight = open_.astype(np.float32)
-    firsts = [darkness(start, setting) if clean is not None else None for start in starts]
+    steps = [step_of(start) for start in starts]
+    firsts = [
+        foretold(start, setting, step) if clean is not None else None
+        for start, step in zip(starts, steps, strict=True)
+    ]
     total = np.zeros(dark.shape, np.float32)
     for first in firsts:
         if first is not None:
@@ -162,18 +221,74 @@ def take_apart(
     rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SMOOTH)
     if clean is None:
         rest[:] = 0
-    owns = _owned(rest, starts, firsts)
-    for box, own in owns:
-        _add(total, box, own)
+    casts = []
+    total = np.zeros(dark.shape, np.float32)
+    for start, step, first, own, is_round in zip(
+        starts, steps, firsts, _owned(rest, starts, firsts), rounds, strict=True
+    ):
+        cast = _cast(start, step, first, own, is_round, setting)
+        casts.append(cast)
+        if cast.whole is not None:
+            _add(total, *cast.whole)
     tint = _tint(lit, bare, dark, open_)
     detail = np.log((lit + 1e-4) / (bare + 1e-4)) + total[..., None] * tint
     inside = np.stack([_spread_into(detail[..., c] * weight, weight, 3.0) for c in range(3)], axis=-1)
     plate = np.where(open_[..., None], lit * np.exp(total[..., None] * tint), bare * np.exp(inside))
-    casts = [
-        Cast(start, first, own, is_round)
-        for start, first, own, is_round in zip(starts, firsts, owns, rounds, strict=True)
-    ]
     return Lit(setting, np.asarray(plate, np.float32), tint, total, casts)
+
+
+def _cast(
+    start: Silhouette,
+    step: int,
+    first: tuple[Box, F32] | None,
+    own: tuple[Box, F32],
+    is_round: bool,
+    setting: Setting,
+) -> Cast:
+    """One object's shadow at t = 0: what geometry foretells, and what the photo shows beyond."""
+    own = _trimmed(*own)
+    parts = [((x0, y0), dark) for (x0, y0, _, _), dark in ((own,) if first is None else (first, own))]
+    sliding = None
+    if setting.top and is_round and first is not None:
+        sliding = _trimmed(*_boxed(*_joined([boundless(start, setting, step), parts[-1]])))
+        box, picture = carry(sliding[1], sliding[0][:2], (0.0, 0.0), setting.size)
+        whole = None if box is None else (box, picture)
+        return Cast(start, step, whole, own, (sliding[0][:2], sliding[1]), is_round)
+    whole = _trimmed(*_boxed(*_joined(parts)))
+    return Cast(start, step, whole if whole[1].size else None, own, None, is_round)
+
+
+def _boxed(corner: tuple[int, int], picture: F32) -> tuple[Box, F32]:
+    return (*corner, corner[0] + picture.shape[1], corner[1] + picture.shape[0]), picture
+
+
+def _trimmed(box: Box, picture: F32) -> tuple[Box, F32]:
+    """The part of a picture in which anything is to be seen, fading to nothing at its border."""
+    seen = np.abs(picture) > FAINT
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if not len(rows):
+        return (box[0], box[1], box[0], box[1]), picture[:0, :0]
+    y0, y1, x0, x1 = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    kept = picture[y0:y1, x0:x1]
+    kept = np.asarray(np.sign(kept) * np.maximum(np.abs(kept) - np.float32(FAINT), 0), np.float32)
+    return _boxed((int(box[0] + x0), int(box[1] + y0)), kept)
+
+
+def step_of(what: Silhouette) -> int:
+    """px a side of the grid for its shadow: some 24 cells across the thing, at most."""
+    h, w = what.coverage.shape
+    return max(1, min(int(np.sqrt(h * w)) // CELLS, 8))
+
+
+def _joined(parts: Sequence[tuple[tuple[int, int], F32]]) -> tuple[tuple[int, int], F32]:
+    """The sum of pictures, each with its corner."""
+    x0, y0 = (min(corner[k] for corner, _ in parts) for k in (0, 1))
+    x1 = max(corner[0] + dark.shape[1] for corner, dark in parts)
+    y1 = max(corner[1] + dark.shape[0] for corner, dark in parts)
+    total = np.zeros((y1 - y0, x1 - x0), np.float32)
+    for (x, y), dark in parts:
+        total[y - y0 : y - y0 + dark.shape[0], x - x0 : x - x0 + dark.shape[1]] += dark
+    return (x0, y0), total
 
 
 def _spread_into(values: F32, weight: F32, sigma: float) -> F32:

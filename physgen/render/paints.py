@@ -21,7 +21,9 @@ PAINTS = 5
 """At most, on one ball."""
 DIM = 0.03
 """Linear light below which colours hardly tell paints apart."""
-ROUNDS = 6
+MOST_PIXELS = 500
+"""Of a ball, that are asked."""
+ROUNDS = 4
 STIFF = 0.02
 """Weight, in shares of the ball's pixels, that keeps shading near Lambert's."""
 ODD = 0.15
@@ -53,10 +55,13 @@ class Paints:
 
 def paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints | None:
     """`bare` (h, w, 3) is light over Lambert's shading of the normals (u, v, z), told by the pixels in `use`."""
-    if np.count_nonzero(use) < 80:
+    told = np.flatnonzero(use)
+    if len(told) < 80:
         return None
-    level = np.log(np.maximum(bare[use], 0) + np.float32(DIM)).astype(np.float64)
-    rows = np.column_stack([np.broadcast_to(b, use.shape)[use] for b in basis(u, v, z)]).astype(np.float64)
+    told = told[:: -(-len(told) // MOST_PIXELS)]
+    level = np.log(np.maximum(bare.reshape(-1, 3)[told], 0) + np.float32(DIM)).astype(np.float64)
+    rows = np.column_stack([np.broadcast_to(b, use.shape).ravel()[told] for b in basis(u, v, z)])
+    rows = rows.astype(np.float64)
     grey = level.mean(axis=1)
     # first paints by colour above all, of which light changes little
     paint = _split(np.column_stack([2 * (level - grey[:, None]), 0.7 * grey]))
@@ -106,7 +111,7 @@ def _split(points: Array) -> Ids:
         middles.append(points[far])
     centers = np.array(middles)
     paint = _nearest(points, centers)
-    for _ in range(8):
+    for _ in range(4):
         paint = _nearest(points, _each(np.mean, points, paint))
     return paint
 

@@ -6,12 +6,12 @@ Albedo need not be known: the photo's light times the ratio of two shadings is a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import cos, sin
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry import rotation
 from physgen.photometry import DistantLight
 
 F32 = NDArray[np.float32]
@@ -24,21 +24,26 @@ FACING = 0.02
 
 @dataclass(frozen=True)
 class Relief:
-    """Normals of one object on its sprite's box."""
+    """Shading of one object on its sprite's box, by how far it has turned: Lambert's law is linear in the light."""
 
-    normals: F32
-    """(h, w, 3) unit: +x right, +y down, +z to the viewer, as in the photo."""
-    light: DistantLight
-    shade: F32
-    """(h, w): the shading in the photo."""
+    along: F32
+    """(h, w): intensity x (n . l) in the picture's plane, over the photo's shading."""
+    across: F32
+    """(h, w): the same with the light turned by a quarter from +x to +y."""
+    fixed: F32
+    """(h, w): the same along the view, which no turn changes."""
+    even: F32
+    """(h, w): ambient light over the photo's shading."""
 
     def ratio(self, turn: float) -> F32:
         """(h, w) by which light is multiplied where the object has turned by `turn` rad."""
-        x, y, z = self.light.direction
-        # the light as the object sees it: turned back
-        bx, by = (rotation(turn).T @ np.array([x, y])).tolist()
-        seen = DistantLight((bx, by, z), self.light.intensity, self.light.ambient)
-        return np.asarray(np.clip(lambert(seen, self.normals) / self.shade, 1 / MOST, MOST), np.float32)
+        facing: F32 = np.asarray(
+            cv2.addWeighted(self.along, cos(turn), self.across, -sin(turn), 0.0), np.float32
+        )
+        facing += self.fixed
+        np.maximum(facing, 0, out=facing)
+        facing += self.even
+        return np.asarray(np.clip(facing, 1 / MOST, MOST, out=facing), np.float32)
 
 
 def lambert(light: DistantLight, normals: F32) -> F32:
@@ -64,6 +69,13 @@ def relief(normals: F32, known: NDArray[np.bool_], light: DistantLight) -> Relie
     carried[weight == 0] = (0.0, 0.0, 1.0)
     carried /= np.maximum(np.linalg.norm(carried, axis=2, keepdims=True), 1e-6)
     shade = np.maximum(lambert(light, carried), np.float32(0.05))
-    found = Relief(carried, light, np.asarray(shade, np.float32))
+    x, y, z = (np.float32(light.intensity * part) / shade for part in light.direction)
+    found = Relief(
+        along=np.asarray(carried[..., 0] * x + carried[..., 1] * y, np.float32),
+        # turned by a quarter, (x, y) is (-y, x)
+        across=np.asarray(carried[..., 1] * x - carried[..., 0] * y, np.float32),
+        fixed=np.asarray(carried[..., 2] * z, np.float32),
+        even=np.asarray(np.float32(light.ambient) / shade, np.float32),
+    )
     changes = max(float(np.abs(found.ratio(turn)[known] - 1).mean()) for turn in (0.8, 1.6, 3.1, 4.7))
     return found if changes > FACING else None

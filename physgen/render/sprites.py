@@ -19,6 +19,7 @@ from physgen.render.ball import Ball
 from physgen.render.relief import Relief
 
 F32 = NDArray[np.float32]
+Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 
@@ -56,6 +57,15 @@ class Sprite:
     """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
     relief: Relief | None = None
     """Of what is no ball: the normals that turn with it, where somebody knows them."""
+
+    @cached_property
+    def hull(self) -> Array:
+        """(K, 2) px of the photo: the corners of all that shows anything."""
+        rows, columns = np.nonzero(self.coverage)
+        if not len(rows):
+            return np.zeros((0, 2))
+        points = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)).reshape(-1, 2)
+        return np.asarray(points + np.array(self.corner), np.float64)
 
     @cached_property
     def fine(self) -> F32:

@@ -1,0 +1,118 @@
+"""Sprite + pose -> where on the canvas its pixels come from, and those pixels; geometry apart from pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, cos, floor, isfinite, sin
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry import Pose, rotation
+from physgen.render.sprites import Sprite
+
+F32 = NDArray[np.float32]
+Array = NDArray[np.float64]
+Slices = tuple[slice, slice]
+
+FADE = 3.0
+"""px of motion over which the photo's own border pixels give way to the object's clean ones."""
+SPREAD = 1.5
+"""px beyond its pixels that a warped picture may reach."""
+HOW = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a sprite falls on the canvas."""
+
+    box: Slices
+    """Rows and columns of the canvas."""
+    own: Slices | None = None
+    """At rest: the same on the sprite, whose pixels are then the photo's."""
+    matrix: Array | None = None
+    """(2, 3) Moved: pixel of the box -> pixel of the sprite."""
+    turn: float = 0.0
+    """rad by which the sprite's picture turns."""
+    space: Array | None = None
+    """(3, 3) A ball: how its skin has turned."""
+    shift: tuple[float, float] = (0.0, 0.0)
+    """px by which the centre has moved."""
+    rest: float = 0.0
+    """Share of the photo's own border pixels that still shows."""
+
+
+def placed(
+    sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: Array | None
+) -> Placement | None:
+    """Where the sprite falls on a canvas of `size` (W, H); None when outside. `space` (3, 3): a ball's turn so far."""
+    height, width = sprite.coverage.shape
+    x0, y0 = sprite.corner
+    turn = pose.angle - start.angle
+    rolled = sprite.ball is not None and space is not None and not (space == np.eye(3)).all()
+    if turn == 0.0 and pose[:2] == start[:2] and not rolled:  # at rest: the photo's own pixels
+        left, top = max(-x0, 0), max(-y0, 0)
+        right, bottom = min(width, size[0] - x0), min(height, size[1] - y0)
+        if left >= right or top >= bottom:
+            return None
+        return Placement(np.s_[y0 + top : y0 + bottom, x0 + left : x0 + right], np.s_[top:bottom, left:right])
+    if sprite.ball is not None:  # the picture of a ball moves without turning: its skin alone turns
+        if space is None:
+            space = np.pad(rotation(turn), ((0, 1), (0, 1))) + np.diag([0.0, 0, 1])
+        turn = 0.0
+    c, s = cos(turn), sin(turn)
+    if not len(sprite.hull):
+        return None
+    before = sprite.hull - (start.x, start.y)
+    after = before @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y)
+    (lx, ly), (hx, hy) = (after.min(axis=0) - SPREAD).tolist(), (after.max(axis=0) + SPREAD).tolist()
+    if not isfinite(lx + hx + ly + hy) or hx < 0 or hy < 0 or lx >= size[0] or ly >= size[1]:
+        return None
+    left, top = max(floor(lx), 0), max(floor(ly), 0)
+    right, bottom = min(ceil(hx) + 1, size[0]), min(ceil(hy) + 1, size[1])
+    # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
+    dx, dy = left - pose.x, top - pose.y
+    matrix = np.array([[c, s, c * dx + s * dy + start.x - x0], [-s, c, c * dy - s * dx + start.y - y0]])
+    moved_by = float(np.abs(after - sprite.hull).max())
+    return Placement(
+        np.s_[top:bottom, left:right],
+        matrix=matrix,
+        turn=turn,
+        space=space if sprite.ball is not None else None,
+        shift=(pose.x - start.x, pose.y - start.y),
+        rest=max(0.0, 1 - moved_by / FADE),
+    )
+
+
+def drawn(sprite: Sprite, where: Placement) -> tuple[F32, F32]:
+    """(h, w, 3) linear light times coverage, and coverage (h, w), on the placement's box."""
+    if where.own is not None:
+        own = where.own
+        light = sprite.light[own] if sprite.rest is None else sprite.light[own] + sprite.rest[own]
+        return light, sprite.coverage[own]
+    assert where.matrix is not None
+    rows, columns = where.box
+    size = (columns.stop - columns.start, rows.stop - rows.start)
+    fine = sprite.fine if sprite.ball is None else sprite.fine_still  # two samples a pixel
+    warped = cv2.warpAffine(fine, 2 * where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
+    light = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
+    coverage = np.asarray(np.clip(cv2.extractChannel(warped, 3), 0.0, 1.0), np.float32)
+    if sprite.relief is not None and where.turn != 0.0:
+        ratio = sprite.relief.ratio(where.turn)
+        there = cv2.warpAffine(ratio, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_REPLICATE)
+        light *= thrice(np.asarray(there, np.float32))
+    if sprite.ball is not None and where.space is not None:
+        center = sprite.ball.center[0] + where.shift[0], sprite.ball.center[1] + where.shift[1]
+        skin = sprite.ball.seen(center, where.space, size, (columns.start, rows.start))
+        skin *= thrice(coverage)
+        light += skin
+    if sprite.rest is not None and where.rest > 0:
+        own_rest = cv2.warpAffine(sprite.rest, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
+        light += np.float32(where.rest) * own_rest
+    return light, np.asarray(coverage, np.float32)
+
+
+def thrice(values: F32) -> F32:
+    """(h, w) -> (h, w, 3): a picture's own shape, which NumPy multiplies far faster than it broadcasts."""
+    return np.asarray(cv2.merge((values, values, values)), np.float32)
