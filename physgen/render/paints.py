@@ -59,9 +59,9 @@ def paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints 
     if len(told) < 80:
         return None
     told = told[:: -(-len(told) // MOST_PIXELS)]
-    level = np.log(np.maximum(bare.reshape(-1, 3)[told], 0) + np.float32(DIM)).astype(np.float64)
-    rows = np.column_stack([np.broadcast_to(b, use.shape).ravel()[told] for b in basis(u, v, z)])
-    rows = rows.astype(np.float64)
+    level: Array = np.log(np.maximum(bare.reshape(-1, 3)[told], 0) + np.float32(DIM)).astype(np.float64)
+    pictures = [np.broadcast_to(b, use.shape).ravel()[told] for b in basis(u, v, z)]
+    rows: Array = np.column_stack(pictures).astype(np.float64)
     grey = level.mean(axis=1)
     # first paints by colour above all, of which light changes little
     paint = _split(np.column_stack([2 * (level - grey[:, None]), 0.7 * grey]))

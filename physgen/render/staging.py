@@ -14,9 +14,9 @@ from physgen.compile.world import Body, World
 from physgen.geometry import Pose
 from physgen.percepts.maps import Percepts
 from physgen.photometry import DistantLight, decode
+from physgen.render.apart import take_apart
 from physgen.render.ball import skin
 from physgen.render.frames import Actor, Stage, silhouette
-from physgen.render.lit import take_apart
 from physgen.render.relief import relief
 from physgen.render.sprites import Sprite, anchored
 from physgen.scene.model import Scene, Solid, View

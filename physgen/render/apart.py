@@ -1,0 +1,242 @@
+"""Background with the objects' shadows in it -> the light that it would have without, and each object's share of dark.
+
+What simple geometry (`shadow.py`) foretells of the photo's shadows is taken for theirs; what the photo shows beyond
+that, dark or light, belongs to the object that is nearest and moves with it, as long as the object stands on the floor
+as it did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import ceil
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.photometry import decode, luminance
+from physgen.render.lit import Cast, Lit, carry, foretold
+from physgen.shadow import Box, Setting, Silhouette, blurred
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+
+SMOOTH = 0.5
+"""px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
+RING = 2
+"""px around objects where the background still shows traces of them."""
+GAP = 4
+"""px: half the width of gaps between objects in which nobody sees a background."""
+DEEPEST = 3.5
+"""-log of the least light that a shadow leaves."""
+NEAR = 0.5
+"""Of an object's size: how far around it what is dark may be its own."""
+HIDDEN = 3.0
+"""px over which the background's detail reaches under objects."""
+FAINT = 0.004
+"""-log of light that nobody misses: half a grey level of white."""
+CELLS = 24
+"""Of the grid on which a shadow is worked out, at least so many across the thing."""
+
+
+def take_apart(
+    background: U8,
+    clean: U8 | None,
+    coverage: F32,
+    starts: Sequence[Silhouette],
+    rounds: Sequence[bool],
+    setting: Setting,
+) -> Lit:
+    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: nobody has lifted them."""
+    lit = decode(background)
+    steps = [step_of(start) for start in starts]
+    if clean is None:  # all that is dark stays, and what moves throws a shadow of its own beside it
+        nothing = (0, 0, 0, 0), np.zeros((0, 0), np.float32)
+        casts = [
+            Cast(s, step, None, nothing, None, r) for s, step, r in zip(starts, steps, rounds, strict=True)
+        ]
+        return Lit(setting, lit, np.ones(3, np.float32), np.zeros(lit.shape[:2], np.float32), casts)
+    bare = decode(clean)
+    dark = _log(luminance(bare)) - _log(luminance(lit))
+    np.clip(dark, -0.5, DEEPEST, out=dark)
+    # close to an object, and in narrow gaps between objects, the background is not to be trusted
+    unknown = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8))
+    unknown = cv2.morphologyEx(unknown, cv2.MORPH_CLOSE, np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
+    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
+    open_ = (unknown == 0) | (reach == 0)
+    weight = open_.astype(np.float32)
+    firsts = [foretold(start, setting, step) for start, step in zip(starts, steps, strict=True)]
+    total = np.zeros(dark.shape, np.float32)
+    for first in firsts:
+        if first is not None:
+            _add(total, *first)
+    rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SMOOTH)
+    casts = []
+    total = np.zeros(dark.shape, np.float32)
+    for start, step, first, own, is_round in zip(
+        starts, steps, firsts, _owned(rest, starts, firsts), rounds, strict=True
+    ):
+        cast = _cast(start, step, first, own, is_round, setting)
+        casts.append(cast)
+        if cast.whole is not None:
+            _add(total, *cast.whole)
+    tint = _tint(lit, bare, dark, open_)
+    near = blurred(weight, HIDDEN)
+    certain = np.clip(near * 4, 0, 1) / np.maximum(near, 0.02)
+    plate = np.empty_like(lit)
+    for c in range(3):
+        depth = total * tint[c]
+        detail = _log(lit[..., c]) - _log(bare[..., c]) + depth
+        inside = blurred(detail * weight, HIDDEN) * certain
+        plate[..., c] = np.where(open_, lit[..., c] * cv2.exp(depth), bare[..., c] * cv2.exp(inside))
+    return Lit(setting, plate, tint, total, casts)
+
+
+def _log(light: F32) -> F32:
+    return np.asarray(cv2.log(light + np.float32(1e-4)), np.float32)
+
+
+def _cast(
+    start: Silhouette,
+    step: int,
+    first: tuple[Box, F32] | None,
+    own: tuple[Box, F32],
+    is_round: bool,
+    setting: Setting,
+) -> Cast:
+    """One object's shadow at t = 0: what geometry foretells, and what the photo shows beyond."""
+    own = _trimmed(*own)
+    parts = [((x0, y0), dark) for (x0, y0, _, _), dark in ((own,) if first is None else (first, own))]
+    sliding = None
+    if setting.top and is_round and first is not None:
+        sliding = _trimmed(*_boxed(*_joined([boundless(start, setting, step), parts[-1]])))
+        box, picture = carry(sliding[1], sliding[0][:2], (0.0, 0.0), setting.size)
+        whole = None if box is None else (box, picture)
+        return Cast(start, step, whole, own, (sliding[0][:2], sliding[1]), is_round)
+    whole = _trimmed(*_boxed(*_joined(parts)))
+    return Cast(start, step, whole if whole[1].size else None, own, None, is_round)
+
+
+def boundless(what: Silhouette, setting: Setting, step: int) -> tuple[tuple[int, int], F32]:
+    """Corner and picture of an object's whole shadow on a table, as if the photo had no border."""
+    beyond = step * ceil((10 * max(what.coverage.shape) + 64) / step)
+    (x, y), (cx, cy), (W, H) = what.corner, what.center, setting.size
+    far = replace(what, corner=(x + beyond, y + beyond), center=(cx + beyond, cy + beyond))
+    found = foretold(far, replace(setting, size=(W + 2 * beyond, H + 2 * beyond)), step)
+    if found is None:
+        return what.corner, np.zeros((1, 1), np.float32)
+    (x0, y0, _, _), dark = found
+    return (x0 - beyond, y0 - beyond), dark
+
+
+def _boxed(corner: tuple[int, int], picture: F32) -> tuple[Box, F32]:
+    return (*corner, corner[0] + picture.shape[1], corner[1] + picture.shape[0]), picture
+
+
+def _trimmed(box: Box, picture: F32) -> tuple[Box, F32]:
+    """The part of a picture in which anything is to be seen, fading to nothing at its border."""
+    seen = np.abs(picture) > FAINT
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if not len(rows):
+        return (box[0], box[1], box[0], box[1]), picture[:0, :0]
+    y0, y1, x0, x1 = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    kept = picture[y0:y1, x0:x1]
+    kept = np.asarray(np.sign(kept) * np.maximum(np.abs(kept) - np.float32(FAINT), 0), np.float32)
+    return _boxed((int(box[0] + x0), int(box[1] + y0)), kept)
+
+
+def step_of(what: Silhouette) -> int:
+    """px a side of the grid for its shadow: some 24 cells across the thing, at most."""
+    h, w = what.coverage.shape
+    return max(1, min(int(np.sqrt(h * w)) // CELLS, 8))
+
+
+def _joined(parts: Sequence[tuple[tuple[int, int], F32]]) -> tuple[tuple[int, int], F32]:
+    """The sum of pictures, each with its corner."""
+    x0, y0 = (min(corner[k] for corner, _ in parts) for k in (0, 1))
+    x1 = max(corner[0] + dark.shape[1] for corner, dark in parts)
+    y1 = max(corner[1] + dark.shape[0] for corner, dark in parts)
+    total = np.zeros((y1 - y0, x1 - x0), np.float32)
+    for (x, y), dark in parts:
+        total[y - y0 : y - y0 + dark.shape[0], x - x0 : x - x0 + dark.shape[1]] += dark
+    return (x0, y0), total
+
+
+def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
+    """A blur of what is known, which dies away in what is not."""
+    near = blurred(weight, sigma)
+    return np.asarray(blurred(values, sigma) / np.maximum(near, 0.02) * np.clip(near * 4, 0, 1), np.float32)
+
+
+def _tint(lit: F32, bare: F32, dark: F32, where: NDArray[np.bool_]) -> F32:
+    """(3,) least squares of each channel's darkening by that of the luminance."""
+    seen = where & (dark > 0.3) & (lit.min(axis=2) > 2e-3) & (bare.min(axis=2) > 2e-3)
+    if np.count_nonzero(seen) < 200:
+        return np.ones(3, np.float32)
+    each = np.log(bare[seen] / lit[seen])
+    d = dark[seen][:, None]
+    return np.asarray(np.clip((each * d).sum(axis=0) / (d * d).sum(), 0.85, 1.15), np.float32)
+
+
+def _owned(
+    rest: F32, starts: Sequence[Silhouette], firsts: Sequence[tuple[Box, F32] | None]
+) -> list[tuple[Box, F32]]:
+    """Each object's part of what geometry does not explain: by the shadow it foretells, and by how near it is."""
+    H, W = rest.shape
+    claims: list[tuple[Box, F32]] = []
+    sum_ = np.full((H, W), 0.02, np.float32)
+    for start, first in zip(starts, firsts, strict=True):
+        h, w = start.coverage.shape
+        reach = NEAR * min(h, w) + 4
+        pad = ceil(2 * reach)
+        x0, y0, x1, y1 = (
+            start.corner[0] - pad,
+            start.corner[1] - pad,
+            start.corner[0] + w + pad,
+            start.corner[1] + h + pad,
+        )
+        if first is not None:
+            (a, b, c, d), _ = first
+            x0, y0, x1, y1 = min(x0, a - pad), min(y0, b - pad), max(x1, c + pad), max(y1, d + pad)
+        box = max(x0, 0), max(y0, 0), min(x1, W), min(y1, H)
+        x0, y0, x1, y1 = box
+        if x1 <= x0 or y1 <= y0:
+            claims.append(((0, 0, 0, 0), np.zeros((0, 0), np.float32)))
+            continue
+        away = (_pasted(start, box) <= 0.5).astype(np.uint8)
+        distance = cv2.distanceTransform(away, cv2.DIST_L2, 3)
+        claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
+        if first is not None:
+            (a, b, c, d), dark = first
+            cast = np.zeros_like(claim)
+            cast[b - y0 : d - y0, a - x0 : c - x0] = dark
+            claim += 4 * cast + 4 * blurred(cast, 0.6 * reach)
+        claims.append((box, claim))
+        sum_[y0:y1, x0:x1] += claim
+    found = []
+    for (x0, y0, x1, y1), claim in claims:
+        if not claim.size:
+            found.append(((x0, y0, x1, y1), claim))
+            continue
+        own = rest[y0:y1, x0:x1] * claim / sum_[y0:y1, x0:x1]
+        edge = 6  # nothing at the box's border, so that it may move unseen
+        ramp_x = np.clip(np.minimum(np.arange(x1 - x0), np.arange(x1 - x0)[::-1]) / edge, 0, 1)
+        ramp_y = np.clip(np.minimum(np.arange(y1 - y0), np.arange(y1 - y0)[::-1]) / edge, 0, 1)
+        own = own * (ramp_x[None, :] * ramp_y[:, None]).astype(np.float32)
+        found.append(((x0, y0, x1, y1), np.asarray(own, np.float32)))
+    return found
+
+
+def _pasted(what: Silhouette, box: Box) -> F32:
+    """The silhouette's coverage on a box of the photo."""
+    x0, y0, x1, y1 = box
+    matrix = np.array([[1.0, 0, what.corner[0] - x0], [0, 1, what.corner[1] - y0]])
+    there = cv2.warpAffine(what.coverage, matrix, (x1 - x0, y1 - y0), flags=cv2.INTER_NEAREST)
+    return np.asarray(there, np.float32)
+
+
+def _add(canvas: F32, box: Box, values: F32, strength: float = 1.0) -> None:
+    x0, y0, x1, y1 = box
+    if values.size:
+        canvas[y0:y1, x0:x1] += values if strength == 1.0 else np.float32(strength) * values
