@@ -263,7 +263,7 @@ def render_scene(
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.page import report_page
     from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, write_json
-    from physgen.report.video import Format, open_video
+    from physgen.report.video import Format, alongside, open_video
     from physgen.scene.write import scene_text
     from physgen.simulate.engine import simulate as run_at
 
@@ -321,16 +321,16 @@ def render_scene(
                     files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds
                 ]
             frames = render(drawn, fine, parts)
-            for index in range(len(trajectory.times)):
-                with record.stage("render", time.thread_time):
-                    frame = next(frames)
-                    record.frames.append(frame_hash(frame.rgb))
-                if index == 0:
-                    first = frame.rgb
-                with record.stage("encode"):
-                    for write in writers:
+            with alongside(writers) as write:
+                for index in range(len(trajectory.times)):
+                    with record.stage("render", time.thread_time):
+                        frame = next(frames)
+                        record.frames.append(frame_hash(frame.rgb))
+                    if index == 0:
+                        first = frame.rgb
+                    with record.stage("encode"):
                         write(frame.rgb)
-                progress("render", index + 1, len(trajectory.times))
+                    progress("render", index + 1, len(trajectory.times))
             with record.stage("encode"):
                 files.close()
         # the encoder's own threads run on while frames are rendered: its share is what rendering did not take

@@ -153,7 +153,7 @@ def carry(
     x0, y0 = int(np.floor(x)), int(np.floor(y))
     left, top = max(x0, 0), max(y0, 0)
     right, bottom = min(x0 + w + 1, size[0]), min(y0 + h + 1, size[1])
-    if right <= left or bottom <= top:
+    if not picture.size or right <= left or bottom <= top:
         return None, picture
     matrix = np.array([[1.0, 0, x - left], [0, 1, y - top]])
     moved = cv2.warpAffine(picture, matrix, (right - left, bottom - top), borderMode=cv2.BORDER_CONSTANT)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from fractions import Fraction
 from pathlib import Path
+from queue import Queue
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -41,6 +43,8 @@ LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
 """px of a side that the encoders take."""
 
 Write = Callable[[U8], None]
+WAITING = 4
+"""Frames between the one that is drawn and the one that is encoded."""
 
 
 @contextmanager
@@ -64,6 +68,42 @@ def open_video(folder: Path, kind: Format, size: tuple[int, int], fps: float) ->
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
         expected = f"could not be encoded ({error.strerror or error})"
         raise InputError.of(f"--format {kind.value}", found, expected, "render with --format png") from None
+
+
+@contextmanager
+def alongside(writes: Sequence[Write]) -> Iterator[Write]:
+    """A function that hands a frame to all `writes` and comes back at once: a thread encodes while frames are made.
+
+    Frames wait in line, no more than `WAITING`; what goes wrong with one is raised by the next call or at the end.
+    """
+    line: Queue[U8 | None] = Queue(WAITING)
+    wrong: list[BaseException] = []
+
+    def encode() -> None:
+        while (rgb := line.get()) is not None:
+            if wrong:
+                continue  # the line is emptied, so that nobody waits for ever
+            try:
+                for write in writes:
+                    write(rgb)
+            except BaseException as error:
+                wrong.append(error)
+
+    thread = Thread(target=encode, name="encode", daemon=True)
+    thread.start()
+
+    def put(rgb: U8) -> None:
+        if wrong:
+            raise wrong[0]
+        line.put(rgb)
+
+    try:
+        yield put
+    finally:
+        line.put(None)
+        thread.join()
+    if wrong:
+        raise wrong[0]
 
 
 @contextmanager

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import enumerate as enumerate_threads
+from time import sleep
 
 import cv2
 import numpy as np
@@ -11,7 +13,7 @@ from PIL import Image
 from pytest import approx
 
 from physgen.problems import InputError
-from physgen.report.video import Format, open_video
+from physgen.report.video import Format, alongside, open_video
 
 COUNT = 24
 
@@ -76,3 +78,47 @@ def test_pictures_larger_than_an_encoder_takes_are_refused(tmp_path: Path) -> No
     with pytest.raises(InputError, match="17000 x 4 px is over the 16384 px that it allows a side"):
         open_video(tmp_path, Format.MP4, (17000, 4), 30).__enter__()
     assert not list(tmp_path.iterdir())
+
+
+def test_frames_wait_in_line_and_all_arrive_in_order() -> None:
+    seen: list[int] = []
+
+    def slow(rgb: np.ndarray) -> None:
+        sleep(0.002)
+        seen.append(int(rgb[0, 0, 0]))
+
+    with alongside([slow]) as put:
+        for k in range(30):
+            put(np.full((1, 1, 3), k, np.uint8))
+    assert seen == list(range(30))
+
+
+def test_a_full_disk_stops_the_frames_and_is_told_once() -> None:
+    made: list[int] = []
+
+    def full(rgb: np.ndarray) -> None:
+        raise OSError(28, "No space left on device")
+
+    def draw() -> None:
+        with alongside([full]) as put:
+            for k in range(10_000):
+                made.append(k)
+                put(np.zeros((1, 1, 3), np.uint8))
+
+    with pytest.raises(OSError, match="No space"):
+        draw()
+    assert len(made) < 10_000, "it went on for nobody"
+
+
+def test_who_stops_drawing_stops_the_thread() -> None:
+    seen: list[int] = []
+
+    def draw() -> None:
+        with alongside([lambda rgb: seen.append(1)]) as put:
+            put(np.zeros((1, 1, 3), np.uint8))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        draw()
+    assert seen == [1]
+    assert not [thread for thread in enumerate_threads() if thread.name == "encode"]
