@@ -44,6 +44,7 @@ class Layer:
         self._width, self._height = size
         self._ink = np.zeros((self._height, self._width), np.uint8)
         self._dark = np.zeros((self._height, self._width), np.uint8)
+        self._touched = self._width, self._height, 0, 0
 
     def line(self, points: Array, width: float, strength: float = 1.0, closed: bool = False) -> None:
         """A chain of segments through (K, 2) px."""
@@ -111,13 +112,17 @@ class Layer:
 
     def onto(self, rgb: U8, colour: Colour, casing: float = OPAQUE) -> None:
         """Blend into a picture (H, W, 3) sRGB, in linear light; pixels without ink stay as they are."""
-        rows, columns = np.nonzero(np.maximum(self._dark, self._ink))
-        dark = self._dark[rows, columns, None] * np.float32(casing / 255)
-        ink = self._ink[rows, columns, None] * np.float32(1 / 255)
-        light = decode(rgb[rows, columns])
-        light += dark * (_light(CASING) - light)
-        light += ink * (_light(colour) - light)
-        rgb[rows, columns] = encode_u8(light)
+        x0, y0, x1, y1 = self._touched
+        if x0 >= x1:
+            return
+        dark, ink = (np.ascontiguousarray(mask[y0:y1, x0:x1]).ravel() for mask in (self._dark, self._ink))
+        there = np.flatnonzero(dark | ink)
+        part = np.ascontiguousarray(rgb[y0:y1, x0:x1]).reshape(-1, 3)
+        light = decode(part[there])
+        light += dark[there, None] * np.float32(casing / 255) * (_light(CASING) - light)
+        light += ink[there, None] * np.float32(1 / 255) * (_light(colour) - light)
+        part[there] = encode_u8(light)
+        rgb[y0:y1, x0:x1] = part.reshape(y1 - y0, x1 - x0, 3)
 
     def _far(self) -> Array:
         return np.array([self._width, self._height], np.float64)
@@ -135,6 +140,8 @@ class Layer:
         right, bottom = min(x1, self._width), min(y1, self._height)
         if left >= right or top >= bottom:
             return
+        x, y, far_x, far_y = self._touched
+        self._touched = min(x, left), min(y, top), max(far_x, right), max(far_y, bottom)
         part = cv2.resize(fine, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
         there = mask[top:bottom, left:right]
         np.maximum(there, part[top - y0 : bottom - y0, left - x0 : right - x0], out=there)
