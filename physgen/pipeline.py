@@ -259,6 +259,7 @@ def render_scene(
 
     `ask_chaos` runs the scene's neighbours too, for the report. Raises InputError.
     """
+    from physgen.render.overlay import annotated
     from physgen.render.shutter import shutter
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.page import report_page
@@ -320,7 +321,7 @@ def render_scene(
                 writers = [
                     files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds
                 ]
-            frames = render(drawn, fine, parts)
+            frames = annotated(render(drawn, fine, parts), compiled.world, trajectory, scene.render.overlay)
             with alongside(writers) as write:
                 for index in range(len(trajectory.times)):
                     with record.stage("render", time.thread_time):

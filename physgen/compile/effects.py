@@ -8,7 +8,7 @@ from physgen.compile.assemble import Compiled
 from physgen.compile.warning import warning
 from physgen.compile.world import Body
 from physgen.problems import Problem
-from physgen.scene.model import FieldKind, Motion, Object, Scene, Solid, View
+from physgen.scene.model import FieldKind, Motion, Object, Overlay, Scene, Solid, View
 
 
 def without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -30,6 +30,14 @@ def _stages(scene: Scene) -> Iterator[Problem]:
     if friction > 0 and scene.world.view is View.SIDE:
         why = "has no effect seen from the side"
         yield warning(scene, "world.table.friction", f"{friction:g}", why, "take it out, or write view: top")
+    for kind, what, there in (
+        (Overlay.FORCES, "forces", bool(scene.forces)),
+        (Overlay.WEIGHT, "gravity in the picture's plane", any(scene.world.gravity)),
+        (Overlay.BOUNDARIES, "boundaries", bool(scene.boundaries)),
+    ):
+        if kind in scene.render.overlay and not there:
+            why = f"has no effect: the scene has no {what}"
+            yield warning(scene, "render.overlay", kind.value, why, "take it out")
     if scene.world.view is View.TOP:
         for key in ("tilt", "backdrop"):
             if f"world.{key}" in scene.places:

@@ -152,7 +152,7 @@ def _list(schema: Schema, unit: str) -> Check:
     shortest, longest = schema.get("minItems", 0), schema.get("maxItems", 10**9)
     inner: Schema = schema.get("items", {}) if not prefix else schema["prefixItems"][0]
     kinds = {"number": "numbers", "integer": "whole numbers", "array": "points", "object": "mappings"}
-    what = kinds.get(inner.get("type", ""), "names" if "pattern" in inner else "values")
+    what = kinds.get(inner.get("type", ""), "names" if inner.get("type") == "string" else "values")
     count = f"{shortest} {what}" if shortest == longest else what
     in_unit = f" in {UNITS.get(unit, unit)}" if unit and what != "mappings" else ""
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""

@@ -219,4 +219,5 @@ def _render(item: Mapping[str, Any]) -> model.Render:
         relight=item["relight"],
         shadows=item["shadows"],
         motion_blur=float(item["motion_blur"]),
+        overlay=tuple(map(model.Overlay, dict.fromkeys(item["overlay"]))),
     )

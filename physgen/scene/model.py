@@ -287,6 +287,27 @@ class Light:
     """degrees: half its width as the objects see it."""
 
 
+class Overlay(Enum):
+    """What is drawn over finished frames, for teaching."""
+
+    OUTLINES = "outlines"
+    """Of the objects' shapes."""
+    VELOCITY = "velocity"
+    """Arrows from the centres."""
+    FORCES = "forces"
+    """The scene's forces, impulses and torques while they act."""
+    WEIGHT = "weight"
+    """Arrows from the centres, on the forces' scale."""
+    TRAILS = "trails"
+    """Where the centres have been."""
+    CONTACTS = "contacts"
+    """Where things touch, and rings where they strike."""
+    BOUNDARIES = "boundaries"
+    """Walls and floors."""
+    NAMES = "names"
+    """At the centres."""
+
+
 @dataclass(frozen=True)
 class Render:
     """`render:`."""
@@ -297,6 +318,7 @@ class Render:
     relight: bool
     shadows: bool
     motion_blur: float
+    overlay: tuple[Overlay, ...]
 
 
 @dataclass(frozen=True)

@@ -200,6 +200,8 @@ def _list(part: Schema, path: str) -> str:
 
 
 def _items_of(inner: Schema) -> str:
+    if "enum" in inner:
+        return listed(f"`{word}`" for word in inner["enum"])
     if inner["type"] != "array":
         return {"integer": "whole numbers", "string": "names"}.get(inner["type"], "numbers")
     if "prefixItems" in inner:

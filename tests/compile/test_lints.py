@@ -55,6 +55,12 @@ objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
 {CLOTH}objects: {{a: {{shape: {BALL}, roll: [90, 0]}}}}""",
     "objects.a.roll: none has no effect: the table has no friction; ": f"""\
 {TOP}objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
+    "render.overlay: forces has no effect: the scene has no forces; take it out": (
+        "objects: {}\nrender: {overlay: [forces]}"
+    ),
+    "render.overlay: weight has no effect: the scene has no gravity in the picture's plane; take it out": (
+        f"{TOP}objects: {{}}\nrender: {{overlay: [weight]}}"
+    ),
     "world.backdrop: backdrop has no effect seen from above: shadows fall on the table; take it out, or write view": (
         "world: {view: top, backdrop: 100}\nobjects: {}"
     ),
