@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor
 
 import cv2
@@ -71,6 +71,10 @@ class Stage:
     """One a sprite, where there is `lit`."""
     grounds: Sequence[Array] = ()
     """Side view: (4,) px each, the two ends of what shadows fall on from above."""
+    supersample: int = 1
+    """Samples a pixel, along each side, of what moves."""
+    scale: float = 1.0
+    """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
 
 
 def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
@@ -84,8 +88,16 @@ def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | N
     return min(rows, default=None)
 
 
-def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
-    """Frames at the trajectory's times. Each object's own box is warped, and only touched pixels are encoded again."""
+def render_frames(
+    stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None
+) -> Iterator[Frame]:
+    """Frames of the trajectory's samples in their `order`, all one after the other unless given.
+
+    Each object's own box is warped, and only touched pixels are encoded again. What a frame shows does not depend on
+    those before it; the photo's own poses are those of sample 0.
+    """
+    if stage.scale != 1.0:
+        trajectory = replace(trajectory, poses=_enlarged(trajectory.poses, stage.scale))
     lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
     centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
     turns = in_space(trajectory.turns) if trajectory.turns.size else None
@@ -93,7 +105,7 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
     dark = None if lit is None else lit.total.copy()
     canvas: F32 = behind.copy()
     touched: list[Slices] = []
-    for index, time in enumerate(trajectory.times):
+    for index, sample in enumerate(range(len(trajectory.times)) if order is None else order):
         for box in touched:
             canvas[box] = behind[box]
             if dark is not None and lit is not None:
@@ -104,9 +116,9 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
         placed = []
         changed: list[Slices] = []
         for k, sprite in enumerate(stage.sprites):
-            start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(index, sprite.body)
-            turn = None if turns is None else turns[index, sprite.body]
-            there = _place(sprite, start, pose, size, turn)
+            start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(sample, sprite.body)
+            turn = None if turns is None else turns[sample, sprite.body]
+            there = _place(sprite, start, pose, size, turn, stage.supersample)
             still = start == pose and (turn is None or bool((turn == np.eye(3)).all()))
             placed.append((sprite, there))
             if lit is not None and dark is not None and not still:
@@ -125,7 +137,12 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
             touched.append(box)
         for box in _runs(touched, size):
             rgb[box] = encode_u8(canvas[box])
-        yield Frame(index, float(time), rgb, ids)
+        yield Frame(index, float(trajectory.times[sample]), rgb, ids)
+
+
+def _enlarged(poses: Array, scale: float) -> Array:
+    """Poses (..., 3) on a canvas with `scale` pixels a photo pixel."""
+    return np.concatenate([(poses[..., :2] + 0.5) * scale - 0.5, poses[..., 2:]], axis=-1)
 
 
 def _cast(
@@ -191,9 +208,12 @@ def _runs(boxes: Sequence[Slices], size: tuple[int, int]) -> list[Slices]:
 
 
 def _place(
-    sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: Array | None
+    sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: Array | None, fine: int = 1
 ) -> tuple[Slices, F32, F32] | None:
-    """The sprite's light and coverage where they fall on a canvas of `size` (W, H); None when outside."""
+    """The sprite's light and coverage where they fall on a canvas of `size` (W, H); None when outside.
+
+    Where it moved, each pixel is the mean of `fine` x `fine` samples.
+    """
     height, width = sprite.coverage.shape
     corner = np.array(sprite.corner, np.float64)
     turn = pose.angle - start.angle
@@ -230,19 +250,31 @@ def _place(
     how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     warped: F32 = cv2.warpAffine(  # type: ignore[assignment]  # OpenCV keeps float32
         sprite.fine if sprite.ball is None else sprite.fine_still,
-        matrix,
-        (x1 - x0, y1 - y0),
+        _finer(matrix, fine),
+        ((x1 - x0) * fine, (y1 - y0) * fine),
         flags=how,
         borderMode=cv2.BORDER_CONSTANT,
     )
     light = warped[..., :3]
     if sprite.ball is not None and space is not None:
         center = sprite.ball.center[0] + pose.x - start.x, sprite.ball.center[1] + pose.y - start.y
-        skin = sprite.ball.seen(center, space, (x1 - x0, y1 - y0), (x0, y0))
+        skin = sprite.ball.seen(center, space, (x1 - x0, y1 - y0), (x0, y0), fine)
         light = light + skin * np.clip(warped[..., 3:], 0, 1)
+    coverage = np.clip(warped[..., 3], 0.0, 1.0)
+    if fine > 1:
+        both: F32 = cv2.resize(  # type: ignore[assignment]  # OpenCV keeps float32
+            np.dstack([light, coverage]), (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA
+        )
+        light, coverage = both[..., :3], both[..., 3]
     left_behind = float(np.abs(moved - corners).max()) / FADE
     if sprite.rest is not None and left_behind < 1:
         light = light + (1 - left_behind) * cv2.warpAffine(
             sprite.rest, matrix / 2, (x1 - x0, y1 - y0), flags=how, borderMode=cv2.BORDER_CONSTANT
         )
-    return np.s_[y0:y1, x0:x1], light, np.clip(warped[..., 3], 0.0, 1.0)
+    return np.s_[y0:y1, x0:x1], light, coverage
+
+
+def _finer(matrix: Array, fine: int) -> Array:
+    """(2, 3) from the pixels of a grid `fine` times as fine, where `matrix` is from the pixels."""
+    into = np.array([[1, 0, 0.5 - fine / 2], [0, 1, 0.5 - fine / 2], [0, 0, fine]]) / fine
+    return matrix @ into if fine > 1 else matrix
