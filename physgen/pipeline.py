@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from physgen.compile.world import World
     from physgen.percepts.maps import Percepts
     from physgen.render.frames import Frame, Stage
+    from physgen.render.shot import Shot
     from physgen.report.video import Format
     from physgen.scene.model import Scene
     from physgen.simulate.chaos import Chaos
@@ -197,19 +198,29 @@ def chaos(world: World, progress: Progress = silent) -> Chaos:
 
 
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
-    """What is drawn: the filled background and the objects cut out of the photo, or flat shapes on paper."""
-    from physgen.render.flat import flat_background, flat_sprites
+    """What is drawn: the filled background and the objects cut out of the photo, or flat shapes on paper.
+
+    Flat shapes are drawn as large as `render` shows them at most.
+    """
+    from physgen.render.flat import enlarged, flat_background, flat_sprites
     from physgen.render.frames import Stage
+    from physgen.render.shot import drawn_large
     from physgen.render.sprites import cut_sprites
     from physgen.render.staging import staged
 
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
+    fine = scene.render.supersample
     if maps is None:
-        return Stage(flat_background(compiled.world), flat_sprites(compiled.world, compiled.outlines, order))
+        large = drawn_large(scene)
+        world, outlines = enlarged(compiled.world, compiled.outlines, large)
+        sprites = flat_sprites(world, outlines, order, large)
+        return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
     sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
-    return staged(scene, compiled.world, sprites, maps, background, coverage, absent)
+    return replace(
+        staged(scene, compiled.world, sprites, maps, background, coverage, absent), supersample=fine
+    )
 
 
 def filled(
@@ -234,12 +245,30 @@ def filled(
     return coverage, backends.make("inpaint")(maps.rgb, coverage > 0)
 
 
-def render(drawn: Stage, trajectory: Trajectory, parts: int = 1) -> Iterator[Frame]:
-    """Frames, one at a time; each the mean of `parts` samples, in linear light."""
+def shot(scene: Scene, trajectory: Trajectory) -> Shot:
+    """How the scene's clip is filmed and played; `trajectory` has one sample a frame."""
+    from physgen.render.shot import shot as take
+
+    return take(scene, trajectory)
+
+
+def render(
+    drawn: Stage, trajectory: Trajectory, parts: int = 1, through: Shot | None = None
+) -> Iterator[Frame]:
+    """Frames, one at a time; each the mean of `parts` samples, in linear light.
+
+    `through` is a shot: without one, all of the canvas is seen and played forward.
+    """
     from physgen.render.frames import render_frames
+    from physgen.render.shot import filmed
     from physgen.render.shutter import exposed
 
-    return exposed(render_frames(drawn, trajectory), parts)
+    if through is None:
+        return exposed(render_frames(drawn, trajectory), parts)
+    frames = render_frames(drawn, trajectory, through.samples(parts))
+    if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
+        return exposed(filmed(frames, through, drawn.scale), parts)
+    return filmed(exposed(frames, parts), through, drawn.scale)
 
 
 def render_scene(
@@ -307,6 +336,8 @@ def render_scene(
     with record.stage("cut out"):
         drawn = stage(scene, compiled, maps)
     del maps
+    take = shot(scene, trajectory)
+    record.video = {"size": list(take.video), "fps": scene.render.fps}
     # the engine's steps do not depend on its samples: the fine run is the same motion
     moments, parts = shutter(trajectory.times, compiled.world, scene.render.motion_blur)
     fine = trajectory
@@ -319,11 +350,18 @@ def render_scene(
         with ExitStack() as files:
             with record.stage("encode"):
                 writers = [
-                    files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds
+                    files.enter_context(open_video(folder, k, take.video, scene.render.fps)) for k in kinds
                 ]
-            frames = annotated(render(drawn, fine, parts), compiled.world, trajectory, scene.render.overlay)
+            frames = render(drawn, fine, parts, take)
+            frames = annotated(
+                frames,
+                compiled.world,
+                trajectory,
+                scene.render.overlay,
+                lambda frame: take.affine(frame.time),
+            )
             with alongside(writers) as write:
-                for index in range(len(trajectory.times)):
+                for index in range(len(take.order)):
                     with record.stage("render", time.thread_time):
                         frame = next(frames)
                         record.frames.append(frame_hash(frame.rgb))
@@ -331,7 +369,7 @@ def render_scene(
                         first = frame.rgb
                     with record.stage("encode"):
                         write(frame.rgb)
-                    progress("render", index + 1, len(trajectory.times))
+                    progress("render", index + 1, len(take.order))
             with record.stage("encode"):
                 files.close()
         # the encoder's own threads run on while frames are rendered: its share is what rendering did not take
@@ -340,6 +378,8 @@ def render_scene(
             trajectory.save(folder / "trajectory.npz")
             video = next((kind.file for kind in kinds if kind is not Format.PNG), "frames/00000.png")
             text = scene_text(scene.document)
+            if not take.opens_on_photo:  # which outlines and forces are drawn on, wherever the camera looks
+                first = next(render(drawn, trajectory)).rgb
             page = report_page(scene, compiled.world, record, first, video, text)
             (folder / "report.html").write_text(page, encoding="utf-8")
         for file in sorted(p for p in folder.rglob("*") if p.is_file()):

@@ -12,7 +12,17 @@ import physgen
 PACKAGE = Path(physgen.__file__).parent
 
 FLOORS = {
-    0: ("geometry", "problems", "backends", "photometry", "materials", "resources", "whole", "pictures"),
+    0: (
+        "geometry",
+        "problems",
+        "backends",
+        "photometry",
+        "materials",
+        "resources",
+        "whole",
+        "pictures",
+        "framing",
+    ),
     1: ("percepts", "outline", "scene.model", "shadow"),
     2: ("scene",),
     3: ("perceive", "compile"),

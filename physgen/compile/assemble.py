@@ -103,16 +103,23 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
 
 
 def frame_times(scene: Scene) -> Array:
-    """(T,) s: k duration / frames where `render.frames` is given, else k / fps for fps x duration frames."""
+    """(T,) s: k duration / frames where `render.frames` is given, else k / rate for rate x duration frames.
+
+    The rate is fps times slow: slow motion has more frames of the same motion.
+    """
     duration, render = scene.world.duration, scene.render
-    if render.frames is None and render.fps * duration > MOST_FRAMES:
-        found = f"{render.fps * duration:,.0f} frames"
-        fix = f"write render.frames, at most {MOST_FRAMES:,}, or a smaller duration or fps"
-        expected = "from duration times fps are too many"
-        raise InputError([Problem(scene.place("render.fps"), "render", found, expected, fix)])
+    rate = render.fps * render.slow
+    if render.frames is None and rate * duration > MOST_FRAMES:
+        found = f"{rate * duration:,.0f} frames"
+        slow = " times slow" if render.slow != 1 else ""
+        smaller = "duration, fps or slow" if slow else "duration or fps"
+        fix = f"write render.frames, at most {MOST_FRAMES:,}, or a smaller {smaller}"
+        place = scene.place("render.slow" if slow else "render.fps")
+        expected = f"from duration times fps{slow} are too many"
+        raise InputError([Problem(place, "render", found, expected, fix)])
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
-    return np.arange(max(1, round(render.fps * duration)), dtype=np.float64) / render.fps
+    return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
 
 
 def _written(shape: Shape) -> Outline | None:

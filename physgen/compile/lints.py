@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.assemble import Compiled
 from physgen.compile.effects import without_effect
+from physgen.compile.film import filming
 from physgen.compile.masses import grams, mass_path
 from physgen.compile.reach import Lines, beyond, distance, moved
 from physgen.compile.support import unsupported
@@ -54,6 +55,7 @@ def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
         _paths_that_end,
         _far_joints,
         _missed_masks,
+        filming,
     )
     return by_place(problem for rule in rules for problem in rule(scene, compiled))
 

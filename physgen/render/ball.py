@@ -65,18 +65,24 @@ class Ball:
         return np.asarray(plain * np.exp(np.clip(more, -MOST, MOST)), np.float32)
 
     def seen(
-        self, center: tuple[float, float], turn: Array, size: tuple[int, int], at: tuple[int, int]
+        self,
+        center: tuple[float, float],
+        turn: Array,
+        size: tuple[int, int],
+        at: tuple[int, int],
+        fine: int = 1,
     ) -> F32:
         """(h, w, 3) linear light without gloss, of the ball at `center` turned by (3, 3), in a box of `size` (w, h).
 
-        `at` is the box's first pixel. The turn is about the image axes, +z into the photo.
+        `at` is the box's first pixel; with `fine` samples a pixel along each side it is (fine h, fine w, 3). The turn
+        is about the image axes, +z into the photo.
         """
-        u = (
-            (np.arange(size[0], dtype=np.float32) + np.float32(at[0] - center[0])) / np.float32(self.radius)
-        )[None, :]
-        v = (
-            (np.arange(size[1], dtype=np.float32) + np.float32(at[1] - center[1])) / np.float32(self.radius)
-        )[:, None]
+        columns, rows = (
+            (np.arange(side * fine, dtype=np.float32) + np.float32(0.5 - fine / 2)) / np.float32(fine)
+            for side in size
+        )
+        u = ((columns + np.float32(at[0] - center[0])) / np.float32(self.radius))[None, :]
+        v = ((rows + np.float32(at[1] - center[1])) / np.float32(self.radius))[:, None]
         rho2 = u * u + v * v
         squeeze = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(rho2, 1e-12)))
         su, sv = u * squeeze, v * squeeze

@@ -1,15 +1,20 @@
-"""World without a photo -> sprites of flat shapes and a plain background with the boundaries drawn in."""
+"""World without a photo -> sprites of flat shapes and a plain background with the boundaries drawn in.
+
+Lines are as wide as on a canvas of the scene's own size, `pen` times as wide on one that was `enlarged` so many times.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from math import ceil
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.outline.outline import Outline, bounds
+from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
 from physgen.outline.raster import coverage_box
 from physgen.photometry import decode
 from physgen.render.sprites import MARGIN, Sprite
@@ -30,7 +35,36 @@ FINE = 8
 """Sub-pixels a side when lines are drawn."""
 
 
-def flat_background(world: World) -> U8:
+def enlarged(world: World, outlines: Sequence[Outline], scale: float) -> tuple[World, list[Outline]]:
+    """Canvas, walls, bodies and outlines as large as they are on a canvas with `scale` pixels a photo pixel.
+
+    For drawing alone: masses, velocities and the like stay as they are.
+    """
+
+    def at(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (points + 0.5) * scale - 0.5
+
+    bodies = tuple(
+        replace(
+            body,
+            center=at(body.center),
+            radius=None if body.radius is None else body.radius * scale,
+            rings=tuple(ring * scale for ring in body.rings),
+        )
+        for body in world.bodies
+    )
+    walls = tuple(replace(wall, chains=tuple(map(at, wall.chains))) for wall in world.walls)
+    width, height = (ceil(side * scale - 1e-6) for side in world.size)
+    shapes: list[Outline] = [
+        Disc(at(shape.center), shape.radius * scale)
+        if isinstance(shape, Disc)
+        else Region(tuple(Ring(at(ring.outer), tuple(map(at, ring.holes))) for ring in shape.rings))
+        for shape in outlines
+    ]
+    return replace(world, size=(width, height), bodies=bodies, walls=walls), shapes
+
+
+def flat_background(world: World, pen: float = 1.0) -> U8:
     """(H, W, 3) sRGB: paper, with walls as lines on the side away from the objects."""
     width, height = world.size
     scale = 4 if width * height <= 4_000_000 else 1
@@ -40,11 +74,13 @@ def flat_background(world: World) -> U8:
         for chain in wall.chains:
             points = np.rint((chain + 0.5) * scale * 16).astype(np.int64)
             points = np.clip(points, -(2**24), 2**24).astype(np.int32)
-            cv2.polylines(canvas, [points], False, INK, 2 * scale, cv2.LINE_AA, shift=4)
+            cv2.polylines(canvas, [points], False, INK, round(2 * scale * pen), cv2.LINE_AA, shift=4)
     return np.asarray(cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def flat_sprites(world: World, outlines: Sequence[Outline], order: Sequence[int]) -> list[Sprite]:
+def flat_sprites(
+    world: World, outlines: Sequence[Outline], order: Sequence[int], pen: float = 1.0
+) -> list[Sprite]:
     """One sprite an object: its colour, a darker rim, and for circles a spoke that shows how it turns.
 
     Of an object much larger than the canvas, only what lies in it and around is drawn.
@@ -61,18 +97,18 @@ def flat_sprites(world: World, outlines: Sequence[Outline], order: Sequence[int]
         alpha = np.pad(alpha, MARGIN)
         corner = (x0 - MARGIN, y0 - MARGIN)
         fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))
-        lines = _lines(world.bodies[k], corner, alpha.shape)[..., None]
+        lines = _lines(world.bodies[k], corner, alpha.shape, pen)[..., None]
         colour = fill * (1 - lines) + fill * 0.3 * lines
         sprites.append(Sprite(k, corner, (alpha[..., None] * colour).astype(np.float32), alpha))
     return sprites
 
 
-def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...]) -> F32:
+def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: float) -> F32:
     """(h, w) in 0..1: how much of a pixel the rim and spoke cover."""
     height, width = shape
     fine = FINE if height * width < 250_000 else 2
     canvas = np.zeros((height * fine, width * fine), np.uint8)
-    thick = max(1, round(1.5 * fine))
+    thick = max(1, round(1.5 * fine * pen))
 
     def pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
         return np.rint((points + body.center - corner + 0.5) * fine).astype(np.int32)

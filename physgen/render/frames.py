@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -64,6 +64,10 @@ class Stage:
     """One a sprite, where there is `lit`."""
     grounds: Sequence[Array] = ()
     """Side view: (4,) px each, the two ends of what shadows fall on from above."""
+    supersample: int = 1
+    """Samples a pixel, along each side, of what moves."""
+    scale: float = 1.0
+    """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
 
 
 def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
@@ -77,8 +81,16 @@ def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | N
     return min(rows, default=None)
 
 
-def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
-    """Frames at the trajectory's times. Each object's own box is warped, and only touched pixels are encoded again."""
+def render_frames(
+    stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None
+) -> Iterator[Frame]:
+    """Frames of the trajectory's samples in their `order`, all one after the other unless given.
+
+    Each object's own box is warped, and only touched pixels are encoded again. What a frame shows does not depend on
+    those before it; the photo's own poses are those of sample 0.
+    """
+    if stage.scale != 1.0:
+        trajectory = replace(trajectory, poses=_enlarged(trajectory.poses, stage.scale))
     lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
     centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
     turns = in_space(trajectory.turns) if trajectory.turns.size else None
@@ -86,7 +98,7 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
     dark = None if lit is None else lit.total.copy()
     canvas: F32 = behind.copy()
     touched: list[Slices] = []
-    for index, time in enumerate(trajectory.times):
+    for index, sample in enumerate(range(len(trajectory.times)) if order is None else order):
         for box in touched:
             canvas[box] = behind[box]
             if dark is not None and lit is not None:
@@ -97,11 +109,11 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
         pictures: list[tuple[int, Placement, F32, F32]] = []
         changed: list[Slices] = []
         for k, sprite in enumerate(stage.sprites):
-            start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(index, sprite.body)
-            where = placed(sprite, start, pose, size, None if turns is None else turns[index, sprite.body])
+            start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(sample, sprite.body)
+            where = placed(sprite, start, pose, size, None if turns is None else turns[sample, sprite.body])
             coverage = None
             if where is not None:
-                light, coverage = drawn(sprite, where)
+                light, coverage = drawn(sprite, where, stage.supersample)
                 pictures.append((sprite.body, where, light, coverage))
             if lit is not None and dark is not None and start != pose:
                 changed += _cast(stage, lit, dark, k, where, coverage, pose, start)
@@ -117,7 +129,12 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
             touched.append(where.box)
         for box in union(touched, size):
             rgb[box] = encode_u8(canvas[box])
-        yield Frame(index, float(time), rgb, ids)
+        yield Frame(index, float(trajectory.times[sample]), rgb, ids)
+
+
+def _enlarged(poses: Array, scale: float) -> Array:
+    """Poses (..., 3) on a canvas with `scale` pixels a photo pixel."""
+    return np.concatenate([(poses[..., :2] + 0.5) * scale - 0.5, poses[..., 2:]], axis=-1)
 
 
 def _cast(

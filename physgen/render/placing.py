@@ -85,8 +85,11 @@ def placed(
     )
 
 
-def drawn(sprite: Sprite, where: Placement) -> tuple[F32, F32]:
-    """(h, w, 3) linear light times coverage, and coverage (h, w), on the placement's box."""
+def drawn(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32]:
+    """(h, w, 3) linear light times coverage, and coverage (h, w), on the placement's box.
+
+    Where it moved, each pixel is the mean of `fine` x `fine` samples.
+    """
     if where.own is not None:
         own = where.own
         light = sprite.light[own] if sprite.rest is None else sprite.light[own] + sprite.rest[own]
@@ -94,23 +97,34 @@ def drawn(sprite: Sprite, where: Placement) -> tuple[F32, F32]:
     assert where.matrix is not None
     rows, columns = where.box
     size = (columns.stop - columns.start, rows.stop - rows.start)
-    fine = sprite.fine if sprite.ball is None else sprite.fine_still  # two samples a pixel
-    warped = cv2.warpAffine(fine, 2 * where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
+    many = (size[0] * fine, size[1] * fine)
+    picture = sprite.fine if sprite.ball is None else sprite.fine_still  # two samples a pixel
+    matrix = _finer(where.matrix, fine)
+    warped = cv2.warpAffine(picture, 2 * matrix, many, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
     light = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
     coverage = np.asarray(np.clip(cv2.extractChannel(warped, 3), 0.0, 1.0), np.float32)
     if sprite.relief is not None and where.turn != 0.0:
         ratio = sprite.relief.ratio(where.turn)
-        there = cv2.warpAffine(ratio, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_REPLICATE)
+        there = cv2.warpAffine(ratio, matrix, many, flags=HOW, borderMode=cv2.BORDER_REPLICATE)
         light *= thrice(np.asarray(there, np.float32))
     if sprite.ball is not None and where.space is not None:
         center = sprite.ball.center[0] + where.shift[0], sprite.ball.center[1] + where.shift[1]
-        skin = sprite.ball.seen(center, where.space, size, (columns.start, rows.start))
+        skin = sprite.ball.seen(center, where.space, size, (columns.start, rows.start), fine)
         skin *= thrice(coverage)
         light += skin
+    if fine > 1:
+        light = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)
+        coverage = np.asarray(cv2.resize(coverage, size, interpolation=cv2.INTER_AREA), np.float32)
     if sprite.rest is not None and where.rest > 0:
         own_rest = cv2.warpAffine(sprite.rest, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
         light += np.float32(where.rest) * own_rest
     return light, np.asarray(coverage, np.float32)
+
+
+def _finer(matrix: Array, fine: int) -> Array:
+    """(2, 3) from the pixels of a grid `fine` times as fine, where `matrix` is from the pixels."""
+    into = np.array([[1, 0, 0.5 - fine / 2], [0, 1, 0.5 - fine / 2], [0, 0, fine]]) / fine
+    return matrix @ into if fine > 1 else matrix
 
 
 def thrice(values: F32) -> F32:

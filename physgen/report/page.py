@@ -20,7 +20,7 @@ from physgen.compile.world import Body, World
 from physgen.report.holds import drawn, listed
 from physgen.report.record import RunRecord, versions
 from physgen.resources import resource
-from physgen.scene.model import Load, Scene, View
+from physgen.scene.model import Load, Play, Render, Scene, View
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -37,8 +37,9 @@ def report_page(
     longest = max((stage.wall for stage in record.stages.values()), default=1.0) or 1.0
     page: str = _template("report.html.j2").render(
         title=scene.name,
-        size=scene.size,
-        frames=len(world.times),
+        size=(width, height),
+        video_size=scene.video_size,
+        frames=len(record.frames),
         fps=scene.render.fps,
         duration=world.duration,
         video=video,
@@ -223,9 +224,20 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
             f"{world.size[0] / scale:.3g} × {world.size[1] / scale:.3g} m",
         ),
         ("duration", f"{world.duration:g} s", ""),
+        ("video", f"{scene.video_size[0]} × {scene.video_size[1]} px", _played(scene.render)),
         ("engine", f"{world.steps_per_second:g} steps/s", ""),
         ("coefficients", world.combine.value, ""),
     ]
     if world.view is View.TOP:
         facts.append(("table friction", f"{scene.world.table_friction:g}", ""))
     return facts
+
+
+def _played(render: Render) -> str:
+    """How the clip differs from the motion as it is, and from all of the photo; nothing where it does not."""
+    told = [
+        f"{render.slow:g} times slower" if render.slow != 1 else "",
+        render.play.value if render.play is not Play.FORWARD else "",
+        "through a camera" if render.camera else "",
+    ]
+    return ", ".join(part for part in told if part)

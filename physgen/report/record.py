@@ -52,6 +52,8 @@ class RunRecord:
     """SHA-256 of each trajectory sample."""
     frames: list[str] = field(default_factory=list)
     """SHA-256 of each frame's RGB bytes."""
+    video: dict[str, Any] = field(default_factory=dict)
+    """`size`: width and height, px; `fps`: 1/s."""
     files: dict[str, str] = field(default_factory=dict)
     """Output file -> SHA-256."""
     warnings: list[dict[str, object]] = field(default_factory=list)
@@ -95,6 +97,7 @@ class RunRecord:
                 name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()
             },
             "peak_memory_mib": round(peak_memory() / 2**20, 1),
+            "video": self.video,
             "files": self.files,
             "samples": self.samples,
             "frames": self.frames,

@@ -120,7 +120,8 @@ def _things(root: Node) -> int:
     """How many mappings and names the rules between keys look at."""
     sections = [children(root, key) for key in ("objects", "boundaries", "joints", "fields")]
     names = sum(len(items(children(node).get("objects"))) for part in sections[2:] for node in part.values())
-    return sum(map(len, sections)) + names + len(items(children(root).get("forces")))
+    listed_things = (children(root).get("forces"), children(root, "render").get("camera"))
+    return sum(map(len, sections)) + names + sum(len(items(node)) for node in listed_things)
 
 
 def scene_name(file: Path) -> str:

@@ -245,6 +245,8 @@ def _unknown(child: Node, path: Path, known: list[str], report: Report) -> None:
 
 def _either(schema: Schema, kinds: list[str], unit: str) -> Check:
     """A part that is one scalar type or one collection: `mask: 1` or `mask: {polygon: ...}`."""
+    if set(kinds) == {"object", "array"}:
+        return _one_or_more(schema, unit)
     (scalar,) = (kind for kind in kinds if kind not in ("object", "array"))
     (other,) = (kind for kind in kinds if kind in ("object", "array"))
     words: list[str] = schema.get("then", {}).get("enum", [])
@@ -274,6 +276,16 @@ def _either(schema: Schema, kinds: list[str], unit: str) -> Check:
             single(node, path, report)
         else:
             report.value(node, path, "does not fit here", fix)
+
+    return check
+
+
+def _one_or_more(schema: Schema, unit: str) -> Check:
+    """A mapping, or a list of them: `camera: {zoom: 2}` or `camera: [{time: 0}, ...]`."""
+    one, more = (_compile({**schema, "type": kind}, unit) for kind in ("object", "array"))
+
+    def check(node: Node, path: Path, report: Report) -> None:
+        (more if isinstance(node.value, list) else one)(node, path, report)
 
     return check
 

@@ -212,6 +212,16 @@ def _light(item: Mapping[str, Any]) -> model.Light:
     )
 
 
+def _views(camera: Any) -> Sequence[Mapping[str, Any]]:
+    """One view is a move of one."""
+    return [{"time": 0, **camera}] if isinstance(camera, dict) else camera
+
+
+def _sight(item: Mapping[str, Any]) -> model.Sight:
+    center = _pair(item["center"]) if "center" in item else None
+    return model.Sight(float(item["time"]), center, item.get("follow"), float(item["zoom"]))
+
+
 def _render(item: Mapping[str, Any]) -> model.Render:
     return model.Render(
         fps=float(item["fps"]),
@@ -220,4 +230,10 @@ def _render(item: Mapping[str, Any]) -> model.Render:
         shadows=item["shadows"],
         motion_blur=float(item["motion_blur"]),
         overlay=tuple(map(model.Overlay, dict.fromkeys(item["overlay"]))),
+        slow=float(item.get("slow", 1)),
+        play=model.Play(item["play"]),
+        scale=_number(item, "scale"),
+        size=(int(item["size"][0]), int(item["size"][1])) if "size" in item else None,
+        camera=tuple(map(_sight, _views(item.get("camera", ())))),
+        supersample=int(item["supersample"]),
     )

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from physgen.framing import video_size
 from physgen.problems import Place
 
 Point = tuple[float, float]
@@ -308,17 +309,46 @@ class Overlay(Enum):
     """At the centres."""
 
 
+class Play(Enum):
+    """Which way a clip runs."""
+
+    FORWARD = "forward"
+    BACKWARD = "backward"
+    THERE_AND_BACK = "there-and-back"
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One view of the camera; one alone holds from the first frame to the last."""
+
+    time: float
+    """s of the motion at which it is reached."""
+    center: Point | None
+    """px of the photo; None: its middle, or whom it follows."""
+    follow: str | None
+    """Name of an object."""
+    zoom: float
+
+
 @dataclass(frozen=True)
 class Render:
     """`render:`."""
 
     fps: float
     frames: int | None
-    """None: fps x duration, rounded. Given: t_k = k duration / frames, and fps only says how fast it plays."""
+    """None: fps x duration x slow, rounded. Given: t_k = k duration / frames, and fps only says how fast it plays."""
     relight: bool
     shadows: bool
     motion_blur: float
     overlay: tuple[Overlay, ...]
+    slow: float
+    play: Play
+    scale: float | None
+    size: tuple[int, int] | None
+    """Width and height of the video, px; at most one of scale and size is given."""
+    camera: tuple[Sight, ...]
+    """In the order of their times; empty: all of the photo."""
+    supersample: int
 
 
 @dataclass(frozen=True)
@@ -368,6 +398,11 @@ class Scene:
     """The resolved document as plain YAML data, defaults filled in: what `check --resolved` prints."""
     variants: tuple[str, ...] = ()
     """Names of the variants that the file offers."""
+
+    @property
+    def video_size(self) -> tuple[int, int]:
+        """Width and height of the video, px."""
+        return video_size(self.size, self.render.scale, self.render.size)
 
     def place(self, path: str) -> Place:
         """Where a value came from: its own place, or its nearest ancestor's."""

@@ -104,7 +104,7 @@ def markdown() -> str:
     """The reference as Markdown."""
     schema = expanded()
     groups = [group for _, part in _mappings(schema, "") for group in part.get("x-exclusive", [])]
-    rivals = listed("/".join(f"`{key}`" for key in group) for group in groups)
+    rivals = listed(dict.fromkeys("/".join(f"`{key}`" for key in group) for group in groups))
     parts = [_INTRO.format(example=EXAMPLE)]
     for path, part in _mappings(schema, ""):
         parts.append("\n".join(_section(path, part)) + "\n")
@@ -191,7 +191,7 @@ def _link(text: str, path: str) -> str:
 def _list(part: Schema, path: str) -> str:
     fewest, most = part.get("minItems", 0), part.get("maxItems", 0)
     inner = part["prefixItems"][0] if "prefixItems" in part else part["items"]
-    count = f"{fewest}" if fewest == most else f"at least {fewest}" if fewest else "a list of"
+    count = f"{fewest}" if fewest == most else f"at least {fewest}" if fewest > 1 else "a list of"
     if fewest + 1 == most:
         count = f"{fewest} or {most}"
     if inner["type"] == "object":

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from physgen.scene.advice import advice
+from physgen.scene.film import check_film
 from physgen.scene.ground import Files, Ground, check_ground
 from physgen.scene.joints import check_forces, check_joints
 from physgen.scene.node import Node, children, items
@@ -31,6 +32,7 @@ def check_rules(root: Node, report: Report, files: Files) -> Ground:
             _boundary(node, ("boundaries", name), report)
     check_forces(root, report)
     check_joints(root, report)
+    check_film(root, ground.size, report)
     _light_and_maps(root, report)
     return ground
 

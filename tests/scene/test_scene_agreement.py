@@ -76,7 +76,12 @@ SCENE: dict[str, Any] = {
         "magnet": {"attractor": [1, 2], "strength": 3, "soften": 4},
     },
     "light": {"direction": [0, 0, 1]},
-    "render": {"fps": 30, "relight": True},
+    "render": {
+        "fps": 30,
+        "relight": True,
+        "size": [3, 4],
+        "camera": [{"time": 0, "center": [1, 2]}, {"time": 1, "follow": "a", "zoom": 2}],
+    },
     "refine": {"backend": "none", "seed": 3},
     "variants": {"v": {"objects.a.mass": 3}},
 }
