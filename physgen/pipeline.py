@@ -264,11 +264,11 @@ def render(
     from physgen.render.shutter import exposed
 
     if through is None:
-        return exposed(render_frames(drawn, trajectory), parts)
-    frames = render_frames(drawn, trajectory, through.samples(parts))
+        return render_frames(drawn, trajectory, parts=parts)
+    samples = through.samples(parts)
     if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
-        return exposed(filmed(frames, through, drawn.scale), parts)
-    return filmed(exposed(frames, parts), through, drawn.scale)
+        return exposed(filmed(render_frames(drawn, trajectory, samples), through, drawn.scale), parts)
+    return filmed(render_frames(drawn, trajectory, samples, parts), through, drawn.scale)
 
 
 def render_scene(
@@ -339,7 +339,7 @@ def render_scene(
     take = shot(scene, trajectory)
     record.video = {"size": list(take.video), "fps": scene.render.fps}
     # the engine's steps do not depend on its samples: the fine run is the same motion
-    moments, parts = shutter(trajectory.times, compiled.world, scene.render.motion_blur)
+    moments, parts = shutter(trajectory, compiled.world, scene.render.motion_blur)
     fine = trajectory
     if parts > 1:
         with record.stage("expose"):

@@ -82,30 +82,57 @@ def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | N
 
 
 def render_frames(
-    stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None
+    stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None, parts: int = 1
 ) -> Iterator[Frame]:
     """Frames of the trajectory's samples in their `order`, all one after the other unless given.
 
-    Each object's own box is warped, and only touched pixels are encoded again. What a frame shows does not depend on
-    those before it; the photo's own poses are those of sample 0.
+    Each is the mean of the light of `parts` samples, with the time and the ids of the last. Each object's own box is
+    warped, and only touched pixels are encoded again. What a frame shows does not depend on those before it; the
+    photo's own poses are those of sample 0.
     """
     if stage.scale != 1.0:
         trajectory = replace(trajectory, poses=_enlarged(trajectory.poses, stage.scale))
+    size = (stage.background.shape[1], stage.background.shape[0])
+    behind = decode(stage.background) if stage.lit is None else stage.lit.behind()
+    samples = list(range(len(trajectory.times)) if order is None else order)
+    drawings = _drawings(stage, trajectory, samples, behind)
+    more = np.zeros_like(behind) if parts > 1 else None
+    for index, sample in enumerate(samples[parts - 1 :: parts]):
+        seen: list[Slices] = []
+        for _ in range(parts):
+            canvas, ids, touched = next(drawings)
+            boxes = union(touched, size)
+            seen += boxes
+            if more is not None:
+                for box in boxes:
+                    more[box] += canvas[box] - behind[box]
+        rgb = stage.background.copy()
+        for box in boxes if more is None else union(seen, size):
+            if more is None:
+                rgb[box] = encode_u8(canvas[box])
+            else:
+                rgb[box] = encode_u8(behind[box] + more[box] / np.float32(parts))
+                more[box] = 0
+        yield Frame(index, float(trajectory.times[sample]), rgb, ids)
+
+
+def _drawings(
+    stage: Stage, trajectory: Trajectory, samples: Sequence[int], behind: F32
+) -> Iterator[tuple[F32, U16, list[Slices]]]:
+    """Linear light (H, W, 3), ids (H, W) and where they are not `behind`, of each sample; the light is overwritten."""
     lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
     centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
     turns = in_space(trajectory.turns) if trajectory.turns.size else None
-    behind = decode(stage.background) if lit is None else lit.behind()
     dark = None if lit is None else lit.total.copy()
     canvas: F32 = behind.copy()
     touched: list[Slices] = []
-    for index, sample in enumerate(range(len(trajectory.times)) if order is None else order):
+    for sample in samples:
         for box in touched:
             canvas[box] = behind[box]
             if dark is not None and lit is not None:
                 dark[box] = lit.total[box]
-        touched.clear()
-        rgb = stage.background.copy()
-        ids = np.zeros(rgb.shape[:2], np.uint16)
+        touched = []
+        ids = np.zeros(behind.shape[:2], np.uint16)
         pictures: list[tuple[int, Placement, F32, F32]] = []
         changed: list[Slices] = []
         for k, sprite in enumerate(stage.sprites):
@@ -127,9 +154,7 @@ def render_frames(
             cv2.add(under, light, dst=under)
             np.copyto(ids[where.box], np.uint16(body + 1), where=coverage >= 0.5)
             touched.append(where.box)
-        for box in union(touched, size):
-            rgb[box] = encode_u8(canvas[box])
-        yield Frame(index, float(trajectory.times[sample]), rgb, ids)
+        yield canvas, ids, touched
 
 
 def _enlarged(poses: Array, scale: float) -> Array:

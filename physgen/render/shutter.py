@@ -10,24 +10,32 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.photometry import decode, encode_u8
 from physgen.render.frames import Frame
+from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-MOMENTS = 8
-"""Of an exposure; what moves by more than as many px a frame shows steps."""
+FEWEST, MOST = 4, 32
+"""Moments of an exposure."""
+STEP = 2.0
+"""px that anything moves between two of them, unless there are the most already."""
 
 
-def shutter(times: Array, world: World, part: float) -> tuple[Array, int]:
-    """Moments (T x parts,) s of frames at `times`, and how many a frame has.
+def shutter(trajectory: Trajectory, world: World, part: float) -> tuple[Array, int]:
+    """Moments (T x parts,) s of frames at the trajectory's times, and how many a frame has.
 
     The shutter is open for a `part` of the time between frames and closes at the frame's own: at t = 0 nothing has
     moved, and the first frame is the photo.
     """
+    times = trajectory.times
     if part <= 0 or len(times) < 2 or not world.bodies:
         return times, 1
-    step = float(times[1] - times[0])
-    back = (np.arange(MOMENTS) - (MOMENTS - 1)) / MOMENTS * part * step
-    return np.maximum((times[:, None] + back).ravel(), 0.0), MOMENTS
+    open_ = part * float(times[1] - times[0])
+    reach = np.array([np.hypot(*np.concatenate(body.rings).T).max() for body in world.bodies])
+    vx, vy, spin = np.moveaxis(trajectory.velocities, -1, 0)
+    farthest = float((np.hypot(vx, vy) + np.abs(spin) * reach).max()) * open_
+    parts = int(np.clip(np.ceil(farthest / STEP), FEWEST, MOST))
+    back = (np.arange(parts) - (parts - 1)) / parts * open_
+    return np.maximum((times[:, None] + back).ravel(), 0.0), parts
 
 
 def exposed(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:

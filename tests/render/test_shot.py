@@ -43,7 +43,7 @@ def clip(tmp_path: Path, *overrides: str, blur: float = 0.0, text: str = BALL) -
     found = scene(tmp_path, *overrides, text=text)
     world = (compiled := pipeline.compile(found, None)).world
     trajectory = simulate(world)
-    times, parts = shutter(world.times, world, blur)
+    times, parts = shutter(simulate(world), world, blur)
     drawn = pipeline.stage(found, compiled, None)
     fine = trajectory if parts == 1 else simulate(world, times)
     return list(pipeline.render(drawn, fine, parts, pipeline.shot(found, trajectory)))
