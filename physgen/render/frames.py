@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from physgen.geometry import Pose
 from physgen.photometry import decode, encode_u8
 from physgen.render.lit import Lit, shaded
-from physgen.render.placing import Placement, Slices, drawn, placed, thrice
+from physgen.render.placing import HOW, Placement, Slices, drawn, placed, thrice
 from physgen.render.sprites import Sprite
 from physgen.render.tiles import union
-from physgen.shadow import Silhouette
+from physgen.render.veils import reaching, veil
+from physgen.shadow import Setting, Silhouette
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
 
@@ -50,6 +51,8 @@ class Actor:
     """px, of a sphere."""
     thick: float
     """px."""
+    veiled: float = 1.0
+    """Share of the shadows of others that is seen on it, 0..1."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,26 @@ class Stage:
     """One a sprite, where there is `lit`."""
     grounds: Sequence[Array] = ()
     """Side view: (4,) px each, the two ends of what shadows fall on from above."""
+    veils: Sequence[F32 | None] | None = None
+    """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: nobody asks."""
     supersample: int = 1
     """Samples a pixel, along each side, of what moves."""
     scale: float = 1.0
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
+
+
+@dataclass
+class Picture:
+    """What a frame shows of one sprite."""
+
+    sprite: int
+    where: Placement
+    light: F32
+    """(h, w, 3) linear, times coverage."""
+    coverage: F32
+    """(h, w)."""
+    figure: Silhouette | None
+    """The same as light sees it, where there is `Stage.lit`."""
 
 
 def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
@@ -133,27 +152,33 @@ def _drawings(
                 dark[box] = lit.total[box]
         touched = []
         ids = np.zeros(behind.shape[:2], np.uint16)
-        pictures: list[tuple[int, Placement, F32, F32]] = []
+        pictures: list[Picture] = []
         changed: list[Slices] = []
         for k, sprite in enumerate(stage.sprites):
             start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(sample, sprite.body)
             where = placed(sprite, start, pose, size, None if turns is None else turns[sample, sprite.body])
-            coverage = None
+            now = None
             if where is not None:
                 light, coverage = drawn(sprite, where, stage.supersample)
-                pictures.append((sprite.body, where, light, coverage))
+                if lit is not None:
+                    corner = (where.box[1].start, where.box[0].start)
+                    now = silhouette(stage.grounds, coverage, corner, pose, stage.actors[k])
+                pictures.append(Picture(k, where, light, coverage, now))
             if lit is not None and dark is not None and start != pose:
-                changed += _cast(stage, lit, dark, k, where, coverage, pose, start)
+                changed += _cast(lit, dark, k, now, start, pose)
+        if lit is not None and stage.veils is not None and changed:
+            _veil(stage, stage.veils, lit.setting, pictures)
         if lit is not None and dark is not None:
             for box in (relit := union(changed, size)):
                 canvas[box] = shaded(lit.plate[box], dark[box], lit.tint)
             touched += relit
-        for body, where, light, coverage in pictures:
-            under = canvas[where.box]
-            cv2.multiply(under, thrice(1 - coverage), dst=under)
-            cv2.add(under, light, dst=under)
-            np.copyto(ids[where.box], np.uint16(body + 1), where=coverage >= 0.5)
-            touched.append(where.box)
+        for seen in pictures:
+            box, body = seen.where.box, stage.sprites[seen.sprite].body
+            under = canvas[box]
+            cv2.multiply(under, thrice(1 - seen.coverage), dst=under)
+            cv2.add(under, seen.light, dst=under)
+            np.copyto(ids[box], np.uint16(body + 1), where=seen.coverage >= 0.5)
+            touched.append(box)
         yield canvas, ids, touched
 
 
@@ -162,30 +187,48 @@ def _enlarged(poses: Array, scale: float) -> Array:
     return np.concatenate([(poses[..., :2] + 0.5) * scale - 0.5, poses[..., 2:]], axis=-1)
 
 
-def _cast(
-    stage: Stage,
-    lit: Lit,
-    dark: F32,
-    k: int,
-    where: Placement | None,
-    coverage: F32 | None,
-    pose: Pose,
-    start: Pose,
-) -> list[Slices]:
+def _cast(lit: Lit, dark: F32, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[Slices]:
     """Take the photo's shadow of sprite k away and put today's in its place; returns where anything changed."""
     boxes = []
     if (whole := lit.casts[k].whole) is not None:
         (x0, y0, x1, y1), was = whole
         dark[y0:y1, x0:x1] -= was
         boxes.append(np.s_[y0:y1, x0:x1])
-    now = None
-    if where is not None and coverage is not None:
-        corner = (where.box[1].start, where.box[0].start)
-        now = silhouette(stage.grounds, coverage, corner, pose, stage.actors[k])
     for (x0, y0, x1, y1), more in lit.moved(k, now, start, pose):
         dark[y0:y1, x0:x1] += more
         boxes.append(np.s_[y0:y1, x0:x1])
     return boxes
+
+
+def _veil(stage: Stage, veils: Sequence[F32 | None], setting: Setting, pictures: Sequence[Picture]) -> None:
+    """Take from each picture the shadows that others threw on it in the photo, and throw today's."""
+    figures = [p.figure for p in pictures if p.figure is not None]
+    moved = np.array([p.where.own is None for p in pictures])
+    near = reaching(figures, setting)
+    for k, seen in enumerate(pictures):
+        before = veils[seen.sprite]
+        others = np.flatnonzero(near[k])
+        if not moved[k] and before is None and not moved[others].any():
+            continue
+        sprite, share = stage.sprites[seen.sprite], stage.actors[seen.sprite].veiled
+        now = (
+            veil(figures[k], [figures[other] for other in others], setting) if len(others) and share else None
+        )
+        then: F32 | None = None
+        if before is not None and seen.where.own is not None:
+            then = before[seen.where.own]
+        elif before is not None and sprite.ball is None and seen.where.matrix is not None:
+            size = seen.coverage.shape[::-1]
+            there = cv2.warpAffine(
+                before, seen.where.matrix, size, flags=HOW, borderMode=cv2.BORDER_REPLICATE
+            )
+            then = np.asarray(there, np.float32)
+        if now is None and then is None:
+            continue
+        more = np.zeros_like(seen.coverage) if then is None else then
+        if now is not None:
+            more = more - np.float32(share) * now
+        seen.light = seen.light * thrice(np.asarray(cv2.exp(more), np.float32))
 
 
 def silhouette(

@@ -14,7 +14,7 @@ from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-FEWEST, MOST = 4, 32
+FEWEST, MOST = 4, 24
 """Moments of an exposure."""
 STEP = 2.0
 """px that anything moves between two of them, unless there are the most already."""

@@ -15,12 +15,13 @@ from physgen.geometry import Pose
 from physgen.percepts.maps import Percepts
 from physgen.photometry import DistantLight, decode
 from physgen.render.apart import take_apart
-from physgen.render.ball import skin
+from physgen.render.ball import shading, skin
 from physgen.render.frames import Actor, Stage, silhouette
 from physgen.render.relief import relief
 from physgen.render.sprites import Sprite, anchored
+from physgen.render.veils import reaching, veil
 from physgen.scene.model import Scene, Solid, View
-from physgen.shadow import Setting
+from physgen.shadow import Setting, Silhouette
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
@@ -33,6 +34,8 @@ DEEP = 0.9
 """Of the root of its area: how far anything else reaches through the plane of motion."""
 STRAY = 0.03
 """Share of a ball's pixels that may lie outside its circle."""
+THREAD = 2.0
+"""px: how thick what hangs on a ball is."""
 STEEP = 1.2
 """Rise over run from which a boundary is a wall, no floor."""
 
@@ -50,12 +53,7 @@ def staged(
     if scene.light is None:
         return Stage(background, sprites)
     light = DistantLight(scene.light.direction, scene.light.intensity, scene.light.ambient)
-    if scene.render.relight:
-        sprites = [_skinned(sprite, world.bodies[sprite.body], light, world.view) for sprite in sprites]
-        if maps.normals is not None:
-            sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
-    if not scene.render.shadows:
-        return Stage(background, sprites)
+    parts = [part for sprite in sprites for part in _parted(sprite, world.bodies[sprite.body])]
     top = world.view is View.TOP
     setting = Setting(
         light=light,
@@ -66,15 +64,43 @@ def staged(
         size=world.size,
     )
     grounds = [] if top else floors(world)
-    actors = [Actor(_radius(world.bodies[s.body]), thickness(world.bodies[s.body], top)) for s in sprites]
+    actors = [_actor(sprite, world.bodies[sprite.body], loose, top) for sprite, loose in parts]
     starts = [
         silhouette(grounds, s.coverage, s.corner, _start(world.bodies[s.body]), actor)
-        for s, actor in zip(sprites, actors, strict=True)
+        for (s, _), actor in zip(parts, actors, strict=True)
     ]
-    rounds = [world.bodies[s.body].radius is not None for s in sprites]
+    veils: list[F32 | None] = [None] * len(parts)
+    if scene.render.shadows and maps.clean is not None:  # a light that somebody has seen shadows of
+        near = reaching(starts, setting)
+        veils = [
+            veil(start, [starts[k] for k in np.flatnonzero(row)], setting) if row.any() else None
+            for start, row in zip(starts, near, strict=True)
+        ]
+        shares = [
+            1.0 if before is None else seen_share(sprite, actor, start, before, light)
+            for (sprite, _), actor, start, before in zip(parts, actors, starts, veils, strict=True)
+        ]
+        actors = [replace(actor, veiled=share) for actor, share in zip(actors, shares, strict=True)]
+        veils = [
+            None if before is None or share == 0 else np.asarray(share * before, np.float32)
+            for before, share in zip(veils, shares, strict=True)
+        ]
+    sprites = [sprite for sprite, _ in parts]
+    if scene.render.relight:
+        sprites = [
+            sprite
+            if actor.radius is None
+            else _skinned(sprite, world.bodies[sprite.body], light, world.view, before)
+            for sprite, actor, before in zip(sprites, actors, veils, strict=True)
+        ]
+        if maps.normals is not None:
+            sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
+    if not scene.render.shadows:
+        return Stage(background, sprites)
+    rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
     lit = take_apart(background, maps.clean, coverage, starts, rounds, setting)
     sprites = anchored(sprites, decode(maps.rgb), lit.behind(), absent)
-    return Stage(background, sprites, lit, actors, grounds)
+    return Stage(background, sprites, lit, actors, grounds, veils if maps.clean is not None else None)
 
 
 def floors(world: World) -> list[Array]:
@@ -103,21 +129,66 @@ def _start(body: Body) -> Pose:
     return Pose(x, y, 0.0)
 
 
-def _radius(body: Body) -> float | None:
-    return body.radius if body.solid is Solid.SPHERE else None
+def seen_share(sprite: Sprite, actor: Actor, start: Silhouette, before: F32, light: DistantLight) -> float:
+    """How much of a foretold veil (h, w) the photo shows on a thing, 0..1: light between things fills some of it.
+
+    By least squares on the logarithm of its light, beside Lambert's shading of a ball and an even change over any face.
+    """
+    sure = sprite.coverage >= 1
+    if np.count_nonzero(sure) < 80:
+        return 0.0
+    rows, columns = np.nonzero(sure)
+    level = np.log(sprite.light[rows, columns].mean(axis=1) + 0.01).astype(np.float64)
+    x, y = columns - columns.mean(), rows - rows.mean()
+    if actor.radius is not None:
+        u = (columns + sprite.corner[0] - start.center[0]) / actor.radius
+        v = (rows + sprite.corner[1] - start.center[1]) / actor.radius
+        z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+        level -= np.log(shading(light, *(part.astype(np.float32) for part in (u, v, z))))
+    told = np.column_stack([np.ones(len(x)), x, y, -before[rows, columns]])
+    told[:, 1:3] /= max(sprite.coverage.shape)
+    trust = np.ones(len(x))
+    found = np.zeros(4)
+    for _ in range(4):
+        weighted = told * trust[:, None]
+        found = np.linalg.solve(
+            weighted.T @ told + 1e-3 * len(x) * np.diag([0.0, 1, 1, 0.1]), weighted.T @ level
+        )
+        trust = 1 / np.maximum(np.abs(level - told @ found) / 0.15, 1)
+    return float(np.clip(found[3], 0, 1))
 
 
-def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View) -> Sprite:
-    """A sphere's sprite with its skin; any other as it is."""
-    if body.radius is None or body.solid is not Solid.SPHERE or sprite.coverage.max(initial=0) < 1:
-        return sprite
+def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> Actor:
+    if loose:
+        return Actor(None, THREAD)
+    ball = body.solid is Solid.SPHERE and sprite.coverage.max(initial=0) >= 1
+    return Actor(body.radius if ball else None, thickness(body, top))
+
+
+def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
+    """A ball apart from what hangs on it, a thread or a handle, which turns as a picture; and whether it is that."""
+    if body.radius is None or body.solid is not Solid.SPHERE:
+        return [(sprite, False)]
     x, y = body.center.tolist()
     rows, columns = np.indices(sprite.coverage.shape)
     away = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
-    if sprite.coverage[away > body.radius + 2].sum() > STRAY * sprite.coverage.sum():
-        return sprite  # a thread, a handle: what is no ball turns as a picture
+    if sprite.coverage[away > body.radius + 2].sum() <= STRAY * sprite.coverage.sum():
+        return [(sprite, False)]
+    within = np.clip(body.radius + 1 - away, 0, 1).astype(np.float32)
+    return [
+        (replace(sprite, light=sprite.light * part[..., None], coverage=sprite.coverage * part), loose)
+        for part, loose in ((1 - within, True), (within, False))
+    ]
+
+
+def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before: F32 | None) -> Sprite:
+    """A sphere's sprite with its skin; `before` (h, w) is -log of the light that other things leave on it."""
+    assert body.radius is not None
+    x, y = body.center.tolist()
     alpha = sprite.coverage[..., None]
     colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
+    if before is not None:
+        colour *= np.exp(before)[..., None]
     return replace(sprite, ball=skin(colour, sprite.corner, (x, y), body.radius, light, view))
 
 
