@@ -85,15 +85,19 @@ def perceive(
     from physgen.perceive.lay_out import lay_out
     from physgen.perceive.scene import perceive as run
     from physgen.perceive.smaller import LONGEST_SIDE, fitted, smaller
-    from physgen.percepts.maps import read_labels, read_upright
+    from physgen.percepts.maps import read_labels
+    from physgen.percepts.photo import read_photo
 
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was told in more than one way where the objects are", fix)
-    full, as_it_is = read_upright(image)
+    photo = read_photo(image)
+    full = photo.rgb
+    if not photo.readable:
+        fix = "save it as sRGB if its colours look wrong"
+        warn(Problem(Place(str(image)), "", "the colour profile", "cannot be used", fix, Severity.WARNING))
     rgb = smaller(full, side or LONGEST_SIDE)
     if rgb is not full:
-        as_it_is = False
         was, now = (f"{picture.shape[1]} x {picture.shape[0]} px" for picture in (full, rgb))
         fix = f"--side {max(full.shape)} keeps its size"
         warn(Problem(Place(str(image)), "", f"the photo of {was}", f"was made {now}", fix, Severity.WARNING))
@@ -110,6 +114,7 @@ def perceive(
     if found is not None:
         found = fitted(found, full, rgb)
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
+    as_it_is = photo.plain and rgb is full
     return lay_out(perceived, image if as_it_is else None, image.stem, output, assets, keep)
 
 
