@@ -126,15 +126,18 @@ def deep(image: Image.Image, path: Path) -> U16 | None:
             grey = 65535 - grey
         raw = grey[:, :, None]
     elif _bits(image, path) == 16 and image.mode in ("LA", "RGB", "RGBA"):
-        level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        said = getattr(
+            cv2.utils, "logging", cv2
+        )  # where OpenCV 5, and where 4, is told not to print of oddities
+        level = said.getLogLevel()
+        said.setLogLevel(0)
         try:
             flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
             data = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
         except cv2.error:
             return None
         finally:
-            cv2.utils.logging.setLogLevel(level)
+            said.setLogLevel(level)
         if data is None or data.dtype != np.uint16 or data.ndim != 3:
             return None
         raw = cv2.cvtColor(data, cv2.COLOR_BGRA2RGBA if data.shape[2] == 4 else cv2.COLOR_BGR2RGB, data)

@@ -417,9 +417,10 @@ def test_png_says_its_gamma_and_primaries(true: F64, tmp_path: Path) -> None:
 
 
 def test_a_cameras_word_for_adobe_rgb(true: F64, tmp_path: Path) -> None:
-    exif = Image.Exif()
-    exif.get_ifd(0x8769)[0xA001] = 0xFFFF
-    exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    exif = b"Exif\0\0MM\0*" + struct.pack(">I", 8)
+    exif += struct.pack(">HHHIII", 1, 0x8769, 4, 1, 26, 0)  # the EXIF part
+    exif += struct.pack(">HHHIHHI", 1, 0xA005, 4, 1, 0, 44, 0)  # in it, that on interoperability
+    exif += struct.pack(">HHHI4sI", 1, 1, 2, 4, b"R03", 0)
     flat = np.full((16, 16, 3), (0.6, 0.4, 0.3))
     Image.fromarray(levels(flat)).save(tmp_path / "_dsc.jpg", exif=exif, quality=100)
     assert far(read_image(tmp_path / "_dsc.jpg"), levels(of_adobe(levels(flat) / 255))) <= 2
@@ -562,6 +563,21 @@ def test_any_photo_becomes_a_scene_of_srgb(tmp_path: Path) -> None:
     assert main(["render", str(scene), *short, str(tmp_path / "named")]) == 0
     for frame in (tmp_path / "copied" / "s" / "frames").iterdir():
         assert frame.read_bytes() == (tmp_path / "named" / "s" / "frames" / frame.name).read_bytes()
+
+
+def test_a_photo_may_be_called_as_a_map(tmp_path: Path) -> None:
+    picture, mask = ball(40, 30)
+    given = tmp_path / "given.png"
+    cv2.imwrite(str(given), mask)
+    for name in ("masks.tif", "background.png"):
+        Image.fromarray(levels(picture)).save(tmp_path / name)
+        folder = tmp_path / name[:-4]
+        scene = folder / "s.yaml"
+        assert main(["perceive", str(tmp_path / name), "--masks", str(given), "-o", str(scene)]) == 0
+        photo = folder / "s.assets" / f"photo-{name[:-4]}.png"
+        assert np.array_equal(read_image(photo), levels(picture))
+        assert np.array_equal(cv2.imread(str(folder / "s.assets" / "masks.png"), -1), mask)
+        assert main(["check", str(scene)]) == 0
 
 
 def test_photos_are_made_smaller_in_linear_light() -> None:
