@@ -33,10 +33,10 @@ def smaller(rgb: Rgb, side: int) -> Rgb:
     return small
 
 
-def fitted(found: Found, full: Rgb, rgb: Rgb) -> Found:
-    """Objects marked on the photo `full`, on the smaller `rgb`; those marked at its size already stay as they are."""
-    if rgb is full or found.labels.shape != full.shape[:2]:
-        return found
+def fitted(found: Found, full: tuple[int, int], rgb: Rgb) -> Found:
+    """Objects marked on the photo of `full` width and height, px, on the smaller `rgb`; others stay as they are."""
     size = (rgb.shape[1], rgb.shape[0])
+    if size == full or found.labels.shape != full[::-1]:
+        return found
     labels = cv2.resize(found.labels, size, interpolation=cv2.INTER_NEAREST)
     return replace(found, labels=np.asarray(labels, np.uint16))

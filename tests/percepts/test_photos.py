@@ -480,6 +480,11 @@ def test_light_beyond_white_is_refused(shown: U8, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "f3.tif"), shown.astype(np.float32))
     with pytest.raises(InputError, match="is a TIFF of an unusual kind"):
         read_image(tmp_path / "f3.tif")
+    Image.fromarray(shown).save(
+        tmp_path / "nef.tif", tiffinfo={254: 1}
+    )  # a thumbnail, as in cameras' raw files
+    with pytest.raises(InputError, match="is a camera's raw file; develop it"):
+        read_image(tmp_path / "nef.tif")
     Image.fromarray(shown).save(tmp_path / "pq.png")
     chunked(tmp_path / "pq.png", b"cICP", bytes([9, 16, 0, 1]))
     with pytest.raises(InputError, match="is a PNG picture of light beyond white"):
