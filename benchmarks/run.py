@@ -36,7 +36,8 @@ from physgen.evaluate.row import DRAWS, Row
 from physgen.evaluate.trial import run_draw, write_scenes
 from physgen.perceive.given import from_masks
 from physgen.perceive.scene import perceive
-from physgen.percepts.maps import read_image, read_labels
+from physgen.percepts.maps import read_labels
+from physgen.percepts.photo import read_image
 from physgen.photometry import decode, luminance
 from physgen.simulate.trajectory import Trajectory
 

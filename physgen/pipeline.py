@@ -86,30 +86,36 @@ def perceive(
     from physgen.perceive.lay_out import lay_out
     from physgen.perceive.scene import perceive as run
     from physgen.perceive.smaller import LONGEST_SIDE, fitted, smaller
-    from physgen.percepts.maps import read_labels, read_upright
+    from physgen.percepts.maps import read_labels
+    from physgen.percepts.photo import read_photo
 
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was told in more than one way where the objects are", fix)
-    full, as_it_is = read_upright(image)
-    rgb = smaller(full, side or LONGEST_SIDE)
-    if rgb is not full:
-        as_it_is = False
-        was, now = (f"{picture.shape[1]} x {picture.shape[0]} px" for picture in (full, rgb))
-        fix = f"--side {max(full.shape)} keeps its size"
+    photo = read_photo(image)
+    if not photo.readable:
+        fix = "save it as sRGB if its colours look wrong"
+        warn(Problem(Place(str(image)), "", "the colour profile", "cannot be used", fix, Severity.WARNING))
+    rgb = smaller(photo.rgb, side or LONGEST_SIDE)
+    height, width = photo.rgb.shape[:2]
+    as_it_is = photo.plain and rgb is photo.rgb
+    if rgb is not photo.rgb:
+        was, now = f"{width} x {height} px", f"{rgb.shape[1]} x {rgb.shape[0]} px"
+        fix = f"--side {max(width, height)} keeps its size"
         warn(Problem(Place(str(image)), "", f"the photo of {was}", f"was made {now}", fix, Severity.WARNING))
+    del photo  # a large one is larger than all that comes of it
     found = None
     if masks is not None:
         found = from_masks(read_labels(masks))
     elif coco is not None:
-        found = coco_objects(coco, read_coco(coco, image), (full.shape[1], full.shape[0]))
+        found = coco_objects(coco, read_coco(coco, image), (width, height))
     elif boxes or points:
-        x, y = rgb.shape[1] / full.shape[1], rgb.shape[0] / full.shape[0]
+        x, y = rgb.shape[1] / width, rgb.shape[0] / height
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
         found = from_prompts(rgb, boxes, points, table.make("segment", backends.get("segment")))
     if found is not None:
-        found = fitted(found, full, rgb)
+        found = fitted(found, (width, height), rgb)
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
     return lay_out(perceived, image if as_it_is else None, image.stem, output, assets, keep)
 

@@ -22,7 +22,8 @@ from physgen.compile.assemble import Compiled
 from physgen.geometry import rotation
 from physgen.perceive.given import from_masks
 from physgen.perceive.scene import perceive
-from physgen.percepts.maps import Percepts, read_image
+from physgen.percepts.maps import Percepts
+from physgen.percepts.photo import read_image
 from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
 from physgen.problems import InputError
 from physgen.scene.model import Light, Scene, Settings, Solid

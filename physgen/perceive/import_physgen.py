@@ -23,7 +23,8 @@ from physgen.perceive.primitives import outlines_of
 from physgen.perceive.roles import LightGuess, Rgb, Setting, Shadows, Thing, Wall
 from physgen.perceive.scene import Perceived, Progress, silent
 from physgen.perceive.sim_yaml import Body, Sim, read_sim
-from physgen.percepts.maps import Percepts, read_image, read_labels
+from physgen.percepts.maps import Percepts, read_labels
+from physgen.percepts.photo import read_image
 from physgen.photometry import decode, fit_light
 from physgen.problems import InputError
 from physgen.scene.model import View

@@ -10,6 +10,7 @@ from physgen.perceive.scene import Perceived
 from physgen.percepts.maps import Keep, silent, write_assets, write_png
 from physgen.problems import InputError
 from physgen.resources import resource
+from physgen.scene.files import MAPS
 from physgen.scene.write import scene_text
 from physgen.whole import write_kept
 
@@ -44,10 +45,10 @@ def lay_out(
         folder.mkdir(parents=True, exist_ok=True)
     ranges = write_assets(perceived.percepts, assets, keep)
     if photo is None:
-        photo = assets / f"{name}.png"
+        photo = assets / _own(f"{name}.png")
         write_png(photo, perceived.percepts.rgb, keep)
     elif not photo.resolve().is_relative_to(folder.resolve()):
-        copy = assets / photo.name
+        copy = assets / _own(photo.name)
         if not (copy.exists() and copy.samefile(photo)):
             write_kept(copy, photo.read_bytes(), keep)
         photo = copy
@@ -69,6 +70,11 @@ def lay_out(
     if output is not None:
         write_kept(output, text.encode("utf-8"), keep)
     return text
+
+
+def _own(name: str) -> str:
+    """The photo's name among the assets: none that a map has."""
+    return f"photo-{name}" if Path(name).stem.lower() in MAPS else name
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -175,7 +175,7 @@ def _things(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
         raise InputError.of(
             "--masks" if found.source == "given" else "the photo",
             "",
-            "shows no object",
+            f"shows no object of {SMALLEST} px or more" if len(every) else "shows no object",
             "mark them with --masks FILE, --box x,y,w,h or --point x,y",
         )
     outlines = fit_outlines(labels, ids)

@@ -242,7 +242,8 @@ def test_the_paper_s_scenes(peer_scenes: Path, tmp_path: Path, name: str, object
 )
 def test_the_paper_s_photos_perceived(peer_scenes: Path, name: str, view: str, walls: int):
     from physgen.perceive.given import from_masks
-    from physgen.percepts.maps import read_image, read_labels
+    from physgen.percepts.maps import read_labels
+    from physgen.percepts.photo import read_image
 
     rgb = read_image(peer_scenes / name / "original.png")
     document = perceive(rgb, from_masks(read_labels(peer_scenes / name / "mask.png"))).document

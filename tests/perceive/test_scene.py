@@ -10,7 +10,8 @@ from physgen.perceive import words
 from physgen.perceive.given import at_point, from_masks, from_prompts, in_box
 from physgen.perceive.lay_out import lay_out
 from physgen.perceive.scene import perceive
-from physgen.percepts.maps import read_image, read_labels
+from physgen.percepts.maps import read_labels
+from physgen.percepts.photo import read_image
 from physgen.problems import InputError
 from physgen.scene.build import load
 from physgen.scene.model import Circle, Motion, Polygon, View

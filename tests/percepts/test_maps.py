@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from physgen.percepts.maps import Percepts, read_image, read_labels, read_percepts, write_assets
+from physgen.percepts.maps import Percepts, read_labels, read_percepts, write_assets
+from physgen.percepts.photo import read_image
 from physgen.problems import InputError
 from physgen.whole import write_kept
 

@@ -1,0 +1,595 @@
+"""One picture stored in every kind of file: read as the same sRGB, by published curves and matrices worked out here."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import profiles
+import pytest
+from numpy.typing import NDArray
+from PIL import Image, ImageCms
+
+from physgen.cli import main
+from physgen.perceive.smaller import smaller
+from physgen.percepts.photo import read_image, read_photo
+from physgen.problems import InputError
+
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+SRGB_TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+ADOBE_TO_XYZ = np.array(
+    [[0.5767309, 0.1855540, 0.1881852], [0.2973769, 0.6273491, 0.0752741], [0.0270343, 0.0706872, 0.9911085]]
+)
+P3_TO_XYZ = np.array(
+    [[0.4865709, 0.2656677, 0.1982173], [0.2289746, 0.6917385, 0.0792869], [0.0, 0.0451134, 1.0439444]]
+)
+"""At D65, as Lindbloom prints them, the last from SMPTE EG 432-1."""
+XYZ_TO_SRGB = np.array(
+    [
+        [3.2404542, -1.5371385, -0.4985314],
+        [-0.9692660, 1.8760108, 0.0415560],
+        [0.0556434, -0.2040259, 1.0572252],
+    ]
+)
+
+
+def linear(srgb: F64) -> F64:
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def srgb(light: F64) -> F64:
+    light = np.clip(light, 0, 1)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def levels(shown: F64) -> U8:
+    return np.round(shown * 255).astype(np.uint8)
+
+
+def far(one: U8, other: U8) -> int:
+    """The most that two pictures differ by, in levels."""
+    assert one.shape == other.shape
+    return int(np.abs(one.astype(int) - other).max())
+
+
+H, W = 23, 34
+
+
+@pytest.fixture
+def true() -> F64:
+    """(H, W, 3) sRGB 0..1: every hue, from black to white, no two corners alike."""
+    y, x = np.mgrid[0:H, 0:W]
+    ramp = np.stack([x / (W - 1), y / (H - 1), 1 - (x + y) / (H + W - 2)], axis=-1)
+    ramp[:4, :4], ramp[-4:, -4:], ramp[:4, -4:] = 0, 1, [1, 0, 0]
+    return ramp
+
+
+@pytest.fixture
+def shown(true: F64) -> U8:
+    return levels(true)
+
+
+def write16(path: Path, numbers: F64) -> Path:
+    """(h, w[, 3 or 4]) 0..1 -> a file of 16 bits a channel, by OpenCV."""
+    deep = np.round(numbers * 65535).astype(np.uint16)
+    order = {3: [2, 1, 0], 4: [2, 1, 0, 3]}
+    assert cv2.imwrite(str(path), deep if deep.ndim == 2 else deep[:, :, order[deep.shape[2]]])
+    return path
+
+
+def chunked(path: Path, kind: bytes, body: bytes) -> Path:
+    """A PNG with one chunk more, before its pixels."""
+    data = path.read_bytes()
+    chunk = struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    path.write_bytes(data[:33] + chunk + data[33:])
+    return path
+
+
+def profiled(path: Path, profile: bytes) -> Path:
+    return chunked(path, b"iCCP", b"by hand\0\0" + zlib.compress(profile))
+
+
+# ---- kinds and depths ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.webp", "a.tif", "a.bmp", "a.ppm"])
+def test_colour_of_8_bits(shown: U8, tmp_path: Path, name: str) -> None:
+    Image.fromarray(shown).save(tmp_path / name, **({"lossless": True} if name == "a.webp" else {}))
+    photo = read_photo(tmp_path / name)
+    assert np.array_equal(photo.rgb, shown)
+    assert photo.plain == (name in ("a.png", "a.webp"))  # what a scene may name
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_16_bits_are_rounded_not_cut(true: F64, tmp_path: Path, suffix: str) -> None:
+    numbers = np.clip(true + 0.3 / 255, 0, 1)
+    path = write16(tmp_path / f"rgb.{suffix}", numbers)
+    assert far(read_image(path), levels(np.round(numbers * 65535) / 65535)) == 0
+    assert not read_photo(path).plain
+    grey = numbers[:, :, 0]
+    path = write16(tmp_path / f"grey.{suffix}", grey)
+    assert far(read_image(path), np.repeat(levels(np.round(grey * 65535) / 65535)[..., None], 3, axis=2)) == 0
+
+
+def test_every_code_of_16_bits(tmp_path: Path) -> None:
+    codes = np.arange(65536, dtype=np.uint16).reshape(256, 256)
+    cv2.imwrite(str(tmp_path / "a.png"), codes)
+    assert np.array_equal(read_image(tmp_path / "a.png")[:, :, 1], np.round(codes / 257))
+
+
+def test_grey_and_black_and_white(shown: U8, tmp_path: Path) -> None:
+    grey = Image.fromarray(shown[:, :, 0])
+    grey.save(tmp_path / "g.png")
+    assert np.array_equal(read_image(tmp_path / "g.png"), np.repeat(shown[:, :, :1], 3, axis=2))
+    bits = shown[:, :, 0] > 99
+    Image.fromarray(bits).save(tmp_path / "b.png")
+    assert np.array_equal(read_image(tmp_path / "b.png")[:, :, 2], bits * np.uint8(255))
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_what_lets_light_through_lies_on_white(true: F64, tmp_path: Path, deep: bool) -> None:
+    alpha = np.tile(np.linspace(0, 1, W), (H, 1))
+    whole = np.concatenate([true, alpha[..., None]], axis=2)
+    if deep:
+        path = write16(tmp_path / "a.png", whole)
+    else:
+        whole = np.round(whole * 255) / 255
+        path = tmp_path / "a.png"
+        Image.fromarray(levels(whole)).save(path)
+    a = whole[:, :, 3:]
+    photo = read_photo(path)
+    assert far(photo.rgb, levels(srgb(linear(whole[:, :, :3]) * a + 1 - a))) <= 1
+    assert not photo.plain
+
+
+def test_opaque_alpha_is_no_alpha(shown: U8, tmp_path: Path) -> None:
+    Image.fromarray(shown).convert("RGBA").save(tmp_path / "a.png")
+    photo = read_photo(tmp_path / "a.png")
+    assert np.array_equal(photo.rgb, shown)
+    assert photo.plain
+
+
+def test_palettes_and_colours_that_stand_for_nothing(shown: U8, tmp_path: Path) -> None:
+    ids = (np.arange(H * W).reshape(H, W) % 7).astype(np.uint8)
+    colours = shown[::3, ::5][1, :7]
+    image = Image.fromarray(ids).convert("P")
+    image.putpalette(colours.tobytes())
+    image.save(tmp_path / "p.png")
+    assert np.array_equal(read_image(tmp_path / "p.png"), colours[ids])
+    image.save(tmp_path / "t.png", transparency=3)
+    over = colours.copy()
+    over[3] = 255
+    assert np.array_equal(read_image(tmp_path / "t.png"), over[ids])
+    image.save(tmp_path / "t.gif", transparency=3)
+    assert np.array_equal(read_image(tmp_path / "t.gif"), over[ids])
+    key = tuple(int(v) for v in shown[9, 9])
+    Image.fromarray(shown).save(tmp_path / "k.png", transparency=key)
+    keyed = np.where((shown == shown[9, 9]).all(axis=2, keepdims=True), np.uint8(255), shown)
+    assert np.array_equal(read_image(tmp_path / "k.png"), keyed)
+    codes = shown.astype(np.uint16) * 257
+    path = write16(tmp_path / "k16.png", codes / 65535)
+    chunked(path, b"tRNS", struct.pack(">3H", *codes[9, 9]))
+    assert np.array_equal(read_image(path), keyed)
+    path = write16(tmp_path / "g16.png", codes[:, :, 0] / 65535)
+    chunked(path, b"tRNS", struct.pack(">H", codes[9, 9, 0]))
+    assert np.array_equal(
+        read_image(path)[:, :, 1], np.where(shown[..., 0] == shown[9, 9, 0], 255, shown[..., 0])
+    )
+
+
+def test_inks_without_a_profile(tmp_path: Path) -> None:
+    amounts = np.array([[0, 0, 0, 0], [255, 0, 0, 0], [0, 51, 102, 0], [10, 20, 30, 128]], np.uint8)
+    wide = np.repeat(np.repeat(amounts[None], 16, axis=0), 16, axis=1)
+    image = Image.frombytes("CMYK", wide.shape[1::-1], wide.tobytes())
+    image.save(tmp_path / "c.jpg", quality=100, subsampling=0)
+    image.save(tmp_path / "c.tif")
+    ink = amounts / 255
+    want = levels((1 - ink[:, :3]) * (1 - ink[:, 3:]))
+    for name in ("c.jpg", "c.tif"):
+        photo = read_photo(tmp_path / name)
+        assert far(photo.rgb[8:9, 8::16], want[None]) <= 2, name
+        assert not photo.plain
+
+
+# ---- which way is up ----------------------------------------------------------------------------------------------
+
+SIDES = {1: "tl", 2: "tr", 3: "br", 4: "bl", 5: "lt", 6: "rt", 7: "rb", 8: "lb"}
+"""EXIF orientation -> which side of the scene the first row of the file shows, and which its first column."""
+
+
+def stored(upright: NDArray[np.generic], orientation: int) -> NDArray[np.generic]:
+    """What a camera stores of an upright picture."""
+    row, column = SIDES[orientation]
+    turned = upright if row in "tb" else upright.swapaxes(0, 1)
+    turned = turned[::-1] if row in "br" else turned
+    return np.ascontiguousarray(turned[:, ::-1] if column in "br" else turned)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_every_orientation(shown: U8, tmp_path: Path, orientation: int) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    image = Image.fromarray(stored(shown, orientation))
+    for name in ("a.png", "a.webp", "a.tif", "a.jpg"):
+        path = tmp_path / name
+        image.save(path, exif=exif, **({"lossless": True} if name == "a.webp" else {}), quality=100)
+        photo = read_photo(path)
+        assert photo.rgb.shape == shown.shape, name
+        if name == "a.jpg":
+            corners = np.abs(photo.rgb[1:-1:20, 1:-1:31].astype(int) - shown[1:-1:20, 1:-1:31])
+            assert corners.max() < 12
+        else:
+            assert np.array_equal(photo.rgb, shown), name
+        assert photo.plain == (orientation == 1 and name in ("a.png", "a.webp", "a.jpg")), name
+    clear = Image.fromarray(stored(np.dstack([shown, np.zeros((H, W), np.uint8)]), orientation))
+    clear.save(tmp_path / "clear.png", exif=exif)
+    assert (read_photo(tmp_path / "clear.png").rgb == 255).all()
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_tiff_of_16_bits_is_turned_once(shown: U8, tmp_path: Path, orientation: int) -> None:
+    path = write16(tmp_path / "a.tif", stored(shown, orientation) / 255)
+    data = bytearray(path.read_bytes())
+    (at,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, at)
+    rows = [bytes(data[at + 2 + 12 * k : at + 14 + 12 * k]) for k in range(count)]
+    rows.append(struct.pack("<HHII", 0x0112, 3, 1, orientation))
+    rows.sort(key=lambda row: struct.unpack_from("<H", row))  # tags stand in order
+    place = len(data)
+    data += struct.pack("<H", count + 1) + b"".join(rows) + bytes(4)
+    struct.pack_into("<I", data, 4, place)
+    path.write_bytes(bytes(data))
+    assert np.array_equal(read_photo(path).rgb, shown)
+
+
+# ---- colour spaces ------------------------------------------------------------------------------------------------
+
+
+def of_adobe(numbers: F64) -> F64:
+    return srgb(numbers ** (563 / 256) @ (XYZ_TO_SRGB @ ADOBE_TO_XYZ).T)
+
+
+def of_p3(numbers: F64) -> F64:
+    return srgb(linear(numbers) @ (XYZ_TO_SRGB @ P3_TO_XYZ).T)
+
+
+SPACES: dict[str, tuple[bytes, Callable[[F64], F64]]] = {
+    "Display P3": (profiles.rgb(profiles.P3, profiles.SRGB_CURVE), of_p3),
+    "Adobe RGB": (profiles.rgb(profiles.ADOBE, profiles.gamma(563 / 256)), of_adobe),
+    "linear": (profiles.rgb(profiles.SRGB, profiles.LINEAR), srgb),
+    "a table": (
+        profiles.rgb(profiles.SRGB, profiles.table(np.linspace(0, 1, 1024) ** 1.8)),
+        lambda v: srgb(v**1.8),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("deep", [False, True])
+def test_profiles_by_their_published_numbers(true: F64, tmp_path: Path, name: str, deep: bool) -> None:
+    profile, meant = SPACES[name]
+    codes = 65535 if deep else 255
+    numbers = np.round(true * codes) / codes
+    path = tmp_path / "a.png"
+    if deep:
+        profiled(write16(path, numbers), profile)
+    else:
+        Image.fromarray(levels(numbers)).save(path, icc_profile=profile)
+    photo = read_photo(path)
+    assert far(photo.rgb, levels(meant(numbers))) <= 1
+    assert photo.readable
+    assert not photo.plain
+    if not deep:  # LittleCMS knows nothing of us; its matrices have 8 bits of a fraction
+        there = ImageCms.profileToProfile(
+            Image.open(path),
+            ImageCms.getOpenProfile(_saved(tmp_path, profile)),
+            ImageCms.createProfile("sRGB"),
+            1,
+        )
+        assert far(photo.rgb, np.asarray(there)) <= (1 if name != "linear" else 2)
+
+
+def _saved(folder: Path, profile: bytes) -> str:
+    (folder / "profile.icc").write_bytes(profile)
+    return str(folder / "profile.icc")
+
+
+@pytest.mark.parametrize(
+    ("name", "to_space"),
+    [
+        ("Display P3", lambda light: srgb(light @ np.linalg.inv(XYZ_TO_SRGB @ P3_TO_XYZ).T)),
+        (
+            "Adobe RGB",
+            lambda light: np.clip(light @ np.linalg.inv(XYZ_TO_SRGB @ ADOBE_TO_XYZ).T, 0, 1) ** (256 / 563),
+        ),
+        ("linear", lambda light: light),
+    ],
+)
+def test_a_colour_comes_back_from_a_wider_space(
+    true: F64, shown: U8, tmp_path: Path, name: str, to_space: Callable[[F64], F64]
+) -> None:
+    numbers = np.clip(to_space(linear(true)), 0, 1)
+    path = profiled(write16(tmp_path / "a.png", numbers), SPACES[name][0])
+    assert far(read_image(path), shown) <= 1
+    if name != "linear":
+        for suffix, options in (
+            ("jpg", {"quality": 100, "subsampling": 0}),
+            ("webp", {"lossless": True}),
+            ("tif", {}),
+        ):
+            other = tmp_path / f"a.{suffix}"
+            Image.fromarray(levels(numbers)).save(other, icc_profile=SPACES[name][0], **options)
+            apart = np.abs(read_image(other).astype(int) - shown)
+            assert np.median(apart) <= 1, suffix  # 8 bits of a wide space are coarse in the dark
+            if suffix != "jpg":
+                assert (apart[(shown > 60).all(axis=2)] <= 3).all(), suffix
+
+
+def test_srgb_said_outright_is_plain(shown: U8, tmp_path: Path) -> None:
+    for k, profile in enumerate(
+        (
+            profiles.rgb(profiles.SRGB, profiles.SRGB_CURVE),
+            profiles.rgb(profiles.SRGB, profiles.table(linear(np.linspace(0, 1, 1024)))),
+            ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(),
+        )
+    ):
+        Image.fromarray(shown).save(tmp_path / f"{k}.png", icc_profile=profile)
+        photo = read_photo(tmp_path / f"{k}.png")
+        assert np.array_equal(photo.rgb, shown)
+        assert photo.plain
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_grey_profiles(tmp_path: Path, deep: bool) -> None:
+    codes = np.linspace(0, 65535, 256).astype(np.uint16) if deep else np.arange(256).astype(np.uint8)
+    image = np.tile(codes, (3, 1))
+    v = codes / codes.max()
+    path = tmp_path / "g.png"
+    for profile, meant in (
+        (profiles.grey(profiles.LINEAR), srgb(v)),
+        (profiles.grey(profiles.gamma(461 / 256)), srgb(v ** (461 / 256))),
+        (SPACES["linear"][0], srgb(v)),  # a colour profile on a grey picture
+    ):
+        cv2.imwrite(str(path), image)
+        assert far(read_image(profiled(path, profile))[0], np.repeat(levels(meant)[:, None], 3, axis=1)) <= 1
+
+
+def test_a_profile_keeps_what_lets_light_through(true: F64, tmp_path: Path) -> None:
+    alpha = np.tile(np.linspace(0, 1, W), (H, 1))[..., None]
+    whole = np.round(np.concatenate([true, alpha], axis=2) * 65535) / 65535
+    path = profiled(write16(tmp_path / "a.png", whole), SPACES["Adobe RGB"][0])
+    inside = whole[..., :3] ** (563 / 256) @ (XYZ_TO_SRGB @ ADOBE_TO_XYZ).T
+    a = whole[..., 3:]
+    assert far(read_image(path), levels(srgb(inside * a + 1 - a))) <= 1
+
+
+def test_inks_with_a_profile(tmp_path: Path) -> None:
+    """Paper is white, and each corner of the table what its Lab says: LittleCMS against CIE's formulas."""
+    lab = np.zeros((16, 3))
+    for k in range(16):
+        c, m, y, b = ((k >> s) & 1 for s in (3, 2, 1, 0))
+        lab[k] = (100 - 22 * c - 22 * m - 16 * y - 40 * b, 18 * m - 18 * c, 25 * y - 25 * c)
+    stored = np.round(lab * [2.55, 1, 1] + [0, 128, 128]).clip(0, 255).astype(np.uint8)
+    amounts = (np.array([[(k >> s) & 1 for s in (3, 2, 1, 0)] for k in range(16)]) * 255).astype(np.uint8)
+    wide = np.repeat(np.repeat(amounts[None], 16, axis=0), 16, axis=1)
+    image = Image.frombytes("CMYK", wide.shape[1::-1], wide.tobytes())
+    image.save(tmp_path / "c.tif", icc_profile=profiles.inks(stored))
+    light, a, b = ((stored - [0, 128, 128]) / [2.55, 1, 1]).T
+    f = np.stack([(light + 16) / 116 + a / 500, (light + 16) / 116, (light + 16) / 116 - b / 200], axis=1)
+    xyz = np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29)) * profiles.D50
+    want = srgb(xyz @ np.linalg.inv(np.array(profiles.SRGB).T).T)
+    photo = read_photo(tmp_path / "c.tif")
+    assert (photo.rgb[8, 8] == 255).all()
+    assert far(photo.rgb[8:9, 8::16], levels(want)[None]) <= 3
+    assert photo.readable
+
+
+def test_png_says_its_gamma_and_primaries(true: F64, tmp_path: Path) -> None:
+    numbers = np.round(true * 65535) / 65535
+
+    def gama(value: float) -> bytes:
+        return struct.pack(">I", round(value * 100000))
+
+    def chrm(*xy: float) -> bytes:
+        return struct.pack(">8I", *(round(v * 100000) for v in xy))
+
+    path = chunked(write16(tmp_path / "old.png", numbers), b"gAMA", gama(1 / 1.8))
+    assert far(read_image(path), levels(srgb(numbers**1.8))) <= 1
+    path = chunked(write16(tmp_path / "linear.png", numbers), b"gAMA", gama(1.0))
+    assert far(read_image(path), levels(srgb(numbers))) <= 1
+    path = chunked(write16(tmp_path / "usual.png", numbers), b"gAMA", gama(1 / 2.2))
+    assert far(read_image(path), levels(numbers)) == 0
+    path = chunked(chunked(write16(tmp_path / "said.png", numbers), b"gAMA", gama(1.0)), b"sRGB", b"\0")
+    assert far(read_image(path), levels(numbers)) == 0  # sRGB said outright goes before it
+    path = chunked(write16(tmp_path / "wide.png", numbers), b"gAMA", gama(256 / 563))
+    chunked(path, b"cHRM", chrm(0.3127, 0.3290, 0.64, 0.33, 0.21, 0.71, 0.15, 0.06))
+    meant = srgb(linear(numbers) @ (XYZ_TO_SRGB @ ADOBE_TO_XYZ).T)
+    assert far(read_image(path), levels(meant)) <= 1
+
+
+def test_a_cameras_word_for_adobe_rgb(true: F64, tmp_path: Path) -> None:
+    exif = b"Exif\0\0MM\0*" + struct.pack(">I", 8)
+    exif += struct.pack(">HHHIII", 1, 0x8769, 4, 1, 26, 0)  # the EXIF part
+    exif += struct.pack(">HHHIHHI", 1, 0xA005, 4, 1, 0, 44, 0)  # in it, that on interoperability
+    exif += struct.pack(">HHHI4sI", 1, 1, 2, 4, b"R03", 0)
+    flat = np.full((16, 16, 3), (0.6, 0.4, 0.3))
+    Image.fromarray(levels(flat)).save(tmp_path / "_dsc.jpg", exif=exif, quality=100)
+    assert far(read_image(tmp_path / "_dsc.jpg"), levels(of_adobe(levels(flat) / 255))) <= 2
+
+
+def test_a_damaged_profile_is_told_of(shown: U8, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good = profiles.rgb(profiles.P3, profiles.SRGB_CURVE)
+    for k, profile in enumerate(
+        (b"x" * 200, good[:140], good.replace(b"RGB ", b"CMYK"), profiles.grey(b"none"))
+    ):
+        Image.fromarray(shown).save(tmp_path / f"{k}.png", icc_profile=profile)
+        photo = read_photo(tmp_path / f"{k}.png")
+        assert not photo.readable
+        assert np.array_equal(photo.rgb, shown)
+
+
+# ---- what is refused ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        (
+            "a.exr",
+            b"\x76\x2f\x31\x01" + bytes(60),
+            "is an OpenEXR picture of light beyond white; tone-map it",
+        ),
+        (
+            "a.hdr",
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n",
+            "is a Radiance picture of light beyond white",
+        ),
+        (
+            "a.heic",
+            b"\0\0\0\x18ftypheic" + bytes(60),
+            "is a HEIC file, which is not read; save it as PNG or JPEG",
+        ),
+        ("a.cr2", b"II*\0\x10\0\0\0CR\x02\0" + bytes(60), "is a camera's raw file; develop it"),
+        ("a.png", b"", "is not a picture that can be read"),
+        ("a.txt", b"hello", "is not a picture that can be read"),
+    ],
+)
+def test_other_files_are_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, data: bytes, said: str
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    assert main(["perceive", str(tmp_path / name), "-o", str(tmp_path / "s.yaml")]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{tmp_path / name}: {said}")
+    assert not (tmp_path / "s.yaml").exists()
+
+
+def test_light_beyond_white_is_refused(shown: U8, tmp_path: Path) -> None:
+    Image.fromarray(shown[:, :, 0].astype(np.float32)).save(tmp_path / "f.tif")
+    with pytest.raises(InputError, match="is a TIFF float picture of light beyond white"):
+        read_image(tmp_path / "f.tif")
+    cv2.imwrite(str(tmp_path / "f3.tif"), shown.astype(np.float32))
+    with pytest.raises(InputError, match="is a TIFF of an unusual kind"):
+        read_image(tmp_path / "f3.tif")
+    Image.fromarray(shown).save(
+        tmp_path / "nef.tif", tiffinfo={254: 1}
+    )  # a thumbnail, as in cameras' raw files
+    with pytest.raises(InputError, match="is a camera's raw file; develop it"):
+        read_image(tmp_path / "nef.tif")
+    Image.fromarray(shown).save(tmp_path / "pq.png")
+    chunked(tmp_path / "pq.png", b"cICP", bytes([9, 16, 0, 1]))
+    with pytest.raises(InputError, match="is a PNG picture of light beyond white"):
+        read_image(tmp_path / "pq.png")
+    Image.fromarray(shown).save(tmp_path / "sdr.png")
+    assert np.array_equal(read_image(chunked(tmp_path / "sdr.png", b"cICP", bytes([1, 13, 0, 1]))), shown)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.webp", "a.tif", "a.gif", "a.bmp", "deep.png"])
+def test_cut_off_files(shown: U8, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str) -> None:
+    path = tmp_path / name
+    if name == "deep.png":
+        write16(path, shown / 255)
+    else:
+        Image.fromarray(shown).save(path)
+    data = path.read_bytes()
+    for part in (0.1, 0.5, 0.9):
+        path.write_bytes(data[: int(part * len(data))])
+        for command in (["perceive", str(path)], ["perceive", str(path), "--masks", str(path)]):
+            assert main([*command, "-o", str(tmp_path / "s.yaml")]) == 2
+            [line] = capfd.readouterr().err.splitlines()
+            assert line.startswith(f"{path}: is ")
+
+
+# ---- the whole line -----------------------------------------------------------------------------------------------
+
+
+def ball(width: int, height: int) -> tuple[F64, U8]:
+    """A red ball before a wall: sRGB 0..1, and its mask."""
+    y, x = np.mgrid[0:height, 0:width]
+    inside = np.hypot(x - width / 2, y - height / 2) < 0.3 * min(width, height)
+    return np.where(inside[..., None], (0.7, 0.2, 0.2), (0.6, 0.62, 0.65)), inside.astype(np.uint8)
+
+
+@pytest.mark.parametrize("size", [(511, 333), (65, 64), (64, 64), (16, 9), (8, 8)])
+def test_odd_and_small_sizes_from_photo_to_video(tmp_path: Path, size: tuple[int, int]) -> None:
+    picture, mask = ball(*size)
+    Image.fromarray(levels(picture)).save(tmp_path / "p.png")
+    cv2.imwrite(str(tmp_path / "m.png"), mask)
+    scene = tmp_path / "s.yaml"
+    assert (
+        main(["perceive", str(tmp_path / "p.png"), "--masks", str(tmp_path / "m.png"), "-o", str(scene)]) == 0
+    )
+    short = ["--set", "world.duration=0.1"]
+    assert main(["render", str(scene), "-o", str(tmp_path), "--format", "mp4,png", *short]) == 0
+    with av.open(str(tmp_path / "s" / "video.mp4")) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    width, height = size
+    assert frames[0].shape == (height + height % 2, width + width % 2, 3)
+    assert np.abs(frames[0][:height, :width].astype(int) - levels(picture)).mean() < 12  # of 4:2:0
+    first = cv2.imread(str(tmp_path / "s" / "frames" / "00000.png"))[:, :, ::-1]
+    assert np.array_equal(first, levels(picture))
+
+
+@pytest.mark.parametrize("side", [1, 2, 5])
+def test_photos_too_small_for_an_object(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], side: int
+) -> None:
+    Image.new("RGB", (side, side), "red").save(tmp_path / "p.png")
+    assert main(["perceive", str(tmp_path / "p.png"), "-o", str(tmp_path / "s.yaml")]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert "shows no object" in line
+
+
+def test_any_photo_becomes_a_scene_of_srgb(tmp_path: Path) -> None:
+    """A scene of a converted photo shows what a scene that names the file itself shows."""
+    picture, mask = ball(80, 60)
+    numbers = np.clip(srgb(linear(picture) @ np.linalg.inv(XYZ_TO_SRGB @ P3_TO_XYZ).T), 0, 1)
+    photo = tmp_path / "phone.png"
+    Image.fromarray(levels(numbers)).save(photo, icc_profile=SPACES["Display P3"][0])
+    cv2.imwrite(str(tmp_path / "m.png"), mask)
+    scene = tmp_path / "s.yaml"
+    assert main(["perceive", str(photo), "--masks", str(tmp_path / "m.png"), "-o", str(scene)]) == 0
+    copy = cv2.imread(str(tmp_path / "s.assets" / "phone.png"))[:, :, ::-1]
+    assert far(copy, levels(picture)) <= 1
+    assert "image: s.assets/phone.png" in scene.read_text()
+    short = ["--set", "world.duration=0.05", "--format", "png", "-o"]
+    assert main(["render", str(scene), *short, str(tmp_path / "copied")]) == 0
+    scene.write_text(scene.read_text().replace("image: s.assets/phone.png", "image: phone.png"))
+    assert main(["check", str(scene)]) == 0
+    assert main(["render", str(scene), *short, str(tmp_path / "named")]) == 0
+    for frame in (tmp_path / "copied" / "s" / "frames").iterdir():
+        assert frame.read_bytes() == (tmp_path / "named" / "s" / "frames" / frame.name).read_bytes()
+
+
+def test_a_photo_may_be_called_as_a_map(tmp_path: Path) -> None:
+    picture, mask = ball(40, 30)
+    given = tmp_path / "given.png"
+    cv2.imwrite(str(given), mask)
+    for name in ("masks.tif", "background.png"):
+        Image.fromarray(levels(picture)).save(tmp_path / name)
+        folder = tmp_path / name[:-4]
+        scene = folder / "s.yaml"
+        assert main(["perceive", str(tmp_path / name), "--masks", str(given), "-o", str(scene)]) == 0
+        photo = folder / "s.assets" / f"photo-{name[:-4]}.png"
+        assert np.array_equal(read_image(photo), levels(picture))
+        assert np.array_equal(cv2.imread(str(folder / "s.assets" / "masks.png"), -1), mask)
+        assert main(["check", str(scene)]) == 0
+
+
+def test_photos_are_made_smaller_in_linear_light() -> None:
+    board = np.zeros((400, 600, 3), np.uint8)
+    board[::2, ::2] = board[1::2, 1::2] = 255
+    small = smaller(board, 300)
+    assert small.shape == (200, 300, 3)
+    assert (small == round(float(srgb(np.array(0.5))) * 255)).all()
+    for level in range(256):
+        assert (smaller(np.full((9, 9, 3), level, np.uint8), 3) == level).all()
