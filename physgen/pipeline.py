@@ -294,7 +294,6 @@ def render_scene(
 
     `ask_chaos` runs the scene's neighbours too, for the report. Raises InputError.
     """
-    from physgen.render.overlay import annotated
     from physgen.render.shutter import shutter
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.page import report_page
@@ -359,13 +358,16 @@ def render_scene(
                     files.enter_context(open_video(folder, k, take.video, scene.render.fps)) for k in kinds
                 ]
             frames = render(drawn, fine, parts, take)
-            frames = annotated(
-                frames,
-                compiled.world,
-                trajectory,
-                scene.render.overlay,
-                lambda frame: take.affine(frame.time),
-            )
+            if scene.render.overlay:
+                from physgen.render.overlay import annotated
+
+                frames = annotated(
+                    frames,
+                    compiled.world,
+                    trajectory,
+                    scene.render.overlay,
+                    lambda frame: take.affine(frame.time),
+                )
             with alongside(writers) as write:
                 for index in range(len(take.order)):
                     with record.stage("render", time.thread_time):

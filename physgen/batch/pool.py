@@ -5,17 +5,18 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from physgen import pipeline
 from physgen.problems import InputError, Problem
 from physgen.report.video import Format
 from physgen.whole import meant
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future, ProcessPoolExecutor
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.P
         for job in jobs:
             yield run(job, watch(job))
         return
+    from concurrent.futures.process import BrokenProcessPool  # 30 ms that a single clip need not wait for
+
     with _pool(min(workers, len(jobs))) as pool:
         futures: list[Future[Done]] = [pool.submit(run, job) for job in jobs]
         for job, future in zip(jobs, futures, strict=True):
@@ -91,6 +94,9 @@ def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.P
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Workers leave Ctrl-C to this process: it ends them, and they clear away what they were writing."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import active_children, get_context
+
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_obey)
     try:
         yield pool
