@@ -23,6 +23,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from frames import frames as frame_rows
+from frames import presets
 from growth import growth, plot
 from tables import RESULTS, fidelity_page, page, physics_page
 
@@ -272,8 +274,19 @@ def _too_slow(*_: object) -> None:
     raise TimeoutError
 
 
+def frame_costs(folder: Path) -> list[dict]:
+    """What a frame costs, in scenes drawn by formula and in those of `render`."""
+    return frame_rows(scenes(folder), folder)
+
+
+def encoder(folder: Path) -> list[dict]:
+    """Presets and threads of the encoder, on a bundled clip."""
+    return presets(ROOT / "scenes" / "billiards" / "scene.yaml")
+
+
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
+PARTS |= {"frames": frame_costs, "encoder": encoder}
 
 
 def main(names: list[str]) -> None:

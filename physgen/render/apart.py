@@ -34,8 +34,8 @@ NEAR = 0.5
 """Of an object's size: how far around it what is dark may be its own."""
 HIDDEN = 3.0
 """px over which the background's detail reaches under objects."""
-FAINT = 0.004
-"""-log of light that nobody misses: half a grey level of white."""
+FAINT = 0.006
+"""-log of light that nobody misses: half a grey level of a middle grey."""
 CELLS = 24
 """Of the grid on which a shadow is worked out, at least so many across the thing."""
 

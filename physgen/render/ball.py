@@ -7,6 +7,7 @@ mirror image of the one that it does: at the rim, where they meet, both agree.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -54,7 +55,7 @@ class Ball:
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight
     even: F32 | None = None
-    """(8,) of `paints.basis`: log of what light does beyond Lambert's law."""
+    """(8, 3) of `paints.basis`: log of what light does beyond Lambert's law."""
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
         """(h, w, 3) shading of the normals (u, v, z to the viewer)."""
@@ -77,25 +78,49 @@ class Ball:
         `at` is the box's first pixel; with `fine` samples a pixel along each side it is (fine h, fine w, 3). The turn
         is about the image axes, +z into the photo.
         """
+        r = np.float32(self.radius)
         columns, rows = (
             (np.arange(side * fine, dtype=np.float32) + np.float32(0.5 - fine / 2)) / np.float32(fine)
             for side in size
         )
-        u = ((columns + np.float32(at[0] - center[0])) / np.float32(self.radius))[None, :]
-        v = ((rows + np.float32(at[1] - center[1])) / np.float32(self.radius))[:, None]
-        rho2 = u * u + v * v
-        squeeze = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(rho2, 1e-12)))
-        su, sv = u * squeeze, v * squeeze
-        z = np.sqrt(np.maximum(1 - su * su - sv * sv, 0))  # towards the viewer
-        back = turn.T.astype(np.float32)  # where on the photo's ball this point was
-        mu = back[0, 0] * su + back[0, 1] * sv - back[0, 2] * z
-        mv = back[1, 0] * su + back[1, 1] * sv - back[1, 2] * z
-        within = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(mu * mu + mv * mv, 1e-12)))
-        scale = np.float32(self.radius) * within
-        x = mu * scale + np.float32(self.center[0] - self.corner[0])
-        y = mv * scale + np.float32(self.center[1] - self.corner[1])
+        u = (columns + np.float32(at[0] - center[0]))[None, :] / r
+        v = (rows + np.float32(at[1] - center[1]))[:, None] / r
+        z = np.maximum(np.float32(1) - (u * u + v * v), np.float32(1 - RIM * RIM))
+        np.sqrt(z, out=z)  # towards the viewer; beyond the rim the skin goes on as it is there
+        back = r * turn.T.astype(np.float32)  # where on the photo's ball this point was
+        x, y = (
+            (back[k, 0] * u + np.float32(self.center[k] - self.corner[k])) + back[k, 1] * v - back[k, 2] * z
+            for k in (0, 1)
+        )
         skin = cv2.remap(self.skin, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(np.maximum(skin, 0) * self.shade(su, sv, z), np.float32)
+        # light does not turn: its picture moves along
+        inverse, shift = 1 / fine, (0.5 - fine / 2) / fine
+        matrix = np.array(
+            [
+                [inverse, 0, shift + at[0] - center[0] + self.center[0] - self.corner[0]],
+                [0, inverse, shift + at[1] - center[1] + self.center[1] - self.corner[1]],
+            ]
+        )
+        light = cv2.warpAffine(
+            self.lit,
+            matrix,
+            (size[0] * fine, size[1] * fine),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        return np.asarray(cv2.multiply(np.maximum(skin, 0), light), np.float32)
+
+    @cached_property
+    def lit(self) -> F32:
+        """(h, w, 3) shading on the ball's own box."""
+        h, w = self.skin.shape[:2]
+        u = (np.arange(w, dtype=np.float32) + np.float32(self.corner[0] - self.center[0]))[None, :]
+        v = (np.arange(h, dtype=np.float32) + np.float32(self.corner[1] - self.center[1]))[:, None]
+        u, v = u / np.float32(self.radius), v / np.float32(self.radius)
+        squeeze = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(u * u + v * v, 1e-12)))
+        su, sv = u * squeeze, v * squeeze
+        picture = self.shade(su, sv, np.sqrt(np.maximum(1 - su * su - sv * sv, 0)))
+        return np.asarray(np.broadcast_to(picture, (h, w, 3)).copy(), np.float32)
 
 
 def shading(light: DistantLight, u: F32, v: F32, z: F32) -> F32:

@@ -140,7 +140,7 @@ def _drawings(
 ) -> Iterator[tuple[F32, U16, list[Slices]]]:
     """Linear light (H, W, 3), ids (H, W) and where they are not `behind`, of each sample; the light is overwritten."""
     lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
-    centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
+    starts = [Pose(*pose) for pose in trajectory.poses[0].tolist()] if len(trajectory.poses) else []
     turns = in_space(trajectory.turns) if trajectory.turns.size else None
     dark = None if lit is None else lit.total.copy()
     canvas: F32 = behind.copy()
@@ -154,8 +154,9 @@ def _drawings(
         ids = np.zeros(behind.shape[:2], np.uint16)
         pictures: list[Picture] = []
         changed: list[Slices] = []
+        poses = [Pose(*pose) for pose in trajectory.poses[sample].tolist()]
         for k, sprite in enumerate(stage.sprites):
-            start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(sample, sprite.body)
+            start, pose = starts[sprite.body], poses[sprite.body]
             where = placed(sprite, start, pose, size, None if turns is None else turns[sample, sprite.body])
             now = None
             if where is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, cos, floor, isfinite, sin
+from math import ceil, cos, floor, inf, isfinite, sin
 
 import cv2
 import numpy as np
@@ -62,11 +62,23 @@ def placed(
             space = np.pad(rotation(turn), ((0, 1), (0, 1))) + np.diag([0.0, 0, 1])
         turn = 0.0
     c, s = cos(turn), sin(turn)
-    if not len(sprite.hull):
+    if not sprite.hull:
         return None
-    before = sprite.hull - (start.x, start.y)
-    after = before @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y)
-    (lx, ly), (hx, hy) = (after.min(axis=0) - SPREAD).tolist(), (after.max(axis=0) + SPREAD).tolist()
+    shift = pose.x - start.x, pose.y - start.y
+    if turn == 0.0:
+        lx, ly = x0 + shift[0], y0 + shift[1]
+        hx, hy = lx + width - 1, ly + height - 1
+        moved_by = max(abs(shift[0]), abs(shift[1]))
+    else:
+        moved_by = 0.0
+        lx = ly = inf
+        hx = hy = -inf
+        for x, y in sprite.hull:  # a dozen points: quicker by hand
+            dx, dy = x - start.x, y - start.y
+            nx, ny = c * dx - s * dy + pose.x, s * dx + c * dy + pose.y
+            lx, hx, ly, hy = min(lx, nx), max(hx, nx), min(ly, ny), max(hy, ny)
+            moved_by = max(moved_by, abs(nx - x), abs(ny - y))
+        lx, hx, ly, hy = lx - SPREAD, hx + SPREAD, ly - SPREAD, hy + SPREAD
     if not isfinite(lx + hx + ly + hy) or hx < 0 or hy < 0 or lx >= size[0] or ly >= size[1]:
         return None
     left, top = max(floor(lx), 0), max(floor(ly), 0)
@@ -74,13 +86,12 @@ def placed(
     # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
     dx, dy = left - pose.x, top - pose.y
     matrix = np.array([[c, s, c * dx + s * dy + start.x - x0], [-s, c, c * dy - s * dx + start.y - y0]])
-    moved_by = float(np.abs(after - sprite.hull).max())
     return Placement(
         np.s_[top:bottom, left:right],
         matrix=matrix,
         turn=turn,
         space=space if sprite.ball is not None else None,
-        shift=(pose.x - start.x, pose.y - start.y),
+        shift=shift,
         rest=max(0.0, 1 - moved_by / FADE),
     )
 

@@ -35,6 +35,8 @@ CLEAN = 2
 """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
 
 
+SIDES = 12
+"""Of the shape that stands for a sprite where only its reach matters."""
 TRUST = (0.3, 0.8)
 """Coverage up to which a pixel's own light is a guess, and from which it is the photo less the background."""
 
@@ -59,13 +61,19 @@ class Sprite:
     """Of what is no ball: the normals that turn with it, where somebody knows them."""
 
     @cached_property
-    def hull(self) -> Array:
-        """(K, 2) px of the photo: the corners of all that shows anything."""
+    def hull(self) -> list[tuple[float, float]]:
+        """px of the photo: corners of a shape with SIDES sides around all that shows anything."""
         rows, columns = np.nonzero(self.coverage)
         if not len(rows):
-            return np.zeros((0, 2))
+            return []
         points = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)).reshape(-1, 2)
-        return np.asarray(points + np.array(self.corner), np.float64)
+        angle = np.arange(SIDES) * (2 * np.pi / SIDES)
+        across = np.column_stack([np.cos(angle), np.sin(angle)])
+        far = (points @ across.T).max(axis=0)
+        # where neighbouring sides meet
+        pairs = np.stack([across, np.roll(across, -1, axis=0)], axis=1)
+        corners = np.linalg.solve(pairs, np.stack([far, np.roll(far, -1)], axis=1)[..., None])[..., 0]
+        return [(x + self.corner[0], y + self.corner[1]) for x, y in corners.tolist()]
 
     @cached_property
     def fine(self) -> F32:

@@ -52,6 +52,15 @@ def reaching(figures: Sequence[Silhouette], setting: Setting) -> NDArray[np.bool
         hit &= box[None, :, k] + np.minimum(0, shift) - spread < box[:, None, k + 2]
         hit &= box[None, :, k + 2] + np.maximum(0, shift) + spread > box[:, None, k]
     np.fill_diagonal(hit, False)
+    # balls: how far the middle of one is from the line of the other's shadow
+    size = np.array([np.inf if f.radius is None else f.radius for f in figures])
+    at = np.array([(*f.center, middle(f, setting.top)) for f in figures]).reshape(-1, 3)
+    apart = at[:, None] - at[None, :]
+    along = apart @ np.array([lx, ly, lz])
+    miss = np.sqrt(np.maximum((apart**2).sum(axis=-1) - along**2, 0))
+    hit &= (miss < size[:, None] + size[None, :] + spread) & (
+        (along < size[:, None]) | np.isinf(size[:, None])
+    )
     return np.asarray(hit)
 
 
