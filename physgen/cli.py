@@ -249,13 +249,22 @@ def _fidelity(options: argparse.Namespace) -> int:
     from physgen.evaluate import fidelity
 
     bar = Bar()
+    if options.output:
+        from physgen.evaluate.strips import write_strip
+
+        for truth in fidelity.truths(options.truth, options.scenes):
+            bar.show(f"{truth.name}: strip", 0, 1)
+            path = write_strip(truth, options.output)
+            bar.clear()
+            print(path)
+        return OK
     result = fidelity.evaluate(options.truth, options.scenes, bar.show)
     bar.clear()
     if options.json:
         _print_json(result)
     else:
         sys.stdout.write(fidelity.markdown(result))
-    return OK
+    return OK if result["passed"] else FAILED
 
 
 def list_backends(options: argparse.Namespace) -> int:

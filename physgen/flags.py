@@ -216,7 +216,12 @@ def build_parser() -> argparse.ArgumentParser:
         help="only at default settings, not at 240 to 1920 steps a second",
     )
     sub.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, help="keep every scene file that is run in this folder"
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help="physics: keep every scene file that is run in this folder; "
+        "fidelity: only write strips of frames there, the paper's way, ours and the truth",
     )
     sub.add_argument("--jobs", metavar="N", type=_count, help="draws run at a time; default: one a processor")
     form = sub.add_mutually_exclusive_group()
