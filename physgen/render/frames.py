@@ -53,6 +53,19 @@ class Actor:
 
 
 @dataclass(frozen=True)
+class Stand:
+    """A sprite at one moment."""
+
+    k: int
+    """Index into the stage's sprites."""
+    start: Pose
+    """Its body's at t = 0."""
+    pose: Pose
+    where: Placement | None
+    """None: outside the canvas."""
+
+
+@dataclass(frozen=True)
 class Stage:
     """What is drawn: sprites in order, the farthest first, over a background `(H, W, 3)` sRGB."""
 
@@ -77,34 +90,45 @@ def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | N
     return min(rows, default=None)
 
 
+def planned(stage: Stage, trajectory: Trajectory) -> Iterator[tuple[float, list[Stand]]]:
+    """Time, s, of each frame and how every sprite stands then, in the order of the stage: geometry alone."""
+    size = (stage.background.shape[1], stage.background.shape[0])
+    centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
+    turns = in_space(trajectory.turns) if trajectory.turns.size else None
+    for index, time in enumerate(trajectory.times):
+        stands = []
+        for k, sprite in enumerate(stage.sprites):
+            start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(index, sprite.body)
+            space = None if turns is None else turns[index, sprite.body]
+            stands.append(Stand(k, start, pose, placed(sprite, start, pose, size, space)))
+        yield float(time), stands
+
+
 def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
     """Frames at the trajectory's times. Each object's own box is warped, and only touched pixels are encoded again."""
     lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
-    centers = trajectory.poses[0] if len(trajectory.poses) else np.zeros((0, 3))
-    turns = in_space(trajectory.turns) if trajectory.turns.size else None
     behind = decode(stage.background) if lit is None else lit.behind()
     dark = None if lit is None else lit.total.copy()
     canvas: F32 = behind.copy()
+    empty = encode_u8(behind)
     touched: list[Slices] = []
-    for index, time in enumerate(trajectory.times):
+    for index, (time, stands) in enumerate(planned(stage, trajectory)):
         for box in touched:
             canvas[box] = behind[box]
             if dark is not None and lit is not None:
                 dark[box] = lit.total[box]
         touched.clear()
-        rgb = stage.background.copy()
+        rgb = empty.copy()
         ids = np.zeros(rgb.shape[:2], np.uint16)
         pictures: list[tuple[int, Placement, F32, F32]] = []
         changed: list[Slices] = []
-        for k, sprite in enumerate(stage.sprites):
-            start, pose = Pose(*centers[sprite.body].tolist()), trajectory.pose(index, sprite.body)
-            where = placed(sprite, start, pose, size, None if turns is None else turns[index, sprite.body])
-            coverage = None
+        for stand in stands:
+            sprite, where, coverage = stage.sprites[stand.k], stand.where, None
             if where is not None:
                 light, coverage = drawn(sprite, where)
                 pictures.append((sprite.body, where, light, coverage))
-            if lit is not None and dark is not None and start != pose:
-                changed += _cast(stage, lit, dark, k, where, coverage, pose, start)
+            if lit is not None and dark is not None and stand.start != stand.pose:
+                changed += darken(dark, stage, lit, stand, coverage)
         if lit is not None and dark is not None:
             for box in (relit := union(changed, size)):
                 canvas[box] = shaded(lit.plate[box], dark[box], lit.tint)
@@ -117,21 +141,16 @@ def render_frames(stage: Stage, trajectory: Trajectory) -> Iterator[Frame]:
             touched.append(where.box)
         for box in union(touched, size):
             rgb[box] = encode_u8(canvas[box])
-        yield Frame(index, float(time), rgb, ids)
+        yield Frame(index, time, rgb, ids)
 
 
-def _cast(
-    stage: Stage,
-    lit: Lit,
-    dark: F32,
-    k: int,
-    where: Placement | None,
-    coverage: F32 | None,
-    pose: Pose,
-    start: Pose,
-) -> list[Slices]:
-    """Take the photo's shadow of sprite k away and put today's in its place; returns where anything changed."""
+def darken(dark: F32, stage: Stage, lit: Lit, stand: Stand, coverage: F32 | None) -> list[Slices]:
+    """Take the photo's shadow of a sprite out of `dark` (H, W) and put today's in; returns where anything changed.
+
+    `coverage` (h, w) is the sprite's on its placement's box; a shadow that slides does not need it.
+    """
     boxes = []
+    k, start, pose, where = stand.k, stand.start, stand.pose, stand.where
     if (whole := lit.casts[k].whole) is not None:
         (x0, y0, x1, y1), was = whole
         dark[y0:y1, x0:x1] -= was

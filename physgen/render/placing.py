@@ -113,6 +113,19 @@ def drawn(sprite: Sprite, where: Placement) -> tuple[F32, F32]:
     return light, np.asarray(coverage, np.float32)
 
 
+def covered(sprite: Sprite, where: Placement) -> F32:
+    """(h, w) the coverage of `drawn` alone."""
+    if where.own is not None:
+        return sprite.coverage[where.own]
+    assert where.matrix is not None
+    rows, columns = where.box
+    size = (columns.stop - columns.start, rows.stop - rows.start)
+    warped = cv2.warpAffine(
+        sprite.fine_coverage, 2 * where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(np.clip(warped, 0.0, 1.0), np.float32)
+
+
 def thrice(values: F32) -> F32:
     """(h, w) -> (h, w, 3): a picture's own shape, which NumPy multiplies far faster than it broadcasts."""
     return np.asarray(cv2.merge((values, values, values)), np.float32)
