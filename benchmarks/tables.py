@@ -23,6 +23,7 @@ def page() -> str:
     ]
     for name, table in (
         ("render", _render),
+        ("device", _device),
         ("start", _start),
         ("check", _check),
         ("growth", _growth),
@@ -140,6 +141,24 @@ def _render(rows: list[dict]) -> list[str]:
         *_table(["scene", "objects", "frames", *STAGES, "wall", "MiB"], body),
         "",
         f"Memory from the fewest to the most frames: {', '.join(growth)}.",
+    ]
+
+
+def _device(rows: list[dict]) -> list[str]:
+    ways = ("opencv", "torch", "cuda", "left")
+    body = [
+        [r["scene"], r["frames"], *("not measured" if r[w] is None else f"{r[w]:.1f}" for w in ways)]
+        for r in rows
+    ]
+    return [
+        "## What draws",
+        "",
+        "Milliseconds a frame, the least of four runs, without encoding. The last column is what the processor does",
+        "under `--device cuda` too: poses, and how dark every shadow is.",
+        "",
+        *_table(
+            ["scene", "frames", "OpenCV", "torch, one core", "torch, CUDA", "left to the processor"], body
+        ),
     ]
 
 

@@ -234,12 +234,31 @@ def filled(
     return coverage, backends.make("inpaint")(maps.rgb, coverage > 0)
 
 
-def render(drawn: Stage, trajectory: Trajectory, parts: int = 1) -> Iterator[Frame]:
-    """Frames, one at a time; each the mean of `parts` samples, in linear light."""
+def render(drawn: Stage, trajectory: Trajectory, parts: int = 1, device: str = "cpu") -> Iterator[Frame]:
+    """Frames, one at a time; each the mean of `parts` samples, in linear light.
+
+    On a `device` other than the processor (`cuda`, `cuda:1`) torch draws them, the same within 1 grey level.
+    """
+    if device != "cpu":
+        from physgen.render.backends.torch_frames import render_frames_torch
+
+        return render_frames_torch(drawn, trajectory, device, parts=parts)
     from physgen.render.frames import render_frames
     from physgen.render.shutter import exposed
 
     return exposed(render_frames(drawn, trajectory), parts)
+
+
+def drawn_by(device: str) -> str:
+    """What draws frames on `device`, for the manifest. Raises InputError where it, or torch, is not there."""
+    if device == "cpu":
+        return device
+    try:
+        from physgen.render.backends.torch_frames import title
+    except ModuleNotFoundError as error:
+        found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
+        raise InputError.of("--device", f'"{device}"', found, fix) from error
+    return title(device)
 
 
 def render_scene(
@@ -252,12 +271,13 @@ def render_scene(
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
     ask_chaos: bool = False,
+    device: str = "cpu",
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
-    `ask_chaos` runs the scene's neighbours too, for the report. Raises InputError.
+    `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. Raises InputError.
     """
     from physgen.render.shutter import shutter
     from physgen.report.folder import output_folder, whole_folder
@@ -269,6 +289,7 @@ def render_scene(
 
     record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
     record.overrides, record.variant = list(overrides), variant
+    record.device = drawn_by(device)
     with record.stage("load"):
         scene = load(path, overrides, variant, allow_outside)
         scene = replace(scene, name=output_name(path, variant))
@@ -320,7 +341,7 @@ def render_scene(
                 writers = [
                     files.enter_context(open_video(folder, k, scene.size, scene.render.fps)) for k in kinds
                 ]
-            frames = render(drawn, fine, parts)
+            frames = render(drawn, fine, parts, device)
             for index in range(len(trajectory.times)):
                 with record.stage("render", time.thread_time):
                     frame = next(frames)

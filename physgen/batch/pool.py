@@ -30,6 +30,7 @@ class Job:
     formats: tuple[Format, ...]
     command: tuple[str, ...]
     chaos: bool = False
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             formats=job.formats,
             command=job.command,
             ask_chaos=job.chaos,
+            device=job.device,
             progress=progress,
             warn=warnings.append,
         )
