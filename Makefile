@@ -4,6 +4,7 @@
 PYTHON ?= python3
 BIN = .venv/bin
 OUT = out/demo
+TORCH = torch==2.13.0
 
 .PHONY: demo test docs bench studio clean
 
@@ -42,7 +43,10 @@ studio: .venv/.studio
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
+# torch first and by itself. PyPI's for Linux brings CUDA along, some GB: without a GPU,
+# make test TORCH="torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu" takes 190 MB
 .venv/.test: .venv/.python pyproject.toml
+	$(BIN)/python -m pip install --quiet $(TORCH)
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
 	@touch $@ .venv/.demo
 

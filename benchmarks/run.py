@@ -5,6 +5,7 @@
     python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
     python benchmarks/run.py rivals          # the same rows in other engines, beside ours; some minutes
     python benchmarks/run.py fidelity        # frames against the studio's truth videos, and docs/fidelity.md
+    python benchmarks/run.py device          # what draws frames: OpenCV, torch on the processor, torch on a GPU if any
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -19,6 +20,9 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
+from collections import deque
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -41,6 +45,7 @@ from physgen.perceive.scene import perceive
 from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_image
 from physgen.photometry import decode, luminance
+from physgen.render.frames import Stage
 from physgen.simulate.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -85,6 +90,39 @@ def render(folder: Path) -> list[dict]:
                     "video_kib": round((run / "video.mp4").stat().st_size / 1024),
                 }
             )
+    return rows
+
+
+def device(folder: Path) -> list[dict]:
+    """Milliseconds a frame by what draws it, the least of four runs; None where there is no GPU."""
+    import torch
+
+    from physgen.render.backends.torch_frames import Canvas, render_frames_torch
+    from physgen.render.frames import planned
+
+    torch.set_num_threads(1)  # where others work too, its threads wait for each other
+
+    def left(stage: Stage, trajectory: Trajectory) -> np.ndarray:
+        return Canvas(stage, torch.device("cpu")).darkness([s for _, s in planned(stage, trajectory)])
+
+    ways = {"opencv": pipeline.render, "torch": partial(render_frames_torch, device="cpu"), "left": left}
+    if torch.cuda.is_available():
+        ways["cuda"] = partial(render_frames_torch, device="cuda")
+    rows = []
+    for name in BUNDLED:
+        scene = pipeline.load(ROOT / "scenes" / name / "scene.yaml")
+        maps = pipeline.percepts(scene)
+        compiled = pipeline.compile(scene, maps)
+        stage, trajectory = pipeline.stage(scene, compiled, maps), pipeline.simulate(compiled.world)
+        row = {"scene": name, "frames": len(trajectory.times), "cuda": None}
+        for way, draw in ways.items():
+            times = []
+            for _ in range(4):
+                before = time.perf_counter()
+                deque(draw(stage, trajectory), 0)
+                times.append(time.perf_counter() - before)
+            row[way] = round(1000 * min(times) / len(trajectory.times), 1)
+        rows.append(row)
     return rows
 
 
@@ -287,6 +325,7 @@ def encoder(folder: Path) -> list[dict]:
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
+PARTS |= {"device": device}
 
 
 def main(names: list[str]) -> None:

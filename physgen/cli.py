@@ -183,6 +183,7 @@ def render(options: argparse.Namespace) -> int:
             formats,
             tuple(options.command_line),
             options.chaos,
+            options.device,
         )
         for path in options.scenes
         for variant in _variants(path, options)

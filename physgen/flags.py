@@ -11,6 +11,7 @@ from physgen.problems import InputError
 
 WRONG_INPUT = 2
 FORMATS = ("mp4", "gif", "webp", "png")
+DEVICES = ("cpu", "cuda")
 
 
 class Parser(argparse.ArgumentParser):
@@ -176,6 +177,12 @@ def build_parser() -> argparse.ArgumentParser:
         "--chaos",
         action="store_true",
         help="tell in the report how long the motion can be foretold; see simulate",
+    )
+    sub.add_argument(
+        "--device",
+        choices=DEVICES,
+        default="cpu",
+        help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
     )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)

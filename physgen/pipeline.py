@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -259,22 +260,44 @@ def shot(scene: Scene, trajectory: Trajectory) -> Shot:
 
 
 def render(
-    drawn: Stage, trajectory: Trajectory, parts: int = 1, through: Shot | None = None
+    drawn: Stage,
+    trajectory: Trajectory,
+    parts: int = 1,
+    through: Shot | None = None,
+    device: str = "cpu",
 ) -> Iterator[Frame]:
     """Frames, one at a time; each the mean of `parts` samples, in linear light.
 
-    `through` is a shot: without one, all of the canvas is seen and played forward.
+    `through` is a shot: without one, all of the canvas is seen and played forward. On a `device` other than the
+    processor (`cuda`, `cuda:1`) torch draws them, the same within 1 grey level.
     """
-    from physgen.render.frames import render_frames
     from physgen.render.shot import filmed
     from physgen.render.shutter import exposed
 
+    if device == "cpu":
+        from physgen.render.frames import render_frames
+    else:
+        from physgen.render.backends.torch_frames import render_frames_torch
+
+        render_frames = partial(render_frames_torch, device=device)
     if through is None:
         return render_frames(drawn, trajectory, parts=parts)
     samples = through.samples(parts)
     if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
         return exposed(filmed(render_frames(drawn, trajectory, samples), through, drawn.scale), parts)
     return filmed(render_frames(drawn, trajectory, samples, parts), through, drawn.scale)
+
+
+def drawn_by(device: str) -> str:
+    """What draws frames on `device`, for the manifest. Raises InputError where it, or torch, is not there."""
+    if device == "cpu":
+        return device
+    try:
+        from physgen.render.backends.torch_frames import title
+    except ModuleNotFoundError as error:
+        found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
+        raise InputError.of("--device", f'"{device}"', found, fix) from error
+    return title(device)
 
 
 def render_scene(
@@ -287,12 +310,13 @@ def render_scene(
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
     ask_chaos: bool = False,
+    device: str = "cpu",
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
-    `ask_chaos` runs the scene's neighbours too, for the report. Raises InputError.
+    `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. Raises InputError.
     """
     from physgen.render.shutter import shutter
     from physgen.report.folder import output_folder, whole_folder
@@ -304,6 +328,7 @@ def render_scene(
 
     record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
     record.overrides, record.variant = list(overrides), variant
+    record.device = drawn_by(device)
     with record.stage("load"):
         scene = load(path, overrides, variant, allow_outside)
         scene = replace(scene, name=output_name(path, variant))
@@ -357,7 +382,7 @@ def render_scene(
                 writers = [
                     files.enter_context(open_video(folder, k, take.video, scene.render.fps)) for k in kinds
                 ]
-            frames = render(drawn, fine, parts, take)
+            frames = render(drawn, fine, parts, take, device)
             if scene.render.overlay:
                 from physgen.render.overlay import annotated
 

@@ -31,6 +31,7 @@ class Job:
     formats: tuple[Format, ...]
     command: tuple[str, ...]
     chaos: bool = False
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             formats=job.formats,
             command=job.command,
             ask_chaos=job.chaos,
+            device=job.device,
             progress=progress,
             warn=warnings.append,
         )

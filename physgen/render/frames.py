@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from physgen.render.placing import HOW, Placement, Slices, drawn, placed, thrice
 from physgen.render.sprites import Sprite
 from physgen.render.tiles import union
 from physgen.render.veils import reaching, veil
-from physgen.shadow import Setting, Silhouette
+from physgen.shadow import Silhouette
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
 
@@ -75,18 +76,28 @@ class Stage:
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
 
 
+@dataclass(frozen=True)
+class Stand:
+    """How a sprite stands in a frame."""
+
+    k: int
+    """Index into the stage's sprites."""
+    start: Pose
+    pose: Pose
+    where: Placement | None
+    """None: out of the picture."""
+
+
 @dataclass
 class Picture:
     """What a frame shows of one sprite."""
 
-    sprite: int
+    stand: Stand
     where: Placement
     light: F32
     """(h, w, 3) linear, times coverage."""
     coverage: F32
     """(h, w)."""
-    figure: Silhouette | None
-    """The same as light sees it, where there is `Stage.lit`."""
 
 
 def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
@@ -100,6 +111,25 @@ def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | N
     return min(rows, default=None)
 
 
+def planned(
+    stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None
+) -> Iterator[tuple[float, list[Stand]]]:
+    """Time, s, of each sample in its `order` and how every sprite stands then: geometry alone."""
+    if stage.scale != 1.0:
+        trajectory = replace(trajectory, poses=_enlarged(trajectory.poses, stage.scale))
+    size = (stage.background.shape[1], stage.background.shape[0])
+    starts = [Pose(*pose) for pose in trajectory.poses[0].tolist()] if len(trajectory.poses) else []
+    turns = in_space(trajectory.turns) if trajectory.turns.size else None
+    for sample in range(len(trajectory.times)) if order is None else order:
+        poses = [Pose(*pose) for pose in trajectory.poses[sample].tolist()]
+        stands = []
+        for k, sprite in enumerate(stage.sprites):
+            start, pose = starts[sprite.body], poses[sprite.body]
+            space = None if turns is None else turns[sample, sprite.body]
+            stands.append(Stand(k, start, pose, placed(sprite, start, pose, size, space)))
+        yield float(trajectory.times[sample]), stands
+
+
 def render_frames(
     stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None, parts: int = 1
 ) -> Iterator[Frame]:
@@ -109,78 +139,82 @@ def render_frames(
     warped, and only touched pixels are encoded again. What a frame shows does not depend on those before it; the
     photo's own poses are those of sample 0.
     """
-    if stage.scale != 1.0:
-        trajectory = replace(trajectory, poses=_enlarged(trajectory.poses, stage.scale))
     size = (stage.background.shape[1], stage.background.shape[0])
     behind = decode(stage.background) if stage.lit is None else stage.lit.behind()
-    samples = list(range(len(trajectory.times)) if order is None else order)
-    drawings = _drawings(stage, trajectory, samples, behind)
+    empty = encode_u8(behind)
+    drawings = _drawings(stage, planned(stage, trajectory, order), behind)
     more = np.zeros_like(behind) if parts > 1 else None
-    for index, sample in enumerate(samples[parts - 1 :: parts]):
-        seen: list[Slices] = []
-        for _ in range(parts):
-            canvas, ids, touched = next(drawings)
-            boxes = union(touched, size)
-            seen += boxes
-            if more is not None:
-                for box in boxes:
-                    more[box] += canvas[box] - behind[box]
-        rgb = stage.background.copy()
-        for box in boxes if more is None else union(seen, size):
-            if more is None:
+    index = 0
+    while group := list(islice(_boxed(drawings, behind, more, size), parts)):
+        time, canvas, ids, boxes = group[-1]
+        rgb = empty.copy()
+        if more is None:
+            for box in boxes:
                 rgb[box] = encode_u8(canvas[box])
-            else:
+        else:
+            for box in union([box for drawing in group for box in drawing[3]], size):
                 rgb[box] = encode_u8(behind[box] + more[box] / np.float32(parts))
                 more[box] = 0
-        yield Frame(index, float(trajectory.times[sample]), rgb, ids)
+        yield Frame(index, time, rgb, ids)
+        index += 1
+
+
+def _boxed(
+    drawings: Iterator[tuple[float, F32, U16, list[Slices]]],
+    behind: F32,
+    more: F32 | None,
+    size: tuple[int, int],
+) -> Iterator[tuple[float, F32, U16, list[Slices]]]:
+    """The same with boxes that do not overlap; what is there beyond `behind` is added to `more`."""
+    for time, canvas, ids, touched in drawings:
+        boxes = union(touched, size)
+        if more is not None:
+            for box in boxes:
+                more[box] += canvas[box] - behind[box]
+        yield time, canvas, ids, boxes
 
 
 def _drawings(
-    stage: Stage, trajectory: Trajectory, samples: Sequence[int], behind: F32
-) -> Iterator[tuple[F32, U16, list[Slices]]]:
-    """Linear light (H, W, 3), ids (H, W) and where they are not `behind`, of each sample; the light is overwritten."""
+    stage: Stage, moments: Iterable[tuple[float, list[Stand]]], behind: F32
+) -> Iterator[tuple[float, F32, U16, list[Slices]]]:
+    """Time, light (H, W, 3), ids (H, W) and where they are not `behind`, of each moment; the light is overwritten."""
     lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
-    starts = [Pose(*pose) for pose in trajectory.poses[0].tolist()] if len(trajectory.poses) else []
-    turns = in_space(trajectory.turns) if trajectory.turns.size else None
     dark = None if lit is None else lit.total.copy()
     canvas: F32 = behind.copy()
     touched: list[Slices] = []
-    for sample in samples:
+    for time, stands in moments:
         for box in touched:
             canvas[box] = behind[box]
             if dark is not None and lit is not None:
                 dark[box] = lit.total[box]
         touched = []
         ids = np.zeros(behind.shape[:2], np.uint16)
-        pictures: list[Picture] = []
-        changed: list[Slices] = []
-        poses = [Pose(*pose) for pose in trajectory.poses[sample].tolist()]
-        for k, sprite in enumerate(stage.sprites):
-            start, pose = starts[sprite.body], poses[sprite.body]
-            where = placed(sprite, start, pose, size, None if turns is None else turns[sample, sprite.body])
-            now = None
-            if where is not None:
-                light, coverage = drawn(sprite, where, stage.supersample)
-                if lit is not None:
-                    corner = (where.box[1].start, where.box[0].start)
-                    now = silhouette(stage.grounds, coverage, corner, pose, stage.actors[k])
-                pictures.append(Picture(k, where, light, coverage, now))
-            if lit is not None and dark is not None and start != pose:
-                changed += _cast(lit, dark, k, now, start, pose)
-        if lit is not None and stage.veils is not None and changed:
-            _veil(stage, stage.veils, lit.setting, pictures)
+        pictures = [
+            Picture(stand, stand.where, *drawn(stage.sprites[stand.k], stand.where, stage.supersample))
+            for stand in stands
+            if stand.where is not None
+        ]
         if lit is not None and dark is not None:
+            figures = {p.stand.k: figured(stage, p.stand, p.where, p.coverage) for p in pictures}
+            changed: list[Slices] = []
+            for stand in stands:
+                if stand.start != stand.pose:
+                    changed += darken(dark, lit, stand, figures.get(stand.k))
             for box in (relit := union(changed, size)):
                 canvas[box] = shaded(lit.plate[box], dark[box], lit.tint)
             touched += relit
-        for seen in pictures:
-            box, body = seen.where.box, stage.sprites[seen.sprite].body
+            factors = veiled(stage, [p.stand for p in pictures], figures) if changed else {}
+            for picture in pictures:
+                if (factor := factors.get(picture.stand.k)) is not None:
+                    picture.light = picture.light * thrice(factor)
+        for picture in pictures:
+            box, body = picture.where.box, stage.sprites[picture.stand.k].body
             under = canvas[box]
-            cv2.multiply(under, thrice(1 - seen.coverage), dst=under)
-            cv2.add(under, seen.light, dst=under)
-            np.copyto(ids[box], np.uint16(body + 1), where=seen.coverage >= 0.5)
+            cv2.multiply(under, thrice(1 - picture.coverage), dst=under)
+            cv2.add(under, picture.light, dst=under)
+            np.copyto(ids[box], np.uint16(body + 1), where=picture.coverage >= 0.5)
             touched.append(box)
-        yield canvas, ids, touched
+        yield time, canvas, ids, touched
 
 
 def _enlarged(poses: Array, scale: float) -> Array:
@@ -188,48 +222,62 @@ def _enlarged(poses: Array, scale: float) -> Array:
     return np.concatenate([(poses[..., :2] + 0.5) * scale - 0.5, poses[..., 2:]], axis=-1)
 
 
-def _cast(lit: Lit, dark: F32, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[Slices]:
-    """Take the photo's shadow of sprite k away and put today's in its place; returns where anything changed."""
+def figured(stage: Stage, stand: Stand, where: Placement, coverage: F32) -> Silhouette:
+    """A sprite as light sees it; `coverage` (h, w) is on its placement's box."""
+    corner = (where.box[1].start, where.box[0].start)
+    return silhouette(stage.grounds, coverage, corner, stand.pose, stage.actors[stand.k])
+
+
+def darken(dark: F32, lit: Lit, stand: Stand, now: Silhouette | None) -> list[Slices]:
+    """Take the photo's shadow of a sprite out of `dark` (H, W) and put today's in; returns where anything changed.
+
+    A shadow that slides does not ask how the sprite looks `now`.
+    """
     boxes = []
-    if (whole := lit.casts[k].whole) is not None:
+    if (whole := lit.casts[stand.k].whole) is not None:
         (x0, y0, x1, y1), was = whole
         dark[y0:y1, x0:x1] -= was
         boxes.append(np.s_[y0:y1, x0:x1])
-    for (x0, y0, x1, y1), more in lit.moved(k, now, start, pose):
+    for (x0, y0, x1, y1), more in lit.moved(stand.k, now, stand.start, stand.pose):
         dark[y0:y1, x0:x1] += more
         boxes.append(np.s_[y0:y1, x0:x1])
     return boxes
 
 
-def _veil(stage: Stage, veils: Sequence[F32 | None], setting: Setting, pictures: Sequence[Picture]) -> None:
-    """Take from each picture the shadows that others threw on it in the photo, and throw today's."""
-    figures = [p.figure for p in pictures if p.figure is not None]
-    moved = np.array([p.where.own is None for p in pictures])
-    near = reaching(figures, setting)
-    for k, seen in enumerate(pictures):
-        before = veils[seen.sprite]
+def veiled(stage: Stage, stands: Sequence[Stand], figures: Mapping[int, Silhouette]) -> dict[int, F32]:
+    """(h, w) by which light is multiplied on the box of each sprite whose shadows by others differ from the photo's.
+
+    Those of the photo are taken from it, and today's thrown; `stands` are in the picture.
+    """
+    if stage.veils is None or stage.lit is None:
+        return {}
+    there = [figures[stand.k] for stand in stands]
+    moved = np.array([stand.where is None or stand.where.own is None for stand in stands])
+    near = reaching(there, stage.lit.setting)
+    found: dict[int, F32] = {}
+    for k, stand in enumerate(stands):
+        before, where = stage.veils[stand.k], stand.where
         others = np.flatnonzero(near[k])
-        if not moved[k] and before is None and not moved[others].any():
+        if where is None or (not moved[k] and before is None and not moved[others].any()):
             continue
-        sprite, share = stage.sprites[seen.sprite], stage.actors[seen.sprite].veiled
-        now = (
-            veil(figures[k], [figures[other] for other in others], setting) if len(others) and share else None
-        )
+        sprite, share = stage.sprites[stand.k], stage.actors[stand.k].veiled
+        now = None
+        if len(others) and share:
+            now = veil(there[k], [there[other] for other in others], stage.lit.setting)
         then: F32 | None = None
-        if before is not None and seen.where.own is not None:
-            then = before[seen.where.own]
-        elif before is not None and sprite.ball is None and seen.where.matrix is not None:
-            size = seen.coverage.shape[::-1]
-            there = cv2.warpAffine(
-                before, seen.where.matrix, size, flags=HOW, borderMode=cv2.BORDER_REPLICATE
-            )
-            then = np.asarray(there, np.float32)
+        if before is not None and where.own is not None:
+            then = before[where.own]
+        elif before is not None and sprite.ball is None and where.matrix is not None:
+            size = there[k].coverage.shape[::-1]
+            old = cv2.warpAffine(before, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_REPLICATE)
+            then = np.asarray(old, np.float32)
         if now is None and then is None:
             continue
-        more = np.zeros_like(seen.coverage) if then is None else then
+        more = np.zeros_like(there[k].coverage) if then is None else then
         if now is not None:
             more = more - np.float32(share) * now
-        seen.light = seen.light * thrice(np.asarray(cv2.exp(more), np.float32))
+        found[stand.k] = np.asarray(cv2.exp(more), np.float32)
+    return found
 
 
 def silhouette(

@@ -132,6 +132,19 @@ def drawn(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32]:
     return light, np.asarray(coverage, np.float32)
 
 
+def covered(sprite: Sprite, where: Placement) -> F32:
+    """(h, w) the coverage of `drawn` alone."""
+    if where.own is not None:
+        return sprite.coverage[where.own]
+    assert where.matrix is not None
+    rows, columns = where.box
+    size = (columns.stop - columns.start, rows.stop - rows.start)
+    warped = cv2.warpAffine(
+        sprite.fine_coverage, 2 * where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(np.clip(warped, 0.0, 1.0), np.float32)
+
+
 def _finer(matrix: Array, fine: int) -> Array:
     """(2, 3) from the pixels of a grid `fine` times as fine, where `matrix` is from the pixels."""
     into = np.array([[1, 0, 0.5 - fine / 2], [0, 1, 0.5 - fine / 2], [0, 0, fine]]) / fine

@@ -94,6 +94,11 @@ class Sprite:
         still = self.ball.gloss * self.coverage[..., None]
         return _halved(_halved(np.dstack([still, self.coverage]), 0), 1)
 
+    @cached_property
+    def fine_coverage(self) -> F32:
+        """(2h - 1, 2w - 1): the coverage of `fine` alone."""
+        return _halved(_halved(self.coverage, 0), 1)
+
 
 def _halved(values: F32, axis: int) -> F32:
     """Samples at half steps along an axis, by Lanczos' kernel of three lobes; the ends are far from any light.

@@ -63,6 +63,8 @@ class RunRecord:
     """What the engine did; see `simulate.trajectory.Effort`."""
     imbalance: float = 0.0
     """Part of the energy that the books miss; see `Trajectory.imbalance`."""
+    device: str = "cpu"
+    """What drew the frames: the processor, or a GPU and the torch that it was told by."""
     chaos: dict[str, Any] | None = None
     """See `simulate.chaos.Chaos.as_dict`; None where it was not asked for."""
 
@@ -87,6 +89,7 @@ class RunRecord:
             "overrides": self.overrides,
             "versions": versions(),
             "platform": {"machine": platform.machine(), "system": platform.system()},
+            "device": self.device,
             "inputs": self.inputs,
             "seeds": self.seeds,
             "effort": self.effort,
