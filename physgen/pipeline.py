@@ -399,7 +399,7 @@ def render_scene(
                         frame = next(frames)
                         record.frames.append(frame_hash(frame.rgb))
                     if index == 0:
-                        first = frame.rgb
+                        first = frame.rgb.copy()  # it may be one of a batch
                     with record.stage("encode"):
                         write(frame.rgb)
                     progress("render", index + 1, len(take.order))
@@ -411,7 +411,9 @@ def render_scene(
             trajectory.save(folder / "trajectory.npz")
             video = next((kind.file for kind in kinds if kind is not Format.PNG), "frames/00000.png")
             text = scene_text(scene.document)
-            if not take.opens_on_photo:  # which outlines and forces are drawn on, wherever the camera looks
+            if (
+                scene.render.overlay or not take.opens_on_photo
+            ):  # outlines and forces are drawn on the photo itself
                 first = next(render(drawn, trajectory)).rgb
             page = report_page(scene, compiled.world, record, first, video, text)
             (folder / "report.html").write_text(page, encoding="utf-8")

@@ -247,7 +247,12 @@ def evaluate(
             )
     found = means(rows)
     better = ahead(found)
-    return {"rows": rows, "means": found, "ahead": better, "passed": better is None or better >= BAR}
+    return {
+        "rows": rows,
+        "means": found,
+        "ahead": better,
+        "passed": None if better is None else better >= BAR,
+    }
 
 
 def ahead(found: Sequence[Mapping[str, Any]]) -> float | None:

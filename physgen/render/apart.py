@@ -56,7 +56,9 @@ def take_apart(
         casts = [
             Cast(s, step, None, nothing, None, r) for s, step, r in zip(starts, steps, rounds, strict=True)
         ]
-        return Lit(setting, lit, np.ones(3, np.float32), np.zeros(lit.shape[:2], np.float32), casts)
+        return Lit(
+            setting, lit, np.ones(3, np.float32), np.zeros(lit.shape[:2], np.float32), casts, lifted=False
+        )
     bare = decode(clean)
     dark = _log(luminance(bare)) - _log(luminance(lit))
     np.clip(dark, -0.5, DEEPEST, out=dark)

@@ -42,7 +42,7 @@ GLOSS_COSINE = 0.80
 
 @dataclass(frozen=True)
 class Ball:
-    """What is seen of a sphere, on a square box of pixels around its centre."""
+    """What is seen of a sphere, on its sprite's box: of one that is cut or hidden, its centre may lie outside."""
 
     corner: tuple[int, int]
     """Photo column and row of the box's first pixel."""
@@ -208,6 +208,8 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     core &= dimmest > 1.5 * beneath.min(axis=2) + 0.05
     # a white stripe is as white elsewhere on the ball; a highlight outshines all of it
     paint = dimmest / shading(light, u, v, z)
+    if near.all():  # nothing beside it to outshine
+        return np.zeros_like(colour)
     core &= paint > OUTSHINES * np.percentile(paint[~near], 97)
     count, names, boxes, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
     for k in range(1, count):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physgen.geometry import Pose
 from physgen.photometry import decode, encode_u8
 from physgen.render.lit import Lit, shaded
-from physgen.render.placing import HOW, Placement, Slices, drawn, placed, thrice
+from physgen.render.placing import HOW, Placement, Slices, covered, drawn, placed, thrice
 from physgen.render.sprites import Sprite
 from physgen.render.tiles import union
 from physgen.render.veils import reaching, veil
@@ -136,7 +136,7 @@ def render_frames(
     """Frames of the trajectory's samples in their `order`, all one after the other unless given.
 
     Each is the mean of the light of `parts` samples, with the time and the ids of the last. Each object's own box is
-    warped, and only touched pixels are encoded again. What a frame shows does not depend on those before it; the
+    warped, and only touched tiles are encoded again. What a frame shows does not depend on those before it; the
     photo's own poses are those of sample 0.
     """
     size = (stage.background.shape[1], stage.background.shape[0])
@@ -145,7 +145,7 @@ def render_frames(
     drawings = _drawings(stage, planned(stage, trajectory, order), behind)
     more = np.zeros_like(behind) if parts > 1 else None
     index = 0
-    while group := list(islice(_boxed(drawings, behind, more, size), parts)):
+    while group := list(islice(_parted(drawings, behind, more, size), parts)):
         time, canvas, ids, boxes = group[-1]
         rgb = empty.copy()
         if more is None:
@@ -159,7 +159,7 @@ def render_frames(
         index += 1
 
 
-def _boxed(
+def _parted(
     drawings: Iterator[tuple[float, F32, U16, list[Slices]]],
     behind: F32,
     more: F32 | None,
@@ -195,7 +195,10 @@ def _drawings(
             if stand.where is not None
         ]
         if lit is not None and dark is not None:
-            figures = {p.stand.k: figured(stage, p.stand, p.where, p.coverage) for p in pictures}
+            figures = {}
+            for p in pictures:  # shadows do not ask how finely a thing is drawn
+                cover = p.coverage if stage.supersample == 1 else covered(stage.sprites[p.stand.k], p.where)
+                figures[p.stand.k] = figured(stage, p.stand, p.where, cover)
             changed: list[Slices] = []
             for stand in stands:
                 if stand.start != stand.pose:
@@ -203,7 +206,7 @@ def _drawings(
             for box in (relit := union(changed, size)):
                 canvas[box] = shaded(lit.plate[box], dark[box], lit.tint)
             touched += relit
-            factors = veiled(stage, [p.stand for p in pictures], figures) if changed else {}
+            factors = veiled(stage, [p.stand for p in pictures], figures)
             for picture in pictures:
                 if (factor := factors.get(picture.stand.k)) is not None:
                     picture.light = picture.light * thrice(factor)
@@ -251,18 +254,20 @@ def veiled(stage: Stage, stands: Sequence[Stand], figures: Mapping[int, Silhouet
     """
     if stage.veils is None or stage.lit is None:
         return {}
-    there = [figures[stand.k] for stand in stands]
     moved = np.array([stand.where is None or stand.where.own is None for stand in stands])
+    if not moved.any():
+        return {}
+    there = [figures[stand.k] for stand in stands]
     near = reaching(there, stage.lit.setting)
     found: dict[int, F32] = {}
     for k, stand in enumerate(stands):
         before, where = stage.veils[stand.k], stand.where
-        others = np.flatnonzero(near[k])
+        others = near.get(k, [])
         if where is None or (not moved[k] and before is None and not moved[others].any()):
             continue
         sprite, share = stage.sprites[stand.k], stage.actors[stand.k].veiled
         now = None
-        if len(others) and share:
+        if others and share:
             now = veil(there[k], [there[other] for other in others], stage.lit.setting)
         then: F32 | None = None
         if before is not None and where.own is not None:

@@ -21,6 +21,8 @@ U8 = NDArray[np.uint8]
 
 LIFT = 0.25
 """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
+COMES = 0.5
+"""Of an object's size: moved by as much, it has mostly left an old shadow that nobody could lift."""
 FLIES = 1.2
 """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
 TURN = 0.35
@@ -56,6 +58,8 @@ class Lit:
     total: F32
     """(H, W): -log of the light left at t = 0, of all objects."""
     casts: Sequence[Cast]
+    lifted: bool = True
+    """Whether anybody has taken the photo's shadows apart from the background."""
 
     def behind(self) -> F32:
         """(H, W, 3) linear: the background at t = 0."""
@@ -72,7 +76,13 @@ class Lit:
         if now is None:
             return found
         if (dark := foretold(now, self.setting, cast.step)) is not None:
-            found.append(dark)
+            box, picture = dark
+            if not self.lifted:  # the photo's shadow is still there: today's comes as it is left behind
+                away = np.hypot(pose.x - start.x, pose.y - start.y) / (
+                    COMES * max(min(now.coverage.shape), 1)
+                )
+                picture = picture * np.float32(1 - np.exp(-(away**2)))
+            found.append((box, picture))
         strength, shift = self._kept(cast, now, pose.angle - start.angle)
         if strength > 0.02:
             (x0, y0, _, _), own = cast.own

@@ -73,8 +73,8 @@ def staged(
     if scene.render.shadows and maps.clean is not None:  # a light that somebody has seen shadows of
         near = reaching(starts, setting)
         veils = [
-            veil(start, [starts[k] for k in np.flatnonzero(row)], setting) if row.any() else None
-            for start, row in zip(starts, near, strict=True)
+            veil(start, [starts[other] for other in near[k]], setting) if k in near else None
+            for k, start in enumerate(starts)
         ]
         shares = [
             1.0 if before is None else seen_share(sprite, actor, start, before, light)
@@ -96,7 +96,7 @@ def staged(
         if maps.normals is not None:
             sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
     if not scene.render.shadows:
-        return Stage(background, sprites)
+        return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
     lit = take_apart(background, maps.clean, coverage, starts, rounds, setting)
     sprites = anchored(sprites, decode(maps.rgb), lit.behind(), absent)
@@ -174,10 +174,12 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
     away = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
     if sprite.coverage[away > body.radius + 2].sum() <= STRAY * sprite.coverage.sum():
         return [(sprite, False)]
+    # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
     within = np.clip(body.radius + 1 - away, 0, 1).astype(np.float32)
+    beyond = np.clip(away - body.radius + 1, 0, 1).astype(np.float32)
     return [
         (replace(sprite, light=sprite.light * part[..., None], coverage=sprite.coverage * part), loose)
-        for part, loose in ((1 - within, True), (within, False))
+        for part, loose in ((beyond, True), (within, False))
     ]
 
 

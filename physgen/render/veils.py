@@ -7,13 +7,13 @@ A point of one thing's face loses its direct light where the way to the light me
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, radians, tan
+from math import hypot, radians, sqrt, tan
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.shadow import FARTHEST, LOWEST, Setting, Silhouette
+from physgen.shadow import FARTHEST, LOWEST, Box, Setting, Silhouette
 
 F32 = NDArray[np.float32]
 
@@ -37,31 +37,56 @@ def face(thing: Silhouette, top: bool) -> float:
     return middle(thing, top) + (thing.thick / 2 if thing.radius is None else thing.radius)
 
 
-def reaching(figures: Sequence[Silhouette], setting: Setting) -> NDArray[np.bool_]:
-    """(N, N): whether the shadow of the second may fall on the face of the first, by their boxes."""
+def reaching(figures: Sequence[Silhouette], setting: Setting) -> dict[int, list[int]]:
+    """Of each thing on whose face others' shadows may fall, the others: by their boxes, of balls by their distance.
+
+    Things are met in the order of their left ends, so that few pairs are looked at where things are far apart.
+    """
+    lx, _, lz = setting.light.direction
+    soft = tan(radians(min(setting.softness, 60.0)))
+    high = [face(figure, setting.top) for figure in figures]
+    low = [face(f, setting.top) if f.radius is None else middle(f, setting.top) for f in figures]
+    farthest = max(max(high, default=0.0) - min(low, default=0.0), 0.0) / max(lz, LOWEST)
+    reach = farthest * (abs(lx) + soft) + 1
+    boxes = [
+        (f.corner[0], f.corner[1], f.corner[0] + f.coverage.shape[1], f.corner[1] + f.coverage.shape[0])
+        for f in figures
+    ]
+    order = sorted(range(len(figures)), key=lambda k: boxes[k][0])
+    found: dict[int, list[int]] = {}
+    open_: list[int] = []
+    for k in order:
+        open_ = [other for other in open_ if boxes[other][2] + reach > boxes[k][0]]
+        for other in open_:
+            for onto, by in ((k, other), (other, k)):
+                way = (high[by] - low[onto]) / max(lz, LOWEST)
+                if way > 0 and _met(figures[onto], figures[by], boxes[onto], boxes[by], way, soft, setting):
+                    found.setdefault(onto, []).append(by)
+        open_.append(k)
+    return {onto: sorted(others) for onto, others in found.items()}
+
+
+def _met(
+    onto: Silhouette, by: Silhouette, box: Box, other: Box, way: float, soft: float, setting: Setting
+) -> bool:
+    """Whether the shadow of `by` may fall on `onto`, `way` px along the light."""
     lx, ly, lz = setting.light.direction
-    box = np.array([(*f.corner, *f.corner) for f in figures], np.float64).reshape(-1, 4)
-    box[:, 2:] += np.array([f.coverage.shape[::-1] for f in figures]).reshape(-1, 2)
-    high = np.array([face(figure, setting.top) for figure in figures])
-    low = np.array([face(f, setting.top) if f.radius is None else middle(f, setting.top) for f in figures])
-    way = np.maximum(high[None, :] - low[:, None], 0) / max(lz, LOWEST)
-    spread = 1 + way * tan(radians(min(setting.softness, 60.0)))
-    hit = way > 0
+    spread = 1 + way * soft
     for k, part in enumerate((lx, ly)):
         shift = -part * way
-        hit &= box[None, :, k] + np.minimum(0, shift) - spread < box[:, None, k + 2]
-        hit &= box[None, :, k + 2] + np.maximum(0, shift) + spread > box[:, None, k]
-    np.fill_diagonal(hit, False)
+        if (
+            other[k] + min(0.0, shift) - spread >= box[k + 2]
+            or other[k + 2] + max(0.0, shift) + spread <= box[k]
+        ):
+            return False
+    if onto.radius is None or by.radius is None:
+        return True
     # balls: how far the middle of one is from the line of the other's shadow
-    size = np.array([np.inf if f.radius is None else f.radius for f in figures])
-    at = np.array([(*f.center, middle(f, setting.top)) for f in figures]).reshape(-1, 3)
-    apart = at[:, None] - at[None, :]
-    along = apart @ np.array([lx, ly, lz])
-    miss = np.sqrt(np.maximum((apart**2).sum(axis=-1) - along**2, 0))
-    hit &= (miss < size[:, None] + size[None, :] + spread) & (
-        (along < size[:, None]) | np.isinf(size[:, None])
-    )
-    return np.asarray(hit)
+    x, y = onto.center[0] - by.center[0], onto.center[1] - by.center[1]
+    z = middle(onto, setting.top) - middle(by, setting.top)
+    along = x * lx + y * ly + z * lz
+    miss = sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+    return miss < onto.radius + by.radius + spread and along < onto.radius
 
 
 def veil(onto: Silhouette, others: Sequence[Silhouette], setting: Setting) -> F32 | None:

@@ -99,9 +99,16 @@ def alongside(writes: Sequence[Write]) -> Iterator[Write]:
 
     try:
         yield put
+    except BaseException as error:
+        wrong.append(error)  # what waits is for nobody
+        raise
     finally:
         line.put(None)
-        thread.join()
+        while thread.is_alive():  # whatever comes: no file may be closed that is written to
+            try:
+                thread.join()
+            except KeyboardInterrupt:
+                wrong.append(KeyboardInterrupt())
     if wrong:
         raise wrong[0]
 

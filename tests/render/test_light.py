@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -239,3 +241,27 @@ def test_shadows_false_leaves_all_as_it_was(table) -> None:
     background = cv2.imread(str(path.parent / "photo.assets/background.png"))[..., ::-1]
     cover = np.hypot(*np.mgrid[-100:100, -180:120]) < 32
     assert np.array_equal(last.rgb[~cover], background[~cover])
+
+
+SCENES = sorted(path.parent.name for path in (Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_first_frame_is_the_photo_however_it_is_lit(name) -> None:
+    path = Path(__file__).parents[2] / "scenes" / name / "scene.yaml"
+    maps = pipeline.percepts(pipeline.load(path))
+    for shadows, relight in (("true", "true"), ("false", "true"), ("false", "false")):
+        scene = pipeline.load(path, [f"render.shadows={shadows}", f"render.relight={relight}"])
+        compiled = pipeline.compile(scene, maps)
+        still = simulate(compiled.world, np.array([0.0]))
+        [frame] = pipeline.render(pipeline.stage(scene, compiled, maps), still)
+        assert np.array_equal(frame.rgb, maps.rgb), (shadows, relight)
+
+
+@pytest.mark.parametrize("center", [(30.0, -60.0), (30.0, 30.0), (-80.0, 20.0)])
+def test_a_ball_of_which_little_is_seen_can_be_drawn(center) -> None:
+    photo, _, _ = sphere(100.0, center, (60, 60), np.eye(3))
+    light = DistantLight((0.3, 0.4, 0.866), 0.7, 0.35)
+    ball = skin(np.minimum(photo + 0.3, 1), (0, 0), center, 100.0, light, View.TOP)
+    found = ball.seen(center, np.eye(3), (60, 60), (0, 0)) + ball.gloss
+    assert np.isfinite(found).all()

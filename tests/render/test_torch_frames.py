@@ -150,8 +150,9 @@ def test_without_torch_it_says_what_to_install(lesson: Path, tmp_path: Path, mon
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_order_and_more_samples_a_pixel_are_the_same_too(device: str) -> None:
-    stage, trajectory, _ = staged("billiards/scene.yaml")
+@pytest.mark.parametrize("name", ["billiards/scene.yaml", "pendulum/scene.yaml"])
+def test_order_and_more_samples_a_pixel_are_the_same_too(name: str, device: str) -> None:
+    stage, trajectory, _ = staged(name)
     fine = replace(stage, supersample=2)
     order = [5, 2, 3]
     expected = list(render_frames(fine, trajectory, order))

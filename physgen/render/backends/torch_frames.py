@@ -141,5 +141,5 @@ class Canvas:
             for stand in moved:
                 darken(picture, self.lit, stand, figures.get(stand.k))
             seen = [stand for stand in stands if stand.where is not None]
-            factors.append(veiled(self.stage, seen, figures) if moved else {})
+            factors.append(veiled(self.stage, seen, figures))
         return dark, factors
