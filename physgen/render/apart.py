@@ -47,8 +47,13 @@ def take_apart(
     starts: Sequence[Silhouette],
     rounds: Sequence[bool],
     setting: Setting,
-) -> Lit:
-    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: nobody has lifted them."""
+    gone: Sequence[Silhouette] = (),
+) -> tuple[Lit, F32 | None]:
+    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: nobody has lifted them.
+
+    `gone` are things of the photo that the scene leaves out: their shadows leave with them. The second result is
+    (H, W) -log of the light that those left; None where there are none.
+    """
     lit = decode(background)
     steps = [step_of(start) for start in starts]
     if clean is None:  # all that is dark stays, and what moves throws a shadow of its own beside it
@@ -56,9 +61,8 @@ def take_apart(
         casts = [
             Cast(s, step, None, nothing, None, r) for s, step, r in zip(starts, steps, rounds, strict=True)
         ]
-        return Lit(
-            setting, lit, np.ones(3, np.float32), np.zeros(lit.shape[:2], np.float32), casts, lifted=False
-        )
+        dark = np.zeros(lit.shape[:2], np.float32)
+        return Lit(setting, lit, np.ones(3, np.float32), dark, casts, lifted=False), None
     bare = decode(clean)
     dark = _log(luminance(bare)) - _log(luminance(lit))
     np.clip(dark, -0.5, DEEPEST, out=dark)
@@ -68,31 +72,34 @@ def take_apart(
     reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
     open_ = (unknown == 0) | (reach == 0)
     weight = open_.astype(np.float32)
-    firsts = [foretold(start, setting, step) for start, step in zip(starts, steps, strict=True)]
+    everybody = [*starts, *gone]
+    steps += [step_of(ghost) for ghost in gone]
+    firsts = [foretold(start, setting, step) for start, step in zip(everybody, steps, strict=True)]
     total = np.zeros(dark.shape, np.float32)
     for first in firsts:
         if first is not None:
             _add(total, *first)
     rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SMOOTH)
     casts = []
-    total = np.zeros(dark.shape, np.float32)
-    for start, step, first, own, is_round in zip(
-        starts, steps, firsts, _owned(rest, starts, firsts), rounds, strict=True
+    total, left = np.zeros(dark.shape, np.float32), np.zeros(dark.shape, np.float32)
+    for k, (start, step, first, own) in enumerate(
+        zip(everybody, steps, firsts, _owned(rest, everybody, firsts), strict=True)
     ):
-        cast = _cast(start, step, first, own, is_round, setting)
-        casts.append(cast)
+        cast = _cast(start, step, first, own, k < len(starts) and rounds[k], setting)
+        if k < len(starts):
+            casts.append(cast)
         if cast.whole is not None:
-            _add(total, *cast.whole)
+            _add(total if k < len(starts) else left, *cast.whole)
     tint = _tint(lit, bare, dark, open_)
     near = blurred(weight, HIDDEN)
     certain = np.clip(near * 4, 0, 1) / np.maximum(near, 0.02)
     plate = np.empty_like(lit)
     for c in range(3):
-        depth = total * tint[c]
+        depth = (total + left) * tint[c]
         detail = _log(lit[..., c]) - _log(bare[..., c]) + depth
         inside = blurred(detail * weight, HIDDEN) * certain
         plate[..., c] = np.where(open_, lit[..., c] * cv2.exp(depth), bare[..., c] * cv2.exp(inside))
-    return Lit(setting, plate, tint, total, casts)
+    return Lit(setting, plate, tint, total, casts), left if gone else None
 
 
 def _log(light: F32) -> F32:

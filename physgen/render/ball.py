@@ -28,6 +28,14 @@ PAINTED = 0.4
 """Share of pixels between paints up to which a ball is taken for a painted one."""
 NEAR_RIM = 0.75, 0.9
 """Of the radius: between these, pixels give way to paints."""
+BRIGHTER = 1.6
+"""Than all that is seen of a ball, that its skin may be."""
+RIM_LIGHT = 0.85
+"""Of the radius: farther out the photo's own brightness is told from the model's."""
+EVEN = 0.08
+"""Of the radius over which it is evened out."""
+FADES = 1.6
+"""By how much it may differ."""
 PLAIN = 0.25
 """Departure of log light from an even change, up to which a ball is of one colour; a number or a stripe is beyond."""
 GLOSS_WIDTH = 0.5
@@ -56,6 +64,8 @@ class Ball:
     light: DistantLight
     even: F32 | None = None
     """(8, 3) of `paints.basis`: log of what light does beyond Lambert's law."""
+    fade: F32 | None = None
+    """(h, w) by which the light at the rim differs from that; it does not turn."""
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
         """(h, w, 3) shading of the normals (u, v, z to the viewer)."""
@@ -120,6 +130,8 @@ class Ball:
         squeeze = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(u * u + v * v, 1e-12)))
         su, sv = u * squeeze, v * squeeze
         picture = self.shade(su, sv, np.sqrt(np.maximum(1 - su * su - sv * sv, 0)))
+        if self.fade is not None:
+            picture = picture * self.fade[..., None]
         return np.asarray(np.broadcast_to(picture, (h, w, 3)).copy(), np.float32)
 
 
@@ -165,10 +177,25 @@ def skin(
             bare = _painted(bare, rho, found)
         ball = replace(ball, skin=bare)
     if _plain(bare, su, sv, z, rho < RIM):
-        # a ball of one colour looks the same however it has turned: all that is uneven is light
+        # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
         ball = replace(ball, skin=np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy())
-    # what the model has not, of the rim above all, is the light's doing too, and stays
-    return replace(ball, gloss=colour - ball.seen(center, np.eye(3), (w, h), corner))
+        return replace(ball, gloss=colour - ball.seen(center, np.eye(3), (w, h), corner))
+    # no skin sends back more than the brightest that is seen of it in full light
+    brightest = np.percentile((inner - shine)[rho < RIM], 98, axis=0) if (rho < RIM).any() else np.ones(3)
+    most = BRIGHTER * brightest / (light.ambient + light.intensity)
+    ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)))
+    # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
+    model = ball.seen(center, np.eye(3), (w, h), corner).mean(axis=2)
+    share = blurred_share(
+        (colour - shine).mean(axis=2), model, (rho < 1).astype(np.float32), max(1.0, EVEN * radius)
+    )
+    return replace(ball, fade=np.asarray(np.where(rho > RIM_LIGHT, share, 1), np.float32))
+
+
+def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
+    """(h, w) how much brighter a thing is than its model, evenly."""
+    above, below = (cv2.GaussianBlur(part * weight, (0, 0), sigma) for part in (seen, model))
+    return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / FADES, FADES), np.float32)
 
 
 def _painted(bare: F32, rho: F32, found: Paints) -> F32:

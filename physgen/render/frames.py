@@ -98,6 +98,8 @@ class Picture:
     """(h, w, 3) linear, times coverage."""
     coverage: F32
     """(h, w)."""
+    rest: F32 | None
+    """(h, w, 3): what the photo shows at its border beyond light and background; as bright as the background is."""
 
 
 def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
@@ -215,6 +217,10 @@ def _drawings(
             under = canvas[box]
             cv2.multiply(under, thrice(1 - picture.coverage), dst=under)
             cv2.add(under, picture.light, dst=under)
+            if picture.rest is not None:
+                under += (
+                    picture.rest if dark is None or lit is None else brightened(picture.rest, lit, dark, box)
+                )
             np.copyto(ids[box], np.uint16(body + 1), where=picture.coverage >= 0.5)
             touched.append(box)
         yield time, canvas, ids, touched
@@ -245,6 +251,14 @@ def darken(dark: F32, lit: Lit, stand: Stand, now: Silhouette | None) -> list[Sl
         dark[y0:y1, x0:x1] += more
         boxes.append(np.s_[y0:y1, x0:x1])
     return boxes
+
+
+def brightened(rest: F32, lit: Lit, dark: F32, box: Slices) -> F32:
+    """(h, w, 3) a border's rest in the light that the background behind it has now: no black where a shadow passes."""
+    more = lit.total[box] - dark[box]
+    if not more.any():
+        return rest
+    return np.asarray(rest * thrice(np.asarray(cv2.exp(np.minimum(more, 1)), np.float32)), np.float32)
 
 
 def veiled(stage: Stage, stands: Sequence[Stand], figures: Mapping[int, Silhouette]) -> dict[int, F32]:

@@ -24,6 +24,8 @@ ROW = 1.6
 """Letters from line to line."""
 PAD, SIDE, GAP = 0.4, 0.9, 0.8
 """Letters of room above and below, at the sides, and between samples and words."""
+LARGEST = 0.85
+"""Of a picture's side: a key that is longer is left out."""
 ARC = 1.1
 """Letters: the radius of a torque's sample."""
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
@@ -51,6 +53,9 @@ def write_key(rgb: U8, sheet: Sheet, entries: Sequence[Entry], corner: tuple[int
     samples = [_wide(entry, sheet) for entry in entries]
     column = max(samples)
     x0, y0, x1, y1 = _box(sheet, entries, corner)
+    wide, tall = x1 - x0, y1 - y0
+    if wide > LARGEST * sheet.size[0] or tall > LARGEST * sheet.size[1]:
+        return  # on a small picture the motion matters more
     plate(rgb, (x0, y0, x1, y1), 0.5 * letter, OPAQUE)
     words = Layer(sheet.size, 0.0)
     y = y0 + PAD * letter

@@ -96,15 +96,14 @@ def placed(
     )
 
 
-def drawn(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32]:
-    """(h, w, 3) linear light times coverage, and coverage (h, w), on the placement's box.
+def drawn(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32, F32 | None]:
+    """(h, w, 3) linear light times coverage, coverage (h, w), and the share of `Sprite.rest`, on its box.
 
     Where it moved, each pixel is the mean of `fine` x `fine` samples.
     """
     if where.own is not None:
         own = where.own
-        light = sprite.light[own] if sprite.rest is None else sprite.light[own] + sprite.rest[own]
-        return light, sprite.coverage[own]
+        return sprite.light[own], sprite.coverage[own], None if sprite.rest is None else sprite.rest[own]
     assert where.matrix is not None
     rows, columns = where.box
     size = (columns.stop - columns.start, rows.stop - rows.start)
@@ -126,10 +125,11 @@ def drawn(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32]:
     if fine > 1:
         light = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)
         coverage = np.asarray(cv2.resize(coverage, size, interpolation=cv2.INTER_AREA), np.float32)
+    rest = None
     if sprite.rest is not None and where.rest > 0:
-        own_rest = cv2.warpAffine(sprite.rest, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
-        light += np.float32(where.rest) * own_rest
-    return light, np.asarray(coverage, np.float32)
+        border = cv2.warpAffine(sprite.rest, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
+        rest = np.asarray(np.float32(where.rest) * border, np.float32)
+    return light, np.asarray(coverage, np.float32), rest
 
 
 def covered(sprite: Sprite, where: Placement) -> F32:

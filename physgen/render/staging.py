@@ -98,9 +98,28 @@ def staged(
     if not scene.render.shadows:
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
-    lit = take_apart(background, maps.clean, coverage, starts, rounds, setting)
-    sprites = anchored(sprites, decode(maps.rgb), lit.behind(), absent)
+    gone = _ghosts(maps.labels, absent, coverage, grounds, top)
+    lit, left = take_apart(background, maps.clean, coverage, starts, rounds, setting, gone)
+    photo = decode(maps.rgb)
+    if left is not None:  # the photo as it would be without what is left out
+        photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(np.float32)
+    sprites = anchored(sprites, photo, lit.behind(), absent)
     return Stage(background, sprites, lit, actors, grounds, veils if maps.clean is not None else None)
+
+
+def _ghosts(
+    labels: NDArray[np.uint16], absent: Mask, coverage: F32, grounds: Sequence[Array], top: bool
+) -> list[Silhouette]:
+    """Things of the photo that the scene leaves out, as light saw them."""
+    found = []
+    for id_ in np.unique(labels[absent]).tolist():
+        rows, columns = np.nonzero(absent & (labels == id_))
+        y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
+        own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
+        thick = DEEP * float(np.sqrt(len(rows))) * (0.6 if top else 1.0)
+        middle = Pose(float(columns.mean()), float(rows.mean()), 0.0)
+        found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, Actor(None, thick)))
+    return found
 
 
 def floors(world: World) -> list[Array]:

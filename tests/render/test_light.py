@@ -57,7 +57,9 @@ def test_a_ball_at_rest_is_the_photo() -> None:
     photo, z, _ = sphere(30.0, (40, 40), (81, 81), np.eye(3))
     ball = skin(photo, (0, 0), (40.0, 40.0), 30.0, SUN, View.SIDE)
     found = ball.seen((40.0, 40.0), np.eye(3), (81, 81), (0, 0)) + ball.gloss
-    assert np.abs(found - photo)[z > 0].max() < 1e-6
+    off = np.abs(encode_u8(found).astype(int) - encode_u8(photo))
+    assert off[z > 0.55].max() <= 2
+    assert off[z > 0.2].mean() < 2, "at the rim the model's light is evened out"
 
 
 def test_a_highlight_stays_where_the_light_is() -> None:
@@ -265,3 +267,20 @@ def test_a_ball_of_which_little_is_seen_can_be_drawn(center) -> None:
     ball = skin(np.minimum(photo + 0.3, 1), (0, 0), center, 100.0, light, View.TOP)
     found = ball.seen(center, np.eye(3), (60, 60), (0, 0)) + ball.gloss
     assert np.isfinite(found).all()
+
+
+def test_what_is_left_out_takes_its_shadow_along() -> None:
+    """The elephant of a shelf: where it stood and around, the picture comes close to the true empty shelf."""
+    path = Path(__file__).parents[2] / "scenes" / "shelf" / "scene.yaml"
+    scene = pipeline.load(path, variant="no-elephant")
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    still = simulate(compiled.world, np.array([0.0]))
+    [frame] = pipeline.render(pipeline.stage(scene, compiled, maps), still)
+    gone = (maps.labels > 0) & (compiled.labels == 0)
+    near = cv2.dilate(gone.astype(np.uint8), np.ones((41, 41))) > 0
+    near &= cv2.dilate((compiled.labels > 0).astype(np.uint8), np.ones((61, 61))) == 0
+    dark = near & (np.abs(maps.clean.astype(int) - maps.background).max(-1) > 12)  # its shadow fell there
+    assert dark.sum() > 300
+    before, after = (np.abs(p.astype(int) - maps.clean)[dark].mean() for p in (maps.background, frame.rgb))
+    assert after < 0.45 * before

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,8 @@ class Patch:
     """(n, h, w, 3) linear, multiplied by coverage."""
     coverage: Tensor
     """(n, h, w) in 0..1."""
+    rest: Tensor | None = None
+    """(n, h, w, 3), see `placing.drawn`."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,8 @@ class Cutout:
 
     @cached_property
     def _still(self) -> Tensor:
-        """(h, w, 4) light as in the photo, and coverage."""
-        sprite = self.sprite
-        light = sprite.light if sprite.rest is None else sprite.light + sprite.rest
-        return self._here(np.dstack([light, sprite.coverage]))
+        """(h, w, 4) light at t = 0, and coverage."""
+        return self._here(np.dstack([self.sprite.light, self.sprite.coverage]))
 
     @cached_property
     def _fine(self) -> Tensor:
@@ -88,7 +88,10 @@ class Cutout:
         if still := [(m, where) for m, where in standing if where.own is not None]:
             at, _, _ = self._box(still, size)
             picture = self._still[still[0][1].own].expand(len(still), -1, -1, -1)  # the same in all frames
-            yield self._veiled(Patch(at, picture[..., :3], picture[..., 3]), still, factors)
+            rest = None
+            if self.sprite.rest is not None:
+                rest = self._rest[still[0][1].own].expand(len(still), -1, -1, -1)
+            yield self._veiled(Patch(at, picture[..., :3], picture[..., 3], rest), still, factors)
         if moved := [(m, where) for m, where in standing if where.own is None]:
             yield self._veiled(self._moved(moved, size), moved, factors)
 
@@ -104,7 +107,7 @@ class Cutout:
             if (factor := factors[m]) is not None:
                 y, x = where.box[0].start - int(rows[j, 0, 0]), where.box[1].start - int(columns[j, 0, 0])
                 more[j, y : y + factor.shape[0], x : x + factor.shape[1]] = factor
-        return Patch(patch.at, patch.light * self._here(more)[..., None], patch.coverage)
+        return replace(patch, light=patch.light * self._here(more)[..., None])
 
     def _box(
         self, standing: Standing, size: tuple[int, int]
@@ -153,11 +156,12 @@ class Cutout:
                 spaces = self._here([where.space for where in wheres])
                 part = part + self._seen(ball, self._here(middles), spaces, pp, qq) * covers[..., None]
             light, coverage = light + part / self.fine**2, coverage + covers / self.fine**2
+        rest = None
         if self.sprite.rest is not None and any(where.rest > 0 for where in wheres):
             shares = self._here([where.rest for where in wheres])[:, None, None, None]
             x, y = a * p + b * q + c, d * p + e * q + f
-            light = light + shares * sampled(self._rest, x, y)
-        return Patch(at, light * inside[..., None], coverage * inside)
+            rest = shares * sampled(self._rest, x, y) * inside[..., None]
+        return Patch(at, light * inside[..., None], coverage * inside, rest)
 
     def _ratio(self, turns: Tensor) -> Tensor:
         """(n, h, w), see `Relief.ratio`; `turns` (n, 1, 1) rad."""

@@ -111,17 +111,21 @@ class Canvas:
         """(n, H, W, 3) linear light and (n, H, W) int16 ids."""
         n, (H, W) = len(moments), self.plate.shape[:2]
         factors: list[dict[int, F32]] = [{} for _ in moments]
-        if self.tint is None:
+        brighter: Tensor | None = None
+        if self.lit is None or self.tint is None:
             light = self.plate.repeat(n, 1, 1, 1)
         else:
             dark, factors = self.darkness(moments)
             light = self.plate * torch.exp(self._here(dark)[..., None] * -self.tint)
+            brighter = torch.exp((self._here(self.lit.total) - self._here(dark)).clamp(max=1))[..., None]
         ids = torch.zeros((n, H, W), dtype=torch.int16, device=self.device)
         for k, cutout in enumerate(self.cutouts):
             there = [(m, where) for m, stands in enumerate(moments) if (where := stands[k].where) is not None]
             for patch in cutout.patches(there, (W, H), [factor.get(k) for factor in factors]):
                 at = patch.at
                 light[at] = light[at] * (1 - patch.coverage)[..., None] + patch.light
+                if patch.rest is not None:
+                    light[at] += patch.rest if brighter is None else patch.rest * brighter[at]
                 ids[at] = torch.where(patch.coverage >= 0.5, cutout.sprite.body + 1, ids[at])
         return light, ids
 
