@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.lines import carried
 from physgen.perceive.membrane import F32, Mask, membrane
 from physgen.perceive.peel import peel
 
@@ -23,11 +24,13 @@ Places = NDArray[np.int64]
 
 RADIUS = 3
 """px: patches are 7 px wide."""
-EVERY = 9_000_000
+EVERY = 4_000_000
 """Most pairs of patches that are all compared."""
+LOOSE = 1
+"""Scales above this one hold on to the borders that were carried on."""
 DEPTH = 4.5
 """px that the hole may be deep at the coarsest scale."""
-ROUNDS = (1, 3, 6, 10)
+ROUNDS = (1, 2, 3, 4)
 """Search and vote, from the finest scale to those above the third."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
@@ -43,6 +46,8 @@ class Level:
     """(H, W, 3); what is in the hole means nothing."""
     hole: Mask
     """(H, W)."""
+    drawn: Mask
+    """(H, W): where, in the hole, the picture holds a border carried on."""
 
 
 @dataclass(frozen=True)
@@ -59,25 +64,29 @@ class Borrowed:
 
 def borrow(picture: F32, hole: Mask) -> Borrowed:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
-    levels = list(_pyramid(picture, hole))
+    start, strips = carried(picture, hole)
+    levels = list(_pyramid(picture, hole, start, strips))
     if not hole.any() or not levels:
         filled = membrane(picture, hole)
         return Borrowed(filled, *_steps(filled))
     last = levels[-1]
-    guess = peel(last.picture, last.hole, _sources(last.hole, RADIUS), RADIUS, AWAY)
+    open_ = last.hole & ~last.drawn
+    guess = peel(last.picture, open_, _sources(last.hole, RADIUS), RADIUS, AWAY)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
         h, w = level.hole.shape
         if field is not None:
             larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
-            guess = np.where(level.hole[:, :, None], larger, level.picture)
+            guess = np.where((level.hole & ~(level.drawn & (k > LOOSE)))[:, :, None], larger, level.picture)
             field = _doubled(field, (h, w))
         search = _Search(level, RADIUS if k else 2)
         for _ in range(ROUNDS[min(k, 3)]):
             field, cost = search.nearest(guess, field)
             weight = search.weights(cost)
-            guess = search.vote(level.picture, guess, field, weight, search.radius)
+            guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
+            if k > LOOSE:
+                guess = np.where(level.drawn[:, :, None], level.picture, guess)
     return Borrowed(guess, *_steps(guess))
 
 
@@ -88,22 +97,28 @@ def _steps(picture: F32) -> tuple[F32, F32]:
     return right, down
 
 
-def _pyramid(picture: F32, hole: Mask) -> Iterator[Level]:
+def _pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
     """From the finest to the coarsest scale that still knows something."""
     known = (~hole).astype(np.float32)
     value = picture * known[:, :, None]
+    part = strips.astype(np.float32)
+    strip = start * part[:, :, None]
     for k in range(12):
         now = known < (0.999 if k == 0 else 0.5)
         radius = RADIUS if k else 2
         if _sources(now, radius).sum() < 64:
             return
-        yield Level((value / np.maximum(known, 1e-6)[:, :, None]).astype(np.float32), now)
+        mean, line = (v / np.maximum(p, 1e-6)[:, :, None] for v, p in ((value, known), (strip, part)))
+        drawn = now & (part > 0.35)
+        yield Level(np.where(drawn[:, :, None], line, mean).astype(np.float32), now, drawn)
         depth = cv2.distanceTransform(now.astype(np.uint8), cv2.DIST_L2, 3).max()
         if depth < DEPTH or min(now.shape) < 96:
             return
         size = (now.shape[1] + 1) // 2, (now.shape[0] + 1) // 2
-        value = np.asarray(cv2.resize(value, size, interpolation=cv2.INTER_AREA), np.float32)
-        known = np.asarray(cv2.resize(known, size, interpolation=cv2.INTER_AREA), np.float32)
+        value, known, strip, part = (
+            np.asarray(cv2.resize(a, size, interpolation=cv2.INTER_AREA), np.float32)
+            for a in (value, known, strip, part)
+        )
 
 
 def _sources(hole: Mask, radius: int) -> Mask:
@@ -128,6 +143,7 @@ class _Search:
         h, w = level.hole.shape
         self.size = float(np.hypot(h, w))
         width = 2 * radius + 1
+        self.every: tuple[F32, F32] | None = None
         self.sources = _sources(level.hole, radius)
         self.source_at: Places = np.argwhere(self.sources)
         touching = cv2.dilate(level.hole.astype(np.uint8), np.ones((width, width), np.uint8)) > 0
@@ -167,24 +183,22 @@ class _Search:
         return result, cost
 
     def _all(self, target: F32, total: F32) -> tuple[Places, F32]:
-        n, m = len(self.at), len(self.source_at)
-        there = self.known[self.source_at[:, 0], self.source_at[:, 1]].astype(np.float32)
-        square = (there**2).sum(-1).reshape(m, -1)
-        flat = there.reshape(m, -1)
-        weighted = (target * self.mask[..., None]).reshape(n, -1)
-        own = (target**2 * self.mask[..., None]).reshape(n, -1).sum(1)
-        mask = self.mask.reshape(n, -1)
-        best, cost = np.zeros(n, np.int64), np.zeros(n, np.float32)
-        chunk = max(1, 4_000_000 // m)
-        for i in range(0, n, chunk):
-            part = slice(i, i + chunk)
-            gap = own[part, None] - 2 * (weighted[part] @ flat.T) + mask[part] @ square.T
-            gap /= total[part, None]
-            far = np.hypot(*(self.at[part, None, a] - self.source_at[None, :, a] for a in (0, 1)))
-            gap += (AWAY / self.size) * far.astype(np.float32)
-            best[part] = gap.argmin(1)
-            cost[part] = gap[np.arange(len(gap)), best[part]]
-        return self.source_at[best], cost
+        n = len(self.at)
+        if self.every is None:
+            there = self.known[self.source_at[:, 0], self.source_at[:, 1]].astype(np.float32)
+            square = (there**2).sum(-1)
+            far = [np.subtract.outer(a, b).astype(np.float32) for a, b in zip(self.at.T, self.source_at.T, strict=True)]
+            flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
+            self.every = flat, np.hypot(*far) * np.float32(AWAY / self.size)
+        flat, far = self.every
+        weighted = target * self.mask[..., None]
+        own = (weighted * target).sum((1, 2, 3)) / total
+        both = np.concatenate([-2 * weighted.reshape(n, -1), self.mask.reshape(n, -1)], 1)
+        gap = both @ flat.T
+        gap /= total[:, None]
+        gap += far
+        best = gap.argmin(1)
+        return self.source_at[best], gap[np.arange(n), best] + own
 
     def _near(self, target: F32, total: F32, field: NDArray[np.int64]) -> tuple[Places, F32]:
         h, w = self.level.hole.shape
@@ -205,7 +219,7 @@ class _Search:
             cost[changed[better]] = got[better]
 
         attempt(field[rows, columns])
-        for step in (4, 2, 1):
+        for step in (4, 1):
             for down, right in ((0, step), (step, 0), (0, -step), (-step, 0)):
                 y, x = np.clip(rows - down, 0, h - 1), np.clip(columns - right, 0, w - 1)
                 now = field.copy()
