@@ -30,7 +30,7 @@ LOOSE = 1
 """Scales above this one hold on to the borders that were carried on."""
 DEPTH = 4.5
 """px that the hole may be deep at the coarsest scale."""
-ROUNDS = (1, 2, 3, 4)
+ROUNDS = (1, 2, 4, 10)
 """Search and vote, from the finest scale to those above the third."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
@@ -50,25 +50,12 @@ class Level:
     """(H, W): where, in the hole, the picture holds a border carried on."""
 
 
-@dataclass(frozen=True)
-class Borrowed:
-    """A filled picture, and the steps of colour in it as they were where it was borrowed from."""
-
-    picture: F32
-    """(H, W, 3): seams show in it."""
-    right: F32
-    """(H, W, 3): from a pixel to the next in its row."""
-    down: F32
-    """(H, W, 3): from a pixel to the next in its column."""
-
-
-def borrow(picture: F32, hole: Mask) -> Borrowed:
+def borrow(picture: F32, hole: Mask) -> F32:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
     start, strips = carried(picture, hole)
     levels = list(_pyramid(picture, hole, start, strips))
     if not hole.any() or not levels:
-        filled = membrane(picture, hole)
-        return Borrowed(filled, *_steps(filled))
+        return membrane(picture, hole)
     last = levels[-1]
     open_ = last.hole & ~last.drawn
     guess = peel(last.picture, open_, _sources(last.hole, RADIUS), RADIUS, AWAY)
@@ -87,14 +74,7 @@ def borrow(picture: F32, hole: Mask) -> Borrowed:
             guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
             if k > LOOSE:
                 guess = np.where(level.drawn[:, :, None], level.picture, guess)
-    return Borrowed(guess, *_steps(guess))
-
-
-def _steps(picture: F32) -> tuple[F32, F32]:
-    right, down = np.zeros_like(picture), np.zeros_like(picture)
-    right[:, :-1] = picture[:, 1:] - picture[:, :-1]
-    down[:-1] = picture[1:] - picture[:-1]
-    return right, down
+    return guess
 
 
 def _pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
@@ -125,13 +105,16 @@ def _sources(hole: Mask, radius: int) -> Mask:
     """Centres of patches that are known as a whole."""
     blocked = np.pad(hole, radius, constant_values=True).astype(np.uint8)
     width = 2 * radius + 1
-    return cv2.dilate(blocked, np.ones((width, width), np.uint8))[radius:-radius, radius:-radius] == 0
+    blocked = cv2.dilate(blocked, np.ones((width, width), np.uint8)).astype(np.uint8)
+    return np.asarray(blocked[radius:-radius, radius:-radius] == 0)
 
 
 def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int64]:
     """Places (H, W, 2) at twice the scale."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
-    near = field[np.minimum(rows // 2, field.shape[0] - 1)[:, None], np.minimum(columns // 2, field.shape[1] - 1)]
+    near = field[
+        np.minimum(rows // 2, field.shape[0] - 1)[:, None], np.minimum(columns // 2, field.shape[1] - 1)
+    ]
     return np.asarray(near * 2 + np.stack(np.meshgrid(rows % 2, columns % 2, indexing="ij"), -1))
 
 
@@ -149,10 +132,11 @@ class _Search:
         touching = cv2.dilate(level.hole.astype(np.uint8), np.ones((width, width), np.uint8)) > 0
         self.at: Places = np.argwhere(touching)
         deep = cv2.distanceTransform(np.pad(level.hole, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-        self.trust = (GAMMA ** -np.minimum(deep, 20)).astype(np.float32)
-        whole = np.maximum(np.round(7 * self.trust), 1).astype(np.float32)
-        self.mask = self._patches(np.pad(whole, radius))[self.at[:, 0], self.at[:, 1]]
-        self.known = self._patches(np.pad(np.round(level.picture / 2), ((radius, radius), (radius, radius), (0, 0))))
+        self.trust = np.asarray(GAMMA ** -np.minimum(deep, 20), np.float32)
+        whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(np.float32)
+        self.mask = self._patches(whole)[self.at[:, 0], self.at[:, 1]]
+        halved = np.pad(np.round(level.picture / 2), ((radius, radius), (radius, radius), (0, 0)))
+        self.known = self._patches(halved.astype(np.float32))
         # nearest source of every pixel: where a doubled place is none
         _, labels = cv2.distanceTransformWithLabels(
             (~self.sources).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
@@ -170,15 +154,14 @@ class _Search:
     def nearest(self, guess: F32, field: NDArray[np.int64] | None) -> tuple[NDArray[np.int64], F32]:
         """Centres of the best known patches (H, W, 2), and their costs, one for each of `at`."""
         r = self.radius
-        around = np.pad(np.round(guess / 2), ((r, r), (r, r), (0, 0)), mode="edge")
-        target = self._patches(around)[self.at[:, 0], self.at[:, 1]].astype(np.float32)
+        around: F32 = np.pad(np.round(guess / 2), ((r, r), (r, r), (0, 0)), mode="edge").astype(np.float32)
+        target = self._patches(around)[self.at[:, 0], self.at[:, 1]]
         total = self.mask.sum((1, 2))
         if field is None or len(self.at) * len(self.source_at) < EVERY:
             best, cost = self._all(target, total)
         else:
             best, cost = self._near(target, total, field)
-        result = np.zeros((*self.level.hole.shape, 2), np.int64)
-        result[...] = np.argwhere(np.ones(self.level.hole.shape, bool)).reshape(result.shape)
+        result = np.moveaxis(np.indices(self.level.hole.shape), 0, -1)
         result[self.at[:, 0], self.at[:, 1]] = best
         return result, cost
 
@@ -187,9 +170,11 @@ class _Search:
         if self.every is None:
             there = self.known[self.source_at[:, 0], self.source_at[:, 1]].astype(np.float32)
             square = (there**2).sum(-1)
-            far = [np.subtract.outer(a, b).astype(np.float32) for a, b in zip(self.at.T, self.source_at.T, strict=True)]
+            down, right = (
+                np.subtract.outer(self.at[:, k], self.source_at[:, k]).astype(np.float32) for k in (0, 1)
+            )
             flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
-            self.every = flat, np.hypot(*far) * np.float32(AWAY / self.size)
+            self.every = flat, np.hypot(down, right) * np.float32(AWAY / self.size)
         flat, far = self.every
         weighted = target * self.mask[..., None]
         own = (weighted * target).sum((1, 2, 3)) / total
@@ -219,20 +204,20 @@ class _Search:
             cost[changed[better]] = got[better]
 
         attempt(field[rows, columns])
-        for step in (4, 1):
+        for step in (3, 1) if self.radius > 2 else (1,):
             for down, right in ((0, step), (step, 0), (0, -step), (-step, 0)):
                 y, x = np.clip(rows - down, 0, h - 1), np.clip(columns - right, 0, w - 1)
                 now = field.copy()
                 now[rows, columns] = best
                 attempt(now[y, x] + self.at - np.stack([y, x], 1))
         for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-            attempt(best + (down, right))
+            attempt(best + np.array([down, right]))
         return best, cost
 
     def weights(self, cost: F32) -> F32:
         """How much each patch is believed."""
-        spread = max(float(np.quantile(cost, 0.75)), 1.0)
-        return np.asarray(np.exp(-cost / (2 * spread)) * self.trust[self.at[:, 0], self.at[:, 1]], np.float32)
+        alike = np.maximum(np.exp(-cost / (2 * max(float(np.quantile(cost, 0.75)), 1.0))), 1e-4)
+        return np.asarray(alike * self.trust[self.at[:, 0], self.at[:, 1]], np.float32)
 
     def vote(self, values: F32, now: F32, field: NDArray[np.int64], weight: F32, reach: int) -> F32:
         """What the patches around each pixel of the hole would put there, on average."""

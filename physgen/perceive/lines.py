@@ -20,7 +20,7 @@ F64 = NDArray[np.float64]
 
 OFF = 5
 """px from the hole at which borders are looked for."""
-STRIP = 8
+STRIP = 12
 """px to each side of a border that are carried on with it."""
 SIDE = 7
 """px on each side of a border whose colours are averaged."""
@@ -30,12 +30,10 @@ ALONE = 40.0
 """The same for a border that goes on alone."""
 COHERENT = 0.75
 """Of the structure tensor, from which a border has a direction."""
-BEND = 0.9
-"""Most bending energy of a border in the hole, in units of a quarter of the squared angles."""
 ALIKE = 25.0
 """Levels that the side of a border which is more alike may differ by from end to end."""
 DOUBT = 0.75
-"""Most doubt about two ends: colours that differ, of their contrast, and twice the turns that are no arc's, rad."""
+"""Most doubt that two ends are one border's: colours that differ, turns that are no arc's, long bends."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +91,10 @@ class _Ring:
         smooth = cv2.GaussianBlur(picture, (0, 0), 1)
         known = (~grown(blocked, 1)).astype(np.float32)[:, :, None]
         gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 * known for d in ((1, 0), (0, 1)))
-        xx, xy, yy = (cv2.GaussianBlur((a * b).sum(2), (0, 0), 3.5) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
-        return cls(smooth, blocked, (xx, xy, yy))
+        xx, xy, yy = (
+            cv2.GaussianBlur((a * b).sum(2), (0, 0), 3.5) for a, b in ((gx, gx), (gx, gy), (gy, gy))
+        )
+        return cls(np.asarray(smooth, np.float32), blocked, (xx, xy, yy))
 
 
 def _ends(ring: _Ring, piece: Mask) -> Iterator[End]:
@@ -154,7 +154,7 @@ def _ends(ring: _Ring, piece: Mask) -> Iterator[End]:
 
 
 def _profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
-    """Colours (2 STRIP + 1, 3) across a border from its left to its right, averaged along its last px; NaN if hidden."""
+    """Colours (2 STRIP + 1, 3) across a border from left to right, averaged along its last px; NaN if hidden."""
     h, w = blocked.shape
     across = np.arange(-STRIP, STRIP + 1)[:, None]
     back = np.arange(0, 4)[None, :]
@@ -179,9 +179,11 @@ def _lines(ends: list[End], piece: Mask) -> Iterator[Line]:
             alpha, beta = _turn(chord, a.towards), _turn(chord, -b.towards)
             bend = alpha * alpha + alpha * beta + beta * beta
             near, far = _unlike(a, b)
-            doubt = (1.5 * near + 0.5 * far) / (a.contrast + b.contrast) + 2 * abs(alpha + beta)
-            if np.hypot(*chord) > 2 * OFF and bend < BEND and near < ALIKE and doubt < DOUBT:
-                pairs.append((doubt + 8 * bend, i, j))
+            both = a.contrast + b.contrast
+            length = float(np.hypot(*chord))
+            doubt = (1.5 * near + 0.5 * far) / both + 2 * abs(alpha + beta) + bend * length / 67
+            if length > 2 * OFF and near < max(ALIKE, 0.17 * both) and doubt < DOUBT:
+                pairs.append((doubt + 7 * bend, i, j))
     depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     joined: set[int] = set()
     chords: list[tuple[int, int]] = []
@@ -190,31 +192,46 @@ def _lines(ends: list[End], piece: Mask) -> Iterator[Line]:
         if i in joined or j in joined or any((p < i < q) != (p < j < q) for p, q in chords):
             continue
         line = Line(_cubic(ends[i], ends[j]), ends[i].profile, ends[j].profile[::-1])
-        y, x = (np.clip(np.round(c).astype(int), 0, n - 1) for c, n in zip(line.points.T[::-1], piece.shape, strict=True))
-        if depth[y, x].max() < 1 + 0.05 * len(line.points):  # half a px apart: it runs along the hole's border
-            continue
+        y, x = (
+            np.clip(np.round(c).astype(int), 0, n - 1)
+            for c, n in zip(line.points.T[::-1], piece.shape, strict=True)
+        )
         joined |= {i, j}
         chords.append((min(i, j), max(i, j)))
+        if depth[y, x].max() < 1 + 0.05 * len(
+            line.points
+        ):  # half a px apart: it runs along the hole's border
+            continue
         _draw(drawn, line.points)
         yield line
     alone = [e for k, e in enumerate(ends) if k not in joined and e.contrast > ALONE]
-    rays = [[e.at] for e in alone]
-    going, met = set(range(len(alone))), set()
+    for _ in range(2):  # one that ends at another's T comes second
+        met = [(end, ray) for end in alone if (ray := _ray(end, piece, drawn)) is not None]
+        alone = [end for end in alone if all(end is not other for other, _ in met)]
+        for end, ray in met:
+            _draw(drawn, ray)
+            yield Line(ray, end.profile, end.profile)
+
+
+def _straight(at: F64, towards: F64, piece: Mask) -> tuple[F64, Mask]:
+    """Points half a px apart up to the photo's border, and which are in the hole's first stretch."""
     h, w = piece.shape
-    for _ in range(2 * sum(piece.shape)):
-        for k in sorted(going):
-            p = rays[k][-1] + 0.5 * alone[k].towards
-            x, y = int(round(p[0])), int(round(p[1]))
-            far = len(rays[k]) / 2
-            if not (0 <= x < w and 0 <= y < h) or (far > 2 * OFF and not piece[y, x]):
-                going.discard(k)
-                continue
-            rays[k].append(p)
-            if drawn[y, x]:
-                going.discard(k)
-                met.add(k)
-    for k in sorted(met):
-        yield Line(np.array(rays[k]), alone[k].profile, alone[k].profile)
+    points = at + 0.5 * np.arange(2 * (h + w))[:, None] * towards
+    x, y = np.round(points).astype(int).T
+    points = points[: int(np.argmax(np.append((x < 0) | (y < 0) | (x >= w) | (y >= h), True)))]
+    x, y = np.round(points).astype(int).T
+    inside = piece[y, x]
+    first = int(np.argmax(inside)) if inside.any() else 0
+    inside[first:] &= np.cumsum(~inside[first:]) == 0
+    return points, inside
+
+
+def _ray(end: End, piece: Mask, drawn: Mask) -> F64 | None:
+    """From where a border enters straight on to the first line that is drawn; None if there is none in the hole."""
+    points, inside = _straight(end.at, end.towards, piece)
+    x, y = np.round(points).astype(int).T
+    hit = np.flatnonzero(drawn[y, x] & inside)
+    return points[: hit[0] + 1] if len(hit) else None
 
 
 def _unlike(a: End, b: End) -> tuple[float, float]:
@@ -239,9 +256,11 @@ def _cubic(a: End, b: End) -> F64:
 
 
 def _draw(mask: Mask, points: F64) -> None:
+    """A line 3 px wide."""
     x, y = np.round(points).astype(int).T
-    keep = (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
-    mask[y[keep], x[keep]] = True
+    keep = (x >= 1) & (y >= 1) & (x < mask.shape[1] - 1) & (y < mask.shape[0] - 1)
+    for d in (-1, 0, 1):
+        mask[y[keep] + d, x[keep]] = mask[y[keep], x[keep] + d] = True
 
 
 def _strip(result: F32, where: Mask, piece: Mask, line: Line) -> None:
