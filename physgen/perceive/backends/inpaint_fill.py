@@ -50,28 +50,31 @@ def _fill(rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
 
 def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:
     """`borrowed` (H, W, 3), but a film with its grain in those pieces of the hole that have smooth surroundings."""
-    smooth = np.zeros_like(hole)
+    smooth, most = np.zeros_like(hole), np.zeros(hole.shape, np.float32)
     for part, piece in pieces(hole):
         wide = tuple(slice(max(0, s.start - AROUND), s.stop + AROUND) for s in part)
         inner = np.zeros_like(hole[wide])
         inner[tuple(slice(s.start - w.start, s.stop - w.start) for s, w in zip(part, wide, strict=True))][
             piece
         ] = True
-        if _is_smooth(photo[wide], grown(inner, AROUND) & ~grown(hole[wide], 1)):
+        rough = _roughness(photo[wide], grown(inner, AROUND) & ~grown(hole[wide], 1))
+        if rough < SMOOTH:
             smooth[wide] |= inner
+            most[wide][inner] = 2 * rough
     if not smooth.any():
         return borrowed
     grain = borrowed - cv2.GaussianBlur(borrowed, (0, 0), GRAIN)
+    grain = np.clip(grain, -most[:, :, None], most[:, :, None])
     return np.where(smooth[:, :, None], membrane(photo, hole, 0.1) + grain, borrowed)
 
 
-def _is_smooth(photo: F32, around: Mask) -> bool:
-    """Whether the pixels `around` (H, W) lie on a surface of second degree."""
+def _roughness(photo: F32, around: Mask) -> float:
+    """Levels by which the pixels `around` (H, W) are off a surface of second degree, root of the mean square."""
     y, x = np.nonzero(around)
     if len(y) < 24:
-        return False
+        return float(np.inf)
     u, v = (y - y.mean()) / 64, (x - x.mean()) / 64
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], 1)
     colours = photo[y, x].astype(np.float64)
     off = colours - terms @ np.linalg.lstsq(terms, colours, rcond=None)[0]
-    return bool(np.sqrt((off**2).mean(0)).max() < SMOOTH)
+    return float(np.sqrt((off**2).mean(0)).max())
