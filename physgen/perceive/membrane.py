@@ -39,22 +39,6 @@ def membrane(picture: F32, hole: Mask, tolerance: float = 0.02) -> F32:
     return result
 
 
-def integrate(start: F32, right: F32, down: F32, hole: Mask, tolerance: float = 0.1) -> F32:
-    """The picture whose steps of colour in `hole` (H, W) come closest to those given, and that meets `start` around it.
-
-    `right`, `down` (H, W, C): from each pixel to the next in its row and column (Perez et al. 2003, equation 4).
-    """
-    push = np.zeros_like(start)
-    push[:, :-1] -= right[:, :-1]
-    push[:, 1:] += right[:, :-1]
-    push[:-1] -= down[:-1]
-    push[1:] += down[:-1]
-    result = start.copy()
-    for part, piece in pieces(hole):
-        result[part] = _solve(result[part], piece, tolerance, push[part])
-    return result
-
-
 def seamless(other: NDArray[np.uint8], photo: NDArray[np.uint8], hole: Mask) -> NDArray[np.uint8]:
     """Somebody else's background, `(H, W, 3)` uint8, made to meet the photo at the border of `hole` (H, W).
 
@@ -196,14 +180,12 @@ def _cycle(grids: list[_Grid], level: int, right: F32) -> F32:
     return x
 
 
-def _solve(start: F32, hole: Mask, tolerance: float, push: F32 | None = None, most: int = 60) -> F32:
-    """`start` changed inside `hole` until every pixel there less its neighbours, summed, is `push` (None: 0)."""
+def _solve(start: F32, hole: Mask, tolerance: float, most: int = 60) -> F32:
+    """`start` changed inside `hole` until every pixel there is the mean of its neighbours."""
     values = start.copy()
     grids = _grids(hole)
     fine = grids[0]
     rest = -_apply(_Grid(np.ones_like(fine.free), fine.degree), values) * fine.free
-    if push is not None:
-        rest += push * fine.free
     z = _cycle(grids, 0, rest)
     p = z.copy()
     rz = (rest * z).sum((0, 1), dtype=np.float64)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from physgen.perceive.backends.inpaint_fill import fill
-from physgen.perceive.membrane import integrate, membrane, seamless
+from physgen.perceive.lines import carried
+from physgen.perceive.membrane import membrane, seamless
 
 H, W = 90, 130
 Y, X = np.mgrid[:H, :W].astype(np.float32)
@@ -52,16 +53,6 @@ def test_nothing_known_or_nothing_missing():
     picture = np.ones((9, 9, 1), np.float32)
     for hole in (np.zeros((9, 9), bool), np.ones((9, 9), bool)):
         assert np.array_equal(membrane(picture, hole), picture)
-
-
-def test_steps_are_integrated():
-    random = np.random.default_rng(2)
-    whole = random.uniform(0, 255, (H, W, 3)).astype(np.float32)
-    right, down = np.zeros_like(whole), np.zeros_like(whole)
-    right[:, :-1], down[:-1] = np.diff(whole, axis=1), np.diff(whole, axis=0)
-    hole = blob("two")
-    found = integrate(np.where(hole[:, :, None], 0, whole), right, down, hole, 1e-3)
-    assert np.abs(found - whole).max() < 0.02
 
 
 def test_seamless_is_the_continuation_of_the_photo():
@@ -113,3 +104,61 @@ def test_fill_carries_an_edge_across():
     hole = (np.abs(X - 65) < 8) & (np.abs(Y - 45) < 30)
     filled = fill()(np.where(hole[:, :, None], 255, rgb).astype(np.uint8), hole)
     assert np.abs(filled.astype(int) - rgb)[hole].mean() < 2
+
+
+def test_fill_carries_a_plank_s_edges_across():
+    planks = np.where((X // 26 % 2 == 0)[:, :, None], (150, 110, 70), (95, 60, 40)).astype(np.uint8)
+    hole = np.hypot(X - 52, Y - 45) < 14
+    filled = fill()(np.where(hole[:, :, None], 255, planks).astype(np.uint8), hole)
+    assert np.abs(filled.astype(int) - planks)[hole].mean() < 4
+
+
+def test_fill_continues_a_disc_s_border_as_an_arc():
+    y, x = np.mgrid[:240, :240].astype(np.float32)
+    part = np.clip(90.5 - np.hypot(x - 110, y - 125), 0, 1)[:, :, None]
+    whole = (part * (170, 60, 70) + (1 - part) * (200, 215, 220)).astype(np.uint8)
+    for angle in (0.3, 2.2, 4.0):
+        hole = np.hypot(x - 110 - 90 * np.cos(angle), y - 125 - 90 * np.sin(angle)) < 26
+        filled = fill()(np.where(hole[:, :, None], (40, 40, 45), whole).astype(np.uint8), hole)
+        assert np.abs(filled.astype(int) - whole)[hole].mean() < 4
+
+
+def test_fill_ends_a_border_at_the_one_in_front_of_it():
+    y, x = np.mgrid[:200, :240].astype(np.float32)
+    wall = np.where((x < 120)[:, :, None], (160, 175, 165), (70, 60, 55))
+    whole = np.where((y > 120)[:, :, None], (205, 160, 105), wall).astype(np.uint8)
+    hole = (np.abs(x - 122) < 34) & (y > 60) & (y < 160)
+    filled = fill()(np.where(hole[:, :, None], 255, whole).astype(np.uint8), hole)
+    assert np.abs(filled.astype(int) - whole)[hole].mean() < 5
+
+
+def test_fill_keeps_a_ramp_smooth():
+    ramp = np.stack([60 + X, 200 - X, 90 + Y], -1).astype(np.uint8)
+    hole = blob("disc")
+    filled = fill()(np.where(hole[:, :, None], 0, ramp).astype(np.uint8), hole)
+    assert np.abs(filled.astype(int) - ramp)[hole].max() < 12
+    assert np.abs(np.diff(filled.astype(int), axis=1))[hole[:, 1:]].max() <= 6
+
+
+@pytest.mark.parametrize(
+    "where", [X < 20, (X > 100) & (Y > 60), np.abs(Y - 45) < 40, X + Y > 0, (X > 3) & (Y > 3)]
+)
+def test_fill_takes_any_hole(where: np.ndarray):
+    rgb = wood()
+    filled = fill()(rgb, where)
+    assert filled.shape == rgb.shape
+    assert np.array_equal(filled[~where], rgb[~where])
+    assert np.array_equal(fill()(rgb, where & False), rgb)
+
+
+def test_a_border_is_carried_on_as_it_enters():
+    y, x = np.mgrid[:160, :200].astype(np.float32)
+    soft = 1 / (1 + np.exp(-(y - 70 - 0.3 * x) / 2))
+    picture = np.repeat((60 + 120 * soft)[:, :, None], 3, 2).astype(np.float32)
+    hole = np.hypot(x - 100, y - 100) < 30
+    drawn, strips = carried(np.where(hole[:, :, None], 255, picture).astype(np.float32), hole)
+    assert (strips & (np.abs(y - 70 - 0.3 * x) < 6)).sum() > 0.95 * (
+        hole & (np.abs(y - 70 - 0.3 * x) < 6)
+    ).sum()
+    assert not (strips & ~hole).any()
+    assert np.abs(drawn - picture)[strips].mean() < 6

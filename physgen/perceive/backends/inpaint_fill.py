@@ -1,23 +1,33 @@
 """Photo and hole -> the photo with the hole filled: pieces of the surroundings, in the light of where they come to.
 
-Borrowed pieces carry lines and grain on. Only their steps of colour are kept, and summed up from the photo around the
-hole, so that no seam shows between pieces. Pixels right beside an object are mixed with its blurred
-edge and its contact shadow: nothing is learnt from them, they stay, and the fill meets them within a few pixels.
+Borrowed pieces carry lines and grain on (`borrow`). What they differ by from the photo around the hole is spread over
+it, so that no seam shows. Where all around is smooth, a film is right and pieces bring the grain only. Pixels right
+beside an object are mixed with its blurred edge and its contact shadow: nothing is learnt from them, they stay, and the
+fill meets them within a few pixels.
 """
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.borrow import borrow
-from physgen.perceive.membrane import closed, grown, integrate, meet
+from physgen.perceive.membrane import F32, Mask, closed, grown, meet, membrane, pieces
 from physgen.perceive.roles import Inpaint, Rgb
 
 MIXED = 2
 """px beside the hole that are not trusted."""
 BAND = 3
-"""px beyond them that are borrowed too, so that the steps of colour into the hole are known."""
+"""px beyond them that are borrowed too, so that their difference from the photo is known."""
+LIMIT = np.float32(24)
+"""Levels of that difference, at most: more is no difference of light."""
+AROUND = 12
+"""px around a piece of the hole that tell whether all is smooth there."""
+SMOOTH = 3.0
+"""Levels that they may be off a surface of second degree, root of the mean square."""
+GRAIN = 3.0
+"""px: standard deviation of the blur that tells grain from colour."""
 
 
 def fill() -> Inpaint:
@@ -33,6 +43,38 @@ def _fill(rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
     near, far = grown(whole, MIXED), grown(whole, MIXED + BAND)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    found = borrow(photo, far)
-    start = np.where(near[:, :, None], found.picture, photo)
-    return meet(integrate(start, found.right, found.down, near), rgb, hole)
+    borrowed = _films(photo, borrow(photo, far), far)
+    gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMIT, LIMIT))
+    return meet(np.where(near[:, :, None], borrowed + membrane(gap, near, 0.1), photo), rgb, hole)
+
+
+def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:
+    """`borrowed` (H, W, 3), but a film with its grain in those pieces of the hole that have smooth surroundings."""
+    smooth, most = np.zeros_like(hole), np.zeros(hole.shape, np.float32)
+    for part, piece in pieces(hole):
+        wide = tuple(slice(max(0, s.start - AROUND), s.stop + AROUND) for s in part)
+        inner = np.zeros_like(hole[wide])
+        inner[tuple(slice(s.start - w.start, s.stop - w.start) for s, w in zip(part, wide, strict=True))][
+            piece
+        ] = True
+        rough = _roughness(photo[wide], grown(inner, AROUND) & ~grown(hole[wide], 1))
+        if rough < SMOOTH:
+            smooth[wide] |= inner
+            most[wide][inner] = 2 * rough
+    if not smooth.any():
+        return borrowed
+    grain = borrowed - cv2.GaussianBlur(borrowed, (0, 0), GRAIN)
+    grain = np.clip(grain, -most[:, :, None], most[:, :, None])
+    return np.where(smooth[:, :, None], membrane(photo, hole, 0.1) + grain, borrowed)
+
+
+def _roughness(photo: F32, around: Mask) -> float:
+    """Levels by which the pixels `around` (H, W) are off a surface of second degree, root of the mean square."""
+    y, x = np.nonzero(around)
+    if len(y) < 24:
+        return float(np.inf)
+    u, v = (y - y.mean()) / 64, (x - x.mean()) / 64
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], 1)
+    colours = photo[y, x].astype(np.float64)
+    off = colours - terms @ np.linalg.lstsq(terms, colours, rcond=None)[0]
+    return float(np.sqrt((off**2).mean(0)).max())
