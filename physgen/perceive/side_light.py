@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.roles import LightGuess, Rgb
-from physgen.perceive.silhouettes import typical
+from physgen.perceive.silhouettes import joined, typical
 from physgen.photometry import DistantLight, decode, luminance
 from physgen.shadow import Setting as Place
 from physgen.shadow import Silhouette, darkness
 
 F32 = NDArray[np.float32]
+Shift = tuple[int, int]
+"""px right and down."""
 
 DARKEST = 2e-3
 """Linear light added before logarithms are taken."""
@@ -36,6 +38,10 @@ TILT = 0.1
 """Rise over run of the floor where nothing tells."""
 WALLED = 0.1
 """By how much more a wall behind the objects must explain: it explains almost any dark patch somewhere."""
+ASTRAY = 0.15
+"""Of its height: how far aside the shadow of a thing in the air may lie from where it is foretold; less up or down."""
+MOVED = 0.05
+"""By how much better it must explain what is seen there."""
 LEAST_SEEN = 0.1
 """Of the foretold slopes, as much must be in sight."""
 
@@ -53,19 +59,12 @@ class Trace:
     slopes: Sequence[tuple[float, F32, F32, F32]]
     """Width of smoothing, px; (h, w) how much is known within it; (h, w) slopes of the logarithm of light, x and y."""
     silhouettes: Sequence[Silhouette]
+    joined: Sequence[Silhouette]
+    """The same, those that stand side by side as one."""
 
     def likeness(self, place: Place) -> tuple[float, float]:
         """Correlation of seen slopes and those of a light's shadows, and the factor from one to the other."""
-        return self.agreement(self.foretold(place))
-
-    def foretold(self, place: Place) -> F32:
-        """(h, w) -log of the light that the objects leave, all together."""
-        model = np.zeros(self.known.shape, np.float32)
-        for what in self.silhouettes:
-            if (found := darkness(what, place)) is not None:
-                (x0, y0, x1, y1), values = found
-                model[y0:y1, x0:x1] += values
-        return model
+        return self.agreement(foretold(self.joined, place))
 
     def agreement(self, model: F32) -> tuple[float, float]:
         """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths."""
@@ -96,6 +95,24 @@ class Trace:
         return correlation, factor
 
 
+def foretold(things: Sequence[Silhouette], place: Place, shifts: Sequence[Shift] = ()) -> F32:
+    """(h, w) -log of the light that things leave; `shifts`: by how much each one's shadow lies elsewhere, whole px."""
+    w, h = place.size
+    model = np.zeros((h, w), np.float32)
+    for k, what in enumerate(things):
+        if (found := darkness(what, place)) is None:
+            continue
+        (x0, y0, x1, y1), values = found
+        dx, dy = shifts[k] if shifts else (0, 0)
+        left, top = max(x0 + dx, 0), max(y0 + dy, 0)
+        right, bottom = min(x1 + dx, w), min(y1 + dy, h)
+        if right > left and bottom > top:
+            model[top:bottom, left:right] += values[
+                top - y0 - dy : bottom - y0 - dy, left - x0 - dx : right - x0 - dx
+            ]
+    return model
+
+
 def trace(
     background: Rgb, coverage: F32, longest: int, of: Callable[[float], Sequence[Silhouette]]
 ) -> Trace | None:
@@ -117,7 +134,7 @@ def trace(
         near = np.asarray(cv2.GaussianBlur(known, (0, 0), width), np.float32)
         down, right = np.gradient(cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05))
         slopes.append((width, near, np.asarray(right, np.float32), np.asarray(down, np.float32)))
-    return Trace(scale, (w, h), known, slopes, things)
+    return Trace(scale, (w, h), known, slopes, things, joined(things))
 
 
 @dataclass(frozen=True)
@@ -129,6 +146,10 @@ class Fit:
     """Correlation of foretold and seen slopes."""
     factor: float
     """By how much more is dark than foretold, as a logarithm."""
+    each: float = 1.0
+    """The same where the shadows of things side by side are added up."""
+    shifts: tuple[Shift, ...] = ()
+    """By how much the shadow of each thing (of a trace's `joined`) lies elsewhere than foretold."""
 
 
 def scaled(place: Place, by: float, size: tuple[int, int]) -> Place:
@@ -150,7 +171,7 @@ def best_light(
     def rated(k: int, place: Place) -> Fit:
         told = float(toward @ np.array(place.light.direction)) >= near
         likeness, factor = traces[k].likeness(place) if told else (-1.0, 0.0)
-        return Fit(place, likeness - _odd(place), factor)
+        return Fit(place, likeness - _odd(place, factor), factor)
 
     starts = [
         (k, rated(k, replace(place, backdrop=wall)))
@@ -179,22 +200,60 @@ def refined(fine: Trace, place: Place) -> Fit:
 
     def rated(where: Place) -> Fit:
         likeness, factor = fine.likeness(where)
-        return Fit(where, likeness - _odd(where), factor)
+        return Fit(where, likeness - _odd(where, factor), factor)
 
     fit = rated(place)
     for step in (0.12, 0.06, 0.06, 0.03, 0.03):
         for where in list(_near(fit.place, step)):
             if (other := rated(where)).likeness > fit.likeness and other.factor > 0:
                 fit = other
-    return replace(fit, likeness=fit.likeness + _odd(fit.place))
+    return replace(fit, likeness=fit.likeness + _odd(fit.place, fit.factor))
 
 
-def _odd(place: Place) -> float:
-    """What a place must explain more because it is unusual: very low or very high light, a steep or a flat floor."""
+def settled(fine: Trace, fit: Fit) -> Fit:
+    """The shadows of what flies high moved onto dark places near by, and the light's softness looked for again.
+
+    What is far off is drawn smaller, which no distant light explains.
+    """
+    best = fit
+    for guess in (fit.place.softness, 2.0):  # a light thought wide covers what lies astray
+        place = replace(fit.place, softness=guess)
+        shifts = tuple(_astray(fine, what, place) for what in fine.joined)
+        if not any(dx or dy for dx, dy in shifts):
+            continue
+        for soft in (guess, 0.5 * guess, 2 * guess):
+            place = replace(fit.place, softness=soft)
+            likeness, factor = fine.agreement(foretold(fine.joined, place, shifts))
+            if likeness > best.likeness:
+                best = replace(fit, place=place, likeness=likeness, factor=factor, shifts=shifts)
+    return best
+
+
+def _astray(fine: Trace, what: Silhouette, place: Place) -> Shift:
+    """Where the thing's own shadow lies, seen from where it is foretold; nowhere else for what stands on the floor."""
+    if what.floor is None:
+        return 0, 0
+    flies = what.floor - what.corner[1] - what.coverage.shape[0]
+    across, down = int(ASTRAY * flies), int(0.3 * ASTRAY * flies)
+    if flies < what.thick or across < 2:
+        return 0, 0
+    model = foretold([what], place)
+    best, where = fine.agreement(model)[0] + MOVED, (0, 0)
+    for dy in range(-down, down + 1, max(1, down // 6)):
+        for dx in range(-across, across + 1, max(1, across // 12)):
+            moved = np.roll(model, (dy, dx), axis=(0, 1))
+            if (likeness := fine.agreement(moved)[0]) > best:
+                best, where = likeness, (dx, dy)
+    return where
+
+
+def _odd(place: Place, factor: float) -> float:
+    """What a fit must explain more for being odd: low or high light, a steep or a flat floor, other darkness."""
     x, y, z = place.light.direction
     length = (x * x + z * z) ** 0.5 / max(-y, 0.05)
     slant = 0.03 * max(length - 2, 0.0) + 0.03 * max(0.4 - length, 0.0)
-    return float(slant + 0.02 * abs(np.log(place.tilt / TILT)) + WALLED * (place.backdrop < inf))
+    strength = 0.03 * abs(np.log(max(factor, 0.05)))
+    return float(slant + 0.02 * abs(np.log(place.tilt / TILT)) + strength + WALLED * (place.backdrop < inf))
 
 
 def _starts(first: Place, guess: LightGuess) -> Iterator[Place]:

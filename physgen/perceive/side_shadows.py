@@ -20,22 +20,28 @@ from physgen.perceive.side_light import (
     Fit,
     Trace,
     best_light,
+    foretold,
     refined,
     scaled,
+    settled,
     trace,
 )
-from physgen.perceive.silhouettes import lowest_floor, silhouettes, typical
-from physgen.perceive.unshaded import lifted
+from physgen.perceive.silhouettes import joined, lowest_floor, silhouettes, typical
+from physgen.perceive.unshaded import lifted, roughness
 from physgen.perceive.wall_shadow import Cast
 from physgen.photometry import DistantLight
 from physgen.shadow import Setting as Place
-from physgen.shadow import Silhouette, darkness
+from physgen.shadow import Silhouette
 
 F32 = NDArray[np.float32]
 
 ALIKE, SURE = 0.5, 0.75
 """Correlation of slopes that shadows on a floor need, and with DEEP for each unit of depth, up to one."""
 DEEP = 0.3
+BY_A_WALL = 0.7
+"""Correlation they need where a wall behind is part of the story: it explains almost any dark patch somewhere."""
+CALM = 0.85
+"""Of the slopes of light there, lifting must leave no more: a shadow's edges go with it."""
 FAINTEST = 0.15
 """-log of light: shadows of less are not believed."""
 WALLS = (0.6, 1.5, 3.5)
@@ -85,18 +91,17 @@ def side_shadows(
         return nothing
     H, W = coverage.shape
     things_at = photo.at(1.0, floor)
-    foretold = np.zeros((H, W), np.float32)
+    dark = np.zeros((H, W), np.float32)
     if fit is not None:
-        for what in things_at:
-            if (found := darkness(what, fit.place)) is not None:
-                (x0, y0, x1, y1), values = found
-                foretold[y0:y1, x0:x1] += np.float32(fit.factor) * values
+        dark += np.float32(fit.factor) * foretold(joined(things_at), fit.place, fit.shifts)
     if cast is not None:
         wall = np.zeros((H, W), np.float32)
         for what in things_at:
             np.maximum(wall, wall_shadow.thrown(what, cast, 1.0, (W, H)), out=wall)
-        foretold += np.float32(cast.factor) * cv2.GaussianBlur(wall, (0, 0), max(cast.soft, 0.5))
-    clean = lifted(background, coverage, np.minimum(foretold, 2.5), typical(things_at))
+        dark += np.float32(cast.factor) * cv2.GaussianBlur(wall, (0, 0), max(cast.soft, 0.5))
+    clean = lifted(background, coverage, np.minimum(dark, 2.5), typical(things_at))
+    if roughness(background, clean, coverage) > CALM:
+        return nothing
     place, sure, reason = _told(fit, cast, guess, (W, H))
     back = None if place.backdrop == inf else round(place.backdrop, 1)
     tilt = round(degrees(atan(place.tilt)), 1)
@@ -118,13 +123,19 @@ def _floor(photo: _Photo, given: Trace, guess: LightGuess) -> tuple[Fit | None, 
     fine = photo.trace(FINE, floors[k])
     assert fine is not None
     fit = refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size))
-    model = fine.foretold(fit.place) * fine.known
+    fit = settled(fine, fit)
+    model = foretold(fine.joined, fit.place, fit.shifts) * fine.known
     seen = model[model > 0.02]
     depth = fit.factor * float(np.percentile(seen, 95)) if seen.size else 0.0
-    if depth < FAINTEST or fit.likeness < ALIKE or fit.likeness + DEEP * min(depth, 1.0) < SURE:
+    least = ALIKE if fit.place.backdrop == inf else BY_A_WALL
+    if depth < FAINTEST or fit.likeness < least or fit.likeness + DEEP * min(depth, 1.0) < SURE:
         return None, None
     H, W = photo.coverage.shape
-    return replace(fit, place=scaled(fit.place, fine.scale, (W, H))), floors[k]
+    shifts = tuple((round(dx * fine.scale), round(dy * fine.scale)) for dx, dy in fit.shifts)
+    each = fit.factor
+    if len(fine.joined) < len(fine.silhouettes):
+        _, each = fine.agreement(foretold(fine.silhouettes, fit.place))
+    return replace(fit, place=scaled(fit.place, fine.scale, (W, H)), each=each, shifts=shifts), floors[k]
 
 
 def _off(floor: float | None, lowest: float) -> bool:
@@ -147,7 +158,7 @@ def _told(
     """The light and where its shadows fall; how sure; and why."""
     if fit is not None:
         facing = (0.0, -1.0, 0.0)
-        share = 1 - (1 - min(fit.place.direct(facing), 0.98)) ** fit.factor
+        share = 1 - (1 - min(fit.place.direct(facing), 0.98)) ** fit.each
         place = _shared(fit.place, facing, share)
         reason = f"where the objects' shadows lie on the floor (correlation {fit.likeness:.2f})"
         if cast is None:

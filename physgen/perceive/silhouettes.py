@@ -81,6 +81,36 @@ def silhouettes(
     return found
 
 
+def joined(things: Sequence[Silhouette]) -> list[Silhouette]:
+    """The same with things of one floor and like thickness, other than balls, as one: their shadows are one too."""
+    found = [what for what in things if what.radius is not None]
+    groups: list[list[Silhouette]] = []
+    for what in sorted((w for w in things if w.radius is None), key=lambda w: w.thick):
+        for group in groups:
+            if _alike(group[0], what):
+                group.append(what)
+                break
+        else:
+            groups.append([what])
+    for group in groups:
+        x0, y0 = (min(w.corner[k] for w in group) for k in (0, 1))
+        x1, y1 = (max(w.corner[k] + w.coverage.shape[1 - k] for w in group) for k in (0, 1))
+        whole = np.zeros((y1 - y0, x1 - x0), np.float32)
+        for what in group:
+            (x, y), (h, w) = what.corner, what.coverage.shape
+            part = whole[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
+            np.maximum(part, what.coverage, out=part)
+        thick = float(np.median([w.thick for w in group]))
+        found.append(Silhouette(whole, (x0, y0), group[0].center, None, thick, group[0].floor))
+    return found
+
+
+def _alike(one: Silhouette, other: Silhouette) -> bool:
+    if one.floor is None or other.floor is None:
+        return False
+    return abs(one.floor - other.floor) < 1 and other.thick < 1.5 * one.thick
+
+
 def lowest_floor(setting: Setting) -> float | None:
     """The row, px, of the lowest boundary that things can stand on; None where there is none but the frame."""
     rows = [

@@ -30,12 +30,18 @@ LOUD = 2.0
 """Of the grain's standard deviation: what is less is grain."""
 ROUND = 0.3
 """Of an object's size: what is wider is a shadow that geometry missed, what is finer an edge of one, or grain."""
+FAINT, PART = 0.1, 0.45
+"""-log of light from which a patch is dark; and of what is foretold close by."""
+MOST = 1.7
+"""Of what is foretold close by: no more is lifted. Darker still are other things."""
 OWN = 0.3
 """Share of a dark patch that must be foretold; then all of it is lifted."""
 ASTRAY = 0.15
 """Of an object's size: how far beside where it is foretold a shadow may lie; half as far above and below."""
 RIM = 3.0
 """px: how far in from its border a dark patch is believed as it is seen."""
+SMOOTH = 2.0
+"""px over which slopes are smoothed: grain is not what counts."""
 TINT = (0.6, 1.35)
 """By how much less or more than the average a channel may darken."""
 
@@ -64,6 +70,25 @@ def lifted(background: Rgb, coverage: F32, foretold: F32, size: float) -> Rgb:
     return result
 
 
+def roughness(background: Rgb, clean: Rgb, coverage: F32) -> float:
+    """Slopes of the logarithm of light after lifting over those before, where anything was lifted.
+
+    Less than 1 where a shadow's edges went; more where edges came that were not there. 1 where nothing was lifted.
+    """
+    free = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
+    logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (background, clean)]
+    there = cv2.dilate((np.abs(logs[1] - logs[0]) > 0.02).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    known = free.astype(np.float32)
+    near = np.maximum(cv2.GaussianBlur(known, (0, 0), SMOOTH), 0.05)
+    before, after = (
+        float(
+            np.hypot(*np.gradient(cv2.GaussianBlur(part * known, (0, 0), SMOOTH) / near))[there & free].sum()
+        )
+        for part in logs
+    )
+    return after / before if before > 0 else 1.0
+
+
 def _dark(linear: F32, free: F32, foretold: F32, size: float) -> tuple[F32, F32]:
     """(h, w) -log of the light that is missing, and (h, w, 3) what light surfaces of that kind have elsewhere."""
     bright = np.log(luminance(linear) + DARKEST).astype(np.float32)
@@ -74,10 +99,12 @@ def _dark(linear: F32, free: F32, foretold: F32, size: float) -> tuple[F32, F32]
     noise = _mean(((level - bright) * plain) ** 2, plain, *near) ** 0.5
     patch = np.zeros(foretold.shape, np.uint8)
     around = 2 * round(ASTRAY * size) + 1, 2 * round(0.5 * ASTRAY * size) + 1
-    near_by = cv2.dilate((foretold > 0.02).astype(np.float32), np.ones(around[::-1], np.uint8))
+    expected = np.asarray(cv2.dilate(foretold, np.ones(around[::-1], np.uint8)), np.float32)
     for _ in range(2):  # what turns out to be dark says nothing of what is not
         missing = np.asarray(cv2.medianBlur(level - bright, 3), np.float32)
-        patch = _patches(missing, free * near_by, foretold, noise)
+        patch = _patches(
+            missing, free * (expected > 0.05), foretold, np.maximum(2.5 * noise, PART * expected)
+        )
         plain = plain * (1 - cv2.dilate(patch, np.ones((7, 7), np.uint8)))
         level = _along(bright, plain, like, size)
     logs = np.log(linear + DARKEST).astype(np.float32)
@@ -100,7 +127,7 @@ def _dark(linear: F32, free: F32, foretold: F32, size: float) -> tuple[F32, F32]
     seen = missing + inside * (even + _loud(missing - even, quiet, LOUD) - missing)
     belongs = _blurred(cv2.dilate(patch, np.ones((5, 5), np.uint8)).astype(np.float32), 1.0, 1.0) * free
     dark = belongs * seen + (1 - belongs) * dark
-    dark = np.clip(dark, 0, 3.0) * np.maximum(_reach(foretold, size), belongs)
+    dark = np.clip(dark, 0, MOST * expected + FAINT) * np.maximum(_reach(foretold, size), belongs)
     return np.asarray(dark, np.float32), clean
 
 
@@ -120,13 +147,15 @@ def _reach(foretold: F32, size: float) -> F32:
     )
 
 
-def _patches(missing: F32, free: F32, foretold: F32, noise: F32) -> NDArray[np.uint8]:
-    """(h, w) 1 where dark patches are that are foretold in part."""
-    dark = ((missing > np.maximum(2.5 * noise, 0.1)) & (free > 0)).astype(np.uint8)
+def _patches(missing: F32, free: F32, foretold: F32, least: F32) -> NDArray[np.uint8]:
+    """(h, w) 1 where dark patches are that are foretold in part; `least`: what counts as dark."""
+    told = (foretold > 0.02) & (free > 0)
+    dark = ((missing > np.maximum(least, FAINT)) & (free > 0)).astype(np.uint8)
     _, names, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
-    told = np.bincount(names.ravel(), weights=((foretold > 0.02) & (free > 0)).ravel(), minlength=len(stats))
     area = stats[:, cv2.CC_STAT_AREA]
-    taken = (told > OWN * area) & (area > 12)
+    taken = (np.bincount(names.ravel(), weights=told.ravel(), minlength=len(stats)) > OWN * area) & (
+        area > 12
+    )
     taken[0] = False
     return np.asarray(taken[names].astype(np.uint8))
 

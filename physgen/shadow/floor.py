@@ -23,6 +23,8 @@ FINER = 2
 """Lines of the floor in a row of pixels: seen from the side, a row is deep."""
 SUNK = 3.0
 """px by which a thing's picture may reach farther below its floor than its thickness tells."""
+FAR = 1e4
+"""px: a sky without anything in it."""
 UNDER, BESIDE = 0.9, 0.4
 """Of the sky that a thing hides, what it does not give back by its own light: from under it, and beside it."""
 
@@ -148,9 +150,15 @@ def _sky(what: Silhouette, at: Stand, xs: F32, z: F32) -> F32:
     left, right = int(columns[0]), int(columns[-1]) + 1
     lowest = what.coverage.shape[0] - np.argmax(solid[::-1, left:right], axis=0)
     gap = np.maximum(at.foot - (what.corner[1] + lowest - 0.5), 0.5).astype(np.float32)
-    # beside its foot an upright side hides half the sky
-    foot = what.corner[0] + left + np.flatnonzero(gap < gap.min() + 1 + 0.1 * (at.high - at.low))
-    beside = np.maximum(np.maximum(np.float32(foot[0] - 0.5) - xs, xs - np.float32(foot[-1] + 0.5)), 0)[None]
+    gap[~solid[:, left:right].any(axis=0)] = FAR
+    # beside its feet an upright side hides half the sky
+    feet = (what.corner[0] + left + np.flatnonzero(gap < gap.min() + 1 + 0.1 * (at.high - at.low))).astype(
+        np.float32
+    )
+    after = np.searchsorted(feet, xs)
+    to_left = np.abs(xs - feet[np.maximum(after - 1, 0)])
+    to_right = np.abs(feet[np.minimum(after, len(feet) - 1)] - xs)
+    beside = np.maximum(np.minimum(to_left, to_right) - np.float32(0.5), 0)[None]
     before = np.maximum(np.abs(z) - np.float32(at.half), 0)
     reach = np.float32(0.22 * min(max(at.high - at.low, right - left), 8 * at.half) + 1)
     away = np.sqrt(beside * beside + before * before + np.float32(at.low**2))
