@@ -57,11 +57,13 @@ def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
 
 
 def seen(stage: Stage) -> dict:
-    """What shadows depend on: how far the lens looks down, and the wall behind."""
-    if stage.camera.view == "top":
+    """What shadows depend on: how far the lens looks down on the floor, the lowest boundary; and the wall behind."""
+    camera = stage.camera
+    if camera.view == "top":
         return {}
-    down = np.degrees(np.arctan(stage.camera.rise[1] / stage.camera.distance))
-    wall = {} if stage.backdrop is None else {"backdrop": round(stage.backdrop * stage.camera.ppm)}
+    lowest = min(point[1] for line in stage.boundaries.values() for point in line.points)
+    down = np.degrees(np.arctan((camera.centre[1] + camera.rise[1] - lowest) / camera.distance))
+    wall = {} if stage.backdrop is None else {"backdrop": round(stage.backdrop * camera.ppm)}
     return {"tilt": round(float(down), 1), **wall}
 
 

@@ -80,7 +80,9 @@ def import_physgen(
         document["light"], comments["light"] = light
     shadows = _shadows(percepts, things, sim)
     if shadows.clean is not None:
-        percepts = replace(percepts, clean=refilled(shadows.clean, coverage, backends.make("inpaint")))
+        percepts = replace(
+            percepts, clean=refilled(shadows.clean, background, coverage, backends.make("inpaint"))
+        )
         document["light"] = words.light(shadows.light) | {"softness": shadows.softness}
         comments["light"] = f"{shadows.reason} (confidence {shadows.confidence:g})"
         document["world"] |= words.view(shadows, bool(sim.gravity))

@@ -109,7 +109,7 @@ def perceive(
     shadows: Shadows = role("shadow")(background, coverage, found.labels, things, matter, setting, light)
     clean = shadows.clean
     if clean is not None:
-        clean = refilled(clean, coverage, backends.make("inpaint", who.get("inpaint")))
+        clean = refilled(clean, background, coverage, backends.make("inpaint", who.get("inpaint")))
     percepts = Percepts(rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean)
 
     called = words.names(things, {i: name for i, name in before.items() if i not in renamed})

@@ -162,15 +162,71 @@ def test_a_ball_on_a_table_throws_its_ellipse() -> None:
     assert (shade / 0.98).sum() == pytest.approx(np.pi * r * r / lz, rel=0.05)
 
 
-def test_a_wall_behind_takes_the_silhouette_moved_along_the_light() -> None:
+def seen(what: Silhouette, place: Setting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns, rows and how much of the direct light is taken away there."""
+    (x0, y0, x1, y1), dark = darkness(what, place)
+    y, x = np.mgrid[y0:y1, x0:x1]
+    return x, y, (1 - np.exp(-dark)) / 0.98
+
+
+@pytest.mark.parametrize(("ball", "area"), [(True, np.pi * 20**2 / SUN.direction[2]), (False, np.pi * 20**2)])
+def test_a_wall_behind_takes_the_silhouette_moved_along_the_light(ball, area) -> None:
+    """A ball's is an ellipse; that of a flat thing keeps its shape."""
     lx, ly, lz = SUN.direction
     bare = DistantLight(SUN.direction, 1.0, 0.0)
-    (x0, y0, x1, y1), dark = darkness(ball_at(100, 100, 20.0), setting(bare, 0.1, top=False, backdrop=60.0))
-    shade = 1 - np.exp(-dark)
-    y, x = np.mgrid[y0:y1, x0:x1]
+    what = (
+        ball_at(100, 100, 20.0)
+        if ball
+        else Silhouette(disc(100, 100, 20.0), (0, 0), (100, 100), None, 0, None)
+    )
+    x, y, shade = seen(what, setting(bare, 0.1, top=False, backdrop=60.0))
     middle = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
     assert middle == pytest.approx([100 - 60 * lx / lz, 100 - 60 * (ly / lz + 0.1)], abs=0.5)
-    assert (shade / 0.98).sum() == pytest.approx(np.pi * 20**2, rel=0.03)
+    assert shade.sum() == pytest.approx(area, rel=0.03)
+
+
+LOW = DistantLight((-0.6, -0.64, 0.48), 1.0, 0.0)
+
+
+def test_a_ball_in_the_air_throws_its_ellipse_on_the_floor() -> None:
+    """Of the area pi r² / sine of the light's height, seen under the floor's slope; along the light below it."""
+    r, height, tilt = 20.0, 60.0, 0.25
+    x, y, shade = seen(ball_at(100, 200 - height, r, floor=200.0), setting(LOW, 0.1, top=False, tilt=tilt))
+    lx, ly, lz = LOW.direction
+    middle = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
+    assert middle == pytest.approx([100 + height * lx / ly, 200 + tilt * height * lz / ly], abs=0.5)
+    assert shade.sum() == pytest.approx(np.pi * r * r / -ly * tilt, rel=0.05)
+
+
+@pytest.mark.parametrize("softness", [0.1, 6.0])
+def test_a_block_throws_a_shadow_as_long_as_the_light_is_low(softness) -> None:
+    """Its foot's area, drawn out over its height: w t + h |lz| w / |ly| + h |lx| t / |ly|; dark within, soft or not."""
+    w, h, t, tilt = 60.0, 80.0, 40.0, 0.25
+    cover = np.zeros((300, 300), np.float32)
+    cover[120:200, 60:120] = 1
+    what = Silhouette(cover, (0, 0), (89.5, 159.5), None, t, 199.5)
+    lx, ly, lz = (abs(c) for c in LOW.direction)
+    x, y, shade = seen(what, setting(LOW, softness, top=False, tilt=tilt))
+    assert shade.sum() == pytest.approx((w * t + h * lz / ly * w + h * lx / ly * t) * tilt, rel=0.06)
+    row = 199.5 - tilt * t / 2  # where it stands; its near edge is what one sees of its foot
+    for height in (10, 30, 50):
+        spot = np.hypot(x - (90 + height * lx / ly), y - (row - tilt * height * lz / ly)) < 1.5
+        assert shade[spot].min() > 0.9, "thrown by the middle of the block"
+    assert shade[(y > row + tilt * t / 2 + 3) | (x < 50)].max() < 0.1
+
+
+def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:
+    """A plate of height 0 at one end and 60 px at the other, in ambient light alone: ever less dark."""
+    cover = np.zeros((300, 300), np.float32)
+    for k in range(120):
+        cover[200 - k // 2 - 20 : 200 - k // 2, 60 + k] = 1
+    what = Silhouette(cover, (0, 0), (120.0, 160.0), None, 60.0, 199.5)
+    x, y, shade = seen(what, setting(DistantLight((0, -1, 0), 0.0, 1.0), top=False, tilt=0.1))
+    under = shade[(y == round(199.5 - 3))]
+    columns = x[0]
+    found = [float(under[columns == c][0]) for c in (64, 90, 120, 150, 175)]
+    assert found[0] > 0.8
+    assert found == sorted(found, reverse=True)
 
 
 def test_a_thing_that_rises_leaves_the_floor_to_the_light() -> None:

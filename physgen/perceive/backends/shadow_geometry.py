@@ -1,23 +1,25 @@
 """Background with the objects' shadows -> the same without, and the light that throws them.
 
 A light is looked for whose shadows, by the simple geometry of `physgen.shadow`, lie where the photo is darker than its
-surroundings of like colour. Where one is found, what it foretells is lifted as far as the photo is dark there.
+surroundings of like colour. Where one is found, what it foretells is lifted as far as the photo is dark there. So it is
+on a table seen from above; photos from the side go another way, `perceive.side_shadows`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, cos, inf, pi, radians, sin, tan
+from math import cos, inf, pi, sin
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadow, Shadows, Thing
+from physgen.perceive.side_shadows import side_shadows
+from physgen.perceive.silhouettes import silhouettes, typical
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
-from physgen.scene.model import Solid, View
+from physgen.scene.model import View
 from physgen.shadow import Setting as Place
 from physgen.shadow import Silhouette, blurred, darkness
 
@@ -30,18 +32,12 @@ FLOOR = 2e-3
 """Linear light added before logarithms are taken."""
 SURE = 0.5
 """Correlation of what is foretold with what is dark, from which shadows are believed."""
-WALLED = 0.2
-"""By how much more a wall behind the objects must explain than the floor alone."""
 TOLD = 0.5
 """Confidence of a light that balls told, from which the direction found lies near theirs."""
 TRUSTED = 0.77
 """Cosine of the angle between the two."""
-MOST = 40
-"""Objects that are looked at; the largest."""
 HUES = 6
 """Kinds of surface that are told apart by their hue."""
-BACKDROPS = (0.3, 0.5, 0.8, 1.2, 1.7, 2.3, 3.0, 4.0, 5.0, 6.0, 7.0)
-"""Of an object's size: how far behind the objects a wall is looked for."""
 RING = 2
 """px around objects where the background still shows traces of them."""
 
@@ -62,7 +58,6 @@ class _Scene:
     silhouettes: Sequence[Silhouette]
     size: float
     """px of a typical object."""
-    top: bool
 
     def score(self, place: Place) -> tuple[float, float]:
         """Correlation of foretold and seen darkness, and the factor from one to the other."""
@@ -94,6 +89,8 @@ def _geometry(
     setting: Setting,
     light: LightGuess,
 ) -> Shadows:
+    if setting.view is View.SIDE:
+        return side_shadows(background, coverage, labels, things, matter, setting, light)
     scene = _scene(background, coverage, labels, things, matter, setting)
     nothing = Shadows(None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
     if scene is None:
@@ -101,79 +98,19 @@ def _geometry(
     place, score, factor = _search(scene, light)
     if score < SURE or factor < 0.15:
         return nothing
-    scale = max(background.shape[:2]) / max(scene.dark.shape)
     even = _even(place, factor)
-    dark = _seen(background, coverage, labels, things, matter, setting, even, scale)
+    dark = _seen(background, coverage, labels, things, matter, setting, even)
     clean = encode_u8(decode(background) * np.exp(dark)[..., None])
-    wall = None if even.backdrop == inf else round(even.backdrop * scale, 1)
-    tilt = round(float(np.degrees(np.arctan(even.tilt))), 1)
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
-    return Shadows(clean, even.light, round(even.softness, 1), tilt, wall, round(min(0.9, score), 2), reason)
-
-
-def _silhouettes(
-    labels: Labels, things: Sequence[Thing], matter: Matters, setting: Setting, scale: float
-) -> list[Silhouette]:
-    """Of the largest things, on a picture 1 / scale of the size."""
-    top = setting.view is View.TOP
-    grounds = [
-        (np.array(a) / scale, np.array(b) / scale)
-        for wall in setting.walls
-        for a, b in zip(wall.points[:-1], wall.points[1:], strict=True)
-    ]
-    found = []
-    sizes = {t.id: mass_properties(t.outline).area for t in things}
-    for thing in sorted(things, key=lambda t: -sizes[t.id])[:MOST]:
-        x0, y0, x1, y1 = bounds(thing.outline)
-        a, b = max(int(x0) - 2, 0), max(int(y0) - 2, 0)
-        c, d = min(ceil(x1) + 3, labels.shape[1]), min(ceil(y1) + 3, labels.shape[0])
-        mask = (labels[b:d, a:c] == thing.id).astype(np.float32)
-        if not mask.any():
-            continue
-        corner = int(a / scale), int(b / scale)
-        w, h = ceil(c / scale) + 1 - corner[0], ceil(d / scale) + 1 - corner[1]
-        matrix = np.array(
-            [
-                [1 / scale, 0, (a + 0.5) / scale - 0.5 - corner[0]],
-                [0, 1 / scale, (b + 0.5) / scale - 0.5 - corner[1]],
-            ]
-        )
-        soft = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
-        small = np.asarray(cv2.warpAffine(soft, matrix, (w, h), flags=cv2.INTER_LINEAR), np.float32)
-        center = mass_properties(thing.outline).center / scale
-        disc = isinstance(thing.outline, Disc)
-        ball = disc and matter[thing.id].solid is Solid.SPHERE
-        radius = thing.outline.radius / scale if isinstance(thing.outline, Disc) else None
-        wide, high = (x1 - x0) / scale, (y1 - y0) / scale
-        thick = 2 * radius if radius is not None else 0.9 * (wide * high) ** 0.5
-        if top and not ball:
-            thick *= 0.4 if disc else 0.6
-        bottom = y1 / scale - 0.5
-        rows = [
-            float(p[1] + (q[1] - p[1]) * (center[0] - p[0]) / (q[0] - p[0]))
-            for p, q in grounds
-            if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]) and min(p[0], q[0]) <= center[0] <= max(p[0], q[0])
-        ]
-        below = [row for row in rows if row >= bottom - 3]
-        found.append(
-            Silhouette(
-                small,
-                corner,
-                (float(center[0]), float(center[1])),
-                radius if ball else None,
-                thick,
-                min(below, default=None),
-            )
-        )
-    return found
+    return Shadows(clean, even.light, round(even.softness, 1), 4.0, None, round(min(0.9, score), 2), reason)
 
 
 def _scene(
     background: Rgb, coverage: F32, labels: Labels, things: Sequence[Thing], matter: Matters, setting: Setting
 ) -> _Scene | None:
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
-    silhouettes = _silhouettes(labels, things, matter, setting, scale)
-    if not silhouettes:
+    found = silhouettes(labels, things, matter, setting, scale)
+    if not found:
         return None
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
     light = np.log(luminance(decode(background)) + FLOOR)
@@ -181,16 +118,15 @@ def _scene(
     known = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.where(known > 0.05, small / np.maximum(known, 0.05), 0).astype(np.float32)
-    size = float(np.median([(s.coverage > 0.5).sum() ** 0.5 for s in silhouettes])) + 1
+    size = typical(found)
     weight = known * (known > 0.5)
     dark = _around(small, known, size) - small
     dark = np.clip(dark, -0.3, 1.2)
     return _Scene(
         np.asarray(dark, np.float32),
         np.asarray(weight, np.float32),
-        silhouettes,
+        found,
         size,
-        setting.view is View.TOP,
     )
 
 
@@ -202,12 +138,9 @@ def _around(values: F32, weight: F32, size: float) -> F32:
 
 
 def _search(scene: _Scene, light: LightGuess) -> tuple[Place, float, float]:
-    """The best light and place by steps along one number after the other, from several directions.
-
-    A wall behind explains almost any dark patch somewhere: it has to explain far more than the floor does.
-    """
+    """The best light and place by steps along one number after the other, from several directions."""
     h, w = scene.dark.shape
-    start = Place(light.light, 4.0, scene.top, tan(radians(5)), inf, (w, h))
+    start = Place(light.light, 4.0, True, 0.1, inf, (w, h))
     toward = np.array(light.light.direction)
     near = TRUSTED if light.confidence >= TOLD else -1.0
 
@@ -220,7 +153,7 @@ def _search(scene: _Scene, light: LightGuess) -> tuple[Place, float, float]:
         for _, _, place in sorted(tries, key=lambda t: (-t[0], t[1]))[:2]:
             now = (place, *scene.score(place))
             for _ in range(2):
-                for other in _steps(now[0], scene):
+                for other in _steps(now[0]):
                     if allowed(other):
                         score, factor = scene.score(other)
                         if score > now[1]:
@@ -229,58 +162,30 @@ def _search(scene: _Scene, light: LightGuess) -> tuple[Place, float, float]:
                 found = now
         return found
 
-    starts = list(_starts(scene, start))
-    plain = best([place for place in starts if place.backdrop == inf])
-    if scene.top:
-        return plain
-    walled = best([place for place in starts if place.backdrop < inf])
-    return walled if walled[1] > plain[1] + WALLED and walled[1] > SURE + WALLED else plain
+    return best(list(_starts(start)))
 
 
-def _starts(scene: _Scene, place: Place) -> Iterator[Place]:
+def _starts(place: Place) -> Iterator[Place]:
     yield place
-    if not scene.top and place.light.direction[2] > 0.1:
-        for part in BACKDROPS:
-            yield replace(place, backdrop=part * scene.size)
     for k in range(12):
         turn = 2 * pi * k / 12
-        if scene.top:
-            for height in (0.9, 0.75, 0.5):
-                flat = (1 - height**2) ** 0.5
-                yield replace(
-                    place, light=_towards(place.light, (flat * cos(turn), flat * sin(turn), height))
-                )
-        else:
-            for height in (0.4, 0.75):
-                flat = (1 - height**2) ** 0.5
-                x, z = flat * cos(turn), flat * sin(turn)
-                if z < -0.4:
-                    continue
-                lit = _towards(place.light, (x, -height, z))
-                yield replace(place, light=lit)
-                if z > 0.3:
-                    for part in BACKDROPS[::2]:
-                        yield replace(place, light=lit, backdrop=part * scene.size)
+        for height in (0.9, 0.75, 0.5):
+            flat = (1 - height**2) ** 0.5
+            yield replace(place, light=_towards(place.light, (flat * cos(turn), flat * sin(turn), height)))
 
 
-def _steps(place: Place, scene: _Scene) -> Iterator[Place]:
+def _steps(place: Place) -> Iterator[Place]:
     """Neighbours of a place, one number changed."""
     x, y, z = place.light.direction
     for dx, dy, dz in ((0.15, 0, 0), (0, 0.15, 0), (0, 0, 0.15)):
         for sign in (1, -1, 0.4, -0.4):
             new = np.array([x + sign * dx, y + sign * dy, z + sign * dz])
-            if (new[2] if scene.top else -new[1]) > 0.1:
+            if new[2] > 0.1:
                 yield replace(place, light=_towards(place.light, tuple(new / np.linalg.norm(new))))
     for soft in (0.5, 2.0, 5.0, 10.0, 18.0, 28.0):
         yield replace(place, softness=soft)
     for share in (0.15, 0.35, 0.6, 0.85):
         yield replace(place, light=DistantLight(place.light.direction, share * 1.2, (1 - share) * 1.2))
-    if not scene.top:
-        for tilt in (0.02, 0.05, 0.08, 0.12, 0.2):
-            yield replace(place, tilt=tilt)
-        if place.backdrop < inf:
-            for part in (0.7, 0.85, 1.15, 1.4):
-                yield replace(place, backdrop=part * place.backdrop)
 
 
 def _towards(light: DistantLight, direction: Sequence[float]) -> DistantLight:
@@ -291,10 +196,8 @@ def _towards(light: DistantLight, direction: Sequence[float]) -> DistantLight:
 def _even(place: Place, factor: float) -> Place:
     """The share of direct light made such that the foretold shadows are as dark as the seen ones."""
     x, y, z = place.light.direction
-    facing = max(z if place.top else -y, 0.05)
-    share = min(
-        place.direct((0.0, 0.0, 1.0) if place.top else (0.0, -1.0, 0.0)) * min(max(factor, 0.3), 1.6), 0.97
-    )
+    facing = max(z, 0.05)
+    share = min(place.direct((0.0, 0.0, 1.0)) * min(max(factor, 0.3), 1.6), 0.97)
     ambient = max(place.light.ambient, 0.05)
     intensity = min(share / (1 - share) * ambient / facing, 100.0 * ambient)
     total = (
@@ -311,18 +214,17 @@ def _seen(
     matter: Matters,
     setting: Setting,
     place: Place,
-    scale: float,
 ) -> F32:
     """(H, W) -log of the light that the photo shows to be missing, within reach of what geometry foretells."""
     H, W = coverage.shape
-    full = replace(place, backdrop=place.backdrop * scale, size=(W, H))
+    full = replace(place, size=(W, H))
     model = np.zeros((H, W), np.float32)
-    silhouettes = _silhouettes(labels, things, matter, setting, 1.0)
-    for what in silhouettes:
+    casting = silhouettes(labels, things, matter, setting, 1.0)
+    for what in casting:
         if (found := darkness(what, full)) is not None:
             (x0, y0, x1, y1), values = found
             model[y0:y1, x0:x1] += values
-    size = float(np.median([(s.coverage > 0.5).sum() ** 0.5 for s in silhouettes])) + 1
+    size = typical(casting)
     solid = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8)) > 0
     side = 2 * max(1, round(0.2 * size)) + 1
     wide = cv2.dilate(model, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))

@@ -1,0 +1,198 @@
+"""Photo from the side -> the objects' shadows on floor and wall, lifted, and the light that throws them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import atan, degrees, hypot, inf
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive import wall_shadow
+from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadows, Thing
+from physgen.perceive.side_light import (
+    COARSE,
+    FINE,
+    TILT,
+    TOLD,
+    Fit,
+    Trace,
+    best_light,
+    foretold,
+    refined,
+    scaled,
+    settled,
+    trace,
+)
+from physgen.perceive.silhouettes import joined, lowest_floor, silhouettes, typical
+from physgen.perceive.unshaded import lifted, roughness
+from physgen.perceive.wall_shadow import Cast
+from physgen.photometry import DistantLight
+from physgen.shadow import Setting as Place
+from physgen.shadow import Silhouette
+
+F32 = NDArray[np.float32]
+
+ALIKE, SURE = 0.5, 0.75
+"""Correlation of slopes that shadows on a floor need, and with DEEP for each unit of depth, up to one."""
+DEEP = 0.3
+BY_A_WALL = 0.7
+"""Correlation they need where a wall behind is part of the story: it explains almost any dark patch somewhere."""
+CALM = 0.85
+"""Of the slopes of light there, lifting must leave no more: a shadow's edges go with it."""
+FAINTEST = 0.15
+"""-log of light: shadows of less are not believed."""
+WALLS = (0.6, 1.5, 3.5)
+"""Of an object's size: how far behind the objects a wall is looked for that their shadows reach from the floor."""
+ROUGH = 240
+"""px: longer side of the picture in which shadows on a wall are looked for."""
+FULL = 1.2
+"""Shading where light falls straight: there a surface shows its own colour."""
+
+
+@dataclass(frozen=True)
+class _Photo:
+    """What is asked of at several scales."""
+
+    background: Rgb
+    coverage: F32
+    labels: Labels
+    things: Sequence[Thing]
+    matter: Mapping[int, Matter]
+    setting: Setting
+
+    def at(self, scale: float, floor: float | None = None) -> list[Silhouette]:
+        return silhouettes(self.labels, self.things, self.matter, self.setting, scale, floor)
+
+    def trace(self, longest: int, floor: float | None = None) -> Trace | None:
+        return trace(self.background, self.coverage, longest, lambda scale: self.at(scale, floor))
+
+
+def side_shadows(
+    background: Rgb,
+    coverage: F32,
+    labels: Labels,
+    things: Sequence[Thing],
+    matter: Mapping[int, Matter],
+    setting: Setting,
+    guess: LightGuess,
+) -> Shadows:
+    """The role `shadow` for a photo from the side."""
+    photo = _Photo(background, coverage, labels, things, matter, setting)
+    nothing = Shadows(None, guess.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
+    given = photo.trace(COARSE)
+    if given is None:
+        return nothing
+    fit, floor = _floor(photo, given, guess)
+    cast = _wall(photo)
+    if fit is None and cast is None:
+        return nothing
+    H, W = coverage.shape
+    things_at = photo.at(1.0, floor)
+    dark = np.zeros((H, W), np.float32)
+    if fit is not None:
+        dark += np.float32(fit.factor) * foretold(joined(things_at), fit.place, fit.shifts)
+    if cast is not None:
+        wall = np.zeros((H, W), np.float32)
+        for what in things_at:
+            np.maximum(wall, wall_shadow.thrown(what, cast, 1.0, (W, H)), out=wall)
+        dark += np.float32(cast.factor) * cv2.GaussianBlur(wall, (0, 0), max(cast.soft, 0.5))
+    clean = lifted(background, coverage, np.minimum(dark, 2.5), typical(things_at))
+    if roughness(background, clean, coverage) > CALM:
+        return nothing
+    place, sure, reason = _told(fit, cast, guess, (W, H))
+    back = None if place.backdrop == inf else round(place.backdrop, 1)
+    tilt = round(degrees(atan(place.tilt)), 1)
+    return Shadows(clean, place.light, round(place.softness, 1), tilt, back, round(min(0.9, sure), 2), reason)
+
+
+def _floor(photo: _Photo, given: Trace, guess: LightGuess) -> tuple[Fit | None, float | None]:
+    """The light whose shadows lie on the floor, in px of the photo; the floor's row where it is no boundary below."""
+    traces: list[Trace] = [given]
+    floors: list[float | None] = [None]
+    lowest = lowest_floor(photo.setting)
+    if lowest is not None and any(_off(s.floor, lowest / given.scale) for s in given.silhouettes):
+        other = photo.trace(COARSE, lowest)
+        if other is not None:
+            traces.append(other)
+            floors.append(lowest)
+    size = typical(given.silhouettes)
+    k, rough = best_light(traces, guess, (inf, *(part * size for part in WALLS)))
+    fine = photo.trace(FINE, floors[k])
+    assert fine is not None
+    fit = refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size))
+    fit = settled(fine, fit)
+    model = foretold(fine.joined, fit.place, fit.shifts) * fine.known
+    seen = model[model > 0.02]
+    depth = fit.factor * float(np.percentile(seen, 95)) if seen.size else 0.0
+    least = ALIKE if fit.place.backdrop == inf else BY_A_WALL
+    if depth < FAINTEST or fit.likeness < least or fit.likeness + DEEP * min(depth, 1.0) < SURE:
+        return None, None
+    H, W = photo.coverage.shape
+    shifts = tuple((round(dx * fine.scale), round(dy * fine.scale)) for dx, dy in fit.shifts)
+    each = fit.factor
+    if len(fine.joined) < len(fine.silhouettes):
+        _, each = fine.agreement(foretold(fine.silhouettes, fit.place))
+    return replace(fit, place=scaled(fit.place, fine.scale, (W, H)), each=each, shifts=shifts), floors[k]
+
+
+def _off(floor: float | None, lowest: float) -> bool:
+    return floor is None or abs(floor - lowest) > 2
+
+
+def _wall(photo: _Photo) -> Cast | None:
+    """The shadows on a wall behind, where they are seen."""
+    rough = photo.trace(ROUGH)
+    cast = None if rough is None else wall_shadow.on_wall(rough)
+    if rough is None or cast is None or not cast.convincing(len(rough.silhouettes)):
+        return None
+    fine = photo.trace(FINE)
+    return cast if fine is None else wall_shadow.refined(fine, cast)
+
+
+def _told(
+    fit: Fit | None, cast: Cast | None, guess: LightGuess, size: tuple[int, int]
+) -> tuple[Place, float, str]:
+    """The light and where its shadows fall; how sure; and why."""
+    if fit is not None:
+        facing = (0.0, -1.0, 0.0)
+        share = 1 - (1 - min(fit.place.direct(facing), 0.98)) ** fit.each
+        place = _shared(fit.place, facing, share)
+        reason = f"where the objects' shadows lie on the floor (correlation {fit.likeness:.2f})"
+        if cast is None:
+            return place, fit.likeness, reason
+        x, y, z = place.light.direction
+        flat = np.array([-x / max(z, 0.2), -y / max(z, 0.2) - place.tilt])
+        back = float(flat @ np.array(cast.shift) / max(float(flat @ flat), 1e-3))
+        reason = f"where the objects' shadows lie on the floor and on a wall (correlation {fit.likeness:.2f})"
+        return replace(place, backdrop=back) if back > 1 else place, max(fit.likeness, cast.likeness), reason
+    assert cast is not None
+    dx, dy = cast.shift
+    x, y, z = guess.light.direction
+    flat = np.array([-x, -y - TILT * z]) / max(z, 0.2)
+    back = float(flat @ np.array(cast.shift) / max(float(flat @ flat), 1e-3))
+    if guess.confidence < TOLD or back < 0.3 * hypot(dx, dy):
+        back = 0.8 * hypot(dx, dy)
+    direction = np.array([-dx / back, -(dy / back + TILT), 1.0])
+    a, b, c = (direction / np.linalg.norm(direction)).tolist()
+    far = back / max(c, 0.2) * float(np.hypot(1, 0.5 * hypot(a, b) / max(c, 0.2)))
+    softness = degrees(atan(2 * max(cast.soft - 0.35, 0.0) / far))
+    place = Place(DistantLight((a, b, c), 1.0, 0.2), min(max(softness, 0.3), 45.0), False, TILT, back, size)
+    place = _shared(place, (0.0, 0.0, 1.0), 1 - float(np.exp(-cast.factor)))
+    return (
+        place,
+        cast.likeness,
+        f"where the objects' shadows lie on a wall behind (correlation {cast.likeness:.2f})",
+    )
+
+
+def _shared(place: Place, facing: tuple[float, float, float], share: float) -> Place:
+    """The same with so much of the light direct on a surface that faces there."""
+    share = min(max(share, 0.02), 0.97)
+    now = min(max(place.direct(facing), 1e-3), 0.999)
+    light = place.light
+    ratio = light.intensity / max(light.ambient, 1e-3) * (share / (1 - share)) / (now / (1 - now))
+    ambient = FULL / (1 + min(ratio, 100.0))
+    return replace(place, light=DistantLight(light.direction, FULL - ambient, ambient))
