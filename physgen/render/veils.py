@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.shadow import FARTHEST, LOWEST, Box, Setting, Silhouette
+from physgen.shadow import Box, Setting, Silhouette
+from physgen.shadow.cast import FARTHEST, LOWEST
 
 F32 = NDArray[np.float32]
 
