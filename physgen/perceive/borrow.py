@@ -30,8 +30,8 @@ LOOSE = 1
 """Scales above this one hold on to the borders that were carried on."""
 DEPTH = 4.5
 """px that the hole may be deep at the coarsest scale."""
-ROUNDS = (1, 2, 4, 10)
-"""Search and vote, from the finest scale to those above the third."""
+ROUNDS = (1, 2, 3, 6)
+"""Rounds of search and vote: at the finest scale, the two above it, and all others."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
 AWAY = 60.0

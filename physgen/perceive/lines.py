@@ -32,6 +32,8 @@ COHERENT = 0.75
 """Of the structure tensor, from which a border has a direction."""
 ALIKE = 25.0
 """Levels that the side of a border which is more alike may differ by from end to end."""
+BULGE = 0.1
+"""Bending from which a border that only runs along the hole's is not drawn."""
 DOUBT = 0.75
 """Most doubt that two ends are one border's: colours that differ, turns that are no arc's, long bends."""
 
@@ -172,12 +174,13 @@ def _profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
 def _lines(ends: list[End], piece: Mask) -> Iterator[Line]:
     """Ends joined two by two, best first; then those that stay alone, straight on to a T."""
     pairs = []
+    bends: dict[tuple[int, int], float] = {}
     for i, a in enumerate(ends):
         for j in range(i):
             b = ends[j]
             chord = b.at - a.at
             alpha, beta = _turn(chord, a.towards), _turn(chord, -b.towards)
-            bend = alpha * alpha + alpha * beta + beta * beta
+            bend = bends[i, j] = alpha * alpha + alpha * beta + beta * beta
             near, far = _unlike(a, b)
             both = a.contrast + b.contrast
             length = float(np.hypot(*chord))
@@ -198,9 +201,8 @@ def _lines(ends: list[End], piece: Mask) -> Iterator[Line]:
         )
         joined |= {i, j}
         chords.append((min(i, j), max(i, j)))
-        if depth[y, x].max() < 1 + 0.05 * len(
-            line.points
-        ):  # half a px apart: it runs along the hole's border
+        shallow = depth[y, x].max() < 1 + 0.05 * len(line.points)  # half a px apart
+        if shallow and bends[i, j] > BULGE:
             continue
         _draw(drawn, line.points)
         yield line
