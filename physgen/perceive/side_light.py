@@ -1,140 +1,39 @@
-"""Photo from the side -> the light whose shadows on the floor go with the photo's own.
-
-A floor seen from the side is a strip a few pixels high. What is compared is where light changes, not how much there is:
-the slopes of the logarithm of light, at two widths, with those of the shadows that a light foretells, near these alone.
-A far edge of the floor or a picture on the wall has slopes too, but elsewhere.
-"""
+"""Photo from the side -> the light whose shadows on the floor, and on a wall behind, go with the photo's own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import cos, inf, pi, sin
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.perceive.roles import LightGuess, Rgb
-from physgen.perceive.silhouettes import joined, typical
-from physgen.photometry import DistantLight, decode, luminance
+from physgen.perceive.roles import LightGuess
+from physgen.perceive.silhouettes import typical
+from physgen.perceive.trace import Shift, Trace, foretold
+from physgen.photometry import DistantLight
 from physgen.shadow import Setting as Place
-from physgen.shadow import Silhouette, darkness
+from physgen.shadow import Silhouette
 
-F32 = NDArray[np.float32]
-Shift = tuple[int, int]
-"""px right and down."""
-
-DARKEST = 2e-3
-"""Linear light added before logarithms are taken."""
 COARSE, FINE = 320, 640
 """px: longer side of the pictures in which the light is looked for, first and then."""
-WIDTHS = (0.03, 0.08)
-"""Of an object's size: how far slopes are smoothed."""
 TRUSTED = 0.77
 """Cosine of the angle to a light that balls told with a confidence of TOLD or more."""
 TOLD = 0.5
 TILT = 0.1
 """Rise over run of the floor where nothing tells."""
-WALLED = 0.1
-"""By how much more a wall behind the objects must explain: it explains almost any dark patch somewhere."""
+BY_A_WALL = 0.7
+"""Correlation of slopes that shadows on a wall behind need."""
+HALF_SEEN = 0.3
+"""The same before the light has been looked for with the wall."""
+MORE = 1.2
+"""By how much more a wall must explain, of what lies above its foot, than a floor that goes on."""
+NEAREST_FARTHEST = (0.3, 8.0)
+"""Of an object's size: how far behind the objects a wall is looked for."""
 ASTRAY = 0.15
 """Of its height: how far aside the shadow of a thing in the air may lie from where it is foretold; less up or down."""
 MOVED = 0.05
 """By how much better it must explain what is seen there."""
-LEAST_SEEN = 0.1
-"""Of the foretold slopes, as much must be in sight."""
-
-
-@dataclass(frozen=True)
-class Trace:
-    """A photo's light at one scale, and what may keep some of it away."""
-
-    scale: float
-    """px of the photo in one of this picture."""
-    size: tuple[int, int]
-    """Width and height, px."""
-    known: F32
-    """(h, w) 1 where no object is near."""
-    slopes: Sequence[tuple[float, F32, F32, F32]]
-    """Width of smoothing, px; (h, w) how much is known within it; (h, w) slopes of the logarithm of light, x and y."""
-    silhouettes: Sequence[Silhouette]
-    joined: Sequence[Silhouette]
-    """The same, those that stand side by side as one."""
-
-    def likeness(self, place: Place) -> tuple[float, float]:
-        """Correlation of seen slopes and those of a light's shadows, and the factor from one to the other."""
-        return self.agreement(foretold(self.joined, place))
-
-    def agreement(self, model: F32) -> tuple[float, float]:
-        """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths."""
-        rows, columns = np.flatnonzero(model.max(axis=1) > 0.02), np.flatnonzero(model.max(axis=0) > 0.02)
-        if len(rows) < 2 or len(columns) < 2:
-            return 0.0, 0.0
-        pad = int(3 * self.slopes[-1][0]) + 4
-        part = np.s_[
-            max(rows[0] - pad, 0) : rows[-1] + pad + 1, max(columns[0] - pad, 0) : columns[-1] + pad + 1
-        ]
-        model, known = np.minimum(model[part], 2.5), self.known[part]
-        within = np.asarray(cv2.erode(known, np.ones((3, 3), np.uint8)), np.float32)
-        result = np.zeros(2)
-        for width, near, right, down in self.slopes:
-            soft = cv2.GaussianBlur(model * known, (0, 0), width) / np.maximum(near[part], 0.05)
-            dy, dx = np.gradient(soft)
-            energy = np.asarray(dx * dx + dy * dy, np.float32)
-            most = float((energy * within).max())
-            edges = cv2.dilate((energy > 0.01 * most).astype(np.float32), np.ones((9, 9), np.uint8))
-            weight = within * np.asarray(edges, np.float32)
-            own = float((weight * energy).sum())
-            if own < LEAST_SEEN * float(energy.sum()):
-                return 0.0, 0.0
-            both = -float((weight * (dx * right[part] + dy * down[part])).sum())
-            seen = float((weight * (right[part] ** 2 + down[part] ** 2)).sum())
-            result += (both / max((own * seen) ** 0.5, 1e-9), both / max(own, 1e-9))
-        correlation, factor = (result / len(self.slopes)).tolist()
-        return correlation, factor
-
-
-def foretold(things: Sequence[Silhouette], place: Place, shifts: Sequence[Shift] = ()) -> F32:
-    """(h, w) -log of the light that things leave; `shifts`: by how much each one's shadow lies elsewhere, whole px."""
-    w, h = place.size
-    model = np.zeros((h, w), np.float32)
-    for k, what in enumerate(things):
-        if (found := darkness(what, place)) is None:
-            continue
-        (x0, y0, x1, y1), values = found
-        dx, dy = shifts[k] if shifts else (0, 0)
-        left, top = max(x0 + dx, 0), max(y0 + dy, 0)
-        right, bottom = min(x1 + dx, w), min(y1 + dy, h)
-        if right > left and bottom > top:
-            model[top:bottom, left:right] += values[
-                top - y0 - dy : bottom - y0 - dy, left - x0 - dx : right - x0 - dx
-            ]
-    return model
-
-
-def trace(
-    background: Rgb, coverage: F32, longest: int, of: Callable[[float], Sequence[Silhouette]]
-) -> Trace | None:
-    """The photo at a scale; `of` gives the objects' silhouettes at it. None where there are none."""
-    scale = max(max(background.shape[:2]) / longest, 1.0)
-    things = of(scale)
-    if not things:
-        return None
-    h, w = (max(1, round(n / scale)) for n in background.shape[:2])
-    light = np.log(luminance(decode(background)) + DARKEST)
-    open_ = (cv2.dilate((coverage > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0).astype(np.float32)
-    share = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
-    small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
-    small = np.asarray(small / np.maximum(share, 0.05), np.float32)
-    known = np.asarray(share * (share > 0.5), np.float32)
-    slopes = []
-    for part in WIDTHS:
-        width = max(part * typical(things), 1.0)
-        near = np.asarray(cv2.GaussianBlur(known, (0, 0), width), np.float32)
-        down, right = np.gradient(cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05))
-        slopes.append((width, near, np.asarray(right, np.float32), np.asarray(down, np.float32)))
-    return Trace(scale, (w, h), known, slopes, things, joined(things))
 
 
 @dataclass(frozen=True)
@@ -162,7 +61,7 @@ def best_light(
 ) -> tuple[int, Fit]:
     """By steps along one number after the other, from several directions: which trace, and the light in its px.
 
-    `traces`: of one size, with floors in different places. `walls`: px back to an upright wall, to start from.
+    `traces`: of one size, with floors in different places. `walls`: px back to an upright one, to start from.
     """
     near = TRUSTED if guess.confidence >= TOLD else -1.0
     toward = np.array(guess.light.direction)
@@ -210,6 +109,31 @@ def refined(fine: Trace, place: Place) -> Fit:
     return replace(fit, likeness=fit.likeness + _odd(fit.place, fit.factor))
 
 
+def before_wall(fine: Trace, fit: Fit) -> Fit | None:
+    """The same before a wall, where shadows on one at some distance are seen as well as those on the floor."""
+    if fit.place.light.direction[2] < 0.2:
+        return None
+
+    floors = [what.floor for what in fine.joined if what.floor is not None]
+
+    def better(place: Place) -> float:
+        """Correlation above the wall's foot; 0 where the floor alone, going on there, explains as much."""
+        foot = min(floors, default=inf) - place.tilt * place.backdrop - 3
+        on_both, on_floor = (foretold(fine.joined, p) for p in (place, replace(place, backdrop=inf)))
+        likeness, factor = fine.agreement(on_both, foot)
+        more = fine.explained(on_both, foot) > MORE * fine.explained(on_floor, foot)
+        return likeness if more and 0.2 < factor < 4 else 0.0
+
+    backs = np.geomspace(*NEAREST_FARTHEST, 16) * typical(fine.silhouettes)
+    tries = [replace(fit.place, backdrop=float(back)) for back in backs]
+    for likeness, _, place in sorted(((better(p), -k, p) for k, p in enumerate(tries)), reverse=True)[:2]:
+        if likeness > HALF_SEEN:
+            found = refined(fine, place)
+            if found.place.backdrop < inf and better(found.place) > BY_A_WALL:
+                return found
+    return None
+
+
 def settled(fine: Trace, fit: Fit) -> Fit:
     """The shadows of what flies high moved onto dark places near by, and the light's softness looked for again.
 
@@ -239,11 +163,14 @@ def _astray(fine: Trace, what: Silhouette, place: Place) -> Shift:
         return 0, 0
     model = foretold([what], place)
     best, where = fine.agreement(model)[0] + MOVED, (0, 0)
-    for dy in range(-down, down + 1, max(1, down // 6)):
-        for dx in range(-across, across + 1, max(1, across // 12)):
-            moved = np.roll(model, (dy, dx), axis=(0, 1))
-            if (likeness := fine.agreement(moved)[0]) > best:
-                best, where = likeness, (dx, dy)
+    x, y, right, lower = 0, 0, across, down
+    while right > 1 or lower > 1:  # a finer and finer grid about the best so far
+        for dy in range(y - lower, y + lower + 1, max(1, lower // 3)):
+            for dx in range(x - right, x + right + 1, max(1, right // 5)):
+                likeness, _ = fine.agreement(np.roll(model, (dy, dx), axis=(0, 1)))
+                if likeness > best:
+                    best, where = likeness, (dx, dy)
+        (x, y), right, lower = where, right // 4, lower // 4
     return where
 
 
@@ -253,7 +180,7 @@ def _odd(place: Place, factor: float) -> float:
     length = (x * x + z * z) ** 0.5 / max(-y, 0.05)
     slant = 0.03 * max(length - 2, 0.0) + 0.03 * max(0.4 - length, 0.0)
     strength = 0.03 * abs(np.log(max(factor, 0.05)))
-    return float(slant + 0.02 * abs(np.log(place.tilt / TILT)) + strength + WALLED * (place.backdrop < inf))
+    return float(slant + 0.02 * abs(np.log(place.tilt / TILT)) + strength)
 
 
 def _starts(first: Place, guess: LightGuess) -> Iterator[Place]:

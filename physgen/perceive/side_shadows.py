@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from physgen.perceive import wall_shadow
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadows, Thing
 from physgen.perceive.side_light import (
+    BY_A_WALL,
     COARSE,
     FINE,
     TILT,
     TOLD,
     Fit,
-    Trace,
+    before_wall,
     best_light,
-    foretold,
     refined,
     scaled,
     settled,
-    trace,
 )
 from physgen.perceive.silhouettes import joined, lowest_floor, silhouettes, typical
+from physgen.perceive.trace import Trace, foretold, trace
 from physgen.perceive.unshaded import lifted, roughness
 from physgen.perceive.wall_shadow import Cast
 from physgen.photometry import DistantLight
@@ -38,14 +38,14 @@ F32 = NDArray[np.float32]
 ALIKE, SURE = 0.5, 0.75
 """Correlation of slopes that shadows on a floor need, and with DEEP for each unit of depth, up to one."""
 DEEP = 0.3
-BY_A_WALL = 0.7
-"""Correlation they need where a wall behind is part of the story: it explains almost any dark patch somewhere."""
 CALM = 0.85
 """Of the slopes of light there, lifting must leave no more: a shadow's edges go with it."""
 FAINTEST = 0.15
 """-log of light: shadows of less are not believed."""
-WALLS = (0.6, 1.5, 3.5)
-"""Of an object's size: how far behind the objects a wall is looked for that their shadows reach from the floor."""
+WALLS = (0.3, 0.6, 1.2, 2.4)
+"""Of an object's size: how far behind the objects a wall is looked for first."""
+DARKEST = 2.5
+"""-log of the least light that a shadow leaves."""
 ROUGH = 240
 """px: longer side of the picture in which shadows on a wall are looked for."""
 FULL = 1.2
@@ -85,31 +85,43 @@ def side_shadows(
     given = photo.trace(COARSE)
     if given is None:
         return nothing
-    fit, floor = _floor(photo, given, guess)
     cast = _wall(photo)
-    if fit is None and cast is None:
-        return nothing
-    H, W = coverage.shape
+    fits, floor = _floor(photo, given, guess, cast is None)
     things_at = photo.at(1.0, floor)
+    for fit in (*fits, None):
+        if fit is None and cast is None:
+            break
+        dark = _foretold(things_at, fit, cast, labels.shape)
+        clean = lifted(background, coverage, dark, typical(things_at))
+        if roughness(background, clean, coverage) <= CALM:
+            place, sure, reason = _told(fit, cast, guess, (labels.shape[1], labels.shape[0]))
+            back = None if place.backdrop == inf else round(place.backdrop, 1)
+            tilt, softness = round(degrees(atan(place.tilt)), 1), round(place.softness, 1)
+            return Shadows(clean, place.light, softness, tilt, back, round(min(0.9, sure), 2), reason)
+    return nothing
+
+
+def _foretold(
+    things: Sequence[Silhouette], fit: Fit | None, cast: Cast | None, shape: tuple[int, ...]
+) -> F32:
+    """(H, W) -log of the light that the objects leave, on floor and wall."""
+    H, W = shape
     dark = np.zeros((H, W), np.float32)
     if fit is not None:
-        dark += np.float32(fit.factor) * foretold(joined(things_at), fit.place, fit.shifts)
+        dark += np.float32(fit.factor) * foretold(joined(things), fit.place, fit.shifts)
     if cast is not None:
         wall = np.zeros((H, W), np.float32)
-        for what in things_at:
+        for what in things:
             np.maximum(wall, wall_shadow.thrown(what, cast, 1.0, (W, H)), out=wall)
         dark += np.float32(cast.factor) * cv2.GaussianBlur(wall, (0, 0), max(cast.soft, 0.5))
-    clean = lifted(background, coverage, np.minimum(dark, 2.5), typical(things_at))
-    if roughness(background, clean, coverage) > CALM:
-        return nothing
-    place, sure, reason = _told(fit, cast, guess, (W, H))
-    back = None if place.backdrop == inf else round(place.backdrop, 1)
-    tilt = round(degrees(atan(place.tilt)), 1)
-    return Shadows(clean, place.light, round(place.softness, 1), tilt, back, round(min(0.9, sure), 2), reason)
+    return np.minimum(dark, DARKEST)
 
 
-def _floor(photo: _Photo, given: Trace, guess: LightGuess) -> tuple[Fit | None, float | None]:
-    """The light whose shadows lie on the floor, in px of the photo; the floor's row where it is no boundary below."""
+def _floor(photo: _Photo, given: Trace, guess: LightGuess, walls: bool) -> tuple[list[Fit], float | None]:
+    """Lights whose shadows lie on the floor, in px of the photo, the likeliest first; the floor's row if it is a guess.
+
+    `walls`: whether a wall behind may take some of them.
+    """
     traces: list[Trace] = [given]
     floors: list[float | None] = [None]
     lowest = lowest_floor(photo.setting)
@@ -118,24 +130,40 @@ def _floor(photo: _Photo, given: Trace, guess: LightGuess) -> tuple[Fit | None, 
         if other is not None:
             traces.append(other)
             floors.append(lowest)
-    size = typical(given.silhouettes)
-    k, rough = best_light(traces, guess, (inf, *(part * size for part in WALLS)))
-    fine = photo.trace(FINE, floors[k])
-    assert fine is not None
-    fit = refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size))
-    fit = settled(fine, fit)
-    model = foretold(fine.joined, fit.place, fit.shifts) * fine.known
+    H, W = photo.coverage.shape
+
+    def found(back: Sequence[float]) -> tuple[Trace, Fit, float | None]:
+        k, rough = best_light(traces, guess, back)
+        fine = photo.trace(FINE, floors[k])
+        assert fine is not None
+        return fine, refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size)), floors[k]
+
+    fine, plain, floor = found((inf,))
+    fits = [plain]
+    if walls and (walled := before_wall(fine, plain)) is not None:
+        fits.insert(0, walled)
+    elif walls and not _sure(fine, plain):  # what stands close to a wall throws hardly any shadow elsewhere
+        fine, walled, floor = found([part * typical(given.silhouettes) for part in WALLS])
+        fits = [walled]
+    return [_full(fine, settled(fine, fit), (W, H)) for fit in fits if _sure(fine, fit)], floor
+
+
+def _sure(fine: Trace, fit: Fit) -> bool:
+    """Whether such shadows are there: alike, and dark enough to tell."""
+    model = foretold(fine.joined, fit.place) * fine.known
     seen = model[model > 0.02]
     depth = fit.factor * float(np.percentile(seen, 95)) if seen.size else 0.0
     least = ALIKE if fit.place.backdrop == inf else BY_A_WALL
-    if depth < FAINTEST or fit.likeness < least or fit.likeness + DEEP * min(depth, 1.0) < SURE:
-        return None, None
-    H, W = photo.coverage.shape
+    return depth > FAINTEST and fit.likeness > least and fit.likeness + DEEP * min(depth, 1.0) > SURE
+
+
+def _full(fine: Trace, fit: Fit, size: tuple[int, int]) -> Fit:
+    """The same in px of the photo, of `size` (W, H), and how dark each thing's own shadow is."""
     shifts = tuple((round(dx * fine.scale), round(dy * fine.scale)) for dx, dy in fit.shifts)
     each = fit.factor
     if len(fine.joined) < len(fine.silhouettes):
         _, each = fine.agreement(foretold(fine.silhouettes, fit.place))
-    return replace(fit, place=scaled(fit.place, fine.scale, (W, H)), each=each, shifts=shifts), floors[k]
+    return replace(fit, place=scaled(fit.place, fine.scale, size), each=each, shifts=shifts)
 
 
 def _off(floor: float | None, lowest: float) -> bool:
@@ -149,7 +177,8 @@ def _wall(photo: _Photo) -> Cast | None:
     if rough is None or cast is None or not cast.convincing(len(rough.silhouettes)):
         return None
     fine = photo.trace(FINE)
-    return cast if fine is None else wall_shadow.refined(fine, cast)
+    cast = cast if fine is None else wall_shadow.refined(fine, cast)
+    return cast if cast.factor > FAINTEST else None
 
 
 def _told(

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.side_light import Trace
 from physgen.perceive.silhouettes import typical
+from physgen.perceive.trace import Trace
 from physgen.shadow import Silhouette
 
 F32 = NDArray[np.float32]
@@ -45,7 +45,7 @@ class Cast:
 
     def convincing(self, things: int) -> bool:
         """One round thing finds a round patch almost anywhere; several must find theirs all at once."""
-        return self.factor > 0.15 and self.likeness >= 0.5 + 0.35 / max(things, 1) ** 0.5
+        return self.likeness >= float(0.5 + 0.35 / max(things, 1) ** 0.5)
 
 
 def thrown(what: Silhouette, cast: Cast, scale: float, size: tuple[int, int]) -> F32:

@@ -5,7 +5,7 @@ light directly, of which v is blocked, and of whose sky the part a is hidden, ke
 Logarithms of such shares add up over objects.
 """
 
-from physgen.shadow.cast import Box, Setting, Silhouette, blurred
+from physgen.shadow.cast import FARTHEST, LOWEST, Box, Setting, Silhouette, blurred
 from physgen.shadow.darkness import darkness
 
-__all__ = ["Box", "Setting", "Silhouette", "blurred", "darkness"]
+__all__ = ["FARTHEST", "LOWEST", "Box", "Setting", "Silhouette", "blurred", "darkness"]

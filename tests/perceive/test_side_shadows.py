@@ -1,0 +1,191 @@
+"""Photos from the side, shadows drawn as polygons and ellipses: lifted where they are, left alone where none are."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import backends
+from physgen.outline.outline import Disc, Region, Ring
+from physgen.perceive.lifted import refilled
+from physgen.perceive.roles import LightGuess, Setting, Thing, Wall
+from physgen.photometry import DistantLight
+from physgen.scene.model import View
+
+WIDTH, HEIGHT = 480, 320
+FLOOR = 240.5
+"""The row on which things are seen to end."""
+TILT = 0.12
+GUESS = LightGuess(DistantLight((0.0, -0.6, 0.8), 0.8, 0.4), 0.1, "")
+
+
+def room(grain: float = 0.03) -> np.ndarray:
+    """(H, W, 3) linear: a wall, and from row 200 on a floor of boards."""
+    random = np.random.default_rng(5)
+    rows = np.arange(HEIGHT)[:, None]
+    walls, boards = np.array([0.30, 0.34, 0.38]), np.array([0.42, 0.30, 0.20])
+    picture = (
+        np.where((rows < 200)[..., None], walls, boards)
+        * (0.9 + 0.2 * np.linspace(0, 1, WIDTH))[None, :, None]
+    )
+    lines = cv2.GaussianBlur(random.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), sigmaX=25, sigmaY=1.0)
+    lines += cv2.GaussianBlur(random.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0) * 0.3
+    return np.asarray(picture * np.exp(grain * lines / lines.std())[..., None], np.float32)
+
+
+def srgb(linear: np.ndarray) -> np.ndarray:
+    v = np.clip(linear, 0, 1)
+    return np.rint(255 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)).astype(np.uint8)
+
+
+def drawn(polygon: list[tuple[float, float]]) -> np.ndarray:
+    """(H, W) 0..1: how much of each pixel a polygon covers."""
+    points = np.rint((np.array(polygon) + 0.5) * 16 - 8).astype(np.int32)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    cv2.fillPoly(mask, [cv2.convexHull(points)], 255, cv2.LINE_AA, 4)
+    return mask.astype(np.float32) / 255
+
+
+def cast(x0: float, x1: float, height: float, thick: float, ax: float, az: float) -> np.ndarray:
+    """(H, W) the floor that a block keeps from a small light: its foot, drawn out along the light."""
+    middle = FLOOR - TILT * thick / 2
+    corners = [(x, z) for x in (x0, x1) for z in (-thick / 2, thick / 2)]
+    return drawn(
+        [(x + ax * k * height, middle + TILT * (z + az * k * height)) for x, z in corners for k in (0, 1)]
+    )
+
+
+def photo(shade: np.ndarray, blocks: list[tuple[int, int, int]], picture: np.ndarray):
+    """What the role `shadow` is given: a background with shadows, perfectly filled, and what stands before it."""
+    labels = np.zeros((HEIGHT, WIDTH), np.uint16)
+    things = []
+    for k, (x0, x1, top) in enumerate(blocks, 1):
+        labels[top:241, x0 : x1 + 1] = k
+        ring = np.array([[x0 - 0.5, top - 0.5], [x1 + 0.5, top - 0.5], [x1 + 0.5, 240.5], [x0 - 0.5, 240.5]])
+        things.append(Thing(k, Region((Ring(ring),)), "wooden block"))
+    return srgb(picture * (1 - shade)[..., None]), labels, things
+
+
+def lift(background, labels, things, walls=None):
+    floor = Wall("floor", ((-0.5, FLOOR), (WIDTH - 0.5, FLOOR)), 0.5, 0.5, 0.9, "", "")
+    setting = Setting(View.SIDE, 1.0, "", (floor,) if walls is None else walls)
+    matter = backends.make("physics")(background, things, None)
+    coverage = (labels > 0).astype(np.float32)
+    return backends.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
+
+
+BLOCKS = [(120, 149, 180), (250, 279, 190)]
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
+    shade = np.zeros((HEIGHT, WIDTH), np.float32)
+    for x0, x1, top in BLOCKS:
+        np.maximum(shade, cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, side * 1.3, -0.8), out=shade)
+    shade = 0.55 * cv2.GaussianBlur(shade, (0, 0), 1.0)
+    truth = srgb(room())
+    background, labels, things = photo(shade, BLOCKS, room())
+    found = lift(background, labels, things)
+    assert found.clean is not None
+    assert found.backdrop is None
+    x, y, z = found.light.direction
+    assert -x / -y == pytest.approx(side * 1.3, abs=0.5)
+    assert z > 0
+    free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
+    before, after = (np.abs(p.astype(int) - truth).max(-1) for p in (background, found.clean))
+    dark = free & (shade > 0.2)
+    assert before[dark].mean() > 30
+    assert after[dark].mean() < 5
+    assert after[free & (shade < 0.003)].mean() < 0.2, "and nothing else"
+
+
+def test_a_wall_behind_takes_what_the_floor_does_not() -> None:
+    """The floor's shadow ends at the wall's foot, 60 px back; above it stands the block's, moved and drawn out."""
+    back, ax, az = 60.0, 0.9, -1.1
+    foot = int(FLOOR - TILT * back)
+    shade = np.zeros((HEIGHT, WIDTH), np.float32)
+    picture = room()
+    picture[foot:200] = picture[200:201]
+    picture[200 : foot + 1] = picture[199:200]
+    for x0, x1, top in BLOCKS:
+        floor = cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, ax, az)
+        floor[:foot] = 0
+        moves = [(ax / -az * d, d / -az - TILT * back) for d in (back - 20, back + 20)]
+        corners = [(x, y) for x in (x0 - 0.5, x1 + 0.5) for y in (top - 20.5, 240.5)]
+        wall = drawn([(x + dx, y + dy) for x, y in corners for dx, dy in moves])
+        wall[foot:] = 0
+        np.maximum(shade, np.maximum(floor, wall), out=shade)
+    shade = 0.5 * cv2.GaussianBlur(shade, (0, 0), 1.2)
+    blocks = [(x0, x1, top - 20) for x0, x1, top in BLOCKS]
+    background, labels, things = photo(shade, blocks, picture)
+    found = lift(background, labels, things)
+    assert found.clean is not None
+    assert found.backdrop == pytest.approx(back, rel=0.5)
+    free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
+    dark = free & (shade > 0.2)
+    before, after = (
+        np.abs(p.astype(int) - srgb(picture)).max(-1)[dark].mean() for p in (background, found.clean)
+    )
+    assert before > 30
+    assert after < 0.3 * before
+
+
+def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
+    """The tall block's shadow goes on behind the other one, where nobody saw it."""
+    blocks = [(120, 149, 110), (230, 254, 195)]
+    shade = np.zeros((HEIGHT, WIDTH), np.float32)
+    for x0, x1, top in blocks:
+        np.maximum(shade, cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, 1.3, -0.8), out=shade)
+    truth, inpaint = srgb(room()), backends.make("inpaint")
+    background, labels, things = photo(0.55 * shade, blocks, room())
+    coverage = (labels > 0).astype(np.float32)
+    background[labels > 0] = 20
+    background = inpaint(background, coverage > 0)
+    found = lift(background, labels, things)
+    assert found.clean is not None
+    clean = refilled(found.clean, background, coverage, inpaint)
+    hidden = (labels == 2) & (shade > 0.9)
+    before, after = (np.abs(p.astype(int) - truth).mean(-1)[hidden].mean() for p in (background, clean))
+    assert hidden.sum() > 100
+    assert after < 0.5 * before
+
+
+@pytest.mark.parametrize("what", ["nothing", "grain", "rug", "stripe"])
+def test_dark_things_that_are_no_shadows_stay(what) -> None:
+    picture = room(0.12 if what == "grain" else 0.03)
+    if what == "rug":
+        picture *= (1 - 0.4 * drawn([(20, 262), (90, 250), (110, 300), (15, 310)]))[..., None]
+    if what == "stripe":  # across all of the photo, where shadows would lie
+        picture[226:234] *= 0.5
+    background, labels, things = photo(np.zeros((HEIGHT, WIDTH), np.float32), BLOCKS, picture)
+    assert lift(background, labels, things).clean is None
+
+
+def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
+    """Drawn as ellipses, 70 px right and 55 px down, and a little smaller since the wall is farther off."""
+    balls = [(70.0, 60.0, 18.0), (150.0, 80.0, 24.0), (240.0, 55.0, 15.0)]
+    labels = np.zeros((HEIGHT, WIDTH), np.uint16)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    shade = np.zeros((HEIGHT, WIDTH), np.float32)
+    things = []
+    for k, (cx, cy, r) in enumerate(balls, 1):
+        labels[np.hypot(x - cx, y - cy) <= r] = k
+        things.append(Thing(k, Disc(np.array([cx, cy]), r), "ball"))
+        mx, my = 240 + 0.93 * (cx - 240) + 70, 160 + 0.93 * (cy - 160) + 55
+        u, v = ((x - mx) * 70 + (y - my) * 55) / 89, ((y - my) * 70 - (x - mx) * 55) / 89
+        shade += np.clip(0.93 * r + 0.5 - np.hypot(u / 1.25, v), 0, 1).astype(np.float32)
+    shade = 0.5 * cv2.GaussianBlur(shade, (0, 0), 1.5)
+    truth = srgb(room())
+    background = srgb(room() * (1 - shade)[..., None])
+    found = lift(background, labels, things, walls=())
+    assert found.clean is not None
+    assert found.backdrop is not None
+    assert found.light.direction[0] < -0.2
+    assert found.light.direction[1] < -0.2
+    free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
+    before, after = (
+        np.abs(p.astype(int) - truth).max(-1)[free & (shade > 0.2)].mean() for p in (background, found.clean)
+    )
+    assert before > 30
+    assert after < 6
