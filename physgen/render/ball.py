@@ -28,6 +28,8 @@ PAINTED = 0.4
 """Share of pixels between paints up to which a ball is taken for a painted one."""
 NEAR_RIM = 0.75, 0.9
 """Of the radius: between these, pixels give way to paints."""
+PLAINLY = 0.6
+"""Slope of a ball's brightness over its foretold shading, from which the light is taken as it is: paint blurs it."""
 BRIGHTER = 1.6
 """Than all that is seen of a ball, that its skin may be."""
 RIM_LIGHT = 0.85
@@ -64,12 +66,16 @@ class Ball:
     light: DistantLight
     even: F32 | None = None
     """(8, 3) of `paints.basis`: log of what light does beyond Lambert's law."""
+    trust: float = 1.0
+    """0..1: how far the photo shows this light on it; the power that Lambert's shading is raised to."""
     fade: F32 | None = None
     """(h, w) by which the light at the rim differs from that; it does not turn."""
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
         """(h, w, 3) shading of the normals (u, v, z to the viewer)."""
         plain = shading(self.light, u, v, z)[..., None]
+        if self.trust < 1:
+            plain = np.power(plain, np.float32(self.trust))
         if self.even is None:
             return plain
         more = np.stack(np.broadcast_arrays(*basis(u, v, z)), axis=-1) @ self.even
@@ -167,8 +173,10 @@ def skin(
     y = sv * np.float32(radius) + np.float32(center[1] - corner[1])
     inner = np.asarray(cv2.remap(colour, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
     shine = _gloss(inner, su, sv, z, radius, light)
-    bare = np.ascontiguousarray((inner - shine) / shading(light, su, sv, z)[..., None], np.float32)
-    ball = Ball(corner, center, radius, bare, shine, light)
+    ball = Ball(corner, center, radius, inner, shine, light)
+    ball = replace(ball, trust=_shown(inner - shine, shading(light, su, sv, z), rho < RIM))
+    bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
+    ball = replace(ball, skin=bare)
     found = paints(bare, su, sv, z, (rho < RIM) & (shine.max(axis=2) <= 0))
     if found is not None and found.between < PAINTED:
         ball = replace(ball, even=found.even)
@@ -190,6 +198,25 @@ def skin(
         (colour - shine).mean(axis=2), model, (rho < 1).astype(np.float32), max(1.0, EVEN * radius)
     )
     return replace(ball, fade=np.asarray(np.where(rho > RIM_LIGHT, share, 1), np.float32))
+
+
+def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
+    """0..1: the slope of a ball's own brightness over its foretold shading, in logarithms; 1 from PLAINLY on."""
+    if np.count_nonzero(inside) < 50:
+        return 1.0
+    x, y = (
+        np.log(np.maximum(part[inside], 5e-3)).astype(np.float64) for part in (shade, colour.mean(axis=2))
+    )
+    x -= x.mean()
+    if (spread := float((x * x).mean())) < 1e-4:
+        return 1.0
+    trust = np.ones(len(x))
+    slope = level = 0.0
+    for _ in range(4):
+        level = float(np.average(y - slope * x, weights=trust))
+        slope = float((trust * x * (y - level)).sum() / ((trust * x * x).sum() + 0.02 * spread * len(x)))
+        trust = 1 / np.maximum(np.abs(y - level - slope * x) / 0.2, 1)
+    return float(np.clip(slope / PLAINLY, 0, 1))
 
 
 def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
