@@ -214,6 +214,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     from physgen.render.shot import drawn_large
     from physgen.render.sprites import cut_sprites
     from physgen.render.staging import staged
+    from physgen.render.threads import one_thread
 
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
     fine = scene.render.supersample
@@ -224,10 +225,10 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
-    sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
-    return replace(
-        staged(scene, compiled.world, sprites, maps, background, coverage, absent), supersample=fine
-    )
+    with one_thread():
+        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
+        made = staged(scene, compiled.world, sprites, maps, background, coverage, absent)
+    return replace(made, supersample=fine)
 
 
 def filled(

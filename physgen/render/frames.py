@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry import Pose
-from physgen.photometry import decode, encode_u8
+from physgen.photometry import decode
+from physgen.render.encoding import encoded
 from physgen.render.lit import Lit, shaded
 from physgen.render.placing import HOW, Placement, Slices, covered, drawn, placed, thrice
 from physgen.render.sprites import Sprite
+from physgen.render.threads import one_thread
 from physgen.render.tiles import union
 from physgen.render.veils import reaching, veil
 from physgen.shadow import Silhouette
@@ -143,22 +145,23 @@ def render_frames(
     """
     size = (stage.background.shape[1], stage.background.shape[0])
     behind = decode(stage.background) if stage.lit is None else stage.lit.behind()
-    empty = encode_u8(behind)
-    drawings = _drawings(stage, planned(stage, trajectory, order), behind)
-    more = np.zeros_like(behind) if parts > 1 else None
-    index = 0
-    while group := list(islice(_parted(drawings, behind, more, size), parts)):
-        time, canvas, ids, boxes = group[-1]
-        rgb = empty.copy()
-        if more is None:
-            for box in boxes:
-                rgb[box] = encode_u8(canvas[box])
-        else:
-            for box in union([box for drawing in group for box in drawing[3]], size):
-                rgb[box] = encode_u8(behind[box] + more[box] / np.float32(parts))
-                more[box] = 0
-        yield Frame(index, time, rgb, ids)
-        index += 1
+    empty = encoded(behind)
+    with one_thread():
+        drawings = _drawings(stage, planned(stage, trajectory, order), behind)
+        more = np.zeros_like(behind) if parts > 1 else None
+        index = 0
+        while group := list(islice(_parted(drawings, behind, more, size), parts)):
+            time, canvas, ids, boxes = group[-1]
+            rgb = empty.copy()
+            if more is None:
+                for box in boxes:
+                    rgb[box] = encoded(canvas[box])
+            else:
+                for box in union([box for drawing in group for box in drawing[3]], size):
+                    rgb[box] = encoded(behind[box] + more[box] / np.float32(parts))
+                    more[box] = 0
+            yield Frame(index, time, rgb, ids)
+            index += 1
 
 
 def _parted(
