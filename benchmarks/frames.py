@@ -28,7 +28,7 @@ from physgen.simulate.trajectory import Trajectory
 LIGHT = DistantLight((-0.45, -0.35, 0.82), 0.75, 0.35)
 BARS = {"frame": 8.0, "object": 0.1, "beside": 1.5, "cold": 1.0, "memory": 600.0}
 """ms, ms, times the wall time of encoding alone, s, MiB."""
-REPEAT = 5
+REPEAT = 3
 
 
 def table(folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, float, float]]) -> Path:

@@ -151,7 +151,7 @@ def _frames(rows: list[dict]) -> list[str]:
         "## Frames",
         "",
         "Relighting and shadows on; CPU time of drawing without encoding, wall time on both cores; the least of",
-        "five runs. Balls are drawn by formula, on a table seen from above, and all move.",
+        "three runs. Balls are drawn by formula, on a table seen from above, and all move.",
         "",
         "| measure | scene | found | bar |",
         "| --- | --- | ---: | ---: |",
