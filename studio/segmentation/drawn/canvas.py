@@ -104,7 +104,7 @@ def reduced(canvas: Canvas, x0: int, y0: int, fine: int) -> Sprite:
     mask = np.isfinite(canvas.depth).astype(np.float32)
     canvas.depth[mask == 0] = 0
     if fine == 1:
-        return Sprite(x0, y0, mask, canvas.depth, canvas.normal, canvas.colour, canvas.finish)
+        return _softened(canvas, mask, x0, y0)
     size = (canvas.width // fine, canvas.height // fine)
 
     def shrink(values: Array) -> Array:
@@ -117,3 +117,20 @@ def reduced(canvas: Canvas, x0: int, y0: int, fine: int) -> Sprite:
     return Sprite(
         x0, y0, cover, shrink(canvas.depth) * share, normal, shrink(canvas.colour) * share[..., None], shrink(canvas.finish) * share[..., None]
     )
+
+
+def _softened(canvas: Canvas, mask: Array, x0: int, y0: int) -> Sprite:
+    """Not drawn larger and reduced: the outline alone is spread over the pixels beside it."""
+
+    def spread(values: Array) -> Array:
+        return cv2.GaussianBlur(values, (3, 3), 0.55)
+
+    cover = spread(mask)
+    y, x = np.nonzero((mask == 0) & (cover > 0.01))
+    share = 1 / cover[y, x]
+    maps = []
+    for values in (canvas.depth, canvas.normal, canvas.colour, canvas.finish):
+        wide = spread(values)[y, x]
+        values[y, x] = wide * (share if values.ndim == 2 else share[:, None])
+        maps.append(values)
+    return Sprite(x0, y0, cover, maps[0], maps[1], maps[2], maps[3])
