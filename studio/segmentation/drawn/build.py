@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +20,7 @@ class Model:
 
     parts: tuple[Part, ...]
 
+    @cached_property
     def hull(self) -> Array:
         """(N, 3) points about the model."""
         return np.concatenate([part.hull() for part in self.parts])

@@ -113,7 +113,7 @@ def reduced(canvas: Canvas, x0: int, y0: int, fine: int) -> Sprite:
     cover = shrink(mask)
     share = 1 / np.maximum(cover, 1e-3)
     normal = shrink(canvas.normal)
-    normal /= np.maximum(np.sqrt((normal * normal).sum(axis=2, keepdims=True)), 1e-6)
+    normal /= np.maximum(np.sqrt(np.einsum("ijk,ijk->ij", normal, normal)), 1e-6)[..., None]
     return Sprite(
         x0, y0, cover, shrink(canvas.depth) * share, normal, shrink(canvas.colour) * share[..., None], shrink(canvas.finish) * share[..., None]
     )

@@ -59,7 +59,7 @@ class Placer:
             pose = "lean"
         turn = hand.between(-180, 180) if yaw is None else yaw
         world = about("y", turn) @ (LAY[pose](hand) if lay is None else lay)
-        hull = made.hull() @ world.T
+        hull = made.hull @ world.T
         low, high = hull.min(axis=0), hull.max(axis=0)
         scale = px / float((high - low).max())
         low, high = low * scale, high * scale
@@ -311,7 +311,7 @@ def laid_table(p: Placer) -> None:
         p.put(plate, x, y, px, clear=None)
         if hand.chance(0.4):
             p.put(KINDS[hand.one_of(["bowl", "cup_and_saucer", "bread", "apple", "napkin_box", "fork"])], x, y, px * hand.between(0.4, 0.65), height=4, clear=None)
-        for side, name in ((-0.62, "fork"), (0.62, "knife"), (0.74, "spoon")):
+        for side, name in ((-0.62, "fork"), (0.62, "knife"), (0.78, "spoon")):
             if hand.chance(0.8):
                 p.put(KINDS[name], x + side * px, y, px * hand.between(0.75, 0.95), pose="flat", yaw=180 * hand.whole(0, 1) * 0 + hand.between(-6, 6), clear=None)
         for name in ("tumbler", "wine_glass", "mug", "candle", "salt_mill", "bottle"):

@@ -33,7 +33,7 @@ class Light:
         """(..., 1) the room seen in a mirror: dark floor, brighter ceiling, windows."""
         bounce = 2 * normal[..., 2:] * normal - np.array([0, 0, 1], np.float32)
         height, side = bounce @ self.up, bounce[..., 0]
-        tone = 0.45 + 0.55 * np.tanh(height * 3)
+        tone = 0.32 + 0.4 * np.tanh(height * 4)
         for a, b, half_a, half_b, strength in self.windows:
             inside = np.clip((half_a - np.abs(side - a)) * 12 + 0.5, 0, 1) * np.clip((half_b - np.abs(height - b)) * 12 + 0.5, 0, 1)
             tone = tone + strength * inside
@@ -69,7 +69,7 @@ def lit(hand: Hand, room: Room) -> Light:
     warm = warm if hand.chance(0.7) else warm[::-1]
     tint = 1 + 0.06 * hand.rng.standard_normal(3)
     count = hand.whole(0, 3)
-    panes = [[hand.between(-0.8, 0.8), hand.between(0.1, 0.9), hand.between(0.05, 0.3), hand.between(0.05, 0.3), hand.between(1, 8)] for _ in range(count)]
+    panes = [[hand.between(-0.8, 0.8), hand.between(0.1, 0.9), hand.between(0.05, 0.3), hand.between(0.05, 0.3), hand.between(0.6, 4)] for _ in range(count)]
     return Light(
         toward=(room.camera @ world).astype(np.float32),
         up=room.camera[:, 1],
@@ -80,11 +80,11 @@ def lit(hand: Hand, room: Room) -> Light:
     )
 
 
-CELL = 1.6
+CELL = 2.0
 """Px of a cell of the shadow map."""
 
 
-def cast(light: Light, points: Array, seen: Array, owner_scale: float) -> Array:
+def cast(light: Light, points: Array, seen: Array, bias: float) -> Array:
     """(H, W) 0 or 1: which of the seen points (H, W, 3) lie in the shadow of the surface `points` (N, 3), both px.
 
     A shadow map (Williams 1978): the nearest surface to the lamp in each cell of a grid across its direction.
@@ -105,12 +105,13 @@ def cast(light: Light, points: Array, seen: Array, owner_scale: float) -> Array:
     inside = (x < shape[0]) & (y < shape[1])
     grid[y[inside], x[inside]] = p[order, 2][inside]
     grid = cv2.morphologyEx(grid, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    q = seen.reshape(-1, 3) @ axes
-    x, y = (q[:, :2] - low).astype(int).T
-    inside = (x >= 0) & (y >= 0) & (x < shape[0]) & (y < shape[1])
-    dark = np.zeros(height * width, np.float32)
-    dark[inside] = grid[y[inside], x[inside]] > q[inside, 2] + owner_scale
-    return dark.reshape(height, width)
+    q = cv2.transform(seen, np.ascontiguousarray(axes.T)).reshape(-1, 3)
+    x, y = (q[:, 0] - low[0]).astype(np.int32), (q[:, 1] - low[1]).astype(np.int32)
+    padded = np.pad(grid, 1, constant_values=-1e6)
+    np.clip(x + 1, 0, shape[0] + 1, out=x)
+    np.clip(y + 1, 0, shape[1] + 1, out=y)
+    above = padded.ravel()[y * (int(shape[0]) + 2) + x]
+    return (above > q[:, 2] + bias).astype(np.float32).reshape(height, width)
 
 
 def softened(dark: Array, same: NDArray[np.bool_], blur: float) -> Array:

@@ -42,7 +42,10 @@ class Part(Protocol):
 
 
 def _unit(v: Array) -> Array:
-    return (v / max(float(np.linalg.norm(v)), 1e-9)).astype(np.float32)
+    return (v / max(float(v @ v) ** 0.5, 1e-9)).astype(np.float32)
+
+
+CORNERS = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], np.float32)
 
 
 def _origin() -> Array:
@@ -62,10 +65,11 @@ def _lay(canvas: Canvas, pose: Pose, y: Ints, x: Ints, z: Array, normal: Array, 
     keep = canvas.nearer(y, x, z)
     if not keep.any():
         return
-    y, x, z = y[keep], x[keep], z[keep]
+    if not keep.all():
+        y, x, z, normal, uv = y[keep], x[keep], z[keep], normal[keep], (uv[0][keep], uv[1][keep])
     points = np.stack([x.astype(np.float32), y.astype(np.float32), z], axis=1)
-    surface = Surface(pose.own(points), uv[0][keep], uv[1][keep], 1 / pose.scale)
-    canvas.put(y, x, z, normal[keep], paint(surface), finish)
+    surface = Surface(pose.own(points), uv[0], uv[1], 1 / pose.scale)
+    canvas.put(y, x, z, normal, paint(surface), finish)
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,7 @@ class Ellipsoid:
 
     def hull(self) -> Array:
         reach = np.sqrt((self.axes**2).sum(axis=1))
-        corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], np.float32)
-        return self.centre + corners * reach
+        return self.centre + CORNERS * reach
 
     def draw(self, canvas: Canvas, pose: Pose) -> None:
         stretch = pose.turn @ self.axes * pose.scale
@@ -95,14 +98,14 @@ class Ellipsoid:
         flat = x * back[:, 0] + y * back[:, 1]  # of the unit sphere, at depth 0; depth adds back[:, 2]
         a = float(back[:, 2] @ back[:, 2])
         b = flat @ back[:, 2]
-        root = b * b - a * ((flat * flat).sum(axis=2) - 1)
+        root = b * b - a * (np.einsum("ijk,ijk->ij", flat, flat) - 1)
         rows, columns = np.nonzero(root > 0)
         if not len(rows):
             return
         z = (-b[rows, columns] + np.sqrt(root[rows, columns])) / a
         ball = flat[rows, columns] + z[:, None] * back[:, 2]
         normal = ball @ back
-        normal /= np.sqrt((normal * normal).sum(axis=1, keepdims=True))
+        normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
         uv = np.arctan2(ball[:, 0], ball[:, 2]) / np.float32(np.pi), ball[:, 1] * 0.5 + 0.5
         _lay(canvas, pose, rows + y0, columns + x0, z + middle[2], normal, uv, self.paint, self.finish)
 
@@ -125,17 +128,19 @@ class Lathe:
         axis = _unit(self.axis)
         side = _unit(np.cross(axis, [0.31, 0.42, 0.85]))
         other = np.cross(axis, side)
-        turns = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+        turns = np.linspace(0, 2 * np.pi, 16, endpoint=False)
         ring = np.cos(turns)[:, None] * side + np.sin(turns)[:, None] * other
-        rings = [self.foot + h * axis + r * ring for r, h in self.profile]
-        return np.concatenate(rings).astype(np.float32)
+        few = self.profile[:: max(1, len(self.profile) // 16)]
+        few = np.vstack([few, self.profile[-1:], self.profile[np.argmax(self.profile, axis=0)]])
+        points = self.foot + few[:, 1, None, None] * axis + few[:, 0, None, None] * ring
+        return points.reshape(-1, 3).astype(np.float32)
 
     def draw(self, canvas: Canvas, pose: Pose) -> None:
         axis = _unit(pose.turn @ self.axis)
         foot = pose.apply(self.foot[None])[0]
         radius, height, slope, rim = self._rings(pose.scale, abs(float(axis[2])))
         flat = float(np.hypot(axis[0], axis[1]))
-        perp = np.array([-axis[1], axis[0], 0], np.float32) / flat if flat > 1e-3 else np.array([1, 0, 0], np.float32)
+        perp = np.array([-axis[1] / flat, axis[0] / flat, 0], np.float32) if flat > 1e-3 else np.array([1, 0, 0], np.float32)
         front = np.cross(perp, axis)
         front = (front if front[2] > 0 or (front[2] == 0 and front[1] > 0) else -front).astype(np.float32)
         centres = foot + height[:, None] * axis
@@ -149,7 +154,7 @@ class Lathe:
             return
         ring = index[rows, columns] - 1
         r, c = np.maximum(radius[ring], 1e-3), centres[ring]
-        dx, dy = columns + x0 - c[:, 0], rows + y0 - c[:, 1]
+        dx, dy = (columns + x0).astype(np.float32) - c[:, 0], (rows + y0).astype(np.float32) - c[:, 1]
         cos = np.clip((dx * perp[0] + dy * perp[1]) / r, -1, 1)
         across = dx * front[0] + dy * front[1]
         sin = np.sqrt(1 - cos * cos)
@@ -233,8 +238,7 @@ class Box:
     bevel: float = 0.05
 
     def hull(self) -> Array:
-        corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], np.float32)
-        return self.centre + (corners * self.half) @ self.turn.T
+        return self.centre + (CORNERS * self.half) @ self.turn.T
 
     def draw(self, canvas: Canvas, pose: Pose) -> None:
         axes = (pose.turn @ self.turn) * self.half * pose.scale  # columns: half-edges in px
@@ -266,7 +270,7 @@ class Box:
             for s, edge in ((u, across), (v, up)):
                 over = np.maximum(np.abs(s) - (1 - self.bevel), 0) / self.bevel * np.sign(s)
                 normal = normal + (0.8 * over[:, None] * _unit(edge)).astype(np.float32)
-            normal /= np.sqrt((normal * normal).sum(axis=1, keepdims=True))
+            normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
         z = (centre[2] + u * across[2] + v * up[2]).astype(np.float32)
         _lay(canvas, pose, rows + y0, columns + x0, z, normal, (u, v), paint, self.finish)
 
@@ -326,7 +330,7 @@ class Slab:
         which = index[rows, columns] - 1
         normal, corner = normals[which].astype(np.float32), stack[which, 0]
         steep = np.maximum(normal[:, 2], 0.05)
-        z = corner[:, 2] - (normal[:, 0] * (columns + x0 - corner[:, 0]) + normal[:, 1] * (rows + y0 - corner[:, 1])) / steep
+        z = corner[:, 2] - (normal[:, 0] * ((columns + x0).astype(np.float32) - corner[:, 0]) + normal[:, 1] * ((rows + y0).astype(np.float32) - corner[:, 1])) / steep
         z = np.clip(z, stack[which, :, 2].min(axis=1), stack[which, :, 2].max(axis=1)).astype(np.float32)
         zero = np.zeros(len(rows), np.float32)
         _lay(canvas, pose, rows + y0, columns + x0, z, normal, (zero, zero), self.rim or self.paint, self.finish)
@@ -345,7 +349,7 @@ class Slab:
             normal = normal.astype(np.float32)
             normal[:, 0] -= bend * (cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125)[rows, columns])
             normal[:, 1] -= bend * (cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=0.125)[rows, columns])
-            normal /= np.sqrt((normal * normal).sum(axis=1, keepdims=True))
+            normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
         own = (pose.own(np.stack([x, y, z.astype(np.float32)], axis=1)) - self.centre) @ self.turn
         _lay(canvas, pose, rows + y0, columns + x0, z.astype(np.float32), normal.astype(np.float32), (own[:, 0], own[:, 1]), self.paint, self.finish)
 
@@ -388,7 +392,7 @@ class Tube:
         inside = (rows + y0 >= 0) & (rows + y0 < canvas.height) & (columns + x0 >= 0) & (columns + x0 < canvas.width)
         rows, columns = rows[inside], columns[inside]
         k = table[label[rows, columns]]
-        dx, dy = columns + x0 - path[k, 0], rows + y0 - path[k, 1]
+        dx, dy = (columns + x0).astype(np.float32) - path[k, 0], (rows + y0).astype(np.float32) - path[k, 1]
         left = thick[k] ** 2 - dx * dx - dy * dy
         keep = left > 0
         rows, columns, k, dx, dy = rows[keep], columns[keep], k[keep], dx[keep], dy[keep]

@@ -103,7 +103,12 @@ def _floor(hand: Hand, size: int, tilt: float, horizon: float, drawn: list[str])
     y = top + tall / 2 + near[:, 1] / side * max(tall, side * s) * 1.3
     source = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float32)
     warp = cv2.getPerspectiveTransform(source, np.stack([x, y], axis=1).astype(np.float32))
-    return cv2.warpPerspective(plan, warp, (size, size), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REFLECT)
+    back = np.linalg.inv(warp).astype(np.float32)
+    rows, columns = np.arange(size, dtype=np.float32)[:, None], np.arange(size, dtype=np.float32)[None]
+    u, v, w = (back[k, 0] * columns + back[k, 1] * rows + back[k, 2] for k in range(3))
+    w = np.where(np.abs(w) < 1e-4, np.float32(1e-4), w)
+    folded = [side - 1 - np.abs((q / w) % (2 * side - 2) - (side - 1)) for q in (u, v)]  # mirrored beyond its edges
+    return cv2.remap(plan, folded[0], folded[1], cv2.INTER_LINEAR)
 
 
 def _wall(hand: Hand, size: int, horizon: int, drawn: list[str]) -> NDArray[np.uint8]:

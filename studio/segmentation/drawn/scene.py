@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -16,8 +17,11 @@ from .room import Room
 
 MARGIN = 10
 """Px around the picture that are drawn too, so that what is just outside throws its shadow in."""
-SMALL = 100
+SMALL = 64
 """Px: smaller things are drawn at twice the size and reduced."""
+
+
+GREY = np.full((1, 3), 1 / 3, np.float32)
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,11 @@ class Item:
     name: str = ""
     alike: bool = True
     """False where nobody could say whether it is a thing of its own."""
+
+    @cached_property
+    def hull(self) -> Array:
+        """(N, 3) px about the thing, before the camera."""
+        return self.pose.apply(self.model.hull)
 
 
 @dataclass(frozen=True)
@@ -49,7 +58,7 @@ class Rendered:
 
 def drawn(item: Item, size: int) -> Sprite | None:
     """The item as a sprite; None where nothing of it is near the picture."""
-    hull = item.pose.apply(item.model.hull())
+    hull = item.hull
     low = np.maximum(np.floor(hull[:, :2].min(axis=0)).astype(int) - 2, -MARGIN)
     high = np.minimum(np.ceil(hull[:, :2].max(axis=0)).astype(int) + 3, size + MARGIN)
     if (high - low).min() < 3:
@@ -80,9 +89,9 @@ class Scene:
         """Draw all; the first `blurred` items lie far behind, out of focus."""
         size = self.room.size
         normals = self.room.normals()
-        flat = np.zeros((size * size, 4), np.float32)
-        by_room, by_lamp = self.light.shade(self.room.albedo.reshape(-1, 3), normals.reshape(-1, 3), flat)
-        self.by_room, self.by_lamp = by_room.reshape(size, size, 3), by_lamp.reshape(size, size, 3)
+        # a row has one normal, so the light on it is one colour
+        by_room, by_lamp = self.light.shade(np.ones((size, 3), np.float32), normals[:, 0], np.zeros((size, 4), np.float32))
+        self.by_room, self.by_lamp = self.room.albedo * by_room[:, None], self.room.albedo * by_lamp[:, None]
         self.depth, self.normals = self.room.depth(), normals
         self.near = np.full((size, size), -np.inf, np.float32)
         self.labels = np.zeros((size, size), np.uint16)
@@ -101,7 +110,7 @@ class Scene:
             if sprite_or_none is None:
                 continue
             ids += item.movable
-            middle = float(item.pose.apply(item.model.hull())[:, 2].mean())
+            middle = float(item.hull[:, 2].mean())
             sprites.append((middle, ids if item.movable else 0, sprite_or_none, item))
         sprites.sort(key=lambda entry: entry[0])
         self._mirror([s for _, _, s, _ in sprites])
@@ -185,7 +194,7 @@ class Scene:
         dark = softened(cast(self.light, points, seen, 3.0), floor, self.light.softness)
         dark = np.maximum(dark, self._foreign())
         near = _contact(points, room, size) * floor
-        lamp, around = self.by_lamp.sum(axis=2), self.by_room.sum(axis=2)
+        lamp, around = cv2.transform(self.by_lamp, GREY), cv2.transform(self.by_room, GREY)
         shadow = dark * lamp / np.maximum(lamp + around, 1e-4)
         touch = near * self.hand.between(0.2, 0.75)
         light = self.by_room * (1 - touch)[..., None] + self.by_lamp * ((1 - dark) * (1 - 0.5 * touch))[..., None]
@@ -234,17 +243,20 @@ def surface_bars(hand: Hand, size: int) -> Array:
 
 
 def _reaches_out(item: Item, size: int) -> bool:
-    hull = item.pose.apply(item.model.hull())
+    hull = item.hull
     return bool(hull[:, :2].min() < 0 or hull[:, :2].max() > size - 1)
 
 
 def _cloud(sprite: Sprite, item: Item) -> Array:
     """(N, 3) px: the visible surface and, mirrored at its middle, a guess of the far side; none for clear glass."""
     rows, columns = np.nonzero(sprite.cover > 0.6)
+    if len(rows) > 3000:
+        even = (rows + columns) % 2 == 0
+        rows, columns = rows[even], columns[even]
     if not len(rows) or float(sprite.finish[rows, columns, 3].mean()) > 0.4:
         return np.zeros((0, 3), np.float32)
     z = sprite.depth[rows, columns]
-    hull = item.pose.apply(item.model.hull())[:, 2]
+    hull = item.hull[:, 2]
     back = np.maximum(2 * float(hull.mean()) - z, float(hull.min()))
     front = np.stack([columns + sprite.x0, rows + sprite.y0, z], axis=1)
     hidden = np.stack([columns + sprite.x0, rows + sprite.y0, np.minimum(back, z)], axis=1)

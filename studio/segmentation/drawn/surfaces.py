@@ -34,7 +34,7 @@ def surface(hand: Hand, names: list[str], odds: list[float] | None, side: int) -
     other = hand.colour() if hand.chance(0.3 if name not in ("wood", "planks", "grass") else 0) else base * hand.between(0.25, 2.0)
     other = np.clip(base + (other - base) * strength, 0.01, 0.9)
     t = np.linspace(0, 1, 256)[:, None]
-    ramp = np.array([srgb8(c) for c in base * (1 - t) + other * t], np.uint8)
+    ramp = np.clip((base * (1 - t) + other * t) ** (1 / 2.2) * 255, 0, 255).astype(np.uint8)
     zoom = hand.between(0.5, 2.2)  # texels per pixel
     halvings = 1 if zoom > 1.3 else 0
     values = smaller(name, hand.whole(0, 9), halvings)
