@@ -10,7 +10,6 @@ import numpy as np
 
 from .canvas import Finish
 from .hand import Array, Hand
-from .paint import plain
 from .parts import Ellipsoid, Paint, Part, Surface
 
 
@@ -66,7 +65,13 @@ def about(axis: str, degrees: float) -> Array:
     return turn
 
 
-def egg(centre: Array, radii: tuple[float, float, float], paint: Paint, finish: Finish = MATT, turn: Array | None = None) -> Ellipsoid:
+def egg(
+    centre: Array,
+    radii: tuple[float, float, float],
+    paint: Paint,
+    finish: Finish = MATT,
+    turn: Array | None = None,
+) -> Ellipsoid:
     axes = np.diag(np.array(radii, np.float32))
     return Ellipsoid(centre, axes if turn is None else (turn @ axes).astype(np.float32), paint, finish)
 
@@ -116,7 +121,9 @@ def curve(points: Sequence[tuple[float, float, float]], count: int = 20) -> Arra
         a, b = 0.75 * line[:-1] + 0.25 * line[1:], 0.25 * line[:-1] + 0.75 * line[1:]
         line = np.concatenate([line[:1], np.stack([a, b], axis=1).reshape(-1, 3), line[-1:]])
     at = np.linspace(0, len(line) - 1, count)
-    return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(3)], axis=1).astype(np.float32)
+    return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(3)], axis=1).astype(
+        np.float32
+    )
 
 
 def wrapped(paint: Paint, turn: float = 0.0) -> Paint:
@@ -131,7 +138,3 @@ def wrapped(paint: Paint, turn: float = 0.0) -> Paint:
 
 def shade(colour: Array, factor: float) -> Array:
     return np.clip(colour * np.float32(factor), 0.005, 0.95).astype(np.float32)
-
-
-def even(colour: Array) -> Paint:
-    return plain(colour)

@@ -112,10 +112,15 @@ def reduced(canvas: Canvas, x0: int, y0: int, fine: int) -> Sprite:
 
     cover = shrink(mask)
     share = 1 / np.maximum(cover, 1e-3)
-    normal = shrink(canvas.normal)
-    normal /= np.maximum(np.sqrt(np.einsum("ijk,ijk->ij", normal, normal)), 1e-6)[..., None]
+    normal = _facing(shrink(canvas.normal))
     return Sprite(
-        x0, y0, cover, shrink(canvas.depth) * share, normal, shrink(canvas.colour) * share[..., None], shrink(canvas.finish) * share[..., None]
+        x0,
+        y0,
+        cover,
+        shrink(canvas.depth) * share,
+        normal,
+        shrink(canvas.colour) * share[..., None],
+        shrink(canvas.finish) * share[..., None],
     )
 
 
@@ -133,4 +138,11 @@ def _softened(canvas: Canvas, mask: Array, x0: int, y0: int) -> Sprite:
         wide = spread(values)[y, x]
         values[y, x] = wide * (share if values.ndim == 2 else share[:, None])
         maps.append(values)
-    return Sprite(x0, y0, cover, maps[0], maps[1], maps[2], maps[3])
+    return Sprite(x0, y0, cover, maps[0], _facing(maps[1]), maps[2], maps[3])
+
+
+def _facing(normal: Array) -> Array:
+    """Unit normals of what is seen: none points away from the viewer."""
+    np.maximum(normal[..., 2], 0.01, out=normal[..., 2])
+    normal /= np.sqrt(np.einsum("ijk,ijk->ij", normal, normal))[..., None]
+    return normal

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from .hand import Array, Hand
 
-
 CURVE = (np.arange(4096) / 4095.0).astype(np.float32) ** np.float32(1 / 2.2)
 """Display value of each of 4096 steps of linear light."""
 
@@ -43,7 +42,12 @@ def develop(hand: Hand, light: Array) -> NDArray[np.uint8]:
         fall = fall * (0.35 + np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / wide))
     light = light * fall[..., None]
     bright = float(np.percentile(light[::4, ::4], 92)) + 1e-4
-    light = light * np.float32(hand.one_of([hand.between(0.45, 0.95), hand.between(0.12, 0.4), hand.between(0.9, 1.5)], [7, 1.5, 1.2]) / max(bright, 0.12))
+    light = light * np.float32(
+        hand.one_of(
+            [hand.between(0.45, 0.95), hand.between(0.12, 0.4), hand.between(0.9, 1.5)], [7, 1.5, 1.2]
+        )
+        / max(bright, 0.12)
+    )
     if hand.chance(0.4):
         light = cv2.GaussianBlur(light, (0, 0), hand.between(0.3, 1.1))
     light = light * (1 + 0.05 * hand.rng.standard_normal(3).astype(np.float32))
@@ -59,7 +63,7 @@ def develop(hand: Hand, light: Array) -> NDArray[np.uint8]:
         low = hand.between(0.05, 0.35)
         value = low + value * hand.between(0.35, 0.95 - low)
     grey = cv2.transform(value, np.full((1, 3), 1 / 3, np.float32))[..., None]
-    colourful = hand.one_of([1.0, hand.between(0.5, 1.3), 0.0], [5, 4, 0.6])
+    colourful = hand.one_of([1.0, hand.between(0.5, 1.3), 0.0], [5, 4, 0.4])
     value = grey + (value - grey) * np.float32(colourful)
     photo = np.clip(value * 255 + 0.5, 0, 255).astype(np.uint8)
     if hand.chance(0.1):

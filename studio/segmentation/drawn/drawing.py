@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from picture import Picture, at_border
 
-from .hand import Hand
 from .develop import develop
+from .hand import Hand
 from .layouts import LAYOUTS, Placer, furniture
 from .light import lit
 from .room import furnish
@@ -45,7 +45,13 @@ def draw_told(seed: int, size: int = 256) -> Drawn:
     far = 0
     if room.horizon > 0 and hand.chance(0.2):
         for _ in range(hand.whole(1, 4)):
-            placer.put(placer.kind(True), hand.between(0, size), room.horizon + 2, size * hand.between(0.2, 0.6), clear=None)
+            placer.put(
+                placer.kind(True),
+                hand.between(0, size),
+                room.horizon + 2,
+                size * hand.between(0.2, 0.6),
+                clear=None,
+            )
         far = len(scene.items)
         placer.names.clear()
     furniture(placer)
@@ -63,5 +69,10 @@ def draw_told(seed: int, size: int = 256) -> Drawn:
         depth_order=rendered.depth,
         truncated=tuple(n for n in at_border(rendered.labels) if n in kept),
     )
-    distractors = [*room.drawn, *(["defocused things"] if far else []), *(["furniture"] if built else []), *(["reflection"] if room.mirror else [])]
+    distractors = [
+        *room.drawn,
+        *(["defocused things"] if far else []),
+        *(["furniture"] if built else []),
+        *(["reflection"] if room.mirror else []),
+    ]
     return Drawn(picture, layout, view, tuple(placer.names), tuple(distractors))

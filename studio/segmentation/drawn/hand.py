@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float32]
+Array = NDArray[Any]
+"""Of float32, where nothing else is said."""
 Choice = TypeVar("Choice")
 
 
@@ -48,7 +49,9 @@ class Hand:
         return np.clip(value * (1 + 0.05 * self.rng.standard_normal(3)), 0.01, 0.95).astype(np.float32)
 
     def white(self) -> Array:
-        return np.clip(self.between(0.55, 0.9) * np.array([1, self.between(0.94, 1), self.between(0.8, 1)]), 0, 0.92).astype(np.float32)
+        return np.clip(
+            self.between(0.55, 0.9) * np.array([1, self.between(0.94, 1), self.between(0.8, 1)]), 0, 0.92
+        ).astype(np.float32)
 
     def wood(self) -> Array:
         return _hsv(self.between(0.05, 0.11), self.between(0.3, 0.75), self.between(0.25, 0.9))
@@ -60,7 +63,9 @@ class Hand:
         return _hsv(self.rng.random(), self.between(0.1, 0.45), self.between(0.2, 0.9))
 
     def bright(self) -> Array:
-        hue = self.one_of([0.0, 0.03, 0.08, 0.14, 0.3, 0.38, 0.5, 0.58, 0.64, 0.75, 0.9]) + self.between(-0.03, 0.03)
+        hue = self.one_of([0.0, 0.03, 0.08, 0.14, 0.3, 0.38, 0.5, 0.58, 0.64, 0.75, 0.9]) + self.between(
+            -0.03, 0.03
+        )
         return _hsv(hue, self.between(0.6, 0.97), self.between(0.35, 0.98))
 
     def colour(self) -> Array:

@@ -20,7 +20,9 @@ LAY: dict[str, Callable[[Hand], Array]] = {
     "lie": lambda hand: about("z", 90),
     "side": lambda hand: about("z", 90),
     "flat": lambda hand: about("x", -90),
-    "lean": lambda hand: about("z", hand.one_of([-1, 1]) * hand.between(8, 40)) @ about("x", hand.between(-12, 0)),
+    "lean": lambda hand: (
+        about("z", hand.one_of([-1, 1]) * hand.between(8, 40)) @ about("x", hand.between(-12, 0))
+    ),
 }
 
 
@@ -76,14 +78,18 @@ class Placer:
             self.taken.append((x, world_z, half_x, half_z))
         offset = np.array([-(low[0] + high[0]) / 2, height - low[1], -(low[2] + high[2]) / 2], np.float32)
         at = (spot + self.room.camera @ offset).astype(np.float32)
-        self.scene.add(Item(made, Pose((self.room.camera @ world).astype(np.float32), at, scale), name=kind.name))
+        self.scene.add(
+            Item(made, Pose((self.room.camera @ world).astype(np.float32), at, scale), name=kind.name)
+        )
         self.names.append(kind.name)
         return float(high[1] - low[1]), half_x
 
     def anywhere(self) -> tuple[float, float]:
         """A pixel of the floor, at times just outside the picture."""
         size, top = self.room.size, max(self.room.horizon, 0)
-        return self.hand.between(-0.03, 1.03) * size, self.hand.between(top + 0.06 * (size - top), size * 1.06)
+        return self.hand.between(-0.03, 1.03) * size, self.hand.between(
+            top + 0.06 * (size - top), size * 1.06
+        )
 
     def length(self, kind: Kind, px_per_cm: float, most: float) -> float:
         """Px of such a thing; nearly life-size beside others, yet none too small to see."""
@@ -126,7 +132,14 @@ def scattered(p: Placer) -> None:
         kind = hand.one_of(kinds)
         for _ in range(4):
             x, y = p.anywhere()
-            if p.put(kind, x, y, p.length(kind, px_per_cm, largest * 1.5) * p.nearness(y), yaw=_facing(p), clear=hand.between(0.75, 1)):
+            if p.put(
+                kind,
+                x,
+                y,
+                p.length(kind, px_per_cm, largest * 1.5) * p.nearness(y),
+                yaw=_facing(p),
+                clear=hand.between(0.75, 1),
+            ):
                 break
 
 
@@ -140,7 +153,10 @@ def racked(p: Placer) -> None:
         rows = columns = hand.whole(3, 5)
     gap = hand.one_of([1.0, 1.0, hand.between(1, 1.6)])
     px = size * hand.between(0.5, 1.0) / max(rows * 0.8, columns) / gap
-    turn, yaw = hand.one_of([0.0, hand.between(0, 90)]) if p.room.tilt > 0.3 else 0.0, hand.one_of([0.0, hand.between(-30, 30)])
+    turn, yaw = (
+        hand.one_of([0.0, hand.between(0, 90)]) if p.room.tilt > 0.3 else 0.0,
+        hand.one_of([0.0, hand.between(-30, 30)]),
+    )
     pose, shared = hand.one_of(kind.poses), kind.make(hand) if hand.chance(0.3) else None
     x0, y0 = size * hand.between(0.35, 0.65), max(size * hand.between(0.4, 0.8), p.room.horizon + 8)
     s, hexed = float(np.sin(p.room.tilt)), hand.chance(0.6)
@@ -153,7 +169,16 @@ def racked(p: Placer) -> None:
             v = (i - (rows - 1) / 2) * step * (0.866 if triangle or hexed else 1)
             if hand.chance(0.04):
                 continue
-            put = p.put(kind, x0 + u * c - v * d, y0 + (u * d + v * c) * s, px, pose=pose, yaw=yaw + turn, clear=None, model=shared)
+            put = p.put(
+                kind,
+                x0 + u * c - v * d,
+                y0 + (u * d + v * c) * s,
+                px,
+                pose=pose,
+                yaw=yaw + turn,
+                clear=None,
+                model=shared,
+            )
             width = width or (put[1] if put else None)
 
 
@@ -200,7 +225,9 @@ def few(p: Placer) -> None:
 def shelved(p: Placer) -> None:
     """Rows on boards: books side by side, crockery, toys."""
     hand, size = p.hand, p.room.size
-    wood = textured(hand, hand.one_of([hand.wood(), hand.white(), hand.colour()]), "wood", hand.between(0, 0.3))
+    wood = textured(
+        hand, hand.one_of([hand.wood(), hand.white(), hand.colour()]), "wood", hand.between(0, 0.3)
+    )
     camera, y = p.room.camera, hand.between(0.25, 0.45) * size
     gap = hand.between(0.26, 0.5) * size
     back = y / float(np.sin(p.room.tilt))
@@ -215,7 +242,10 @@ def shelved(p: Placer) -> None:
     if hand.chance(0.4):
         for x in (hand.between(-0.1, 0.1) * size, hand.between(0.85, 1.1) * size):
             spot = camera @ np.array([x, 0, back], np.float32)
-            p.furniture([Box(vec(0, 0), vec(4, 3 * size, 50), wood, bevel=0)], Pose(camera, spot.astype(np.float32), 1.0))
+            p.furniture(
+                [Box(vec(0, 0), vec(4, 3 * size, 50), wood, bevel=0)],
+                Pose(camera, spot.astype(np.float32), 1.0),
+            )
 
 
 def _row(p: Placer, back: float, rise: float, tall: float) -> None:
@@ -229,7 +259,17 @@ def _row(p: Placer, back: float, rise: float, tall: float) -> None:
         kind = hand.one_of(kinds)
         px, before = tall * hand.between(0.65, 1), len(p.scene.items)
         lay = about("z", -hand.between(5, 20)) if books and hand.chance(0.08) else None
-        put = p.put(kind, x, y, px, pose="stand" if books else None, yaw=hand.between(-4, 4) if books else _facing(p), height=rise, clear=None, lay=lay)
+        put = p.put(
+            kind,
+            x,
+            y,
+            px,
+            pose="stand" if books else None,
+            yaw=hand.between(-4, 4) if books else _facing(p),
+            height=rise,
+            clear=None,
+            lay=lay,
+        )
         if put is None or len(p.scene.items) == before:
             break
         half = put[1]
@@ -251,8 +291,20 @@ def heaped(p: Placer) -> None:
     for k in range(count):
         x = x0 + spread * hand.rng.standard_normal()
         y = max(y0 + spread * float(np.sin(p.room.tilt)) * hand.rng.standard_normal(), p.room.horizon + 4)
-        tumble = about("x", hand.between(-180, 180)) @ about("z", hand.between(-180, 180)) if not flat and hand.chance(0.4) else None
-        p.put(KINDS[hand.one_of(names)], x, y, px * hand.between(0.5, 1.2), height=height, clear=None, lay=tumble)
+        tumble = (
+            about("x", hand.between(-180, 180)) @ about("z", hand.between(-180, 180))
+            if not flat and hand.chance(0.4)
+            else None
+        )
+        p.put(
+            KINDS[hand.one_of(names)],
+            x,
+            y,
+            px * hand.between(0.5, 1.2),
+            height=height,
+            clear=None,
+            lay=tumble,
+        )
         height += px * (0.03 if flat else 0.12) * (k % 3 == 2)
 
 
@@ -271,14 +323,34 @@ def nested(p: Placer) -> None:
         if name in ("bowl", "basket"):
             for k in range(hand.whole(3, 9)):
                 turn, out = hand.between(0, 6.28), half * hand.between(0, 0.6)
-                p.put(KINDS[hand.one_of(LOOSE)], x + out * np.cos(turn), y + out * np.sin(turn) * float(np.sin(p.room.tilt)), half * hand.between(0.5, 0.8), height=tall * (0.3 + 0.08 * k), clear=None)
+                p.put(
+                    KINDS[hand.one_of(LOOSE)],
+                    x + out * np.cos(turn),
+                    y + out * np.sin(turn) * float(np.sin(p.room.tilt)),
+                    half * hand.between(0.5, 0.8),
+                    height=tall * (0.3 + 0.08 * k),
+                    clear=None,
+                )
         else:
             sort = hand.one_of(TALL)
             for _ in range(hand.whole(1, 6)):
                 kind = KINDS[sort if hand.chance(0.5) else hand.one_of(TALL)]
-                tip = about("z", 180) if kind.name in ("spoon", "fork", "knife") and hand.chance(0.4) else about("z", 0)
+                tip = (
+                    about("z", 180)
+                    if kind.name in ("spoon", "fork", "knife") and hand.chance(0.4)
+                    else about("z", 0)
+                )
                 lay = about("y", hand.between(0, 360)) @ about("z", hand.between(4, 16)) @ tip
-                p.put(kind, x + half * hand.between(-0.12, 0.12), y, tall * hand.between(1.3, 1.9), height=tall * 0.12, clear=None, lay=lay, yaw=0)
+                p.put(
+                    kind,
+                    x + half * hand.between(-0.12, 0.12),
+                    y,
+                    tall * hand.between(1.3, 1.9),
+                    height=tall * 0.12,
+                    clear=None,
+                    lay=lay,
+                    yaw=0,
+                )
     if hand.chance(0.5):
         few(p)
 
@@ -286,7 +358,10 @@ def nested(p: Placer) -> None:
 def leaning(p: Placer) -> None:
     """Tools, books and boards that lean at a box, at each other or at the wall."""
     hand, size = p.hand, p.room.size
-    prop, px = KINDS[hand.one_of(["carton", "book", "can", "jar", "mug", "block", "vase"])], size * hand.between(0.2, 0.45)
+    prop, px = (
+        KINDS[hand.one_of(["carton", "book", "can", "jar", "mug", "block", "vase"])],
+        size * hand.between(0.2, 0.45),
+    )
     x, y = size * hand.between(0.3, 0.7), max(size * hand.between(0.65, 0.92), p.room.horizon + 12)
     put = p.put(prop, x, y, px, pose="stand", yaw=hand.between(-20, 20))
     half = put[1] if put else px / 3
@@ -296,7 +371,15 @@ def leaning(p: Placer) -> None:
         long = px * hand.between(0.8, 1.6)
         lay = about("z", side * tilt) @ (about("z", 180) if hand.chance(0.3) else about("z", 0))
         away = half + long * np.sin(np.radians(tilt)) * 0.5
-        p.put(kind, x + side * away, y + hand.between(-3, 3), long, lay=lay, yaw=hand.between(-15, 15), clear=None)
+        p.put(
+            kind,
+            x + side * away,
+            y + hand.between(-3, 3),
+            long,
+            lay=lay,
+            yaw=hand.between(-15, 15),
+            clear=None,
+        )
     if hand.chance(0.4):
         few(p)
 
@@ -306,32 +389,91 @@ def laid_table(p: Placer) -> None:
     hand, size = p.hand, p.room.size
     s, px = float(np.sin(p.room.tilt)), size * hand.between(0.3, 0.6)
     for k in range(hand.whole(1, 2)):
-        x, y = size * (hand.between(0.3, 0.7) + 0.8 * k), max(size * hand.between(0.5, 0.8), p.room.horizon + px * s / 2)
+        x, y = (
+            size * (hand.between(0.3, 0.7) + 0.8 * k),
+            max(size * hand.between(0.5, 0.8), p.room.horizon + px * s / 2),
+        )
         plate = KINDS["plate"]
         p.put(plate, x, y, px, clear=None)
         if hand.chance(0.4):
-            p.put(KINDS[hand.one_of(["bowl", "cup_and_saucer", "bread", "apple", "napkin_box", "fork"])], x, y, px * hand.between(0.4, 0.65), height=4, clear=None)
+            p.put(
+                KINDS[hand.one_of(["bowl", "cup_and_saucer", "bread", "apple", "napkin_box", "fork"])],
+                x,
+                y,
+                px * hand.between(0.4, 0.65),
+                height=4,
+                clear=None,
+            )
         for side, name in ((-0.62, "fork"), (0.62, "knife"), (0.78, "spoon")):
             if hand.chance(0.8):
-                p.put(KINDS[name], x + side * px, y, px * hand.between(0.75, 0.95), pose="flat", yaw=180 * hand.whole(0, 1) * 0 + hand.between(-6, 6), clear=None)
+                p.put(
+                    KINDS[name],
+                    x + side * px,
+                    y,
+                    px * hand.between(0.75, 0.95),
+                    pose="flat",
+                    yaw=hand.between(-6, 6),
+                    clear=None,
+                )
         for name in ("tumbler", "wine_glass", "mug", "candle", "salt_mill", "bottle"):
             if hand.chance(0.3):
-                p.put(KINDS[name], x + hand.between(-0.9, 0.9) * px, y - hand.between(0.6, 1.2) * px * max(s, 0.3), px * hand.between(0.35, 0.6), pose="stand")
+                p.put(
+                    KINDS[name],
+                    x + hand.between(-0.9, 0.9) * px,
+                    y - hand.between(0.6, 1.2) * px * max(s, 0.3),
+                    px * hand.between(0.35, 0.6),
+                    pose="stand",
+                )
 
 
 def in_a_row(p: Placer) -> None:
     """Dominoes, bottles, figures ... one behind or beside another, on a straight line or a bend."""
     hand, size = p.hand, p.room.size
-    kind = KINDS[hand.one_of(["domino", "domino", "domino", "book", "bottle", "mug", "vehicle", "animal", "figure", "candle", "can", "chess_piece", "duck", "block", "toy_ball", "carton"])]
+    kind = KINDS[
+        hand.one_of(
+            [
+                "domino",
+                "domino",
+                "domino",
+                "book",
+                "bottle",
+                "mug",
+                "vehicle",
+                "animal",
+                "figure",
+                "candle",
+                "can",
+                "chess_piece",
+                "duck",
+                "block",
+                "toy_ball",
+                "carton",
+            ]
+        )
+    ]
     count, px = hand.whole(3, 16), size * hand.between(0.12, 0.4)
     step = hand.between(0.25, 1.1) * px
     turn = hand.between(-25, 25) if p.room.tilt < 0.3 else hand.between(0, 180)
-    bend, yaw, shared = hand.between(-8, 8), hand.between(-80, 80), kind.make(hand) if hand.chance(0.5) else None
+    bend, yaw, shared = (
+        hand.between(-8, 8),
+        hand.between(-80, 80),
+        kind.make(hand) if hand.chance(0.5) else None,
+    )
     x, y = size * hand.between(-0.05, 0.35), max(size * hand.between(0.5, 0.95), p.room.horizon + 5)
     fallen = hand.whole(0, count) if kind.name == "domino" and hand.chance(0.3) else count
     for k in range(count):
         lay = about("z", 0) if k < fallen else about("x", -hand.between(20, 75))
-        p.put(kind, x, max(y, p.room.horizon + 4), px * p.nearness(y), pose="stand", yaw=yaw + bend * k, clear=None, model=shared, lay=lay)
+        p.put(
+            kind,
+            x,
+            max(y, p.room.horizon + 4),
+            px * p.nearness(y),
+            pose="stand",
+            yaw=yaw + bend * k,
+            clear=None,
+            model=shared,
+            lay=lay,
+        )
         x += step * float(np.cos(np.radians(turn)))
         y += step * float(np.sin(np.radians(turn)) * np.sin(p.room.tilt))
         turn += bend
@@ -370,5 +512,14 @@ def furniture(p: Placer) -> None:
             cx, cy = w * (2 * (i + 0.5) / columns - 1), 2 * h * (j + 0.5) / rows
             parts.append(Box(vec(cx, cy, deep), vec(w / columns - 4, h / rows - 4, 2), front, bevel=0.1))
             if hand.chance(0.8):
-                parts.append(Lathe(np.array([[0, 0], [2, 0], [4, 4], [4, 6], [0, 7]], np.float32), knob, MATT, None, vec(cx, cy, deep + 2), vec(0, 0, 1)))
+                parts.append(
+                    Lathe(
+                        np.array([[0, 0], [2, 0], [4, 4], [4, 6], [0, 7]], np.float32),
+                        knob,
+                        MATT,
+                        None,
+                        vec(cx, cy, deep + 2),
+                        vec(0, 0, 1),
+                    )
+                )
     p.furniture(parts, Pose(camera, spot.astype(np.float32), 1.0))

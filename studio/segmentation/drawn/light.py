@@ -35,7 +35,9 @@ class Light:
         height, side = bounce @ self.up, bounce[..., 0]
         tone = 0.32 + 0.4 * np.tanh(height * 4)
         for a, b, half_a, half_b, strength in self.windows:
-            inside = np.clip((half_a - np.abs(side - a)) * 12 + 0.5, 0, 1) * np.clip((half_b - np.abs(height - b)) * 12 + 0.5, 0, 1)
+            inside = np.clip((half_a - np.abs(side - a)) * 12 + 0.5, 0, 1) * np.clip(
+                (half_b - np.abs(height - b)) * 12 + 0.5, 0, 1
+            )
             tone = tone + strength * inside
         return tone[..., None].astype(np.float32)
 
@@ -62,14 +64,25 @@ class Light:
 def lit(hand: Hand, room: Room) -> Light:
     """A lamp somewhere above, hard or soft, with or against the room's light."""
     turn, height = hand.between(0, 6.283), np.radians(hand.between(22, 80))
-    world = np.array([np.cos(turn) * np.cos(height), np.sin(height), np.sin(turn) * np.cos(height) * 0.8 + 0.2])
+    world = np.array(
+        [np.cos(turn) * np.cos(height), np.sin(height), np.sin(turn) * np.cos(height) * 0.8 + 0.2]
+    )
     world /= np.linalg.norm(world)
     share, strength = hand.between(0.15, 0.85), hand.between(0.8, 1.35)
     warm = np.array([1.0, hand.between(0.82, 1), hand.between(0.6, 1)])
     warm = warm if hand.chance(0.7) else warm[::-1]
     tint = 1 + 0.06 * hand.rng.standard_normal(3)
     count = hand.whole(0, 3)
-    panes = [[hand.between(-0.8, 0.8), hand.between(0.1, 0.9), hand.between(0.05, 0.3), hand.between(0.05, 0.3), hand.between(0.6, 4)] for _ in range(count)]
+    panes = [
+        [
+            hand.between(-0.8, 0.8),
+            hand.between(0.1, 0.9),
+            hand.between(0.05, 0.3),
+            hand.between(0.05, 0.3),
+            hand.between(0.6, 4),
+        ]
+        for _ in range(count)
+    ]
     return Light(
         toward=(room.camera @ world).astype(np.float32),
         up=room.camera[:, 1],

@@ -30,7 +30,11 @@ def textured(hand: Hand, colour: Array, name: str, strength: float = 0.4, repeat
         halvings = int(np.clip(np.floor(np.log2(max(texels, 1))), 0, 4))
         k = np.float32(512 * repeat / 2**halvings)
         p = s.own
-        t = look_up(smaller(name, variant, halvings), (p[:, 0] + 0.7 * p[:, 2]) * k + shift[0], (p[:, 1] + 0.6 * p[:, 2]) * k + shift[1])
+        t = look_up(
+            smaller(name, variant, halvings),
+            (p[:, 0] + 0.7 * p[:, 2]) * k + shift[0],
+            (p[:, 1] + 0.6 * p[:, 2]) * k + shift[1],
+        )
         return dark + (light - dark) * t[:, None]
 
     return paint
@@ -73,7 +77,9 @@ def anywhere(patterns: Sequence[Where]) -> Where:
 
 def stripes(direction: Array, count: float, share: float, phase: float = 0.0) -> Where:
     """Planes across the solid's own space: `count` stripes a unit, `share` of them filled."""
-    return lambda s: (((s.own @ direction) * np.float32(count) + np.float32(phase)) % 1 < share).astype(np.float32)
+    return lambda s: (((s.own @ direction) * np.float32(count) + np.float32(phase)) % 1 < share).astype(
+        np.float32
+    )
 
 
 def caps(directions: Array, cosine: float, centre: Array) -> Where:
@@ -108,7 +114,16 @@ def words(hand: Hand, lines: int = 1, letters: int = 6) -> Array:
     for k in range(lines):
         count = hand.whole(max(1, letters // 2), letters)
         written = "".join(chr(hand.whole(65, 90)) for _ in range(count))
-        cv2.putText(mask, written, (3, 40 * k + 32), hand.one_of([0, 2, 3, 4]), 1.0, 255, hand.whole(2, 5), cv2.LINE_AA)
+        cv2.putText(
+            mask,
+            written,
+            (3, 40 * k + 32),
+            hand.one_of([0, 2, 3, 4]),
+            1.0,
+            255,
+            hand.whole(2, 5),
+            cv2.LINE_AA,
+        )
     return mask
 
 
@@ -129,7 +144,11 @@ def printed(hand: Hand, base: Paint) -> Paint:
         what = hand.one_of(["words", "words", "block", "disc", "band", "text"])
         if what == "words":
             lines = hand.whole(1, 3)
-            base = over(base, stamp(words(hand, lines, hand.whole(3, 9)), u * 0.3, v, hand.between(0.3, 0.8), 0.16 * lines), ink)
+            base = over(
+                base,
+                stamp(words(hand, lines, hand.whole(3, 9)), u * 0.3, v, hand.between(0.3, 0.8), 0.16 * lines),
+                ink,
+            )
         elif what == "block":
             base = over(base, patch(u, v, hand.between(0.1, 0.8), hand.between(0.05, 0.5)), ink)
         elif what == "disc":
@@ -145,5 +164,7 @@ def finishable(hand: Hand, colour: Array) -> Paint:
     """The colour as household things have it: even, or faintly textured."""
     if hand.chance(0.55):
         return plain(colour)
-    name = hand.one_of(["plain", "grain", "wood", "weave", "stone", "blotches", "carpet"], [3, 3, 2, 2, 1, 1, 1])
+    name = hand.one_of(
+        ["plain", "grain", "wood", "weave", "stone", "blotches", "carpet"], [3, 3, 2, 2, 1, 1, 1]
+    )
     return textured(hand, colour, name, hand.between(0.08, 0.45), hand.between(0.4, 2))

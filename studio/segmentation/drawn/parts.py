@@ -27,6 +27,7 @@ class Surface:
     """Own units per working pixel: finer patterns than this need not be drawn."""
 
 
+DULL = Finish()
 Paint = Callable[[Surface], Array]
 """(N, 3) linear reflectance of N points."""
 
@@ -60,7 +61,17 @@ def _straight() -> Array:
     return np.eye(3, dtype=np.float32)
 
 
-def _lay(canvas: Canvas, pose: Pose, y: Ints, x: Ints, z: Array, normal: Array, uv: tuple[Array, Array], paint: Paint, finish: Finish) -> None:
+def _lay(
+    canvas: Canvas,
+    pose: Pose,
+    y: Ints,
+    x: Ints,
+    z: Array,
+    normal: Array,
+    uv: tuple[Array, Array],
+    paint: Paint,
+    finish: Finish,
+) -> None:
     """Test N points against the canvas's depth and paint those that are nearer."""
     keep = canvas.nearer(y, x, z)
     if not keep.any():
@@ -79,7 +90,7 @@ class Ellipsoid:
     centre: Array
     axes: Array
     paint: Paint
-    finish: Finish = Finish()
+    finish: Finish = DULL
 
     def hull(self) -> Array:
         reach = np.sqrt((self.axes**2).sum(axis=1))
@@ -119,7 +130,7 @@ class Lathe:
 
     profile: Array
     paint: Paint
-    finish: Finish = Finish()
+    finish: Finish = DULL
     inside: Paint | None = None
     foot: Array = field(default_factory=_origin)
     axis: Array = field(default_factory=_up)
@@ -140,7 +151,11 @@ class Lathe:
         foot = pose.apply(self.foot[None])[0]
         radius, height, slope, rim = self._rings(pose.scale, abs(float(axis[2])))
         flat = float(np.hypot(axis[0], axis[1]))
-        perp = np.array([-axis[1] / flat, axis[0] / flat, 0], np.float32) if flat > 1e-3 else np.array([1, 0, 0], np.float32)
+        perp = (
+            np.array([-axis[1] / flat, axis[0] / flat, 0], np.float32)
+            if flat > 1e-3
+            else np.array([1, 0, 0], np.float32)
+        )
         front = np.cross(perp, axis)
         front = (front if front[2] > 0 or (front[2] == 0 and front[1] > 0) else -front).astype(np.float32)
         centres = foot + height[:, None] * axis
@@ -148,7 +163,15 @@ class Lathe:
         x0, y0, x1, y1 = canvas.window(centres.min(axis=0) - reach, centres.max(axis=0) + reach)
         if x1 <= x0 or y1 <= y0:
             return
-        index = self._painted(radius, centres - np.array([x0, y0, 0], np.float32), perp, front, rim, float(axis[2]), (y1 - y0, x1 - x0))
+        index = self._painted(
+            radius,
+            centres - np.array([x0, y0, 0], np.float32),
+            perp,
+            front,
+            rim,
+            float(axis[2]),
+            (y1 - y0, x1 - x0),
+        )
         rows, columns = np.nonzero(index)
         if not len(rows):
             return
@@ -203,7 +226,15 @@ class Lathe:
         )
 
     @staticmethod
-    def _painted(radius: Array, centres: Array, perp: Array, front: Array, rim: int, tilt: float, shape: tuple[int, int]) -> Array:
+    def _painted(
+        radius: Array,
+        centres: Array,
+        perp: Array,
+        front: Array,
+        rim: int,
+        tilt: float,
+        shape: tuple[int, int],
+    ) -> Array:
         """(h, w) int32: 1 + the ring seen at each pixel, 0 = none; the painter goes from the far end to the near one."""
         index = np.zeros(shape, np.int32)
         turns = np.linspace(0, 2 * np.pi, int(np.clip(radius.max() * 1.5, 12, 64)), endpoint=False)
@@ -233,7 +264,7 @@ class Box:
     front: Paint
     side: Paint | None = None
     top: Paint | None = None
-    finish: Finish = Finish()
+    finish: Finish = DULL
     turn: Array = field(default_factory=_straight)
     bevel: float = 0.05
 
@@ -254,7 +285,16 @@ class Box:
                 across, up = axes[:, 0], axes[:, 2]
             self._face(canvas, pose, middle + sign * axes[:, k], across, up, sign * axes[:, k], paint)
 
-    def _face(self, canvas: Canvas, pose: Pose, centre: Array, across: Array, up: Array, outward: Array, paint: Paint) -> None:
+    def _face(
+        self,
+        canvas: Canvas,
+        pose: Pose,
+        centre: Array,
+        across: Array,
+        up: Array,
+        outward: Array,
+        paint: Paint,
+    ) -> None:
         quad = np.stack([centre + a * across + b * up for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         x0, y0, x1, y1 = canvas.window(quad.min(axis=0), quad.max(axis=0))
         det = float(across[0] * up[1] - across[1] * up[0])
@@ -264,7 +304,10 @@ class Box:
         cv2.fillConvexPoly(mask, np.round((quad[:, :2] - [x0, y0]) * 16).astype(np.int32), 1, cv2.LINE_8, 4)
         rows, columns = np.nonzero(mask)
         dx, dy = (columns + (x0 - centre[0])).astype(np.float32), (rows + (y0 - centre[1])).astype(np.float32)
-        u, v = (dx * up[1] - dy * up[0]) / np.float32(det), (dy * across[0] - dx * across[1]) / np.float32(det)
+        u, v = (
+            (dx * up[1] - dy * up[0]) / np.float32(det),
+            (dy * across[0] - dx * across[1]) / np.float32(det),
+        )
         normal = np.repeat(_unit(outward)[None], len(rows), axis=0)
         if self.bevel > 0:
             for s, edge in ((u, across), (v, up)):
@@ -283,7 +326,7 @@ class Slab:
     thickness: float
     paint: Paint
     rim: Paint | None = None
-    finish: Finish = Finish()
+    finish: Finish = DULL
     holes: Sequence[Array] = ()
     centre: Array = field(default_factory=_origin)
     turn: Array = field(default_factory=_straight)
@@ -307,14 +350,22 @@ class Slab:
         x0, y0, x1, y1 = canvas.window(every.min(axis=0), every.max(axis=0))
         if x1 <= x0 or y1 <= y0:
             return
-        walls = [np.stack([n[k - 1], n[k], f[k], f[k - 1]]) for n, f in zip(near, far, strict=True) for k in range(len(n))]
+        walls = [
+            np.stack([n[k - 1], n[k], f[k], f[k - 1]])
+            for n, f in zip(near, far, strict=True)
+            for k in range(len(n))
+        ]
         walls.sort(key=lambda wall: float(wall[:, 2].mean()))
         index = np.zeros((y1 - y0, x1 - x0), np.int32)
         shift = np.array([x0, y0], np.float32)
         for k, wall in enumerate(walls):
-            cv2.fillConvexPoly(index, np.round((wall[:, :2] - shift) * 16).astype(np.int32), k + 1, cv2.LINE_8, 4)
+            cv2.fillConvexPoly(
+                index, np.round((wall[:, :2] - shift) * 16).astype(np.int32), k + 1, cv2.LINE_8, 4
+            )
         face = np.zeros(index.shape, np.uint8)
-        cv2.fillPoly(face, [np.round((n[:, :2] - shift) * 16).astype(np.int32) for n in near], 1, cv2.LINE_8, 4)
+        cv2.fillPoly(
+            face, [np.round((n[:, :2] - shift) * 16).astype(np.int32) for n in near], 1, cv2.LINE_8, 4
+        )
         self._walls(canvas, pose, np.where(face > 0, 0, index), walls, x0, y0)
         if abs(facing[2]) > 1e-2:
             self._face(canvas, pose, face, sign * facing, near[0][0], x0, y0)
@@ -330,12 +381,31 @@ class Slab:
         which = index[rows, columns] - 1
         normal, corner = normals[which].astype(np.float32), stack[which, 0]
         steep = np.maximum(normal[:, 2], 0.05)
-        z = corner[:, 2] - (normal[:, 0] * ((columns + x0).astype(np.float32) - corner[:, 0]) + normal[:, 1] * ((rows + y0).astype(np.float32) - corner[:, 1])) / steep
+        z = (
+            corner[:, 2]
+            - (
+                normal[:, 0] * ((columns + x0).astype(np.float32) - corner[:, 0])
+                + normal[:, 1] * ((rows + y0).astype(np.float32) - corner[:, 1])
+            )
+            / steep
+        )
         z = np.clip(z, stack[which, :, 2].min(axis=1), stack[which, :, 2].max(axis=1)).astype(np.float32)
         zero = np.zeros(len(rows), np.float32)
-        _lay(canvas, pose, rows + y0, columns + x0, z, normal, (zero, zero), self.rim or self.paint, self.finish)
+        _lay(
+            canvas,
+            pose,
+            rows + y0,
+            columns + x0,
+            z,
+            normal,
+            (zero, zero),
+            self.rim or self.paint,
+            self.finish,
+        )
 
-    def _face(self, canvas: Canvas, pose: Pose, face: Array, facing: Array, corner: Array, x0: int, y0: int) -> None:
+    def _face(
+        self, canvas: Canvas, pose: Pose, face: Array, facing: Array, corner: Array, x0: int, y0: int
+    ) -> None:
         rows, columns = np.nonzero(face)
         if not len(rows):
             return
@@ -344,14 +414,28 @@ class Slab:
         normal = np.repeat(facing[None], len(rows), axis=0)
         if self.puff > 0:
             away = cv2.distanceTransform(np.pad(face, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
-            soft = cv2.GaussianBlur(np.minimum(away / (self.puff * pose.scale), 1) ** 0.7, (0, 0), max(0.8, 0.2 * self.puff * pose.scale))
+            soft = cv2.GaussianBlur(
+                np.minimum(away / (self.puff * pose.scale), 1) ** 0.7,
+                (0, 0),
+                max(0.8, 0.2 * self.puff * pose.scale),
+            )
             bend = self.puff * pose.scale * 0.9
             normal = normal.astype(np.float32)
             normal[:, 0] -= bend * (cv2.Sobel(soft, cv2.CV_32F, 1, 0, scale=0.125)[rows, columns])
             normal[:, 1] -= bend * (cv2.Sobel(soft, cv2.CV_32F, 0, 1, scale=0.125)[rows, columns])
             normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
         own = (pose.own(np.stack([x, y, z.astype(np.float32)], axis=1)) - self.centre) @ self.turn
-        _lay(canvas, pose, rows + y0, columns + x0, z.astype(np.float32), normal.astype(np.float32), (own[:, 0], own[:, 1]), self.paint, self.finish)
+        _lay(
+            canvas,
+            pose,
+            rows + y0,
+            columns + x0,
+            z.astype(np.float32),
+            normal.astype(np.float32),
+            (own[:, 0], own[:, 1]),
+            self.paint,
+            self.finish,
+        )
 
 
 @dataclass(frozen=True)
@@ -361,11 +445,13 @@ class Tube:
     points: Array
     radius: Array
     paint: Paint
-    finish: Finish = Finish()
+    finish: Finish = DULL
 
     def hull(self) -> Array:
         most = float(self.radius.max())
-        return np.concatenate([self.points + most * d for d in np.vstack([np.eye(3), -np.eye(3)])]).astype(np.float32)
+        return np.concatenate([self.points + most * d for d in np.vstack([np.eye(3), -np.eye(3)])]).astype(
+            np.float32
+        )
 
     def draw(self, canvas: Canvas, pose: Pose) -> None:
         line = pose.apply(self.points)
@@ -379,17 +465,32 @@ class Tube:
         most = float(thick.max())
         x0, y0 = (np.floor(path[:, :2].min(axis=0) - most).astype(int) - 1).tolist()
         x1, y1 = (np.ceil(path[:, :2].max(axis=0) + most).astype(int) + 2).tolist()
-        if (x1 - x0) * (y1 - y0) > 4_000_000 or x1 <= 0 or y1 <= 0 or x0 >= canvas.width or y0 >= canvas.height:
+        if (
+            (x1 - x0) * (y1 - y0) > 4_000_000
+            or x1 <= 0
+            or y1 <= 0
+            or x0 >= canvas.width
+            or y0 >= canvas.height
+        ):
             return
         order = np.argsort(path[:, 2], kind="stable")
         nearest = np.zeros((y1 - y0, x1 - x0), np.int32)
-        nearest[np.round(path[order, 1]).astype(int) - y0, np.round(path[order, 0]).astype(int) - x0] = order + 1
-        away, label = cv2.distanceTransformWithLabels((nearest == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        nearest[np.round(path[order, 1]).astype(int) - y0, np.round(path[order, 0]).astype(int) - x0] = (
+            order + 1
+        )
+        away, label = cv2.distanceTransformWithLabels(
+            (nearest == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
         table = np.zeros(int(label.max()) + 1, np.int32)
         on = nearest > 0
         table[label[on]] = nearest[on] - 1
         rows, columns = np.nonzero(away < most + 1)
-        inside = (rows + y0 >= 0) & (rows + y0 < canvas.height) & (columns + x0 >= 0) & (columns + x0 < canvas.width)
+        inside = (
+            (rows + y0 >= 0)
+            & (rows + y0 < canvas.height)
+            & (columns + x0 >= 0)
+            & (columns + x0 < canvas.width)
+        )
         rows, columns = rows[inside], columns[inside]
         k = table[label[rows, columns]]
         dx, dy = (columns + x0).astype(np.float32) - path[k, 0], (rows + y0).astype(np.float32) - path[k, 1]

@@ -52,12 +52,16 @@ class Room:
         y = np.arange(self.size, dtype=np.float32)
         s, c = np.sin(self.tilt), np.cos(self.tilt)
         wall = s * (s * self.wall - y) / max(c, 1e-3) + c * self.wall
-        return np.repeat(np.where(self.is_floor(), y * c / s, wall)[:, None], self.size, axis=1).astype(np.float32)
+        return np.repeat(np.where(self.is_floor(), y * c / s, wall)[:, None], self.size, axis=1).astype(
+            np.float32
+        )
 
     def normals(self) -> Array:
         """(H, W, 3) of floor and wall."""
         up, out = self.camera[:, 1], self.camera[:, 2]
-        return np.repeat(np.where(self.is_floor()[:, None], up, out)[:, None], self.size, axis=1).astype(np.float32)
+        return np.repeat(np.where(self.is_floor()[:, None], up, out)[:, None], self.size, axis=1).astype(
+            np.float32
+        )
 
 
 def furnish(hand: Hand, view: str, size: int) -> Room:
@@ -107,7 +111,9 @@ def _floor(hand: Hand, size: int, tilt: float, horizon: float, drawn: list[str])
     rows, columns = np.arange(size, dtype=np.float32)[:, None], np.arange(size, dtype=np.float32)[None]
     u, v, w = (back[k, 0] * columns + back[k, 1] * rows + back[k, 2] for k in range(3))
     w = np.where(np.abs(w) < 1e-4, np.float32(1e-4), w)
-    folded = [side - 1 - np.abs((q / w) % (2 * side - 2) - (side - 1)) for q in (u, v)]  # mirrored beyond its edges
+    folded = [
+        side - 1 - np.abs((q / w) % (2 * side - 2) - (side - 1)) for q in (u, v)
+    ]  # mirrored beyond its edges
     return cv2.remap(plan, folded[0], folded[1], cv2.INTER_LINEAR)
 
 

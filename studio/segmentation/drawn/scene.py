@@ -72,7 +72,9 @@ def drawn(item: Item, size: int) -> Sprite | None:
     for part in item.model.parts:
         part.draw(canvas, pose)
     sprite = reduced(canvas, int(low[0]), int(low[1]), fine)
-    return Sprite(sprite.x0, sprite.y0, sprite.cover, sprite.depth / fine, sprite.normal, sprite.colour, sprite.finish)
+    return Sprite(
+        sprite.x0, sprite.y0, sprite.cover, sprite.depth / fine, sprite.normal, sprite.colour, sprite.finish
+    )
 
 
 class Scene:
@@ -90,7 +92,9 @@ class Scene:
         size = self.room.size
         normals = self.room.normals()
         # a row has one normal, so the light on it is one colour
-        by_room, by_lamp = self.light.shade(np.ones((size, 3), np.float32), normals[:, 0], np.zeros((size, 4), np.float32))
+        by_room, by_lamp = self.light.shade(
+            np.ones((size, 3), np.float32), normals[:, 0], np.zeros((size, 4), np.float32)
+        )
         self.by_room, self.by_lamp = self.room.albedo * by_room[:, None], self.room.albedo * by_lamp[:, None]
         self.depth, self.normals = self.room.depth(), normals
         self.near = np.full((size, size), -np.inf, np.float32)
@@ -100,7 +104,10 @@ class Scene:
             self._lay(sprite, 0)
         if far:
             spread = self.hand.between(4, 9)
-            self.by_room, self.by_lamp = cv2.GaussianBlur(self.by_room, (0, 0), spread), cv2.GaussianBlur(self.by_lamp, (0, 0), spread)
+            self.by_room, self.by_lamp = (
+                cv2.GaussianBlur(self.by_room, (0, 0), spread),
+                cv2.GaussianBlur(self.by_lamp, (0, 0), spread),
+            )
             self.near[:] = -np.inf
             self.depth, self.normals = self.room.depth(), self.room.normals()
         sprites: list[tuple[float, int, Sprite, Item]] = []
@@ -128,12 +135,19 @@ class Scene:
         if y1 <= y0 or x1 <= x0:
             return
         inner = (slice(y0 - sprite.y0, y1 - sprite.y0), slice(x0 - sprite.x0, x1 - sprite.x0))
-        rows, columns = np.nonzero((sprite.cover[inner] > 0.02) & (sprite.depth[inner] > self.near[y0:y1, x0:x1]))
+        rows, columns = np.nonzero(
+            (sprite.cover[inner] > 0.02) & (sprite.depth[inner] > self.near[y0:y1, x0:x1])
+        )
         if not len(rows):
             return
         own = (rows + inner[0].start, columns + inner[1].start)
         at = (rows + y0, columns + x0)
-        cover, colour, normal, finish = sprite.cover[own][:, None], sprite.colour[own], sprite.normal[own], sprite.finish[own]
+        cover, colour, normal, finish = (
+            sprite.cover[own][:, None],
+            sprite.colour[own],
+            sprite.normal[own],
+            sprite.finish[own],
+        )
         by_room, by_lamp = self.light.shade(colour, normal, finish)
         clear = finish[:, 3:4]
         if clear.max() > 0:
@@ -146,7 +160,15 @@ class Scene:
         self.normals[at] = normal[most]
         self.labels[at] = number
 
-    def _seen_through(self, at: tuple[Array, Array], colour: Array, normal: Array, finish: Array, by_room: Array, by_lamp: Array) -> tuple[Array, Array]:
+    def _seen_through(
+        self,
+        at: tuple[Array, Array],
+        colour: Array,
+        normal: Array,
+        finish: Array,
+        by_room: Array,
+        by_lamp: Array,
+    ) -> tuple[Array, Array]:
         """Glass: what lies behind, bent by the surface, tinted, darker at grazing angles; highlights stay on top."""
         size, clear = self.room.size, finish[:, 3:4]
         bend = self.hand.between(3, 14)
@@ -172,11 +194,20 @@ class Scene:
             y, x = (rows + sprite.y0).astype(np.float32), columns + sprite.x0
             height = camera[1, 1] * y + camera[1, 2] * sprite.depth[rows, columns]
             below = np.round(y - 2 * camera[1, 1] * height).astype(int)
-            keep = (below >= self.room.horizon) & (below < size) & (below >= 0) & (x >= 0) & (x < size) & (height > 0)
+            keep = (
+                (below >= self.room.horizon)
+                & (below < size)
+                & (below >= 0)
+                & (x >= 0)
+                & (x < size)
+                & (height > 0)
+            )
             rows, columns, below, x = rows[keep], columns[keep], below[keep], x[keep]
             if not len(rows):
                 continue
-            a, b = self.light.shade(sprite.colour[rows, columns], sprite.normal[rows, columns], sprite.finish[rows, columns])
+            a, b = self.light.shade(
+                sprite.colour[rows, columns], sprite.normal[rows, columns], sprite.finish[rows, columns]
+            )
             fade = np.exp(-height[keep] / 120)[:, None]
             seen[below, x] = np.concatenate([(a + b) * fade, fade], axis=1)
         seen = cv2.GaussianBlur(seen, (0, 0), self.hand.between(0.9, 2.0))
@@ -197,7 +228,9 @@ class Scene:
         lamp, around = cv2.transform(self.by_lamp, GREY), cv2.transform(self.by_room, GREY)
         shadow = dark * lamp / np.maximum(lamp + around, 1e-4)
         touch = near * self.hand.between(0.2, 0.75)
-        light = self.by_room * (1 - touch)[..., None] + self.by_lamp * ((1 - dark) * (1 - 0.5 * touch))[..., None]
+        light = (
+            self.by_room * (1 - touch)[..., None] + self.by_lamp * ((1 - dark) * (1 - 0.5 * touch))[..., None]
+        )
         labels, unsaid = self._judged(sprites)
         outside = tuple(n for _, n, _, item in sprites if n and _reaches_out(item, size))
         return Rendered(light, labels, unsaid, self.normals, np.clip(shadow, 0, 1), self.depth, outside)
@@ -211,12 +244,16 @@ class Scene:
                 bars = surface_bars(self.hand, size)
                 out = np.maximum(out, bars)
             else:
-                corners = self.hand.rng.integers(-size // 2, size + size // 2, (self.hand.whole(3, 5), 2)).astype(np.int32)
+                corners = self.hand.rng.integers(
+                    -size // 2, size + size // 2, (self.hand.whole(3, 5), 2)
+                ).astype(np.int32)
                 cv2.fillPoly(out, [cv2.convexHull(corners)], 1.0)
             out = cv2.GaussianBlur(out, (0, 0), self.hand.between(1, 8)) * self.hand.between(0.4, 1)
         return out
 
-    def _judged(self, sprites: list[tuple[float, int, Sprite, Item]]) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
+    def _judged(
+        self, sprites: list[tuple[float, int, Sprite, Item]]
+    ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
         """Labels with slivers and doubtful things taken out, renumbered 1, 2, ...; and what was taken out."""
         size = self.room.size
         count = np.bincount(self.labels.ravel(), minlength=len(sprites) + 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 
 import cv2
 import numpy as np
@@ -20,7 +20,9 @@ VARIANTS = 10
 def _noise(hand: Hand, cell: float, stretch: float = 1.0) -> Array:
     """(SIDE, SIDE) smooth noise of deviation about 1 whose grain is `cell` texels wide and `stretch` times as tall."""
     shape = (max(3, int(SIDE / cell / stretch) + 2), max(3, int(SIDE / cell) + 2))
-    return cv2.resize(hand.rng.standard_normal(shape, np.float32), (SIDE, SIDE), interpolation=cv2.INTER_CUBIC)
+    return cv2.resize(
+        hand.rng.standard_normal(shape, np.float32), (SIDE, SIDE), interpolation=cv2.INTER_CUBIC
+    )
 
 
 def _grid() -> tuple[Array, Array]:
@@ -35,7 +37,9 @@ def grain(hand: Hand) -> Array:
 def wood(hand: Hand) -> Array:
     y, _ = _grid()
     bend = _noise(hand, 150, 0.3) * hand.between(10, 40) + _noise(hand, 40, 0.3) * 3
-    rings = np.sin((y + bend) * hand.between(0.08, 0.3)) + 0.6 * np.sin((y + 1.3 * bend) * hand.between(0.3, 0.8))
+    rings = np.sin((y + bend) * hand.between(0.08, 0.3)) + 0.6 * np.sin(
+        (y + 1.3 * bend) * hand.between(0.3, 0.8)
+    )
     fibre = cv2.blur(_noise(hand, 1.5), (61, 1)) * 6
     return rings * hand.between(0.2, 1) + fibre
 
@@ -54,14 +58,19 @@ def planks(hand: Hand) -> Array:
 def weave(hand: Hand) -> Array:
     y, x = _grid()
     k = hand.between(0.6, 1.6)
-    return np.sin(k * x) * np.sin(k * y) + 0.5 * _noise(hand, 2) + 0.5 * cv2.blur(_noise(hand, 2), (31, 1)) * 3
+    return (
+        np.sin(k * x) * np.sin(k * y) + 0.5 * _noise(hand, 2) + 0.5 * cv2.blur(_noise(hand, 2), (31, 1)) * 3
+    )
 
 
 def stripes(hand: Hand) -> Array:
     _, x = _grid()
     period = hand.between(12, 70)
     thin = np.sin(x * 6.283 / period * hand.one_of([2, 3, 5])) > hand.between(0.2, 0.9)
-    return np.where(np.sin(x * 6.283 / period) > hand.between(-0.6, 0.8), 1.0, -1.0).astype(np.float32) + hand.between(0, 0.6) * thin
+    return (
+        np.where(np.sin(x * 6.283 / period) > hand.between(-0.6, 0.8), 1.0, -1.0).astype(np.float32)
+        + hand.between(0, 0.6) * thin
+    )
 
 
 def tartan(hand: Hand) -> Array:
@@ -91,11 +100,17 @@ def tiles(hand: Hand) -> Array:
     shifted = x + (row % 2) * wide / 2 * (tall < wide)
     seam = (shifted % wide < hand.between(2, 5)) | (y % tall < 3)
     tone = hand.rng.standard_normal((32, 32)).astype(np.float32)[row % 32, (shifted / wide).astype(int) % 32]
-    return hand.one_of([-4.0, 3.0]) * seam + hand.between(0, 0.6) * tone + hand.between(0, 0.5) * _noise(hand, 30)
+    return (
+        hand.one_of([-4.0, 3.0]) * seam
+        + hand.between(0, 0.6) * tone
+        + hand.between(0, 0.5) * _noise(hand, 30)
+    )
 
 
 def carpet(hand: Hand) -> Array:
-    return _noise(hand, 1.5) + 0.7 * _noise(hand, 3) + 0.5 * _noise(hand, 60) + hand.between(0, 1) * dots(hand)
+    return (
+        _noise(hand, 1.5) + 0.7 * _noise(hand, 3) + 0.5 * _noise(hand, 60) + hand.between(0, 1) * dots(hand)
+    )
 
 
 def stone(hand: Hand) -> Array:
@@ -106,7 +121,9 @@ def stone(hand: Hand) -> Array:
 def marble(hand: Hand) -> Array:
     y, x = _grid()
     bend = _noise(hand, 120) * 60 + _noise(hand, 30) * 15
-    return -np.abs(np.sin((x * hand.between(0.3, 1) + y + bend) * 0.02)) ** 0.25 * 3 + 0.3 * _noise(hand, 60)
+    return -(np.abs(np.sin((x * hand.between(0.3, 1) + y + bend) * 0.02)) ** 0.25) * 3 + 0.3 * _noise(
+        hand, 60
+    )
 
 
 def grass(hand: Hand) -> Array:
@@ -126,7 +143,17 @@ def floral(hand: Hand) -> Array:
             for k in range(petals):
                 turn = 6.283 * k / petals
                 at = (int(x + size * np.cos(turn)), int(y + size * np.sin(turn)))
-                cv2.ellipse(values, at, (int(size * 0.8), int(size * 0.4)), np.degrees(turn), 0, 360, 1.0, -1, cv2.LINE_AA)
+                cv2.ellipse(
+                    values,
+                    at,
+                    (int(size * 0.8), int(size * 0.4)),
+                    np.degrees(turn),
+                    0,
+                    360,
+                    1.0,
+                    -1,
+                    cv2.LINE_AA,
+                )
             cv2.circle(values, (x, y), int(size * 0.4) + 1, -0.6, -1, cv2.LINE_AA)
     return values
 
@@ -143,8 +170,19 @@ def text(hand: Hand) -> Array:
     for y in range(step, SIDE, step):
         if hand.chance(0.12):
             continue
-        words = " ".join("".join(chr(hand.whole(97, 122)) for _ in range(hand.whole(2, 9))) for _ in range(12))
-        cv2.putText(page, words, (hand.whole(8, 14), y), hand.one_of([0, 3, 4]), size, 0, hand.whole(1, 2), cv2.LINE_AA)
+        words = " ".join(
+            "".join(chr(hand.whole(97, 122)) for _ in range(hand.whole(2, 9))) for _ in range(12)
+        )
+        cv2.putText(
+            page,
+            words,
+            (hand.whole(8, 14), y),
+            hand.one_of([0, 3, 4]),
+            size,
+            0,
+            hand.whole(1, 2),
+            cv2.LINE_AA,
+        )
     return page.astype(np.float32)
 
 
@@ -154,11 +192,29 @@ def plain(hand: Hand) -> Array:
 
 MAKERS: dict[str, Callable[[Hand], Array]] = {
     f.__name__: f
-    for f in (grain, wood, planks, weave, stripes, tartan, checks, dots, tiles, carpet, stone, marble, grass, floral, blotches, text, plain)
+    for f in (
+        grain,
+        wood,
+        planks,
+        weave,
+        stripes,
+        tartan,
+        checks,
+        dots,
+        tiles,
+        carpet,
+        stone,
+        marble,
+        grass,
+        floral,
+        blotches,
+        text,
+        plain,
+    )
 }
 
 
-@lru_cache(maxsize=None)
+@cache
 def texture(name: str, variant: int) -> NDArray[np.uint8]:
     """(SIDE, SIDE) uint8, spread over 0..255 by its own deviation, mean at 128."""
     hand = Hand(1000 * sorted(MAKERS).index(name) + variant % VARIANTS)
@@ -167,7 +223,7 @@ def texture(name: str, variant: int) -> NDArray[np.uint8]:
     return np.clip(values * 50 + 128, 0, 255).astype(np.uint8)
 
 
-@lru_cache(maxsize=None)
+@cache
 def smaller(name: str, variant: int, halvings: int) -> NDArray[np.uint8]:
     """The texture halved in size `halvings` times, so that far surfaces do not shimmer."""
     values = texture(name, variant)
