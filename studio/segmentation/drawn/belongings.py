@@ -11,6 +11,7 @@ from .build import (
     STEEL,
     Kind,
     Model,
+    about,
     ball,
     circle,
     curve,
@@ -160,9 +161,17 @@ def clock(hand: Hand) -> Model:
 def shoe(hand: Hand) -> Model:
     upper, sole = finishable(hand, hand.colour()), plain(hand.one_of([hand.white(), hand.grey()]))
     w, ankle = hand.between(0.17, 0.21), hand.between(0.25, 0.5)
-    foot = loop([(-0.5, 0), (0.4, 0), (0.52, 0.05), (0.4, 0.06), (-0.5, 0.06)], 1)
+    half = [
+        (-0.5, 0.6),
+        (-0.3, 0.85),
+        (0, 0.75),
+        (0.25, 1),
+        (0.45, 0.75),
+        (0.53, 0.2),
+    ]  # the sole seen from above
+    foot = loop([(x, y * w) for x, y in half] + [(x, -y * w) for x, y in half[::-1]], 1)
     parts: list[Part] = [
-        Slab(foot, 2 * w, sole, finish=SATIN, puff=0.02), egg(vec(0.18, 0.12), (0.33, 0.13, w), upper, SATIN),
+        Slab(foot, 0.07, sole, finish=SATIN, centre=vec(0, 0.035), turn=about("x", -90), puff=0.02),
         egg(vec(-0.22, 0.15), (0.27, 0.16, w * 0.95), upper, SATIN), Lathe(profile([(0.2, 0.1), (0.18, ankle), (0.16, ankle), (0.14, 0.2), (0, 0.18)]), upper, SATIN, plain(vec(0.05, 0.04, 0.04)), vec(-0.27, 0)),
     ]  # fmt: skip
     lace = plain(hand.one_of([hand.white(), hand.colour()]))

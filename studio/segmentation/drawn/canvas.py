@@ -74,14 +74,15 @@ class Canvas:
         return x0, y0, min(self.width, int(high[0]) + 2), min(self.height, int(high[1]) + 2)
 
     def nearer(self, y: Ints, x: Ints, depth: Array) -> NDArray[np.bool_]:
-        return depth > self.depth[y, x]
+        return depth > self.depth.ravel()[y * self.width + x]
 
     def put(self, y: Ints, x: Ints, depth: Array, normal: Array, colour: Array, finish: Finish) -> None:
         """Set N pixels, which the caller found to be nearer; normal and colour are (N, 3)."""
-        self.depth[y, x] = depth
-        self.normal[y, x] = normal
-        self.colour[y, x] = colour
-        self.finish[y, x] = finish.row()
+        at = y * self.width + x  # one flat index is found quicker than two
+        self.depth.reshape(-1)[at] = depth
+        self.normal.reshape(-1, 3)[at] = normal
+        self.colour.reshape(-1, 3)[at] = colour
+        self.finish.reshape(-1, 4)[at] = finish.row()
 
 
 @dataclass(frozen=True)

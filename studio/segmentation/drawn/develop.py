@@ -43,9 +43,7 @@ def develop(hand: Hand, light: Array) -> NDArray[np.uint8]:
     light = light * fall[..., None]
     bright = float(np.percentile(light[::4, ::4], 92)) + 1e-4
     light = light * np.float32(
-        hand.one_of(
-            [hand.between(0.45, 0.95), hand.between(0.12, 0.4), hand.between(0.9, 1.5)], [7, 1.5, 1.2]
-        )
+        hand.one_of([hand.between(0.5, 0.95), hand.between(0.14, 0.4), hand.between(0.9, 1.5)], [7, 1.5, 1.2])
         / max(bright, 0.12)
     )
     if hand.chance(0.4):

@@ -266,7 +266,7 @@ def domino(hand: Hand) -> Model:
     face: Paint = plain(colour)
     if hand.chance(0.75):
         pips = _pips(hand.whole(0, 6), 0.5, 0.28, 0.15, 2.0) + _pips(hand.whole(0, 6), -0.5, 0.28, 0.15, 2.0)
-        face = over(face, anywhere([*pips, patch(0, 0, 0.8, 0.02)]), ink)  # type: ignore[list-item]
+        face = over(face, anywhere([*pips, patch(0, 0, 0.8, 0.02)]), ink)
     return Model(
         (
             Box(
@@ -287,7 +287,7 @@ def die(hand: Hand) -> Model:
     faces = [
         over(plain(colour), anywhere(_pips(k, 0, 0.5, 0.17, 1.0)), plain(hand.grey(0.01, 0.04)))
         for k in (hand.whole(1, 6), hand.whole(1, 6), hand.whole(1, 6))
-    ]  # type: ignore[arg-type]
+    ]
     return Model((Box(vec(0, 0.5), vec(0.5, 0.5, 0.5), faces[0], faces[1], faces[2], GLAZED, bevel=0.15),))
 
 

@@ -67,7 +67,7 @@ RACKED = [
     "candle",
     "book",
 ]
-HOLDERS = ["mug", "mug", "jar", "vase", "can", "tumbler", "basket", "bowl", "cup_and_saucer"]
+HOLDERS = ["mug", "mug", "mug", "vase", "vase", "tumbler", "basket", "bowl", "bowl", "cup_and_saucer"]
 TALL = ["pencil", "pen", "spoon", "fork", "knife", "brush", "flower", "screwdriver", "scissors", "wrench"]
 LOOSE = [
     "apple",

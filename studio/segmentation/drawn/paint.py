@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from .hand import Array, Hand
-from .parts import Paint, Surface
+from .surface import Paint, Surface
 from .textures import look_up, smaller, texture
 
 Where = Callable[[Surface], Array]

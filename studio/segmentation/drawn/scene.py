@@ -140,25 +140,30 @@ class Scene:
         )
         if not len(rows):
             return
-        own = (rows + inner[0].start, columns + inner[1].start)
-        at = (rows + y0, columns + x0)
-        cover, colour, normal, finish = (
-            sprite.cover[own][:, None],
-            sprite.colour[own],
-            sprite.normal[own],
-            sprite.finish[own],
+        own = (
+            (rows + inner[0].start) * sprite.cover.shape[1] + columns + inner[1].start
+        )  # flat: found quicker
+        at = (rows + y0) * size + columns + x0
+        cover = sprite.cover.ravel()[own][:, None]
+        colour, normal, finish = (
+            np.take(m.reshape(-1, m.shape[2]), own, axis=0)
+            for m in (sprite.colour, sprite.normal, sprite.finish)
         )
         by_room, by_lamp = self.light.shade(colour, normal, finish)
         clear = finish[:, 3:4]
         if clear.max() > 0:
-            by_room, by_lamp = self._seen_through(at, colour, normal, finish, by_room, by_lamp)
-        self.by_room[at] += (by_room - self.by_room[at]) * cover
-        self.by_lamp[at] += (by_lamp - self.by_lamp[at]) * cover
+            by_room, by_lamp = self._seen_through(
+                (rows + y0, columns + x0), colour, normal, finish, by_room, by_lamp
+            )
+        for buffer, values in ((self.by_room, by_room), (self.by_lamp, by_lamp)):
+            flat = buffer.reshape(-1, 3)
+            before = np.take(flat, at, axis=0)
+            flat[at] = before + (values - before) * cover
         most = cover[:, 0] >= 0.5
-        at = (at[0][most], at[1][most])
-        self.near[at] = self.depth[at] = sprite.depth[own][most]
-        self.normals[at] = normal[most]
-        self.labels[at] = number
+        at, own = at[most], own[most]
+        self.near.ravel()[at] = self.depth.ravel()[at] = sprite.depth.ravel()[own]
+        self.normals.reshape(-1, 3)[at] = normal[most]
+        self.labels.ravel()[at] = number
 
     def _seen_through(
         self,

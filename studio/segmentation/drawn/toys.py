@@ -319,7 +319,7 @@ def spinning_top(hand: Hand) -> Model:
             base,
             band(low, low + 0.1),
             plain(hand.bright()),
-        )  # type: ignore[misc]
+        )
     return Model(
         (
             Lathe(
