@@ -185,7 +185,7 @@ def _row(p: Placer, back: float, rise: float, tall: float) -> None:
             clear=None,
             lay=lay,
         )
-        if put is None or len(p.scene.items) == before:
+        if put is None or len(p.scene.items) == before:  # nothing to move aside
             break
         half = put[1]
         item = p.scene.items[-1]
@@ -202,25 +202,22 @@ def heaped(p: Placer) -> None:
     count, spread = hand.whole(5, 26), size * hand.between(0.12, 0.35)
     px = size * hand.between(0.14, 0.4)
     x0, y0 = size * hand.between(0.3, 0.7), max(size * hand.between(0.4, 0.8), p.room.horizon + 10)
-    height = 0.0
-    for k in range(count):
+    below: list[tuple[float, float, float, float]] = []  # x, y, half-width, top
+    slant = float(np.sin(p.room.tilt))
+    for _ in range(count):
         x = x0 + spread * hand.rng.standard_normal()
-        y = max(y0 + spread * float(np.sin(p.room.tilt)) * hand.rng.standard_normal(), p.room.horizon + 4)
-        tumble = (
-            about("x", hand.between(-180, 180)) @ about("z", hand.between(-180, 180))
-            if not flat and hand.chance(0.4)
-            else None
-        )
-        p.put(
-            KINDS[hand.one_of(names)],
-            x,
-            y,
-            px * hand.between(0.5, 1.2),
-            height=height,
-            clear=None,
-            lay=tumble,
-        )
-        height += px * (0.03 if flat else 0.12) * (k % 3 == 2)
+        y = max(y0 + spread * slant * hand.rng.standard_normal(), p.room.horizon + 4)
+        tumbled = not flat and hand.chance(0.4)
+        tumble = about("x", hand.between(-180, 180)) @ about("z", hand.between(-180, 180))
+        long = px * hand.between(0.5, 1.2)
+        rests = [
+            top for a, b, half, top in below if np.hypot(x - a, (y - b) / slant) < 0.6 * half + 0.25 * long
+        ]
+        height = 0.8 * max(rests, default=0.0)  # things sink into the gaps between those beneath
+        kind = KINDS[hand.one_of(names)]
+        put = p.put(kind, x, y, long, height=height, clear=None, lay=tumble if tumbled else None)
+        if put:
+            below.append((x, y, put[1], min(height + 0.6 * put[0], size / 3)))
 
 
 def nested(p: Placer) -> None:
