@@ -37,7 +37,7 @@ def _facing(p: Placer) -> float | None:
 def scattered(p: Placer) -> None:
     """Few or many things, all sorts or a few sorts."""
     hand, size = p.hand, p.room.size
-    count = hand.one_of([hand.whole(2, 5), hand.whole(5, 12), hand.whole(12, 34)], [4, 4, 2])
+    count = hand.one_of([hand.whole(2, 5), hand.whole(5, 12), hand.whole(12, 34)], [4, 4, 1.5])
     kinds = [p.kind(p.room.tilt < 0.3) for _ in range(hand.one_of([1, 2, 4, 40]))]
     largest = size * hand.between(0.8, 1.3) / np.sqrt(count + 1)
     px_per_cm = largest / hand.between(14, 24)
@@ -199,7 +199,7 @@ def heaped(p: Placer) -> None:
     hand, size = p.hand, p.room.size
     flat = p.room.tilt > 0.7 and hand.chance(0.5)
     names = [hand.one_of(FLAT if flat else NAMES) for _ in range(hand.one_of([1, 3, 12]))]
-    count, spread = hand.whole(5, 26), size * hand.between(0.12, 0.35)
+    count, spread = hand.whole(5, 22), size * hand.between(0.12, 0.35)
     px = size * hand.between(0.14, 0.4)
     x0, y0 = size * hand.between(0.3, 0.7), max(size * hand.between(0.4, 0.8), p.room.horizon + 10)
     below: list[tuple[float, float, float, float]] = []  # x, y, half-width, top
