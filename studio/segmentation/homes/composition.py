@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.segmentation.homes import dwellings, roster, rooms
+from studio.segmentation.homes import dwellings, rooms, roster
 from studio.segmentation.homes.furniture import Room
 from studio.segmentation.homes.placement import Placed, Support, arrange
 from studio.segmentation.homes.prints import Rng
@@ -109,11 +109,17 @@ def camera(rng: Rng, room: Room, placed: list[Placed], family: str, long_side: i
     azimuth = np.radians(rng.uniform(-room.azimuth, room.azimuth))
     visible = spread if aspect >= 1 else spread / aspect
     distance = 0.5 * visible / np.tan(np.radians(fov / 2)) + 0.5 * (high - low)[1] * np.cos(elevation)
-    toward = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    toward = np.array(
+        [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
+    )
     roll = np.radians(rng.normal(0, 3 if family == "train" else 1.2))
     if elevation > np.radians(70) and family == "train":
         roll = rng.uniform(-np.pi, np.pi)
-    level = np.array([-np.sin(azimuth), np.cos(azimuth), 0]) if elevation > np.radians(60) else np.array([0, 0, 1.0])
+    level = (
+        np.array([-np.sin(azimuth), np.cos(azimuth), 0])
+        if elevation > np.radians(60)
+        else np.array([0, 0, 1.0])
+    )
     side = np.cross(-toward, level)
     up = level * np.cos(roll) + side * np.sin(roll)
     blurred = rng.random() < 0.4

@@ -17,8 +17,15 @@ def finish(light: np.ndarray, family: str, rng: Rng) -> NDArray[np.uint8]:
     grey = light.mean(-1)
     key = 0.5 * np.exp(np.log(grey + 1e-3).mean()) + 0.5 * np.median(grey)
     bright = np.percentile(grey, 97)
-    value = light * min(0.2 / max(key, 1e-4), 1.5 / max(bright, 1e-4)) * np.exp(rng.normal(0, 0.35 if rough else 0.15))
-    balance = np.exp(rng.normal(0, 0.09 if rough else 0.03, 3) + np.array([1, 0, -1]) * rng.normal(0, 0.07 if rough else 0.03))
+    value = (
+        light
+        * min(0.2 / max(key, 1e-4), 1.5 / max(bright, 1e-4))
+        * np.exp(rng.normal(0, 0.35 if rough else 0.15))
+    )
+    balance = np.exp(
+        rng.normal(0, 0.09 if rough else 0.03, 3)
+        + np.array([1, 0, -1]) * rng.normal(0, 0.07 if rough else 0.03)
+    )
     cast = (value.reshape(-1, 3).mean(0) + 1e-6) / value.mean()
     value = value * balance / cast ** rng.uniform(0.4, 0.9)
     height, width = value.shape[:2]
@@ -36,6 +43,8 @@ def finish(light: np.ndarray, family: str, rng: Rng) -> NDArray[np.uint8]:
     shown = shown + contrast * (shown * shown * (3 - 2 * shown) - shown)
     photo = np.round(np.clip(shown, 0, 1) * 255).astype(np.uint8)
     if rough and rng.random() < 0.7:
-        _, packed = cv2.imencode(".jpg", photo[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(55, 96))])
+        _, packed = cv2.imencode(
+            ".jpg", photo[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(55, 96))]
+        )
         photo = cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1]
     return np.ascontiguousarray(photo)

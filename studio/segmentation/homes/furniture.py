@@ -56,12 +56,22 @@ def papered(solid: Solid, metres: float, grain: int = 0) -> Solid:
     return Solid(solid.vertices, uv, solid.faces)
 
 
-def board(size: object, at: object, finish: str, skin: np.ndarray, metres: float = 0.6, edge: float = 0.002, grain: int = 0) -> Part:
+def board(
+    size: object,
+    at: object,
+    finish: str,
+    skin: np.ndarray,
+    metres: float = 0.6,
+    edge: float = 0.002,
+    grain: int = 0,
+) -> Part:
     """A box of `size` m whose bottom's middle is `at`."""
     return Part(papered(box(size, edge), metres, grain).moved(at), finish, skin)
 
 
-def panel(corner: object, right: object, up: object, finish: str, skin: np.ndarray, metres: float | None = None) -> Part:
+def panel(
+    corner: object, right: object, up: object, finish: str, skin: np.ndarray, metres: float | None = None
+) -> Part:
     """A flat sheet from a corner along two edges (3,) m; one print over it, or one every `metres` m."""
     corner, right, up = (np.asarray(v, float) for v in (corner, right, up))
     points = np.stack([corner, corner + right, corner + right + up, corner + up])
@@ -83,10 +93,15 @@ def frame(rng: Rng, x: float, y: float, z: float, family: str) -> list[Part]:
     bar, deep = rng.uniform(0.01, 0.03), 0.015
     tone = prints.plain(prints.colour(rng, family))
     bars = [box([w, deep, bar], 0.001).moved([x, y - deep / 2, z + s]) for s in (-h / 2, h / 2 - bar)]
-    bars += [box([bar, deep, h - 2 * bar], 0.001).moved([x + s, y - deep / 2, z - h / 2 + bar]) for s in (-w / 2 + bar / 2, w / 2 - bar / 2)]
+    bars += [
+        box([bar, deep, h - 2 * bar], 0.001).moved([x + s, y - deep / 2, z - h / 2 + bar])
+        for s in (-w / 2 + bar / 2, w / 2 - bar / 2)
+    ]
     mirror = rng.random() < 0.2
     image = prints.plain([225, 228, 228]) if mirror else prints.pattern(rng, family)
-    sheet = panel([x - w / 2, y - 0.004, z - h / 2], [w, 0, 0], [0, 0, h], "mirror" if mirror else "satin", image)
+    sheet = panel(
+        [x - w / 2, y - 0.004, z - h / 2], [w, 0, 0], [0, 0, h], "mirror" if mirror else "satin", image
+    )
     return [Part(join(bars), "satin", tone), sheet]
 
 
@@ -94,10 +109,15 @@ def socket(x: float, y: float, z: float) -> list[Part]:
     lay = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     plate = box([0.08, 0.01, 0.08], 0.003).moved([x, y - 0.005, z - 0.04])
     ring = lathe([[0, 0], [0.02, 0], [0.02, 0.001], [0, 0.001]], 24).moved([x, y - 0.0105, z], lay)
-    return [Part(plate, "satin", prints.plain([238, 238, 234])), Part(ring, "satin", prints.plain([205, 205, 202]))]
+    return [
+        Part(plate, "satin", prints.plain([238, 238, 234])),
+        Part(ring, "satin", prints.plain([205, 205, 202])),
+    ]
 
 
-def fronts(rng: Rng, width: float, height: float, y: float, top: float, skin: np.ndarray, family: str) -> list[Part]:
+def fronts(
+    rng: Rng, width: float, height: float, y: float, top: float, skin: np.ndarray, family: str
+) -> list[Part]:
     """Drawers or doors below a counter, with handles; their faces at `y`, their upper edge at `top`."""
     columns, rows = int(rng.integers(2, 5)), int(rng.integers(1, 4))
     w, h = width / columns, height / rows
@@ -127,7 +147,9 @@ def curtain(rng: Rng, x: float, y: float, width: float, low: float, skin: np.nda
     return Part(Solid(points, uv, faces), "matt", skin)
 
 
-def rug(rng: Rng, x: float, y: float, w: float, d: float, z: float, skin: np.ndarray, turned: float = 0.0) -> Part:
+def rug(
+    rng: Rng, x: float, y: float, w: float, d: float, z: float, skin: np.ndarray, turned: float = 0.0
+) -> Part:
     """A flat cloth or rug with one print over it."""
     a = np.radians(turned)
     right, up = np.array([np.cos(a), np.sin(a), 0]) * w, np.array([-np.sin(a), np.cos(a), 0]) * d

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from studio.darkroom import denoise
 from studio.optics import T, dr, mi
-
 from studio.segmentation.homes.composition import Camera, Shot, shot
 from studio.segmentation.homes.development import finish
 from studio.segmentation.homes.furniture import Light
@@ -23,6 +22,8 @@ from studio.segmentation.homes.solids import Solid, corner_normals, join
 
 DEPTH = {"train": 4, "homes": 9}
 CLEARLY = 0.5  # share of a pixel that a thing must cover
+LIGHTS = 3  # always as many: one kernel for all pictures
+RR = 3  # bounces after which dim paths end by chance
 LEAST = 12  # px of a thing: what is smaller is no object, its pixels are unsaid
 UNSAID = 65535
 
@@ -106,12 +107,29 @@ def atlas(parts: list[Part]) -> tuple[np.ndarray, list[Solid]]:
 
 
 def emitter(light: Light) -> dict:
-    aim = T().look_at(origin=list(map(float, light.at)), target=list(map(float, light.target)), up=[0.01, 0.02, 1])
+    aim = T().look_at(
+        origin=list(map(float, light.at)), target=list(map(float, light.target)), up=[0.01, 0.02, 1]
+    )
     return {
         "type": "rectangle",
         "to_world": aim @ T().scale([light.size[0] / 2, light.size[1] / 2, 1]),
-        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": np.asarray(light.radiance, float).tolist()}},
+        "emitter": {
+            "type": "area",
+            "radiance": {"type": "rgb", "value": np.asarray(light.radiance, float).tolist()},
+        },
     }
+
+
+def unbuilt(light: object) -> object:
+    """The same light, its numbers read by the kernel, not built into it."""
+    slots = mi.traverse(light)
+    for key in slots.keys():  # noqa: SIM118
+        if key.endswith(("value", "to_world")):
+            value = slots[key]
+            dr.make_opaque(value)
+            slots[key] = value
+    slots.update()
+    return light
 
 
 class Scene:
@@ -119,24 +137,48 @@ class Scene:
 
     def __init__(self, taken: Shot, family: str) -> None:
         fixed: dict = {"type": "scene"}
-        for k, part in enumerate(taken.room.scenery):
+        spare = Part(
+            Solid(
+                np.array([[0, 0, -50.0], [1, 0, -50], [0, 1, -50]]), np.zeros((3, 2)), np.array([[0, 1, 2]])
+            ),
+            "matt",
+            np.ones((2, 2, 3), np.float32),
+        )
+        scenery = [
+            *taken.room.scenery,
+            *[spare] * (-len(taken.room.scenery) % 12),
+        ]  # few counts of shapes, few kernels
+        for k, part in enumerate(scenery):
             number = np.zeros(len(part.solid.faces), int)
             if part.finish == "outdoors":  # the day behind a window
-                glow = {"type": "area", "radiance": {"type": "rgb", "value": (part.print.mean((0, 1)) * 2.2).tolist()}}
+                glow = {
+                    "type": "area",
+                    "radiance": {"type": "rgb", "value": (part.print.mean((0, 1)) * 2.2).tolist()},
+                }
                 fixed[f"set-{k}"] = mesh(f"set-{k}", part.solid, {"type": "diffuse"}, number, glow)
                 continue
-            fixed[f"set-{k}"] = mesh(f"set-{k}", part.solid, surface(part.finish, bitmap(part.print), family), number)
-        for k, light in enumerate(taken.room.lights):
-            fixed[f"light-{k}"] = mi.load_dict(emitter(light))
-        fixed["ambient"] = {"type": "constant", "radiance": {"type": "rgb", "value": taken.room.ambient.tolist()}}
+            fixed[f"set-{k}"] = mesh(
+                f"set-{k}", part.solid, surface(part.finish, bitmap(part.print), family), number
+            )
+        spare_lights = [Light((0, 0, -60 - k), (0, 0, -70), (1, 1), np.full(3, 1e-3)) for k in range(LIGHTS)]
+        for k, light in enumerate([*taken.room.lights, *spare_lights][:LIGHTS]):
+            fixed[f"light-{k}"] = unbuilt(mi.load_dict(emitter(light)))
+        glow = {"type": "constant", "radiance": {"type": "rgb", "value": taken.room.ambient.tolist()}}
+        fixed["ambient"] = unbuilt(mi.load_dict(glow))
         world, owners = dict(fixed), {}
-        spare = Part(Solid(np.array([[0, 0, -50.0], [1, 0, -50], [0, 1, -50]]), np.zeros((3, 2)), np.array([[0, 1, 2]])), "", np.ones((2, 2, 3), np.float32))
         for name in FINISHES:
-            pairs = [(k, p) for k, thing in enumerate(taken.placed, 1) for p in thing.parts if p.finish == name]
+            pairs = [
+                (k, p) for k, thing in enumerate(taken.placed, 1) for p in thing.parts if p.finish == name
+            ]
             pairs = pairs or [(0, spare)]  # every kind of surface in every scene: one kernel for all
             sheet, solids = atlas([p for _, p in pairs])
             sizes = [len(s.faces) for s in solids]
-            shape = mesh(name, join(solids), surface(name, bitmap(sheet), family), np.repeat(np.arange(len(pairs)), sizes))
+            shape = mesh(
+                name,
+                join(solids),
+                surface(name, bitmap(sheet), family),
+                np.repeat(np.arange(len(pairs)), sizes),
+            )
             world[f"things-{name}"] = shape
             owners[number_of(shape)] = np.repeat([k for k, _ in pairs], sizes)
         self.full = mi.load_dict(world, optimize=False)
@@ -152,40 +194,70 @@ class Scene:
         """(N,) 1.. of the thing that a ray hit, 0 for the room; by registry number and triangle."""
         ours = shape < len(self.known)
         ours &= self.known[np.where(ours, shape, 0)]
-        return np.where(ours, self.table[np.where(ours, self.start[np.where(ours, shape, 0)] + triangle, 0)], 0)
+        return np.where(
+            ours, self.table[np.where(ours, self.start[np.where(ours, shape, 0)] + triangle, 0)], 0
+        )
 
 
 def number_of(shape: object) -> int:
     return int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
 
 
-def sensor(camera: Camera) -> dict:
-    eye, target, up = (list(map(float, v)) for v in (camera.eye, camera.target, camera.up))
-    width, height = camera.size
-    return {
-        "type": "thinlens",
-        "fov": camera.fov,
-        "fov_axis": "larger",
-        "aperture_radius": camera.aperture,
-        "focus_distance": float(np.linalg.norm(camera.target - camera.eye)),
-        "near_clip": 0.01,
-        "to_world": T().look_at(origin=eye, target=target, up=up),
-        "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, "component_format": "float32"},
-        "sampler": {"type": "independent"},
-    }
-
-
 def rays(camera: Camera, side: int) -> object:
     """side x side sharp rays on a grid in every pixel; those of one pixel follow each other."""
     width, height = camera.size
     n = dr.arange(mi.UInt32, width * height * side * side)
-    pixel, sub = n // (side * side), n % (side * side)
-    a, b = camera.slopes
-    x = ((mi.Float(pixel % width) + (mi.Float(sub % side) + 0.5) / side) / width * 2 - 1) * a
-    y = ((mi.Float(pixel // width) + (mi.Float(sub // side) + 0.5) / side) / height * 2 - 1) * b
-    axes = camera.axes
-    way = [float(axes[2, k]) + x * float(axes[0, k]) + y * float(axes[1, k]) for k in range(3)]
-    return mi.Ray3f(mi.Point3f(*map(float, camera.eye)), dr.normalize(mi.Vector3f(*way)))
+    pixel, sub, wide = n // (side * side), n % (side * side), dr.opaque(mi.UInt32, width)
+    x = mi.Float(pixel % wide) + (mi.Float(sub % side) + 0.5) / side
+    y = mi.Float(pixel // wide) + (mi.Float(sub // side) + 0.5) / side
+    return towards(camera, x, y, mi.Point3f(*opaque(camera.eye)))
+
+
+def opaque(values: object) -> list:
+    """Numbers that the kernel reads instead of having them built in: it stays the same for every camera."""
+    return [dr.opaque(mi.Float, float(v)) for v in np.asarray(values).ravel()]
+
+
+def towards(camera: Camera, x: object, y: object, start: object) -> object:
+    """Rays from points on the lens to where those of pixels (x, y) through its middle are in focus."""
+    width, height = camera.size
+    far = np.linalg.norm(camera.target - camera.eye)
+    right, down = camera.axes[:2] * far * np.array(camera.slopes)[:, None]
+    middle, right, down = (
+        opaque(v) for v in (camera.target - right - down, right * 2 / width, down * 2 / height)
+    )
+    focus = [middle[k] + x * right[k] + y * down[k] for k in range(3)]
+    return mi.RayDifferential3f(start, dr.normalize(mi.Point3f(*focus) - start))
+
+
+def trace(
+    scene: Scene, camera: Camera, samples: int, depth: int, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Light, albedo, world normals, each (H, W, 3), the means of `samples` rays a pixel through the lens."""
+    width, height = camera.size
+    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": RR})
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(dr.opaque(mi.UInt32, seed), width * height * samples)
+    n = dr.arange(mi.UInt32, width * height * samples) // samples
+    offset = sampler.next_2d()
+    lens = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
+    eye, right, down = (opaque(v) for v in (camera.eye, *(camera.axes[:2] * camera.aperture)))
+    start = mi.Point3f(*(eye[k] + lens.x * right[k] + lens.y * down[k] for k in range(3)))
+    wide = dr.opaque(mi.UInt32, width)
+    ray = towards(camera, mi.Float(n % wide) + offset.x, mi.Float(n // wide) + offset.y, start)
+    hit = scene.full.ray_intersect(ray)
+    albedo = dr.select(hit.is_valid(), hit.bsdf(ray).eval_diffuse_reflectance(hit), 0)
+    albedo = dr.select(dr.max(albedo) < 1e-3, 1, albedo)  # metal and glass have none
+    normal = dr.select(hit.is_valid(), hit.sh_frame.n, 0)
+    light, _, _ = integrator.sample(scene.full, sampler, ray)
+    values = [mi.Float(v) for v in (*light, *albedo, *normal)]
+    dr.eval(*values)
+    found = np.stack([np.nan_to_num(np.array(v)).reshape(height, width, samples) for v in values])
+    top = (
+        20 * np.percentile(found[:3].mean((0, 3)), 95) + 1e-3
+    )  # a path that finds a lamp by chance leaves no spark
+    found[:3] = np.minimum(found[:3], top)
+    return tuple(np.moveaxis(found.mean(-1).reshape(3, 3, height, width), 1, -1).astype(np.float32))  # type: ignore[return-value]
 
 
 def truth(scene: Scene, camera: Camera, side: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -216,7 +288,7 @@ def shadows(scene: Scene, camera: Camera, side: int) -> np.ndarray:
     width, height = camera.size
     hit = scene.empty.ray_intersect(rays(camera, side))
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(1, width * height * side * side)
+    sampler.seed(dr.opaque(mi.UInt32, 1), width * height * side * side)
     toward, weight = scene.empty.sample_emitter_direction(hit, sampler.next_2d(), True, hit.is_valid())
     facing = dr.maximum(dr.abs(dr.dot(toward.d, hit.sh_frame.n)), 0)
     light = dr.select(hit.is_valid(), dr.mean(weight) * facing, 0)
@@ -233,12 +305,7 @@ def photograph(seed: int, family: str, size: int = 256, samples: int = 16) -> Ph
     taken = shot(seed, family, size)
     scene, camera = Scene(taken, family), taken.camera
     side = 3 if family == "train" else 5
-    inner = {"type": "path", "max_depth": DEPTH[family], "rr_depth": 20}
-    integrator = mi.load_dict({"type": "aov", "aovs": "a:albedo,n:sh_normal", "inner": inner})
-    lens = mi.load_dict(sensor(camera))
-    image = np.nan_to_num(np.array(mi.render(scene.full, sensor=lens, integrator=integrator, spp=samples, seed=seed)))
-    light, albedo, guide = image[..., :3], image[..., -6:-3], image[..., -3:]
-    light = np.minimum(light, 30 * np.percentile(light, 98) + 1e-3)
+    light, albedo, guide = trace(scene, camera, samples, DEPTH[family], seed)
     rgb = finish(denoise(light, albedo, guide), family, np.random.default_rng([seed, 5]))
     labels, normals = truth(scene, camera, side, len(taken.placed))
     labels, kinds = tidy(labels, [p.kind for p in taken.placed])
@@ -259,5 +326,3 @@ def tidy(labels: np.ndarray, kinds: list[str]) -> tuple[NDArray[np.uint16], list
             kept.append(kinds[k - 1])
             table[k] = len(kept)
     return table[labels], kept
-
-

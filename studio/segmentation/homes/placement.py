@@ -94,10 +94,19 @@ class Arrangement:
             return at
         return None
 
-    def put(self, thing: Thing, at: np.ndarray, spin: float, base: float | None = None, held: bool = False) -> Placed:
+    def put(
+        self, thing: Thing, at: np.ndarray, spin: float, base: float | None = None, held: bool = False
+    ) -> Placed:
         z = self.support.at[2] if base is None else base
         matrix = turn("z", spin)
-        placed = Placed(thing.kind, thing.moved([*at, z], matrix), thing.foot @ matrix[:2, :2].T + at, z, thing.height, held)
+        placed = Placed(
+            thing.kind,
+            thing.moved([*at, z], matrix),
+            thing.foot @ matrix[:2, :2].T + at,
+            z,
+            thing.height,
+            held,
+        )
         self.placed.append(placed)
         return placed
 
@@ -127,7 +136,10 @@ class Arrangement:
         for _ in range(int(self.rng.integers(1, 4))):
             upper = self.make(kinds)
             reach = np.abs(upper.foot).max(0)
-            if np.hypot(*reach) > 0.72 * top.min() or level + upper.height > self.support.at[2] + self.support.clear:
+            if (
+                np.hypot(*reach) > 0.72 * top.min()
+                or level + upper.height > self.support.at[2] + self.support.clear
+            ):
                 continue
             if upper.rod is not None or upper.kind in ("plate", "bowl"):
                 continue
@@ -152,7 +164,9 @@ class Arrangement:
             low = turn("z", start + 95 * k) @ np.array([-run / 2, 0.3 * (radius - thick) * (-1) ** k, 0])
             middle = np.array([*at, below.base + vessel.height - depth + 0.003]) + low
             parts = rod.moved([rod.rod / 2, 0, -rod.height / 2])
-            self.placed.append(Placed(rod.kind, [p.moved(middle, way) for p in parts], below.foot, below.base, rod.rod, True))
+            self.placed.append(
+                Placed(rod.kind, [p.moved(middle, way) for p in parts], below.foot, below.base, rod.rod, True)
+            )
 
     def row(self, count: int) -> None:
         """Books side by side, backs to the viewer, the last ones perhaps leaning."""
@@ -195,10 +209,22 @@ class Arrangement:
         self.taken.append(foot + at)
         z = self.support.at[2]
         for k, book in enumerate(flat):
-            self.put(book, at + (k > 0) * self.rng.normal(0, 0.004, 2), spin + (k > 0) * self.rng.normal(0, 7), z, k > 0)
+            self.put(
+                book,
+                at + (k > 0) * self.rng.normal(0, 0.004, 2),
+                spin + (k > 0) * self.rng.normal(0, 7),
+                z,
+                k > 0,
+            )
             z += book.height
         if self.rng.random() < 0.4:
-            upper = self.make([k for k in ("mug", "apple", "candle", "key", "phone", "ball", "dice", "clock", "citrus") if k in self.makers])
+            upper = self.make(
+                [
+                    k
+                    for k in ("mug", "apple", "candle", "key", "phone", "ball", "dice", "clock", "citrus")
+                    if k in self.makers
+                ]
+            )
             if np.abs(upper.foot).max() < 0.06:
                 self.put(upper, at, self.rng.uniform(0, 360), z, True)
 

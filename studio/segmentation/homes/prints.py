@@ -12,14 +12,81 @@ import numpy as np
 
 Rng = np.random.Generator
 
-HOME_COLOURS = (
-    "f4f1ea ece4d4 d8c9ae b59a78 8c6a4a 5a4334 2f2a28 1d1f22 39424a 5b6b73 8fa3a8 c3cfd0 24405c 3c6e91 7fa8c4 b8d0dd "
-    "2f5d50 5f8a6b 9db08a c9cfa6 7a2e2a a8443a c96f4a e0a070 e8c15a d9a441 b57c2a 8a4f6d c58b9f e3c4c6 6b5b8c a49ac0"
-).split()
-WORDS = (
-    "TEA OATS COFFEE rice Nuts Soap HONEY Flora PASTA Kiwi salt Mint Notes ATLAS Garden Poems Maps HISTORY Night "
-    "River cooking Winter MUSIC Stars The Sea OLIVE BASIL Cocoa JAM Bio NEW Fresh 100 500g 75cl No. 5 Vol.2"
-).split()
+HOME_COLOURS = [
+    "f4f1ea",
+    "ece4d4",
+    "d8c9ae",
+    "b59a78",
+    "8c6a4a",
+    "5a4334",
+    "2f2a28",
+    "1d1f22",
+    "39424a",
+    "5b6b73",
+    "8fa3a8",
+    "c3cfd0",
+    "24405c",
+    "3c6e91",
+    "7fa8c4",
+    "b8d0dd",
+    "2f5d50",
+    "5f8a6b",
+    "9db08a",
+    "c9cfa6",
+    "7a2e2a",
+    "a8443a",
+    "c96f4a",
+    "e0a070",
+    "e8c15a",
+    "d9a441",
+    "b57c2a",
+    "8a4f6d",
+    "c58b9f",
+    "e3c4c6",
+    "6b5b8c",
+    "a49ac0",
+]
+WORDS = [
+    "TEA",
+    "OATS",
+    "COFFEE",
+    "rice",
+    "Nuts",
+    "Soap",
+    "HONEY",
+    "Flora",
+    "PASTA",
+    "Kiwi",
+    "salt",
+    "Mint",
+    "Notes",
+    "ATLAS",
+    "Garden",
+    "Poems",
+    "Maps",
+    "HISTORY",
+    "Night",
+    "River",
+    "cooking",
+    "Winter",
+    "MUSIC",
+    "Stars",
+    "The",
+    "Sea",
+    "OLIVE",
+    "BASIL",
+    "Cocoa",
+    "JAM",
+    "Bio",
+    "NEW",
+    "Fresh",
+    "100",
+    "500g",
+    "75cl",
+    "No.",
+    "5",
+    "Vol.2",
+]
 FONTS = (
     cv2.FONT_HERSHEY_SIMPLEX,
     cv2.FONT_HERSHEY_DUPLEX,
@@ -62,7 +129,9 @@ def _canvas(height: int, width: int, code: np.ndarray) -> np.ndarray:
     return np.broadcast_to(np.asarray(code, np.float32), (height, width, 3)).copy()
 
 
-def write(image: np.ndarray, text: str, at: tuple[float, float], height: float, code: np.ndarray, font: int) -> None:
+def write(
+    image: np.ndarray, text: str, at: tuple[float, float], height: float, code: np.ndarray, font: int
+) -> None:
     """Letters `height` px tall centred `at` (x, y), at most as wide as the image."""
     scale = height / 22
     (wide, _), _ = cv2.getTextSize(text, font, scale, 1)
@@ -83,7 +152,11 @@ def train_pattern(rng: Rng, height: int = 96, width: int = 96) -> np.ndarray:
     a, b, c = (colour(rng, "train") for _ in range(3))
     image = _canvas(height, width, a)
     y, x = np.mgrid[:height, :width].astype(np.float32)
-    kind, pitch, lean = rng.integers(8), rng.uniform(6, 40), rng.choice([0, 0, np.pi / 2, rng.uniform(0, np.pi)])
+    kind, pitch, lean = (
+        rng.integers(8),
+        rng.uniform(6, 40),
+        rng.choice([0, 0, np.pi / 2, rng.uniform(0, np.pi)]),
+    )
     wave = (x * np.cos(lean) + y * np.sin(lean)) / pitch
     if kind == 0:
         image[(wave % 1) < rng.uniform(0.15, 0.6)] = b
@@ -123,7 +196,12 @@ def train_surface(rng: Rng, size: int = 256) -> np.ndarray:
     """A table's, floor's or wall's finish: grain, planks, tiles, weave, speckles, or a print."""
     a = colour(rng, "train")
     if rng.random() < 0.5:  # woods
-        a = np.array(colorsys.hsv_to_rgb(rng.uniform(0.04, 0.12), rng.uniform(0.15, 0.7), rng.uniform(0.2, 0.95))) * 255
+        a = (
+            np.array(
+                colorsys.hsv_to_rgb(rng.uniform(0.04, 0.12), rng.uniform(0.15, 0.7), rng.uniform(0.2, 0.95))
+            )
+            * 255
+        )
         grain = noise((size, size), (rng.uniform(1.5, 5), size / rng.uniform(2, 6)), rng)
         broad = noise((size, size), (rng.uniform(8, 40), size / 2), rng)
         image = a * (1 + rng.uniform(0.02, 0.13) * grain + rng.uniform(0.0, 0.14) * broad)[..., None]
@@ -137,7 +215,10 @@ def train_surface(rng: Rng, size: int = 256) -> np.ndarray:
     y, x = np.mgrid[:size, :size].astype(np.float32)
     kind = rng.integers(6)
     if kind == 0:
-        image = _canvas(size, size, a) * (1 + rng.uniform(0, 0.06) * noise((size, size), size / 6, rng))[..., None]
+        image = (
+            _canvas(size, size, a)
+            * (1 + rng.uniform(0, 0.06) * noise((size, size), size / 6, rng))[..., None]
+        )
     elif kind == 1:
         pitch = size / rng.integers(2, 9)
         image = _canvas(size, size, a) * (1 + 0.05 * noise((size, size), pitch, rng))[..., None]
@@ -200,7 +281,12 @@ def flower(image: np.ndarray, at: np.ndarray, size: float, code: np.ndarray, rng
         angle = turn + 2 * np.pi * k / petals
         spot = at + 0.6 * size * np.array([np.cos(angle), np.sin(angle)])
         axes = (max(1, int(size * 0.5)), max(1, int(size * 0.28)))
-        cv2.ellipse(image, (spot.astype(int).tolist(), (2 * axes[0], 2 * axes[1]), np.degrees(angle)), code.tolist(), -1)
+        cv2.ellipse(
+            image,
+            (spot.astype(int).tolist(), (2 * axes[0], 2 * axes[1]), np.degrees(angle)),
+            code.tolist(),
+            -1,
+        )
     cv2.circle(image, at.astype(int).tolist(), max(1, int(size * 0.25)), (225, 180, 60), -1, cv2.LINE_AA)
 
 
@@ -236,7 +322,14 @@ def cover(rng: Rng, family: str, height: int = 120, width: int = 84) -> np.ndarr
         if rng.random() < 0.6:
             code = colour(rng, "train")
             flat = np.ascontiguousarray(image)
-            write(flat, _babble(rng), (width / 2, height * rng.uniform(0.15, 0.8)), rng.uniform(10, 24), linear(code), FONTS[1])
+            write(
+                flat,
+                _babble(rng),
+                (width / 2, height * rng.uniform(0.15, 0.8)),
+                rng.uniform(10, 24),
+                linear(code),
+                FONTS[1],
+            )
             return flat
         return image
     picture = homes_pattern(rng, height, width)

@@ -90,9 +90,7 @@ def _clean(solid: Solid) -> Solid:
     """Without triangles that have no area (at a lathe's poles)."""
     a, b, c = (solid.vertices[solid.faces[:, k]] for k in range(3))
     size = np.max(np.ptp(solid.vertices, axis=0))
-    kept = (
-        np.stack([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))]).min(0) > 1e-7 * size
-    )
+    kept = np.stack([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))]).min(0) > 1e-7 * size
     return Solid(solid.vertices, solid.uv, solid.faces[kept])
 
 
@@ -130,9 +128,10 @@ def sweep(path: object, radius: object, flat: object = 1.0, around: int = 12, up
     other = np.cross(along, side)
     cap = np.array([0.0, 0.5, 0.87])
     bulge = radius[0] * flat[0], radius[-1] * flat[-1]
-    rows, scale = [line[0] - along[0] * bulge[0] * (1 - c) for c in cap], [
-        np.sqrt(1 - (1 - c) ** 2) for c in cap
-    ]
+    rows, scale = (
+        [line[0] - along[0] * bulge[0] * (1 - c) for c in cap],
+        [np.sqrt(1 - (1 - c) ** 2) for c in cap],
+    )
     index = [0] * 3 + list(range(len(line))) + [len(line) - 1] * 3
     rows += [*line, *(line[-1] + along[-1] * bulge[1] * (1 - c) for c in cap[::-1])]
     scale += [1.0] * len(line) + scale[::-1]
@@ -194,10 +193,14 @@ def extrude(outline: object, thickness: float, edge: float = 0.0, top: object = 
 
 def _cap(ring: np.ndarray) -> np.ndarray:
     """(F, 3) triangles of an outline (K, 2)."""
-    away = ring - ring.mean(0)  # a trace of bulge: points on a straight edge would be left out, and the edge open
+    away = ring - ring.mean(
+        0
+    )  # a trace of bulge: points on a straight edge would be left out, and the edge open
     far = np.hypot(*away.T)[:, None]
     bulged = ring + 1e-5 * away / np.maximum(far, 1e-12) * (far.max() - far**2 / far.max())
-    return mapbox_earcut.triangulate_float64(bulged, np.array([len(ring)], np.uint32)).reshape(-1, 3).astype(int)
+    return (
+        mapbox_earcut.triangulate_float64(bulged, np.array([len(ring)], np.uint32)).reshape(-1, 3).astype(int)
+    )
 
 
 def _inset(points: np.ndarray, by: float) -> np.ndarray:
@@ -220,7 +223,16 @@ def box(size: object, edge: float = 0.0015) -> Solid:
     for axis, side, column, row in sides:
         i, j = [(1, 2), (0, 2), (0, 1)][axis]
         steps = [
-            np.array([-half[k], -half[k] + 0.45 * edge, -half[k] + edge, half[k] - edge, half[k] - 0.45 * edge, half[k]])
+            np.array(
+                [
+                    -half[k],
+                    -half[k] + 0.45 * edge,
+                    -half[k] + edge,
+                    half[k] - edge,
+                    half[k] - 0.45 * edge,
+                    half[k],
+                ]
+            )
             for k in (i, j)
         ]
         a, b = np.meshgrid(*steps)
