@@ -183,24 +183,22 @@ def extrude(outline: object, thickness: float, edge: float = 0.0, top: object = 
         faces += [np.stack([low + i, low + j, high + j], 1), np.stack([low + i, high + j, high + i], 1)]
     for ring, first, upwards in ((rings[0][0], 0, False), (rings[-1][0], (len(rings) - 1) * count, True)):
         cap = _cap(ring)
-        a, b, c = (ring[cap[:, k]] for k in range(3))
-        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-        faces.append(np.where(((area > 0) == upwards)[:, None], cap, cap[:, ::-1]) + first)
+        faces.append((cap if upwards else cap[:, ::-1]) + first)
     low, span = points.min(0), np.maximum(np.ptp(points, axis=0), 1e-9)
     uv = np.clip((vertices[:, :2] - low) / span, 0, 1)
     return Solid(vertices, uv, np.concatenate(faces))
 
 
 def _cap(ring: np.ndarray) -> np.ndarray:
-    """(F, 3) triangles of an outline (K, 2)."""
-    away = ring - ring.mean(
-        0
-    )  # a trace of bulge: points on a straight edge would be left out, and the edge open
+    """(F, 3) triangles of an outline (K, 2), counter-clockwise."""
+    # a trace of bulge: points on a straight edge would be left out, and the edge open
+    away = ring - ring.mean(0)
     far = np.hypot(*away.T)[:, None]
     bulged = ring + 1e-5 * away / np.maximum(far, 1e-12) * (far.max() - far**2 / far.max())
-    return (
-        mapbox_earcut.triangulate_float64(bulged, np.array([len(ring)], np.uint32)).reshape(-1, 3).astype(int)
-    )
+    cap = mapbox_earcut.triangulate_float64(bulged, np.array([len(ring)], np.uint32)).reshape(-1, 3)
+    a, b, c = (bulged[cap[:, k]] for k in range(3))
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    return np.where((area > 0)[:, None], cap, cap[:, ::-1]).astype(int)
 
 
 def _inset(points: np.ndarray, by: float) -> np.ndarray:
