@@ -1,7 +1,7 @@
 """Photos of random homes into a folder: STEM.png, STEM.labels.png, STEM.normals.png, STEM.shadow.png, STEM.json.
 
     python studio/segmentation/homes/make.py --family train --count 2000 --seed 0 -o DIR --jobs 2
-    python studio/segmentation/homes/make.py --family homes --count 24 --seed 0 -o DIR --size 384 --samples 64
+    python studio/segmentation/homes/make.py --family homes --count 24 --seed 0 -o DIR --size 384 --samples 48
     python studio/segmentation/homes/make.py --store DIR      # DIR's photos into studio/segmentation/validation
     python studio/segmentation/homes/make.py --sheet DIR      # DIR/sheet.png, outlines drawn
 
