@@ -64,7 +64,7 @@ def work(arguments: argparse.Namespace, first: int, step: int) -> None:
 
 
 def store(folder: Path, target: Path = VALIDATION) -> None:
-    """A folder's photos as JPEG of quality 90, their labels as 8 bit PNG (255 = unsaid), their kinds in one file."""
+    """A folder's photos as JPEG of quality 90, their labels as 16 bit PNG (65535 = unsaid), their kinds in one file."""
     from studio.darkroom import png
 
     target.mkdir(parents=True, exist_ok=True)
