@@ -19,7 +19,7 @@ from batches import Batch, batches
 from network import BOUNDARY, FOREGROUND, NORMALS, PAIRS, SHADOW, Network
 from store import Store
 from torch import Tensor
-from torch.nn import functional as F
+from torch.nn import functional as F  # noqa: N812
 
 BATCH = 16
 RATE = 3e-3
@@ -34,7 +34,9 @@ def losses(out: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
     on = batch["foreground"]
 
     def crossed(channel: Tensor, truth: Tensor, share: Tensor) -> Tensor:
-        return (F.binary_cross_entropy_with_logits(channel, truth, reduction="none") * share).sum() / share.sum().clamp(min=1)
+        return (
+            F.binary_cross_entropy_with_logits(channel, truth, reduction="none") * share
+        ).sum() / share.sum().clamp(min=1)
 
     foreground = out[:, FOREGROUND]
     sure = torch.sigmoid(foreground) * said
@@ -43,7 +45,8 @@ def losses(out: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
     normals = (out[:, NORMALS] - batch["normals"]).abs().sum(1)
     known = (batch["normals"].abs().sum(1) > 0).float() * (0.2 + on)
     return {
-        "foreground": crossed(foreground, on, said * weight * (1 + 1.5 * batch["boundary"])) + 0.5 * dice.mean(),
+        "foreground": crossed(foreground, on, said * weight * (1 + 1.5 * batch["boundary"]))
+        + 0.5 * dice.mean(),
         "boundary": crossed(out[:, BOUNDARY], batch["boundary"], said * (1 + 3 * batch["boundary"])),
         "pairs": 1.5 * crossed(out[:, PAIRS], batch["pairs"], asked * weight[:, None]),
         "normals": 0.2 * (normals * known).sum() / known.sum().clamp(min=1),
@@ -65,7 +68,9 @@ def ahead(source: Iterator[Batch], device: torch.device) -> Iterator[dict[str, T
         yield {name: part.to(device) for name, part in line.get().items()}
 
 
-def train(stores: list[Store], shares: list[float], minutes: float, seed: int, out: Path, device: str) -> None:
+def train(
+    stores: list[Store], shares: list[float], minutes: float, seed: int, out: Path, device: str
+) -> None:
     """Learn for so many minutes; `out` gets weights.pt (the mean of the last steps') and log.json."""
     torch.manual_seed(seed)
     where = torch.device(device)
@@ -99,7 +104,9 @@ def train(stores: list[Store], shares: list[float], minutes: float, seed: int, o
         for name, part in ((name, part.detach()) for name, part in parts.items()):
             running[name] = 0.98 * running.get(name, float(part)) + 0.02 * float(part)
         if step % 50 == 0:
-            log.append({"step": step, "minutes": round(passed, 2), **{k: round(v, 4) for k, v in running.items()}})
+            log.append(
+                {"step": step, "minutes": round(passed, 2), **{k: round(v, 4) for k, v in running.items()}}
+            )
             print(json.dumps(log[-1]), flush=True)
             (out / "log.json").write_text(json.dumps(log, indent=1))
         if marks and passed > marks[0]:
