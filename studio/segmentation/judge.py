@@ -94,7 +94,10 @@ def teach(some: Sequence[Tried], seed: int) -> dict[str, list]:
         schedule.step()
         if step % 1000 == 999:
             off = (torch.sigmoid(network(told)[:, 0]) - truth).abs().mean()
-            print(f"judge: step {step + 1}, loss {loss.item():.4f}, mean error {off.item():.4f}", file=sys.stderr)
+            print(
+                f"judge: step {step + 1}, loss {loss.item():.4f}, mean error {off.item():.4f}",
+                file=sys.stderr,
+            )
 
     def short(values: NDArray[np.float64] | torch.Tensor) -> list:
         return np.round(np.asarray(values.tolist()), 5).tolist()
@@ -133,7 +136,9 @@ def counted(some: Sequence[Tried]) -> tuple[list[float], list[float]]:
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("pictures", nargs="*", type=Path, help="folders of rendered pictures; the last --last are taken")
+    parser.add_argument(
+        "pictures", nargs="*", type=Path, help="folders of rendered pictures; the last --last are taken"
+    )
     parser.add_argument("--last", type=int, default=100)
     parser.add_argument("--drawn", type=int, default=250)
     parser.add_argument("--jobs", type=int, default=2)
@@ -154,7 +159,10 @@ def main() -> None:
     judge._judge.cache_clear()
     told["fit"], told["right"] = counted(some[1::2])
     args.output.write_text(json.dumps(told) + "\n")
-    print(f"{len(NAMES)} numbers a proposal; right by expected fit: {list(zip(told['fit'], told['right'], strict=True))}", file=sys.stderr)
+    print(
+        f"{len(NAMES)} numbers a proposal; right by expected fit: {list(zip(told['fit'], told['right'], strict=True))}",
+        file=sys.stderr,
+    )
 
 
 if __name__ == "__main__":
