@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.boxed import boxed
 from physgen.perceive.roles import Name, Rgb, Segment
 from physgen.perceive.scene import Found
 from physgen.problems import InputError
@@ -27,7 +28,7 @@ def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = Non
 def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segment) -> Found:
     """One object a box and one a point, in that order: ids 1, 2, ...
 
-    In a box, GrabCut parts object from background (Rother et al. 2004). A point takes what `segment` finds there, else
+    In a box, `boxed` tells the object from what is around it. A point takes what `segment` finds there, else
     what is of one colour around it. Raises InputError with every box or point that is off the photo or shows nothing.
     """
     labels = np.zeros(rgb.shape[:2], np.uint16)
@@ -52,11 +53,13 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
         sure[k] = 0.6
     if problems:
         raise InputError(problems)
-    return Found(labels, "pointed at", sure, {})
+    said = [("box", box) for box in boxes] + [("point", point) for point in points]
+    prompts = {k: {kind: [round(float(v), 2) for v in place]} for k, (kind, place) in enumerate(said, 1)}
+    return Found(labels, "pointed at", sure, {}, prompts)
 
 
 def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
-    """(H, W): the object in a box, its largest piece."""
+    """(H, W): the object in a box, in one piece."""
     height, width = rgb.shape[:2]
     x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
@@ -65,30 +68,7 @@ def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
         raise InputError.of(
             flag, "", f"leaves under 4 px of the {width} x {height} photo", "write x,y,width,height in px"
         )
-    # GrabCut needs background: a margin around the box, and the photo's own border where the box fills it
-    margin = max(8, (x1 - x0) // 4, (y1 - y0) // 4)
-    left, top, right, bottom = (
-        max(0, x0 - margin),
-        max(0, y0 - margin),
-        min(width, x1 + margin),
-        min(height, y1 + margin),
-    )
-    part = np.ascontiguousarray(rgb[top:bottom, left:right, ::-1])
-    state: NDArray[np.uint8] = np.full(part.shape[:2], cv2.GC_BGD, np.uint8)
-    state[y0 - top : y1 - top, x0 - left : x1 - left] = cv2.GC_PR_FGD
-    mask = np.zeros((height, width), bool)
-    if (state == cv2.GC_BGD).sum() < 16:
-        mask[y0:y1, x0:x1] = True
-        return mask
-    cv2.setRNGSeed(0)
-    cv2.grabCut(part, state, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), 5, cv2.GC_INIT_WITH_MASK)
-    taken = np.isin(state, (cv2.GC_FGD, cv2.GC_PR_FGD))
-    mask[top:bottom, left:right] = _largest(_opened(taken))
-    if mask.sum() < 0.05 * (x1 - x0) * (
-        y1 - y0
-    ):  # one colour inside and out: the box itself is all that is known
-        mask[y0:y1, x0:x1] = True
-    return mask
+    return boxed(rgb, (x0, y0, x1, y1))
 
 
 def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDArray[np.bool_]:
@@ -111,16 +91,3 @@ def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDA
         )
     filled = cv2.morphologyEx(np.pad(mask, 8).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     return np.asarray(filled[8:-8, 8:-8] > 0)
-
-
-def _opened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
-    smooth = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
-    return np.asarray(smooth if smooth.any() else mask)
-
-
-def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    count, ids, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    if count < 2:
-        return mask
-    return np.asarray(ids == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
