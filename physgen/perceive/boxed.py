@@ -1,7 +1,7 @@
-"""A box drawn around an object -> its mask: what edges, circles and colours propose in and about the box, and the best.
+"""A box drawn around an object -> its mask: what edges, circles and colours propose in and about it, and the best.
 
-A box is drawn by hand, so it is loose or cuts a little off: what is proposed is held to it softly. Touching neighbours of
-one colour are told apart by their edges and shape, things of many colours by what colours the box's surroundings lack.
+A box is drawn by hand, so it is loose or cuts a little off: what is proposed is held to it softly. Touching neighbours
+of one colour are told apart by edges and shape, things of many colours by the colours that the surroundings lack.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.proposals.circles import discs
+from physgen.perceive.proposals.company import company, iou
 from physgen.perceive.proposals.gradient import colour_gradient, lab
-from physgen.perceive.proposals.proposal import Mask, Proposal, cut_out, overlap, unions, variants
+from physgen.perceive.proposals.proposal import Mask, Proposal, cut_out, unions, variants
 from physgen.perceive.proposals.regions import stable_regions
 from physgen.perceive.proposals.score import looks
 from physgen.perceive.proposals.tighten import tighten
@@ -36,13 +37,14 @@ SQUARE = 1.6
 KEPT = 12
 """Proposals whose variants are looked at."""
 
+BAND = 0.02
+"""How far the outline may move at last, in square roots of its area: little, its edges were looked at already."""
+
 # Chosen on the studio's photos for tuning and on peers' photos, boxes 10 % loose and boxes with sides 10 % off.
-SLACK, FREE, SPREAD = 0.02, 0.09, 0.09
+SLACK, FREE, SPREAD = 0.0, 0.09, 0.09
 """Of the box's sides: how far inside of it an object's side lies, the error that is forgiven, the scale of more."""
 EDGES, COLOURS, COMPANY = 2.0, 0.25, 1.0
 """Exponents: looks; likeness to what GrabCut finds; likeness to what else is proposed."""
-SHARP = 4.0
-"""How much more the better proposals' company counts."""
 
 
 def boxed(rgb: Rgb, box: tuple[int, int, int, int]) -> Mask:
@@ -64,7 +66,7 @@ def boxed(rgb: Rgb, box: tuple[int, int, int, int]) -> Mask:
     if best is None:
         mask[y0:y1, x0:x1] = True
         return mask
-    mask[top:bottom, left:right] = tighten(part, [best.on((size[1], size[0]))]) > 0
+    mask[top:bottom, left:right] = tighten(part, [best.on((size[1], size[0]))], BAND) > 0
     return mask
 
 
@@ -92,9 +94,9 @@ def _best(rgb: Rgb, box: Floats) -> Proposal | None:
     forms = _near([form for one in chosen for form in variants(one, shape)], box)
     worth = EDGES * np.log(np.maximum(looks(forms, colour, gradient).score, 0.02)) - _misfit(forms, box)
     if by_colour:
-        alike = np.array([max(_iou(form, other) for other in by_colour) for form in forms])
+        alike = np.array([max(iou(form, other) for other in by_colour) for form in forms])
         worth += COLOURS * np.log(0.15 + alike)
-    return forms[int((worth + COMPANY * _company(forms, worth)).argmax())]
+    return forms[int((worth + COMPANY * company(forms, worth)).argmax())]
 
 
 def _by_colour(rgb: Rgb, box: Floats, smallest: int) -> list[Proposal]:
@@ -106,10 +108,16 @@ def _by_colour(rgb: Rgb, box: Floats, smallest: int) -> list[Proposal]:
     square, around = np.maximum(off_x, off_y), np.hypot(off_x, off_y)
     bgr = np.ascontiguousarray(rgb[:, :, ::-1])
     found = []
-    for inner, core in ((square < 0.84, around < 0.45), (around < 0.85, around < 0.5)):
-        state = np.where(square <= 1.2, np.uint8(cv2.GC_PR_BGD), np.uint8(cv2.GC_BGD))
-        state[inner], state[core] = cv2.GC_PR_FGD, cv2.GC_FGD
-        if (state == cv2.GC_BGD).sum() < 16 or not core.any():
+    none = np.zeros(square.shape, np.bool_)
+    for outer, inner, core in (
+        (square <= 1.0, square <= 1.0, none),
+        (square <= 1.2, square < 0.84, around < 0.45),
+        (square <= 1.2, around < 0.85, around < 0.5),
+    ):
+        state = np.where(outer, np.uint8(cv2.GC_PR_BGD), np.uint8(cv2.GC_BGD))
+        state[inner] = cv2.GC_PR_FGD
+        state[core] = cv2.GC_FGD
+        if (state == cv2.GC_BGD).sum() < 16 or not inner.any():
             continue
         cv2.setRNGSeed(0)
         models = np.zeros((1, 65)), np.zeros((1, 65))
@@ -124,7 +132,8 @@ def _sides(found: Sequence[Proposal], box: Floats) -> Floats:
     """(n, 4): how far inside of the box each side lies, in sides of the box."""
     length = np.array([box[2] - box[0], box[3] - box[1]] * 2)
     inward = np.array([1, 1, -1, -1])
-    return (np.array([one.box for one in found], np.float64) - box) * inward / length
+    corners = np.array([one.box for one in found], np.float64).reshape(-1, 4)
+    return np.asarray((corners - box) * inward / length, np.float64)
 
 
 def _misfit(found: Sequence[Proposal], box: Floats) -> Floats:
@@ -136,23 +145,3 @@ def _misfit(found: Sequence[Proposal], box: Floats) -> Floats:
 def _near(found: Sequence[Proposal], box: Floats) -> list[Proposal]:
     """Those that leave the box by no more than `REACH`."""
     return [one for one in found if _sides([one], box).min() > -REACH]
-
-
-def _iou(a: Proposal, b: Proposal) -> float:
-    common = overlap(a, b)
-    return common / max(a.area + b.area - common, 1)
-
-
-def _company(forms: Sequence[Proposal], worth: Floats) -> Floats:
-    """(n,): logarithm of the mean likeness (IoU) to all forms, better ones weighing more."""
-    weight = np.exp(SHARP * (worth - worth.max()))
-    low = np.min([one.box[:2] for one in forms], axis=0)
-    high = np.max([one.box[2:] for one in forms], axis=0)
-    flat = np.zeros((len(forms), int(high[1] - low[1]), int(high[0] - low[0])), np.float32)
-    for k, one in enumerate(forms):
-        left, top = one.x - int(low[0]), one.y - int(low[1])
-        flat[k, top : top + one.mask.shape[0], left : left + one.mask.shape[1]] = one.mask
-    flat = flat.reshape(len(forms), -1)
-    common = (flat @ flat.T).astype(np.float64)
-    area = np.diag(common)
-    return np.asarray(np.log(common / (area[:, None] + area - common) @ weight / weight.sum()), np.float64)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.boxed import boxed
-from physgen.perceive.roles import Name, Rgb, Segment
+from physgen.perceive.pointed import Proposed, pointed, proposed
+from physgen.perceive.roles import Labels, Name, Rgb, Segment, Segments
 from physgen.perceive.scene import Found
 from physgen.problems import InputError
 
@@ -17,6 +18,8 @@ Box = tuple[float, float, float, float]
 """Left, top, width, height, px."""
 Point = tuple[float, float]
 """x px, y px."""
+LIKELY = 0.5
+"""Confidence from which on a point takes what the segmenter says is there."""
 
 
 def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = None) -> Found:
@@ -29,12 +32,14 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
     """One object a box and one a point, in that order: ids 1, 2, ...
 
     In a box, `boxed` tells the object from what is around it. A point takes what `segment` finds there, else
-    what is of one colour around it. Raises InputError with every box or point that is off the photo or shows nothing.
+    what looks most like an object that it lies in, else what is of one colour around it. Raises InputError with every
+    box or point that is off the photo or shows nothing.
     """
     labels = np.zeros(rgb.shape[:2], np.uint16)
     sure: dict[int, float] = {}
     problems = []
-    found = segment(rgb) if points else None
+    found = likely(segment(rgb)) if points else None
+    known = proposed(rgb) if points else None
     for k, box in enumerate(boxes, 1):
         try:
             mask = in_box(rgb, box)
@@ -45,7 +50,7 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
         sure[k] = 0.7
     for k, point in enumerate(points, len(boxes) + 1):
         try:
-            mask = at_point(rgb, point, None if found is None else found.labels)
+            mask = at_point(rgb, point, found, known)
         except InputError as error:
             problems += error.problems
             continue
@@ -56,6 +61,12 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
     said = [("box", box) for box in boxes] + [("point", point) for point in points]
     prompts = {k: {kind: [round(float(v), 2) for v in place]} for k, (kind, place) in enumerate(said, 1)}
     return Found(labels, "pointed at", sure, {}, prompts)
+
+
+def likely(segments: Segments) -> Labels:
+    """(H, W): the label map without what is more likely no object."""
+    keep = np.concatenate([[False], segments.confidence >= LIKELY])
+    return np.where(keep[np.minimum(segments.labels, len(keep) - 1)], segments.labels, np.uint16(0))
 
 
 def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
@@ -71,8 +82,13 @@ def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
     return boxed(rgb, (x0, y0, x1, y1))
 
 
-def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDArray[np.bool_]:
-    """(H, W): the object at a point."""
+def at_point(
+    rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None, known: Proposed | None = None
+) -> NDArray[np.bool_]:
+    """(H, W): the object at a point: of `segments`, else the best of what is proposed, else what is of one colour.
+
+    `known` is what the photo proposes, for many points.
+    """
     height, width = rgb.shape[:2]
     x, y = round(point[0]), round(point[1])
     flag = f"--point {point[0]:g},{point[1]:g}"
@@ -80,6 +96,9 @@ def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDA
         raise InputError.of(flag, "", f"is off the {width} x {height} photo", "write x,y in px")
     if segments is not None and segments[y, x]:
         return np.asarray(segments == segments[y, x])
+    best = pointed(known or proposed(rgb), x, y)
+    if best is not None:
+        return best
     lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), (0, 0), 1.0)
     area = np.zeros((height + 2, width + 2), np.uint8)
     flags = 4 | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE | (1 << 8)
