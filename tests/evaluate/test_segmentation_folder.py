@@ -230,3 +230,11 @@ def test_a_bar_is_a_share(flag: str, tmp_path: Path, capsys: pytest.CaptureFixtu
         main(["evaluate", "segmentation", str(tmp_path), flag, "80"])
     assert stop.value.code == 2
     assert "80 is not a number from 0 to 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("measure", ["physics", "fidelity", "segmentation"])
+def test_every_measure_shows_an_example(measure: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["evaluate", measure, "--help"])
+    assert stop.value.code == 0
+    assert f"example: physgen evaluate {measure}" in capsys.readouterr().out
