@@ -20,7 +20,7 @@ import numpy as np
 from physgen import pipeline
 from physgen.percepts.maps import Percepts, write_assets
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
-from physgen.render.frames import Stage
+from physgen.render.stage import Stage
 from physgen.report import video
 from physgen.shadow import Setting, Silhouette, darkness
 from physgen.simulate.trajectory import Trajectory

@@ -46,7 +46,7 @@ from physgen.perceive.scene import perceive
 from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_image
 from physgen.photometry import decode, luminance
-from physgen.render.frames import Stage
+from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -99,7 +99,7 @@ def device(folder: Path) -> list[dict]:
     import torch
 
     from physgen.render.backends.torch_frames import Canvas, render_frames_torch
-    from physgen.render.frames import planned
+    from physgen.render.stage import planned
 
     torch.set_num_threads(1)  # where others work too, its threads wait for each other
 

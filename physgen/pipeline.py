@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from physgen.compile.assemble import Compiled
     from physgen.compile.world import World
     from physgen.percepts.maps import Percepts
-    from physgen.render.frames import Frame, Stage
     from physgen.render.shot import Shot
+    from physgen.render.stage import Frame, Stage
     from physgen.report.video import Format
     from physgen.scene.model import Scene
     from physgen.simulate.chaos import Chaos
@@ -210,9 +210,9 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     Flat shapes are drawn as large as `render` shows them at most.
     """
     from physgen.render.flat import enlarged, flat_background, flat_sprites
-    from physgen.render.frames import Stage
     from physgen.render.shot import drawn_large
     from physgen.render.sprites import cut_sprites
+    from physgen.render.stage import Stage
     from physgen.render.staging import staged
     from physgen.render.threads import one_thread
 

@@ -81,51 +81,6 @@ class Ball:
         more = np.stack(np.broadcast_arrays(*basis(u, v, z)), axis=-1) @ self.even
         return np.asarray(plain * np.exp(np.clip(more, -MOST, MOST)), np.float32)
 
-    def seen(
-        self,
-        center: tuple[float, float],
-        turn: Array,
-        size: tuple[int, int],
-        at: tuple[int, int],
-        fine: int = 1,
-    ) -> F32:
-        """(h, w, 3) linear light without gloss, of the ball at `center` turned by (3, 3), in a box of `size` (w, h).
-
-        `at` is the box's first pixel; with `fine` samples a pixel along each side it is (fine h, fine w, 3). The turn
-        is about the image axes, +z into the photo.
-        """
-        r = np.float32(self.radius)
-        columns, rows = (
-            (np.arange(side * fine, dtype=np.float32) + np.float32(0.5 - fine / 2)) / np.float32(fine)
-            for side in size
-        )
-        u = (columns + np.float32(at[0] - center[0]))[None, :] / r
-        v = (rows + np.float32(at[1] - center[1]))[:, None] / r
-        z = np.maximum(np.float32(1) - (u * u + v * v), np.float32(1 - RIM * RIM))
-        np.sqrt(z, out=z)  # towards the viewer; beyond the rim the skin goes on as it is there
-        back = r * turn.T.astype(np.float32)  # where on the photo's ball this point was
-        x, y = (
-            (back[k, 0] * u + np.float32(self.center[k] - self.corner[k])) + back[k, 1] * v - back[k, 2] * z
-            for k in (0, 1)
-        )
-        skin = cv2.remap(self.skin, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        # light does not turn: its picture moves along
-        inverse, shift = 1 / fine, (0.5 - fine / 2) / fine
-        matrix = np.array(
-            [
-                [inverse, 0, shift + at[0] - center[0] + self.center[0] - self.corner[0]],
-                [0, inverse, shift + at[1] - center[1] + self.center[1] - self.corner[1]],
-            ]
-        )
-        light = cv2.warpAffine(
-            self.lit,
-            matrix,
-            (size[0] * fine, size[1] * fine),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        return np.asarray(cv2.multiply(np.maximum(skin, 0), light), np.float32)
-
     @cached_property
     def lit(self) -> F32:
         """(h, w, 3) shading on the ball's own box."""
@@ -187,13 +142,13 @@ def skin(
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
         ball = replace(ball, skin=np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy())
-        return replace(ball, gloss=colour - ball.seen(center, np.eye(3), (w, h), corner))
+        return replace(ball, gloss=colour - ball.skin * ball.lit)
     # no skin sends back more than the brightest that is seen of it in full light
     brightest = np.percentile((inner - shine)[rho < RIM], 98, axis=0) if (rho < RIM).any() else np.ones(3)
     most = BRIGHTER * brightest / (light.ambient + light.intensity)
     ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)))
     # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
-    model = ball.seen(center, np.eye(3), (w, h), corner).mean(axis=2)
+    model = (ball.skin * ball.lit).mean(axis=2)
     share = blurred_share(
         (colour - shine).mean(axis=2), model, (rho < 1).astype(np.float32), max(1.0, EVEN * radius)
     )

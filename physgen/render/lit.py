@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -123,7 +124,9 @@ def foretold(what: Silhouette, setting: Setting, step: int) -> tuple[Box, F32] |
         return darkness(what, setting)
     (x, y), (h, w) = what.corner, what.coverage.shape
     left, top = x % step, y % step
-    padded = np.pad(what.coverage, ((top, -(top + h) % step), (left, -(left + w) % step)))
+    padded = cv2.copyMakeBorder(
+        what.coverage, top, -(top + h) % step, left, -(left + w) % step, cv2.BORDER_CONSTANT
+    )
     small = cv2.resize(
         padded, (padded.shape[1] // step, padded.shape[0] // step), interpolation=cv2.INTER_AREA
     )
@@ -137,7 +140,7 @@ def foretold(what: Silhouette, setting: Setting, step: int) -> tuple[Box, F32] |
             what.thick / step,
             None if what.floor is None else (what.floor + 0.5) / step - 0.5,
         ),
-        replace(setting, size=(-(-W // step), -(-H // step)), backdrop=setting.backdrop / step),
+        _coarse(setting, step),
     )
     if rough is None:
         return None
@@ -146,6 +149,13 @@ def foretold(what: Silhouette, setting: Setting, step: int) -> tuple[Box, F32] |
     x0, y0 = x0 * step, y0 * step
     x1, y1 = min(x1 * step, W), min(y1 * step, H)
     return (x0, y0, x1, y1), np.asarray(fine[: y1 - y0, : x1 - x0], np.float32)
+
+
+@lru_cache(maxsize=64)
+def _coarse(setting: Setting, step: int) -> Setting:
+    """The same on a grid of `step` px."""
+    W, H = setting.size
+    return replace(setting, size=(-(-W // step), -(-H // step)), backdrop=setting.backdrop / step)
 
 
 def shaded(plate: F32, dark: F32, tint: F32) -> F32:

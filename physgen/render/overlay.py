@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.geometry import rotation
-from physgen.render.frames import Frame
 from physgen.render.ink import Layer
 from physgen.render.key import emptiest_corner, write_key
 from physgen.render.labels import staggered, write_name
 from physgen.render.marks import arc, circle, curved_arrow, ring, straight_arrow
 from physgen.render.scales import COLOURS, Entry, Scales, key, scales
 from physgen.render.sheet import Sheet
+from physgen.render.stage import Frame
 from physgen.render.touches import Blow, between, blows, moments
 from physgen.scene.model import Load, Motion, Overlay, Solid, View
 from physgen.simulate.engine import simulate

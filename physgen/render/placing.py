@@ -41,95 +41,116 @@ class Placement:
     """px by which the centre has moved."""
     rest: float = 0.0
     """Share of the photo's own border pixels that still shows."""
+    border: Slices | None = None
+    """The box of those, where it is wider than `box`."""
 
 
 def placed(
     sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: Array | None
 ) -> Placement | None:
-    """Where the sprite falls on a canvas of `size` (W, H); None when outside. `space` (3, 3): a ball's turn so far."""
-    height, width = sprite.coverage.shape
+    """Where the sprite falls on a canvas of `size` (W, H); None when outside.
+
+    `space` (3, 3): a ball's turn so far; None where it has none, or only the angle tells.
+    """
     x0, y0 = sprite.corner
     turn = pose.angle - start.angle
-    rolled = sprite.ball is not None and space is not None and not (space == np.eye(3)).all()
-    if turn == 0.0 and pose[:2] == start[:2] and not rolled:  # at rest: the photo's own pixels
+    if turn == 0.0 and pose[:2] == start[:2] and (sprite.ball is None or space is None):
+        height, width = sprite.coverage.shape  # at rest: the photo's own pixels
         left, top = max(-x0, 0), max(-y0, 0)
         right, bottom = min(width, size[0] - x0), min(height, size[1] - y0)
         if left >= right or top >= bottom:
             return None
         return Placement(np.s_[y0 + top : y0 + bottom, x0 + left : x0 + right], np.s_[top:bottom, left:right])
-    if sprite.ball is not None:  # the picture of a ball moves without turning: its skin alone turns
-        if space is None:
-            space = np.pad(rotation(turn), ((0, 1), (0, 1))) + np.diag([0.0, 0, 1])
-        turn = 0.0
-    c, s = cos(turn), sin(turn)
     if not sprite.hull:
         return None
-    shift = pose.x - start.x, pose.y - start.y
-    if turn == 0.0:
-        lx, ly = x0 + shift[0], y0 + shift[1]
-        hx, hy = lx + width - 1, ly + height - 1
-        moved_by = max(abs(shift[0]), abs(shift[1]))
-    else:
-        moved_by = 0.0
-        lx = ly = inf
-        hx = hy = -inf
-        for x, y in sprite.hull:  # a dozen points: quicker by hand
-            dx, dy = x - start.x, y - start.y
-            nx, ny = c * dx - s * dy + pose.x, s * dx + c * dy + pose.y
-            lx, hx, ly, hy = min(lx, nx), max(hx, nx), min(ly, ny), max(hy, ny)
-            moved_by = max(moved_by, abs(nx - x), abs(ny - y))
-        lx, hx, ly, hy = lx - SPREAD, hx + SPREAD, ly - SPREAD, hy + SPREAD
+    if sprite.ball is not None:
+        return _rolled(sprite, start, pose, size, space)
+    c, s = cos(turn), sin(turn)
+    moved_by = 0.0
+    lx = ly = inf
+    hx = hy = -inf
+    for x, y in sprite.hull:  # a dozen points: quicker by hand
+        dx, dy = x - start.x, y - start.y
+        nx, ny = c * dx - s * dy + pose.x, s * dx + c * dy + pose.y
+        lx, hx, ly, hy = min(lx, nx), max(hx, nx), min(ly, ny), max(hy, ny)
+        moved_by = max(moved_by, abs(nx - x), abs(ny - y))
+    box = _boxed(lx - SPREAD, ly - SPREAD, hx + SPREAD, hy + SPREAD, size)
+    if box is None:
+        return None
+    # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
+    dx, dy = box[1].start - pose.x, box[0].start - pose.y
+    matrix = np.array([[c, s, c * dx + s * dy + start.x - x0], [-s, c, c * dy - s * dx + start.y - y0]])
+    return Placement(box, matrix=matrix, turn=turn, rest=max(0.0, 1 - moved_by / FADE))
+
+
+def _rolled(
+    sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: Array | None
+) -> Placement | None:
+    """`placed` of a ball: its picture moves without turning, its skin alone turns."""
+    if space is None:
+        space = np.eye(3)
+        space[:2, :2] = rotation(pose.angle - start.angle)
+    dx, dy = pose.x - start.x, pose.y - start.y
+    lx, ly, hx, hy = sprite.within
+    x, y = sprite.corner[0] + dx, sprite.corner[1] + dy
+    box = _boxed(x + lx - 1, y + ly - 1, x + hx, y + hy, size)
+    if box is None:
+        return None
+    matrix = np.array([[1.0, 0, box[1].start - x], [0, 1, box[0].start - y]])
+    rest = max(0.0, 1 - max(abs(dx), abs(dy)) / FADE)
+    height, width = sprite.coverage.shape
+    border = _boxed(x, y, x + width - 1, y + height - 1, size) if rest > 0 else None
+    return Placement(box, None, matrix, 0.0, space, (dx, dy), rest, border)
+
+
+def _boxed(lx: float, ly: float, hx: float, hy: float, size: tuple[int, int]) -> Slices | None:
+    """The pixels of a canvas of `size` (W, H) between two corners; None where there are none."""
     if not isfinite(lx + hx + ly + hy) or hx < 0 or hy < 0 or lx >= size[0] or ly >= size[1]:
         return None
-    left, top = max(floor(lx), 0), max(floor(ly), 0)
-    right, bottom = min(ceil(hx) + 1, size[0]), min(ceil(hy) + 1, size[1])
-    # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
-    dx, dy = left - pose.x, top - pose.y
-    matrix = np.array([[c, s, c * dx + s * dy + start.x - x0], [-s, c, c * dy - s * dx + start.y - y0]])
-    return Placement(
-        np.s_[top:bottom, left:right],
-        matrix=matrix,
-        turn=turn,
-        space=space if sprite.ball is not None else None,
-        shift=shift,
-        rest=max(0.0, 1 - moved_by / FADE),
-    )
+    rows = slice(max(floor(ly), 0), min(ceil(hy) + 1, size[1]))
+    return rows, slice(max(floor(lx), 0), min(ceil(hx) + 1, size[0]))
 
 
-def drawn(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32, F32 | None]:
-    """(h, w, 3) linear light times coverage, coverage (h, w), and the share of `Sprite.rest`, on its box.
+def drawn(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F32]:
+    """(h, w, 3) linear light times coverage, and coverage (h, w), on its box; of anything but a ball that moved.
 
     Where it moved, each pixel is the mean of `fine` x `fine` samples.
     """
     if where.own is not None:
-        own = where.own
-        return sprite.light[own], sprite.coverage[own], None if sprite.rest is None else sprite.rest[own]
+        return sprite.light[where.own], sprite.coverage[where.own]
     assert where.matrix is not None
     rows, columns = where.box
     size = (columns.stop - columns.start, rows.stop - rows.start)
     many = (size[0] * fine, size[1] * fine)
-    picture = sprite.fine if sprite.ball is None else sprite.fine_still  # two samples a pixel
     matrix = _finer(where.matrix, fine)
-    warped = cv2.warpAffine(picture, 2 * matrix, many, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
+    warped = cv2.warpAffine(sprite.fine, 2 * matrix, many, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
     light = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
-    coverage = np.asarray(np.clip(cv2.extractChannel(warped, 3), 0.0, 1.0), np.float32)
+    coverage = np.asarray(cv2.extractChannel(warped, 3), np.float32)
     if sprite.relief is not None and where.turn != 0.0:
         ratio = sprite.relief.ratio(where.turn)
         there = cv2.warpAffine(ratio, matrix, many, flags=HOW, borderMode=cv2.BORDER_REPLICATE)
         light *= thrice(np.asarray(there, np.float32))
-    if sprite.ball is not None and where.space is not None:
-        center = sprite.ball.center[0] + where.shift[0], sprite.ball.center[1] + where.shift[1]
-        skin = sprite.ball.seen(center, where.space, size, (columns.start, rows.start), fine)
-        skin *= thrice(coverage)
-        light += skin
     if fine > 1:
         light = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)
         coverage = np.asarray(cv2.resize(coverage, size, interpolation=cv2.INTER_AREA), np.float32)
-    rest = None
-    if sprite.rest is not None and where.rest > 0:
-        border = cv2.warpAffine(sprite.rest, where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
-        rest = np.asarray(np.float32(where.rest) * border, np.float32)
-    return light, np.asarray(coverage, np.float32), rest
+    return light, coverage
+
+
+def resting(sprite: Sprite, where: Placement) -> tuple[Slices, F32] | None:
+    """A box and (h, w, 3) the share of `Sprite.rest` that still shows there; None: nothing."""
+    if sprite.rest is None:
+        return None
+    if where.own is not None:
+        return where.box, sprite.rest[where.own]
+    if where.rest <= 0 or where.matrix is None:
+        return None
+    rows, columns = box = where.border or where.box
+    matrix = where.matrix.copy()
+    matrix[:, 2] += matrix[:, 0] * (columns.start - where.box[1].start)
+    matrix[:, 2] += matrix[:, 1] * (rows.start - where.box[0].start)
+    size = (columns.stop - columns.start, rows.stop - rows.start)
+    border = cv2.warpAffine(sprite.rest, matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT)
+    return box, np.asarray(np.float32(where.rest) * border, np.float32)
 
 
 def covered(sprite: Sprite, where: Placement) -> F32:
@@ -142,7 +163,7 @@ def covered(sprite: Sprite, where: Placement) -> F32:
     warped = cv2.warpAffine(
         sprite.fine_coverage, 2 * where.matrix, size, flags=HOW, borderMode=cv2.BORDER_CONSTANT
     )
-    return np.asarray(np.clip(warped, 0.0, 1.0), np.float32)
+    return np.asarray(warped, np.float32)
 
 
 def _finer(matrix: Array, fine: int) -> Array:

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil, exp, expm1, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.framing import Point, Size, affine, held, magnification, room
-from physgen.render.frames import Frame
 from physgen.render.resample import nearest, resampled
+from physgen.render.stage import Frame
 from physgen.scene.model import Play, Scene, Sight
 from physgen.simulate.trajectory import Trajectory
 
@@ -137,7 +137,7 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
     last: tuple[Frame, Array, Frame] | None = None
     for frame in frames:
         matrix = _on_canvas(through.affine(frame.time), drawn)
-        height, width = frame.ids.shape
+        height, width = frame.rgb.shape[:2]
         if (width, height) == through.video and np.array_equal(matrix, np.eye(2, 3)):
             yield frame
             continue
@@ -145,9 +145,14 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
             rgb = last[2].rgb
         else:
             rgb = resampled(frame.rgb, matrix, through.video)
-        seen = Frame(frame.index, frame.time, rgb, nearest(frame.ids, matrix, through.video))
+        seen = Frame(frame.index, frame.time, rgb, partial(_named, frame, matrix, through.video))
         last = frame, matrix, seen
         yield seen
+
+
+def _named(frame: Frame, matrix: Array, size: Size) -> NDArray[np.uint16]:
+    """(h, w) of `size` (w, h): the ids of the frame as they are seen."""
+    return nearest(frame.ids, matrix, size)
 
 
 def drawn_large(scene: Scene) -> float:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.photometry import decode, encode_u8
-from physgen.render.frames import Frame
+from physgen.render.stage import Frame
 from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def exposed(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
         group = [first, *(next(frames) for _ in range(parts - 1))]
         last = group[-1]
         if all(np.array_equal(frame.rgb, last.rgb) for frame in group):
-            yield Frame(index, last.time, last.rgb, last.ids)
+            yield Frame(index, last.time, last.rgb, last.named)
             continue
         light = sum((decode(frame.rgb) for frame in group), np.zeros(last.rgb.shape, np.float32))
-        yield Frame(index, last.time, encode_u8(light / np.float32(parts)), last.ids)
+        yield Frame(index, last.time, encode_u8(light / np.float32(parts)), last.named)

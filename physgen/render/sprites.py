@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.photometry import decode
 from physgen.render.ball import Ball
+from physgen.render.finer import doubled
 from physgen.render.relief import Relief
 
 F32 = NDArray[np.float32]
@@ -35,9 +36,6 @@ CLEAN = 2
 """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
 
 
-_LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
-HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
-"""Weights of the pixels 2.5, 1.5 and 0.5 px away."""
 SIDES = 12
 """Of the shape that stands for a sprite where only its reach matters."""
 TRUST = (0.3, 0.8)
@@ -85,37 +83,20 @@ class Sprite:
         Lanczos halfway between pixels, so that linear interpolation on this grid stays sharp and moves a picture by
         exactly what was asked; OpenCV's own cubic (a = -0.75) is off by up to 0.05 px.
         """
-        return _halved(_halved(np.dstack([self.light, self.coverage]), 0), 1)
+        return doubled(np.dstack([self.light, self.coverage]))
 
     @cached_property
-    def fine_still(self) -> F32:
-        """(2h - 1, 2w - 1, 4) likewise, of what a ball shows beside its shaded skin, and its coverage."""
-        assert self.ball is not None
-        still = self.ball.gloss * self.coverage[..., None]
-        return _halved(_halved(np.dstack([still, self.coverage]), 0), 1)
+    def within(self) -> tuple[int, int, int, int]:
+        """x0, y0, x1, y1 px of its own box around all that it covers."""
+        rows, columns = (np.flatnonzero((self.coverage > 0).any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return 0, 0, 1, 1
+        return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
     @cached_property
     def fine_coverage(self) -> F32:
         """(2h - 1, 2w - 1): the coverage of `fine` alone."""
-        return _halved(_halved(self.coverage, 0), 1)
-
-
-def _halved(values: F32, axis: int) -> F32:
-    """Samples at half steps along an axis, by Lanczos' kernel of three lobes; the ends are far from any light.
-
-    Each is held between the least and the greatest of its four neighbours: no rings.
-    """
-    v = np.moveaxis(values, axis, 0)
-    out = np.empty((2 * len(v) - 1, *v.shape[1:]), np.float32)
-    out[::2] = v
-    p = np.concatenate([v[:1], v[:1], v, v[-1:], v[-1:]])
-    pairs = [p[k : k + len(v) - 1] + p[5 - k : 4 - k + len(v)] for k in range(3)]
-    between = sum((w * pair for w, pair in zip(HALFWAY, pairs, strict=True)), np.float32(0))
-    inner, outer = (v[:-1], v[1:]), (p[1 : len(v)], p[4 : 3 + len(v)])
-    low = np.minimum(np.minimum(*inner), np.minimum(*outer))
-    high = np.maximum(np.maximum(*inner), np.maximum(*outer))
-    np.clip(between, low, high, out=out[1::2])
-    return np.ascontiguousarray(np.moveaxis(out, 0, axis))
+        return doubled(self.coverage)
 
 
 def cut_sprites(

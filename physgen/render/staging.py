@@ -16,10 +16,11 @@ from physgen.percepts.maps import Percepts
 from physgen.photometry import DistantLight, decode
 from physgen.render.apart import take_apart
 from physgen.render.ball import shading, skin
-from physgen.render.frames import Actor, Stage, silhouette
 from physgen.render.relief import relief
+from physgen.render.shadowed import silhouette
 from physgen.render.sprites import Sprite, anchored
-from physgen.render.veils import reaching, veil
+from physgen.render.stage import Actor, Stage
+from physgen.render.veils import reaching, veiling
 from physgen.scene.model import Scene, Solid, View
 from physgen.shadow import Setting, Silhouette
 
@@ -71,11 +72,8 @@ def staged(
     ]
     veils: list[F32 | None] = [None] * len(parts)
     if scene.render.shadows and maps.clean is not None:  # a light that somebody has seen shadows of
-        near = reaching(starts, setting)
-        veils = [
-            veil(start, [starts[other] for other in near[k]], setting) if k in near else None
-            for k, start in enumerate(starts)
-        ]
+        thrown = veiling(starts, reaching(starts, setting), setting)
+        veils = [thrown.get(k) for k in range(len(starts))]
         shares = [
             1.0 if before is None else seen_share(sprite, actor, start, before, light)
             for (sprite, _), actor, start, before in zip(parts, actors, starts, veils, strict=True)

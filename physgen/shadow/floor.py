@@ -120,20 +120,30 @@ def _behind(what: Silhouette, setting: Setting, at: Stand, xs: F32, z: F32) -> F
     # every row moves as far as its height throws it
     shear = np.array([[1.0, -ax, x0 + ax * (at.foot - y0) - float(xs[0])], [0, 1, 0]])
     there = cv2.warpAffine(what.coverage, shear, (len(xs), what.coverage.shape[0]), flags=cv2.INTER_LINEAR)
-    blocked = np.zeros((len(z), len(xs)), np.float32)
-    for band in np.array_split(np.arange(len(rows)), min(LEVELS, len(rows))):
-        first, last = int(band[0]), int(band[-1])
-        upper, lower = float(heights[first]) + 0.5, max(float(heights[last]) - 0.5, 0.0)
-        height = (upper + lower) / 2
-        soft = spread(setting, height, rise, ax)
-        profile = there[rows[first] : rows[last] + 1].max(axis=0)[None]
-        line = cv2.GaussianBlur(profile, (2 * ceil(2.5 * soft) + 1, 1), soft, borderType=cv2.BORDER_CONSTANT)
-        edge = 0.55 * spread(setting, height, rise, az)
-        middle, reach = az * height, at.half + abs(az) * (upper - lower) / 2
-        a, b = np.searchsorted(z[:, 0], (middle - reach - 5 * edge, middle + reach + 5 * edge))
-        away = (np.abs(z[a:b] - np.float32(middle)) - np.float32(reach)) / np.float32(edge)
-        np.maximum(blocked[a:b], line * (1 / (1 + np.exp(np.clip(away, -30, 30)))), out=blocked[a:b])
-    return blocked
+    # bands of rows, each with the heights that it spans, its shadow's softness and its place on the floor
+    parts = min(LEVELS, len(rows))
+    ends = np.cumsum(len(rows) // parts + (np.arange(parts) < len(rows) % parts))
+    firsts, lasts = np.append(0, ends[:-1]), ends - 1
+    upper, lower = heights[firsts] + 0.5, np.maximum(heights[lasts] - 0.5, 0.0)
+    height = (upper + lower) / 2
+    near = spread(setting, 0.0, rise)  # it grows evenly with the height
+    soft, edge = (near + (spread(setting, 1.0, rise, slope) - near) * height for slope in (ax, az))
+    profiles = np.maximum.reduceat(there[: rows[-1] + 1], rows[firsts], axis=0)
+    lines = _softened(profiles, soft)
+    away = np.abs(z.T - (az * height)[:, None].astype(np.float32))
+    away -= (at.half + abs(az) * (upper - lower) / 2)[:, None].astype(np.float32)
+    away /= 0.55 * edge[:, None].astype(np.float32)
+    across = np.where(away < 5, 1 / (1 + np.exp(np.clip(away, -30, 30))), 0).astype(np.float32)
+    return np.asarray((across[:, :, None] * lines[:, None]).max(axis=0, initial=0), np.float32)
+
+
+def _softened(profiles: F32, sigma: NDArray[np.float64]) -> F32:
+    """(n, w) rows, each blurred by its own Gaussian of `sigma` (n,) px; beyond their ends is nothing."""
+    w = profiles.shape[1]
+    size = cv2.getOptimalDFTSize(w + 2 * ceil(3 * float(sigma.max(initial=0.0))))
+    waves = 2 * np.pi * np.fft.rfftfreq(size)
+    there = np.fft.rfft(profiles, size, axis=1) * np.exp(-((waves * sigma[:, None]) ** 2) / 2)
+    return np.asarray(np.maximum(np.fft.irfft(there, size, axis=1)[:, :w], 0), np.float32)
 
 
 def _sky(what: Silhouette, at: Stand, xs: F32, z: F32) -> F32:

@@ -9,8 +9,9 @@ from pytest import approx
 
 from physgen.photometry import decode, encode_u8
 from physgen.render.encoding import encoded
-from physgen.render.frames import Stage, render_frames
+from physgen.render.frames import render_frames
 from physgen.render.sprites import cut_sprites
+from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
 H, W = 120, 160

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,10 @@ import pytest
 from physgen import pipeline
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render.ball import skin
+from physgen.render.balls import Balls
+from physgen.render.placing import Placement
 from physgen.render.relief import lambert, relief
+from physgen.render.sprites import Sprite
 from physgen.scene.model import View
 from physgen.shadow import Setting, Silhouette, darkness
 from physgen.simulate.engine import simulate
@@ -38,6 +42,18 @@ def sphere(r, center, size, turn):
     return np.where((z2 > 0)[..., None], light, 0).astype(np.float32), np.where(z2 > 0, z, 0), body[..., 2]
 
 
+def turned(ball, center, turn, size, at):
+    """(h, w, 3) a ball without its gloss that covers all of its box, at `center` in a box of `size` from `at` on."""
+    bare = replace(ball, gloss=np.zeros_like(ball.skin))
+    sprite = Sprite(
+        0, ball.corner, np.zeros_like(ball.skin), np.ones(ball.skin.shape[:2], np.float32), ball=bare
+    )
+    box = np.s_[at[1] : at[1] + size[1], at[0] : at[0] + size[0]]
+    shift = center[0] - ball.center[0], center[1] - ball.center[1]
+    [found] = Balls([sprite]).drawn([(0, Placement(box, space=turn, shift=shift))]).values()
+    return found.light
+
+
 @pytest.mark.parametrize("vector", [(0.0, 0.0, 0.7), (0.5, 0.0, 0.0), (-0.3, 0.6, 0.2), (0.7, -0.5, 0.4)])
 def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
     r, size = 40.0, (101, 101)
@@ -45,7 +61,7 @@ def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
     ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
     turn = cv2.Rodrigues(np.array(vector))[0]
     expected, z, was = sphere(r, (50, 50), size, turn)
-    found = ball.seen((50.0, 50.0), turn, size, (0, 0)) + ball.gloss
+    found = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss
     known = (z > 0.4) & (was < -0.4)  # seen now, and seen in the photo
     assert known.sum() > 300
     off = np.abs(encode_u8(found).astype(int) - encode_u8(expected))[known]
@@ -56,7 +72,7 @@ def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
 def test_a_ball_at_rest_is_the_photo() -> None:
     photo, z, _ = sphere(30.0, (40, 40), (81, 81), np.eye(3))
     ball = skin(photo, (0, 0), (40.0, 40.0), 30.0, SUN, View.SIDE)
-    found = ball.seen((40.0, 40.0), np.eye(3), (81, 81), (0, 0)) + ball.gloss
+    found = turned(ball, (40.0, 40.0), np.eye(3), (81, 81), (0, 0)) + ball.gloss
     off = np.abs(encode_u8(found).astype(int) - encode_u8(photo))
     assert off[z > 0.55].max() <= 2
     assert off[z > 0.2].mean() < 2, "at the rim the model's light is evened out"
@@ -71,10 +87,10 @@ def test_a_highlight_stays_where_the_light_is() -> None:
     spot = np.exp(-((x - 50 - r * half[0]) ** 2 + (y - 50 - r * half[1]) ** 2) / (2 * 3.0**2))
     photo = np.minimum(photo * 0.4 + spot[..., None] * 2, 1).astype(np.float32)
     ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
-    turned = ball.seen((50.0, 50.0), cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0], (101, 101), (0, 0))
-    bright = (turned + ball.gloss).min(-1)
+    spun = turned(ball, (50.0, 50.0), cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0], (101, 101), (0, 0))
+    bright = (spun + ball.gloss).min(-1)
     assert np.hypot(*(np.unravel_index(bright.argmax(), bright.shape) - half[1::-1] * r - 50)) < 4
-    assert turned.min(-1).max() < 0.5, "none of it turned with the skin"
+    assert spun.min(-1).max() < 0.5, "none of it turned with the skin"
 
 
 def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
@@ -95,7 +111,7 @@ def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
 
     ball = skin(ball_turned(0.0), (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
     turn = cv2.Rodrigues(np.array([0.0, 0.0, 2.0]))[0]
-    found, expected = ball.seen((50.0, 50.0), turn, size, (0, 0)), ball_turned(2.0)
+    found, expected = turned(ball, (50.0, 50.0), turn, size, (0, 0)), ball_turned(2.0)
     inside = z > 0.4
     off = np.abs(encode_u8(found).astype(int) - encode_u8(expected))[inside]
     assert np.median(off) <= 3, "Lambert's law alone leaves 10"
@@ -321,7 +337,7 @@ def test_a_ball_of_which_little_is_seen_can_be_drawn(center) -> None:
     photo, _, _ = sphere(100.0, center, (60, 60), np.eye(3))
     light = DistantLight((0.3, 0.4, 0.866), 0.7, 0.35)
     ball = skin(np.minimum(photo + 0.3, 1), (0, 0), center, 100.0, light, View.TOP)
-    found = ball.seen(center, np.eye(3), (60, 60), (0, 0)) + ball.gloss
+    found = turned(ball, center, np.eye(3), (60, 60), (0, 0)) + ball.gloss
     assert np.isfinite(found).all()
 
 

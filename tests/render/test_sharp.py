@@ -12,7 +12,8 @@ import pytest
 from physgen import pipeline
 from physgen.geometry import rotation
 from physgen.photometry import decode
-from physgen.render.frames import Stage, render_frames
+from physgen.render.frames import render_frames
+from physgen.render.stage import Stage
 from physgen.simulate.engine import simulate
 
 ROOT = Path(__file__).resolve().parents[2]

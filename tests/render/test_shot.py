@@ -14,9 +14,9 @@ from pytest import approx
 from physgen import framing, pipeline
 from physgen.photometry import decode, encode_u8
 from physgen.render import shot as shots
-from physgen.render.frames import Frame
 from physgen.render.shot import filmed, shot
 from physgen.render.shutter import shutter
+from physgen.render.stage import Frame
 from physgen.simulate.engine import simulate
 
 W, H = 200, 120
@@ -59,7 +59,7 @@ def taken(tmp_path: Path, *overrides: str, size: tuple[int, int] = (W, H)):
 def seen(tmp_path: Path, rgb: np.ndarray, *overrides: str, time: float = 0.0) -> tuple[Frame, np.ndarray]:
     """A picture through a camera, and the matrix from the one to the other."""
     through = taken(tmp_path, *overrides, size=(rgb.shape[1], rgb.shape[0]))
-    frame = Frame(0, time, rgb, np.zeros(rgb.shape[:2], np.uint16))
+    frame = Frame(0, time, rgb, lambda: np.zeros(rgb.shape[:2], np.uint16))
     (found,) = filmed(iter([frame]), through)
     return found, through.affine(time)
 
@@ -97,7 +97,7 @@ def test_the_examples_in_the_documentation() -> None:
 def test_all_of_the_photo_at_its_own_size_is_the_very_frame(tmp_path, view: str) -> None:
     through = taken(tmp_path, view)
     assert np.array_equal(through.affine(0.3), np.eye(2, 3))
-    frame = Frame(0, 0.0, disc(60, 50, 20), np.zeros((H, W), np.uint16))
+    frame = Frame(0, 0.0, disc(60, 50, 20), lambda: np.zeros((H, W), np.uint16))
     assert next(filmed(iter([frame]), through)) is frame
 
 

@@ -14,6 +14,7 @@ from torch.nn.functional import grid_sample
 
 from physgen.render import relief
 from physgen.render.ball import RIM, Ball
+from physgen.render.finer import doubled
 from physgen.render.placing import Placement
 from physgen.render.sprites import Sprite
 
@@ -54,8 +55,11 @@ class Cutout:
 
     @cached_property
     def _fine(self) -> Tensor:
-        """(2h - 1, 2w - 1, 4), see `Sprite.fine`."""
-        return self._here(self.sprite.fine if self.sprite.ball is None else self.sprite.fine_still)
+        """(2h - 1, 2w - 1, 4), see `Sprite.fine`; of a ball, what it shows beside its shaded skin."""
+        if (ball := self.sprite.ball) is None:
+            return self._here(self.sprite.fine)
+        coverage = self.sprite.coverage[..., None]
+        return self._here(doubled(np.dstack([ball.gloss * coverage, coverage])))
 
     @cached_property
     def _rest(self) -> Tensor:
@@ -64,15 +68,16 @@ class Cutout:
 
     @cached_property
     def _skin(self) -> Tensor:
-        """(h, w, 3), see `Ball.skin`."""
+        """(2h - 1, 2w - 1, 3), see `Ball.skin`; of what the sprite covers."""
         assert self.sprite.ball is not None
-        return self._here(self.sprite.ball.skin)
+        x0, y0, x1, y1 = self.sprite.within
+        return self._here(doubled(np.maximum(self.sprite.ball.skin[y0:y1, x0:x1], 0)))
 
     @cached_property
     def _lit(self) -> Tensor:
-        """(h, w, 3), see `Ball.lit`."""
+        """(2h - 1, 2w - 1, 3), see `Ball.lit`; times coverage."""
         assert self.sprite.ball is not None
-        return self._here(self.sprite.ball.lit)
+        return self._here(doubled(self.sprite.ball.lit * self.sprite.coverage[..., None]))
 
     @cached_property
     def _relief(self) -> Tensor:
@@ -154,7 +159,7 @@ class Cutout:
             if (ball := self.sprite.ball) is not None:
                 middles = np.array(ball.center) + [where.shift for where in wheres] - first
                 spaces = self._here([where.space for where in wheres])
-                part = part + self._seen(ball, self._here(middles), spaces, pp, qq) * covers[..., None]
+                part = part + self._seen(ball, self._here(middles), spaces, pp, qq)
             light, coverage = light + part / self.fine**2, coverage + covers / self.fine**2
         rest = None
         if self.sprite.rest is not None and any(where.rest > 0 for where in wheres):
@@ -170,26 +175,32 @@ class Cutout:
         return (facing.clamp(min=0) + even).clamp(1 / relief.MOST, relief.MOST)
 
     def _seen(self, ball: Ball, middles: Tensor, spaces: Tensor, p: Tensor, q: Tensor) -> Tensor:
-        """(n, h, w, 3), see `Ball.seen`; `middles` (n, 2) px from the boxes' corners, `spaces` (n, 3, 3)."""
+        """(n, h, w, 3) a ball's shaded skin times coverage, see `balls.py`.
+
+        `middles` (n, 2) px from the boxes' corners, `spaces` (n, 3, 3).
+        """
         u = (p - middles[:, 0, None, None]) / ball.radius
         v = (q - middles[:, 1, None, None]) / ball.radius
         z = (1 - (u * u + v * v)).clamp(min=1 - RIM * RIM).sqrt()
         back = ball.radius * spaces.permute(2, 1, 0)[..., None, None]  # of the inverse turn, (3, 3, n, 1, 1)
         x, y = (
-            back[k, 0] * u + (ball.center[k] - ball.corner[k]) + back[k, 1] * v - back[k, 2] * z
+            back[k, 0] * u
+            + (ball.center[k] - ball.corner[k] - self.sprite.within[k])
+            + back[k, 1] * v
+            - back[k, 2] * z
             for k in (0, 1)
         )
-        skin = sampled(self._skin, x, y, "bicubic").clamp(min=0)  # torch's cubic is OpenCV's
+        skin = sampled(self._skin, 2 * x, 2 * y)
         right = p - middles[:, 0, None, None] + (ball.center[0] - ball.corner[0])
         down = q - middles[:, 1, None, None] + (ball.center[1] - ball.corner[1])
         right, down = torch.broadcast_tensors(right, down)
-        return skin * sampled(self._lit, right, down)
+        return skin * sampled(self._lit, 2 * right, 2 * down)
 
 
-def sampled(picture: Tensor, x: Tensor, y: Tensor, how: str = "bilinear") -> Tensor:
+def sampled(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
     """(n, h, w, C) of a picture ([n,] H, W, C) at `x`, `y` (n, h, w) px; beyond its border lies the border's pixel."""
     H, W, C = picture.shape[-3:]
     grid = torch.stack((2 * x / (W - 1) - 1, 2 * y / (H - 1) - 1), dim=-1)
     pictures = picture.expand(len(x), H, W, C).permute(0, 3, 1, 2)
-    found = grid_sample(pictures, grid, mode=how, padding_mode="border", align_corners=True)
+    found = grid_sample(pictures, grid, mode="bilinear", padding_mode="border", align_corners=True)
     return found.permute(0, 2, 3, 1)

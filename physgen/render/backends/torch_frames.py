@@ -8,6 +8,7 @@ older ones round to 1/32 px, and edges may then differ by more.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -18,8 +19,9 @@ from torch import Tensor
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
 from physgen.render.backends.torch_cutout import Cutout
-from physgen.render.frames import Frame, Stage, Stand, darken, figured, planned, veiled
 from physgen.render.placing import covered
+from physgen.render.shadowed import figured, lifted, thrown, veiled
+from physgen.render.stage import Frame, Stage, Stand, planned
 from physgen.simulate.trajectory import Trajectory
 
 F32 = NDArray[np.float32]
@@ -70,7 +72,7 @@ def render_frames_torch(
             with torch.inference_mode():
                 rgb, ids = (pictures.cpu().numpy() for pictures in canvas.exposed(group, parts))
             for (time, _), picture, names in zip(group[parts - 1 :: parts], rgb, ids, strict=True):
-                yield Frame(index, time, picture, names.view(np.uint16))
+                yield Frame(index, time, picture, partial(names.view, np.uint16))
                 index += 1
     except torch.OutOfMemoryError as error:
         raise MemoryError from error
@@ -143,7 +145,8 @@ class Canvas:
                     figures[stand.k] = figured(self.stage, stand, stand.where, coverage)
             moved = [stand for stand in stands if stand.start != stand.pose]
             for stand in moved:
-                darken(picture, self.lit, stand, figures.get(stand.k))
+                lifted(picture, self.lit, stand)
+                thrown(picture, self.lit, stand, figures.get(stand.k))
             seen = [stand for stand in stands if stand.where is not None]
             factors.append(veiled(self.stage, seen, figures))
         return dark, factors
