@@ -30,6 +30,7 @@ import numpy as np
 from frames import frames as frame_rows
 from frames import presets
 from growth import growth, plot
+from prompts import prompts
 from tables import RESULTS, fidelity_page, page, physics_page
 
 from physgen import pipeline
@@ -325,7 +326,7 @@ def encoder(folder: Path) -> list[dict]:
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
-PARTS |= {"device": device}
+PARTS |= {"device": device, "prompts": prompts}
 
 
 def main(names: list[str]) -> None:

@@ -222,8 +222,8 @@ def render(options: argparse.Namespace) -> int:
 def evaluate(options: argparse.Namespace) -> int:
     import os
 
-    if options.what == "fidelity":
-        return _fidelity(options)
+    if options.what != "physics":
+        return {"fidelity": _fidelity, "segmentation": _segmentation}[options.what](options)
 
     from physgen.evaluate import physics, table
 
@@ -271,6 +271,36 @@ def _fidelity(options: argparse.Namespace) -> int:
     found = f"{result['ahead']:.2f} dB better than the paper's way, relit, over objects and shadows of the test half"
     print(f"{found}; the bar is {fidelity.BAR:g} dB", file=sys.stderr)
     return OK if result["passed"] else FAILED
+
+
+def _segmentation(options: argparse.Namespace) -> int:
+    from physgen import backends
+    from physgen.evaluate import segmentation, segmentation_table
+    from physgen.evaluate.photos import pairs
+    from physgen.evaluate.shown import Shown
+
+    chosen = backends.chosen(options.backend)
+    if set(chosen) - {"segment"}:
+        role = f'"{", ".join(sorted(set(chosen) - {"segment"}))}"'
+        raise InputError.of("--backend", role, "has no part in this", "write segment=NAME")
+    bars = {name: bar for name in segmentation.BARS if (bar := getattr(options, name)) is not None}
+    found, warnings = pairs(options.folder)
+    tell_problems(warnings)
+    shown = None if options.output is None else Shown(options.output)
+    bar = Bar()
+    result = segmentation.evaluate(
+        found, chosen.get("segment"), shown.photo if shown else lambda photo: None, bar.show
+    )
+    bar.clear()
+    record = result.as_dict(bars)
+    if shown:
+        shown.totals(result, record)
+    if options.json:
+        _print_json(record)
+    else:
+        form = segmentation_table.markdown if options.markdown else segmentation_table.text
+        sys.stdout.write(form(record))
+    return OK if record["passed"] else FAILED
 
 
 def list_backends(options: argparse.Namespace) -> int:

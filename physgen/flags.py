@@ -192,25 +192,29 @@ def build_parser() -> argparse.ArgumentParser:
         "Scorecards: how far physgen is from what is known. Exit code 1 when a bar is missed.",
         "physgen evaluate physics --rows 1,5,12",
     )
-    sub.add_argument(
-        "what",
-        choices=("physics", "fidelity"),
-        help="physics: motion against closed forms; fidelity: frames against the studio's truth videos",
-    )
-    sub.add_argument(
-        "--truth",
-        metavar="DIR",
-        type=Path,
-        default=Path("studio/truth"),
-        help="fidelity: the studio's truth; default: studio/truth",
-    )
-    sub.add_argument(
-        "--scenes",
-        metavar="LIST",
-        type=lambda t: t.split(","),
-        default=[],
-        help="fidelity: some scenes, e.g. curling,shelf",
-    )
+    _measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
+
+    sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
+    sub.add_argument("--json", action="store_true", help="print as JSON")
+
+    sub = command("schema", "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
+    sub.add_argument("--markdown", action="store_true", help="the reference page instead")
+    return parser
+
+
+def _measures(measures: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """What `evaluate` measures, each with flags of its own."""
+
+    def measure(name: str, about: str, example: str) -> argparse.ArgumentParser:
+        sub = measures.add_parser(
+            name, help=about, description=about, epilog=f"example: physgen evaluate {example}"
+        )
+        form = sub.add_mutually_exclusive_group()
+        form.add_argument("--json", action="store_true", help="print as JSON")
+        form.add_argument("--markdown", action="store_true", help="print as a page")
+        return sub
+
+    sub = measure("physics", "Motion against closed forms.", "physics --rows 1,5,12")
     sub.add_argument(
         "--rows", metavar="LIST", type=_rows, default=[], help="some rows, e.g. 1,5,12; default: all"
     )
@@ -227,20 +231,61 @@ def build_parser() -> argparse.ArgumentParser:
         "--output",
         metavar="DIR",
         type=Path,
-        help="physics: keep every scene file that is run in this folder; "
-        "fidelity: only write strips of frames there, the paper's way, ours and the truth",
+        help="keep every scene file that is run in this folder",
     )
     sub.add_argument("--jobs", metavar="N", type=_count, help="draws run at a time; default: one a processor")
-    form = sub.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="print as JSON")
-    form.add_argument("--markdown", action="store_true", help="print as a page")
 
-    sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
-    sub.add_argument("--json", action="store_true", help="print as JSON")
+    sub = measure("fidelity", "Frames against the studio's truth videos.", "fidelity --scenes curling,shelf")
+    sub.add_argument(
+        "--truth",
+        metavar="DIR",
+        type=Path,
+        default=Path("studio/truth"),
+        help="the studio's truth; default: studio/truth",
+    )
+    sub.add_argument(
+        "--scenes",
+        metavar="LIST",
+        type=lambda t: t.split(","),
+        default=[],
+        help="some scenes, e.g. curling,shelf",
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help="only write strips of frames there: the paper's way, ours and the truth",
+    )
 
-    sub = command("schema", "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
-    sub.add_argument("--markdown", action="store_true", help="the reference page instead")
-    return parser
+    sub = measure(
+        "segmentation",
+        "Objects found in photos against their true masks, as COCO counts them.",
+        "segmentation photos -o out/segmentation --recall 0.8",
+    )
+    sub.add_argument(
+        "folder",
+        metavar="FOLDER",
+        type=Path,
+        help="photos with label maps: NAME.png and NAME.labels.png, folders of photo.png and masks.png, "
+        "or a COCO file (*.json) with its photos",
+    )
+    sub.add_argument(
+        "--backend", metavar="ROLE=NAME", action="append", default=[], help="who segments: segment=NAME"
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help="write plots, the result as JSON and every photo with what was found in this folder",
+    )
+    for name, what in (
+        ("precision", "the share of what is said that is right"),
+        ("recall", "the share of true objects that is found"),
+        ("iou", "the mean overlap of what is found"),
+    ):
+        sub.add_argument(f"--{name}", metavar="BAR", type=_part, help=f"least for {what}, 0 to 1")
 
 
 def _overlays(sub: argparse.ArgumentParser) -> None:
@@ -264,6 +309,16 @@ def _positive(text: str) -> float:
         value = 0.0
     if not 0 < value <= 1e6:
         raise argparse.ArgumentTypeError(f"{text} is not a number above 0 and up to 1000000")
+    return value
+
+
+def _part(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 to 1")
     return value
 
 

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.roles import Name, Rgb, Segment
+from physgen.perceive.boxed import boxed
+from physgen.perceive.pointed import Proposed, pointed, proposed
+from physgen.perceive.roles import Labels, Name, Rgb, Segment, Segments
 from physgen.perceive.scene import Found
 from physgen.problems import InputError
 
@@ -16,6 +18,8 @@ Box = tuple[float, float, float, float]
 """Left, top, width, height, px."""
 Point = tuple[float, float]
 """x px, y px."""
+LIKELY = 0.5
+"""Confidence from which on a point takes what the segmenter says is there."""
 
 
 def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = None) -> Found:
@@ -27,13 +31,15 @@ def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = Non
 def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segment) -> Found:
     """One object a box and one a point, in that order: ids 1, 2, ...
 
-    In a box, GrabCut parts object from background (Rother et al. 2004). A point takes what `segment` finds there, else
-    what is of one colour around it. Raises InputError with every box or point that is off the photo or shows nothing.
+    In a box, `boxed` tells the object from what is around it. A point takes what `segment` finds there, else
+    what looks most like an object that it lies in, else what is of one colour around it. Raises InputError with every
+    box or point that is off the photo or shows nothing.
     """
     labels = np.zeros(rgb.shape[:2], np.uint16)
     sure: dict[int, float] = {}
     problems = []
-    found = segment(rgb) if points else None
+    found = likely(segment(rgb)) if points else None
+    known = proposed(rgb) if points else None
     for k, box in enumerate(boxes, 1):
         try:
             mask = in_box(rgb, box)
@@ -44,7 +50,7 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
         sure[k] = 0.7
     for k, point in enumerate(points, len(boxes) + 1):
         try:
-            mask = at_point(rgb, point, None if found is None else found.labels)
+            mask = at_point(rgb, point, found, known)
         except InputError as error:
             problems += error.problems
             continue
@@ -52,11 +58,19 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
         sure[k] = 0.6
     if problems:
         raise InputError(problems)
-    return Found(labels, "pointed at", sure, {})
+    said = [("box", box) for box in boxes] + [("point", point) for point in points]
+    prompts = {k: {kind: [round(float(v), 2) for v in place]} for k, (kind, place) in enumerate(said, 1)}
+    return Found(labels, "pointed at", sure, {}, prompts)
+
+
+def likely(segments: Segments) -> Labels:
+    """(H, W): the label map without what is more likely no object."""
+    keep = np.concatenate([[False], segments.confidence >= LIKELY])
+    return np.where(keep[np.minimum(segments.labels, len(keep) - 1)], segments.labels, np.uint16(0))
 
 
 def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
-    """(H, W): the object in a box, its largest piece."""
+    """(H, W): the object in a box, in one piece."""
     height, width = rgb.shape[:2]
     x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
@@ -65,34 +79,16 @@ def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
         raise InputError.of(
             flag, "", f"leaves under 4 px of the {width} x {height} photo", "write x,y,width,height in px"
         )
-    # GrabCut needs background: a margin around the box, and the photo's own border where the box fills it
-    margin = max(8, (x1 - x0) // 4, (y1 - y0) // 4)
-    left, top, right, bottom = (
-        max(0, x0 - margin),
-        max(0, y0 - margin),
-        min(width, x1 + margin),
-        min(height, y1 + margin),
-    )
-    part = np.ascontiguousarray(rgb[top:bottom, left:right, ::-1])
-    state: NDArray[np.uint8] = np.full(part.shape[:2], cv2.GC_BGD, np.uint8)
-    state[y0 - top : y1 - top, x0 - left : x1 - left] = cv2.GC_PR_FGD
-    mask = np.zeros((height, width), bool)
-    if (state == cv2.GC_BGD).sum() < 16:
-        mask[y0:y1, x0:x1] = True
-        return mask
-    cv2.setRNGSeed(0)
-    cv2.grabCut(part, state, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), 5, cv2.GC_INIT_WITH_MASK)
-    taken = np.isin(state, (cv2.GC_FGD, cv2.GC_PR_FGD))
-    mask[top:bottom, left:right] = _largest(_opened(taken))
-    if mask.sum() < 0.05 * (x1 - x0) * (
-        y1 - y0
-    ):  # one colour inside and out: the box itself is all that is known
-        mask[y0:y1, x0:x1] = True
-    return mask
+    return boxed(rgb, (x0, y0, x1, y1))
 
 
-def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDArray[np.bool_]:
-    """(H, W): the object at a point."""
+def at_point(
+    rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None, known: Proposed | None = None
+) -> NDArray[np.bool_]:
+    """(H, W): the object at a point: of `segments`, else the best of what is proposed, else what is of one colour.
+
+    `known` is what the photo proposes, for many points.
+    """
     height, width = rgb.shape[:2]
     x, y = round(point[0]), round(point[1])
     flag = f"--point {point[0]:g},{point[1]:g}"
@@ -100,6 +96,9 @@ def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDA
         raise InputError.of(flag, "", f"is off the {width} x {height} photo", "write x,y in px")
     if segments is not None and segments[y, x]:
         return np.asarray(segments == segments[y, x])
+    best = pointed(known or proposed(rgb), x, y)
+    if best is not None:
+        return best
     lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), (0, 0), 1.0)
     area = np.zeros((height + 2, width + 2), np.uint8)
     flags = 4 | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE | (1 << 8)
@@ -111,16 +110,3 @@ def at_point(rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None) -> NDA
         )
     filled = cv2.morphologyEx(np.pad(mask, 8).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     return np.asarray(filled[8:-8, 8:-8] > 0)
-
-
-def _opened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
-    smooth = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
-    return np.asarray(smooth if smooth.any() else mask)
-
-
-def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    count, ids, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    if count < 2:
-        return mask
-    return np.asarray(ids == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))

@@ -30,25 +30,32 @@ class CocoImage:
     """As the file names it, beside the file."""
     annotations: tuple[Mapping[str, Any], ...]
     categories: Mapping[Any, str]
+    crowds: tuple[Mapping[str, Any], ...] = ()
+    """Annotations of regions in which nobody told one object from another."""
+
+
+def coco_photos(path: Path) -> list[CocoImage]:
+    """Every photo of a COCO file, in its order, those without objects too. Raises InputError: unreadable, no photos."""
+    annotations, images, categories = _lists(path)
+    if not images:
+        raise InputError.of(
+            str(path), "", "names no photos", "give a COCO instances file with a list of images"
+        )
+    own: dict[str, list[Mapping[str, Any]]] = {}
+    for annotation in annotations:
+        own.setdefault(repr(annotation.get("image_id")), []).append(annotation)
+    found = []
+    for image in images:
+        mine = own.get(repr(image["id"]), [])
+        parts = (tuple(a for a in mine if bool(a.get("iscrowd")) == crowd) for crowd in (False, True))
+        objects, crowds = parts
+        found.append(CocoImage(path.parent / str(image.get("file_name", "")), objects, categories, crowds))
+    return found
 
 
 def read_coco(path: Path, image: Path | None = None) -> CocoImage:
     """The photo called as `image`, or the only one. Raises InputError: unreadable, no such photo, nothing annotated."""
-    data = _read(path)
-    if isinstance(data, list):  # the results format: annotations alone
-        data = {"annotations": data}
-    if not isinstance(data, dict) or not isinstance(data.get("annotations"), list):
-        raise InputError.of(str(path), "", "has no list of annotations", "give a COCO instances file")
-    for key in ("images", "categories"):
-        if not isinstance(data.get(key) or [], list):
-            raise InputError.of(str(path), f'"{key}"', "is not a list", "export the file again")
-    annotations = [a for a in data["annotations"] if isinstance(a, dict)]
-    images = [i for i in data.get("images") or [] if isinstance(i, dict) and "id" in i]
-    categories = {
-        c["id"]: str(c.get("name", ""))
-        for c in data.get("categories") or []
-        if isinstance(c, dict) and _plain(c.get("id"))
-    }
+    annotations, images, categories = _lists(path)
     named = {Path(str(i.get("file_name", ""))).name: i for i in images}
     if image is not None and image.name in named:
         chosen = named[image.name]
@@ -70,6 +77,28 @@ def read_coco(path: Path, image: Path | None = None) -> CocoImage:
             str(path), f'"{name}"', "has no annotated object", "annotate one, or take another photo"
         )
     return CocoImage(path.parent / str(chosen.get("file_name", "")), own, categories)
+
+
+def _lists(path: Path) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]], dict[Any, str]]:
+    """Annotations, images and categories' names of a COCO file. Raises InputError."""
+    data = _read(path)
+    if isinstance(data, list):  # the results format: annotations alone
+        data = {"annotations": data}
+    if not isinstance(data, dict) or not isinstance(data.get("annotations"), list):
+        raise InputError.of(str(path), "", "has no list of annotations", "give a COCO instances file")
+    for key in ("images", "categories"):
+        if not isinstance(data.get(key) or [], list):
+            raise InputError.of(str(path), f'"{key}"', "is not a list", "export the file again")
+    annotations: list[Mapping[str, Any]] = [a for a in data["annotations"] if isinstance(a, dict)]
+    images: list[Mapping[str, Any]] = [
+        i for i in data.get("images") or [] if isinstance(i, dict) and "id" in i
+    ]
+    categories = {
+        c["id"]: str(c.get("name", ""))
+        for c in data.get("categories") or []
+        if isinstance(c, dict) and _plain(c.get("id"))
+    }
+    return annotations, images, categories
 
 
 def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Found:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import fnmatch
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,8 @@ class Found:
     """0..1, by id."""
     names: Mapping[int, Name]
     """What some of them are called already, by id."""
+    prompts: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
+    """Where a person pointed, by id, as the scene says it: `{"box": [x, y, w, h]}` or `{"point": [x, y]}`, px."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,8 @@ def perceive(
             )
         comments[f"objects.{name}.mass"] = f"g: {it.reason}"
         objects[name] = {**one, "from": told}
+        if thing.id in found.prompts:
+            objects[name]["prompt"] = dict(found.prompts[thing.id])
     document: dict[str, Any] = {
         "physgen": 1,
         "image": image,

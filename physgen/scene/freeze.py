@@ -121,7 +121,15 @@ def _object(name: str, item: Mapping[str, Any]) -> model.Object:
         path=tuple(model.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path),
         layer=int(item["layer"]),
         provenance=MappingProxyType(dict(item["from"])),
+        prompt=_prompt(item["prompt"]) if "prompt" in item else None,
     )
+
+
+def _prompt(value: Mapping[str, Any]) -> model.BoxPrompt | model.PointPrompt:
+    if "point" in value:
+        return model.PointPrompt(_pair(value["point"]))
+    x, y, width, height = map(float, value["box"])
+    return model.BoxPrompt((x, y, width, height))
 
 
 def _mask(value: Any) -> model.Mask:

@@ -127,6 +127,22 @@ class Waypoint:
 
 
 @dataclass(frozen=True)
+class BoxPrompt:
+    """An object lies in a box."""
+
+    box: tuple[float, float, float, float]
+    """Left, top, width, height, px."""
+
+
+@dataclass(frozen=True)
+class PointPrompt:
+    """An object lies at a point."""
+
+    point: Point
+    """x, y px."""
+
+
+@dataclass(frozen=True)
 class Object:
     """One thing of the photo."""
 
@@ -156,6 +172,8 @@ class Object:
     """Who is drawn over whom; larger is nearer."""
     provenance: Mapping[str, str]
     """`from`: who said each number and how sure, e.g. `{"mass": "table 0.4"}`."""
+    prompt: BoxPrompt | PointPrompt | None = None
+    """Where a person pointed, so that its mask can be found again."""
 
 
 @dataclass(frozen=True)

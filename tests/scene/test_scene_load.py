@@ -57,6 +57,7 @@ def test_everything_that_is_written() -> None:
         path=(),
         layer=3,
         provenance={"mass": "vlm 0.8"},
+        prompt=model.BoxPrompt((438, 225, 64, 64.5)),
     )
     assert crate.shape == model.Box((120, 200), (24, 120), 15)
     assert (crate.motion, crate.mass, crate.density) == (model.Motion.STATIC, None, 2.5)
@@ -65,6 +66,7 @@ def test_everything_that_is_written() -> None:
     assert ring.path == (model.Waypoint(0, (20, 20), 0), model.Waypoint(1, (30, 20), 45))
     assert (ring.motion, ring.roll) == (model.Motion.SCRIPTED, "none")
     assert (blob.shape, blob.mask) == (model.Auto(), model.MaskRle((384, 512), (100000, 50, 96558)))
+    assert (blob.prompt, kite.prompt) == (model.PointPrompt((260, 170)), None)
     assert kite.shape == model.Polygon((model.Ring(((200, 200), (230, 200), (215, 240))),))
     floor, frame, hill, mound = found.boundaries
     assert floor == model.Boundary("floor", ((0, 457), (512, 457)), None, 0.6, 0.3)

@@ -26,19 +26,20 @@ Points = NDArray[np.float64]
 """(n, 2): x, y px along a closed outline."""
 
 
-def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask]) -> NDArray[np.uint16]:
+def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask], band: float = BAND) -> NDArray[np.uint16]:
     """(H, W) uint16: k + 1 where mask k (h, w), of a smaller or equal size than the photo (H, W, 3), ends up.
-    Every label is one connected region; of two that contend for a pixel the later mask gets it."""
+    `band` is how far outlines may move, see `BAND`. Every label is one connected region; of two that contend for
+    a pixel the later mask gets it."""
     labels = np.zeros(rgb.shape[:2], np.uint16)
     for k, mask in enumerate(masks):
         scale = rgb.shape[1] / mask.shape[1], rgb.shape[0] / mask.shape[0]
-        band = max(1.5, BAND * float(np.sqrt(mask.sum()))) * max(scale)
+        reach = max(1.5, band * float(np.sqrt(mask.sum()))) * max(scale)
         points, normal = _outline_at(mask, np.array(scale))
-        low = np.maximum(np.floor(points.min(0) - band - 6), 0).astype(int)
-        high = np.ceil(points.max(0) + band + 7).astype(int)
+        low = np.maximum(np.floor(points.min(0) - reach - 6), 0).astype(int)
+        high = np.ceil(points.max(0) + reach + 7).astype(int)
         if max(high - low) < SIDE:
             gradient = colour_gradient(lab(rgb[low[1] : high[1], low[0] : high[0]]))
-            points = points + _path(gradient, points - low, normal, band)[:, None] * normal
+            points = points + _path(gradient, points - low, normal, reach)[:, None] * normal
         filled = np.zeros(labels.shape, np.uint8)
         cv2.fillPoly(filled, [np.rint(16 * _rounded(points)).astype(np.int32)], 1, shift=4)
         labels[filled > 0] = k + 1

@@ -1,0 +1,110 @@
+"""Boxes and points drawn for every true object -> how well `perceive --box` and `--point` cut the objects out."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from physgen.perceive.given import at_point, in_box, likely
+from physgen.perceive.pointed import proposed
+from physgen.percepts.maps import read_labels
+from physgen.percepts.photo import read_image
+from physgen.problems import InputError
+
+ROOT = Path(__file__).resolve().parent.parent
+PEERS = ("pool", "domino", "pig_ball", "boxes")
+SLACK = 0.1
+"""Of the box's size: how far each side is moved outwards, or by chance out or in."""
+DRAWS = 2
+BAR = 0.85
+LEAST = 64
+"""px: smaller objects are not asked for."""
+
+
+def photos(names: tuple[str, ...] = ()) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Name, half, rgb (H, W, 3), labels (H, W) of the studio's photos and, where they are, of the peers'."""
+    split = json.loads((ROOT / "studio/split.json").read_text())
+    half = {name: key for key in ("tune", "test") for name in split[key]}
+    files = {
+        n: (ROOT / "scenes" / n / "photo.png", ROOT / "scenes" / n / "photo.assets/masks.png") for n in half
+    }
+    if folder := os.environ.get("PHYSGEN_PEER_SCENES"):
+        files |= {n: (Path(folder, n, "original.png"), Path(folder, n, "mask.png")) for n in PEERS}
+    for name, (photo, masks) in files.items():
+        if not names or name in names:
+            yield name, half.get(name, "real"), read_image(photo), read_labels(masks)
+
+
+def asked(labels: np.ndarray, seed: int) -> Iterator[tuple[np.ndarray, dict[str, list[tuple[float, ...]]]]]:
+    """The mask of each object, and by kind the boxes (x, y, w, h px) and the point that stand for it."""
+    rng = np.random.default_rng(seed)
+    for i in np.unique(labels[labels > 0]).tolist():
+        mask = labels == i
+        moves = rng.uniform(-SLACK, SLACK, (DRAWS, 4))
+        if mask.sum() < LEAST:
+            continue
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        left, top, right, bottom = columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
+        width, height = right - left, bottom - top
+
+        def box(a: float, b: float, c: float, d: float, at=(left, top, width, height)) -> tuple[float, ...]:
+            x, y, w, h = at
+            return x - a * w, y - b * h, w * (1 + a + c), h * (1 + b + d)
+
+        inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+        row, column = np.unravel_index(int(inside.argmax()), inside.shape)
+        yield (
+            mask,
+            {
+                "box": [box(*[SLACK] * 4)],
+                "jitter": [box(*move) for move in moves.tolist()],
+                "point": [(float(column), float(row))],
+            },
+        )
+
+
+def overlap(found: np.ndarray | None, mask: np.ndarray) -> float:
+    return 0.0 if found is None else float((found & mask).sum() / (found | mask).sum())
+
+
+def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
+    """Mean and least IoU, and the share that reaches the bar, by kind; wall ms a box."""
+    from physgen import backends
+
+    segments, known = likely(backends.make("segment")(rgb)), proposed(rgb)
+    ways: dict[str, Callable] = {
+        "box": lambda box: in_box(rgb, box),
+        "jitter": lambda box: in_box(rgb, box),
+        "point": lambda point: at_point(rgb, point, segments, known),
+    }
+    found: dict[str, list[float]] = {kind: [] for kind in ways}
+    took = []
+    for mask, prompts in asked(labels, seed=0):
+        for kind, places in prompts.items():
+            for place in places:
+                before = time.perf_counter()
+                try:
+                    cut = ways[kind](place)
+                except InputError:
+                    cut = None
+                if kind == "box":
+                    took.append(time.perf_counter() - before)
+                found[kind].append(overlap(cut, mask))
+    row = {"photo": name, "half": half, "objects": len(found["box"])}
+    for kind, values in found.items():
+        row |= {
+            kind: round(float(np.mean(values)), 3),
+            f"{kind}_least": round(min(values), 3),
+            f"{kind}_good": round(float(np.mean(np.array(values) >= BAR)), 3),
+        }
+    return row | {"ms": round(1000 * float(np.median(took)))}
+
+
+def prompts(folder: Path) -> list[dict]:
+    return [measure(*photo) for photo in photos()]

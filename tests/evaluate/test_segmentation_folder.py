@@ -1,0 +1,240 @@
+"""`physgen evaluate segmentation FOLDER`: what it reads, writes, prints and refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen.cli import main
+from physgen.evaluate.matching import Patch
+from physgen.evaluate.photos import pairs
+from physgen.evaluate.segmentation import judge_photo
+from physgen.percepts.photo import read_image
+from physgen.problems import InputError
+
+DISCS = [(60, 60, 24), (150, 70, 28), (110, 150, 26), (24, 180, 28)]
+
+
+def drawn(shift: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Four plain discs on plain ground, the last one cut by the border, and their ids."""
+    rgb, labels = np.full((220, 220, 3), 90, np.uint8), np.zeros((220, 220), np.uint16)
+    y, x = np.mgrid[:220, :220]
+    for k, (cx, cy, radius) in enumerate(DISCS):
+        inside = np.hypot(x - cx - shift, y - cy) <= radius
+        rgb[inside], labels[inside] = (210, 60 + 40 * k, 50), k + 1
+    grain = np.random.default_rng(0).normal(0, 2, rgb.shape)
+    return np.clip(cv2.GaussianBlur(rgb, (0, 0), 0.7) + grain, 0, 255).astype(np.uint8), labels
+
+
+def put(path: Path, picture: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), picture if picture.ndim == 2 else picture[..., ::-1])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Each layout once: ids of 16 bits beside, colours beside a JPEG, a folder with assets, ids of 8 bits."""
+    root = tmp_path_factory.mktemp("photos")
+    rgb, labels = drawn()
+    put(root / "a.png", rgb)
+    put(root / "a.labels.png", labels)
+    put(root / "b.jpg", rgb)
+    put(
+        root / "b.labels.png",
+        np.array([[0, 0, 0], [255, 0, 0], [0, 255, 0], [9, 9, 200], [7, 1, 1]], np.uint8)[labels],
+    )
+    put(root / "c" / "photo.png", rgb)
+    put(root / "c" / "photo.assets" / "masks.png", labels)
+    put(root / "d" / "original.png", rgb)
+    put(root / "d" / "mask.png", labels.astype(np.uint8))
+    return root
+
+
+def test_every_layout_tells_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "segmentation", str(folder), "--json"]) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    found = json.loads(told.out)
+    assert [row["photo"] for row in found["rows"]] == ["a", "b", "c", "d"]
+    for row in found["rows"]:
+        assert (row["true"], row["cut"], row["hit"]) == (4, 1, 4)
+        assert row["whole"]["true"] == row["whole"]["hit"] == 3
+        assert row["iou"] > 0.9
+    micro = found["totals"]["all"]["micro"]
+    assert micro["true"] == 16
+    assert micro["recall"] == 1
+    assert found["passed"] is True
+    assert sum(part["count"] for part in found["reliability"]["bins"]) == micro["said"]
+    assert len(found["curve"]["all"]) == micro["said"]
+
+
+def test_bars_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "deep" / "out"
+    arguments = ["evaluate", "segmentation", str(folder), "-o", str(out), "--backend", "segment=classical"]
+    assert main([*arguments, "--recall", "0.9", "--iou", "0.999"]) == 1
+    text = capsys.readouterr().out
+    assert re.search(r"^a +4 +4 +4 +1\.000", text, re.M)
+    assert "recall 1.000 of all together, the bar is 0.9: met" in text
+    assert "the bar is 0.999: MISSED" in text
+    assert json.loads((out / "segmentation.json").read_text())["passed"] is False
+    for name in ("precision-recall.svg", "reliability.svg"):
+        assert ElementTree.parse(out / name).getroot().tag.endswith("svg")
+    rgb, _ = drawn()
+    for name in "abcd":
+        picture = read_image(out / "photos" / f"{name}.png")
+        assert picture.shape[1] == 960
+        assert picture.shape[0] > 960  # the key stands above
+        plain = cv2.resize(rgb, (960, 960), interpolation=cv2.INTER_CUBIC)
+        marks = np.abs(picture[-960:].astype(int) - plain).max(2) > 40
+        assert 0.005 < marks.mean() < 0.2  # there are lines, and they leave the photo to be seen
+    assert main([*arguments[:3], "--markdown"]) == 0
+    assert "| photo | true |" in capsys.readouterr().out
+
+
+def test_a_coco_file_and_its_crowds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rgb, labels = drawn()
+    put(tmp_path / "images" / "x.png", rgb)
+    annotations = []
+    for k in range(1, 5):
+        counts, flat = [], (labels == k).T.ravel()
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], flat, [False]]).astype(int)))
+        for length in np.diff([0, *edges.tolist(), len(flat)]):
+            counts.append(int(length))
+        annotations.append(
+            {
+                "id": 10 + k,
+                "image_id": 7,
+                "category_id": 1,
+                "iscrowd": int(k == 4),
+                "segmentation": {"size": [220, 220], "counts": counts},
+            }
+        )
+    data = {"images": [{"id": 7, "file_name": "images/x.png"}], "annotations": annotations, "categories": []}
+    (tmp_path / "instances.json").write_text(json.dumps(data))
+    for where in (tmp_path, tmp_path / "instances.json"):
+        assert main(["evaluate", "segmentation", str(where), "--json"]) == 0
+        (row,) = json.loads(capsys.readouterr().out)["rows"]
+        assert row["photo"] == "images-x"
+        assert (row["true"], row["said"], row["hit"]) == (3, 3, 3)  # what lies in the crowd is not judged
+
+
+def test_where_nobody_judges_nothing_counts() -> None:
+    def squares(*places: tuple[int, int]) -> tuple[Patch, ...]:
+        return tuple(Patch(x, y, np.ones((10, 10), np.bool_)) for x, y in places)
+
+    from physgen.evaluate.photos import Truth
+
+    unjudged = np.zeros((100, 100), np.bool_)
+    unjudged[:, 50:] = True
+    truth = Truth(np.zeros((100, 100, 3), np.uint8), squares((10, 10)), (1,), unjudged)
+    said = squares((10, 10), (70, 10), (46, 40), (43, 70))  # right; within; mostly within; mostly without
+    row = judge_photo("x", truth, (said, np.array([0.9, 0.8, 0.7, 0.6]))).as_dict()
+    assert (row["said"], row["hit"]) == (2, 1)
+
+
+def test_photos_that_stand_alone_are_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rgb, labels = drawn()
+    put(tmp_path / "a.png", rgb)
+    put(tmp_path / "a.labels.png", labels)
+    put(tmp_path / "lonely.png", rgb)
+    put(tmp_path / "ghost.labels.png", labels)
+    assert main(["evaluate", "segmentation", str(tmp_path), "--json"]) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 2
+    assert any("lonely.png: warning: is passed over" in line for line in told)
+    assert any("ghost.labels.png: warning: has no photo" in line for line in told)
+
+
+def test_names_stay_apart_and_inside(tmp_path: Path) -> None:
+    rgb, labels = drawn()
+    for place in ("", "one", "two words"):
+        put(tmp_path / place / "a.png", rgb)
+        put(tmp_path / place / "a.labels.png", labels)
+    found, _ = pairs(tmp_path)
+    assert [pair.name for pair in found] == ["a", "one-a", "two-words-a"]
+    annotation = {"id": 1, "image_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}
+    images = [{"id": 1, "file_name": "../../a.png"}]
+    (tmp_path / "c.json").write_text(json.dumps({"images": images, "annotations": [annotation]}))
+    found, _ = pairs(tmp_path / "c.json")
+    assert "/" not in found[0].name
+    assert not found[0].name.startswith(".")
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ("missing", "no such folder; check the path"),
+        ("empty", "holds no photo with a label map; put NAME.labels.png beside each NAME.png"),
+        ("file", "is not a folder"),
+        ("size", "100 x 90 px differs from the 220 x 220 px of a.png; make it the photo's size"),
+        ("broken", "is not a picture that can be read"),
+        ("twins", "could both be its photo; keep one of them"),
+        ("jpeg", "is a JPEG, whose compression changes ids"),
+        ("backend", '--backend: "label" has no part in this; write segment=NAME'),
+        ("output", "is a file; name a folder with -o"),
+    ],
+)
+def test_refusals(case: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root, more = tmp_path / "in", list[str]()
+    root.mkdir()
+    rgb, labels = drawn()
+    if case not in ("empty", "missing"):
+        put(root / "a.png", rgb)
+        put(root / "a.labels.png", labels)
+    if case == "missing":
+        root = root / "nowhere"
+    if case == "file":
+        root = root / "a.png"
+    if case == "size":
+        put(root / "a.labels.png", labels[:90, :100])
+    if case == "broken":
+        (root / "a.png").write_bytes(b"not a picture")
+    if case == "twins":
+        put(root / "a.jpg", rgb)
+    if case == "jpeg":
+        put(tmp_path / "x.jpg", labels.astype(np.uint8))
+        (tmp_path / "x.jpg").replace(root / "a.labels.png")
+    if case == "backend":
+        more = ["--backend", "label=shape"]
+    if case == "output":
+        (tmp_path / "taken").write_text("")
+        more = ["-o", str(tmp_path / "taken")]
+    assert main(["evaluate", "segmentation", str(root), *more]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert message in told.err
+    assert len(told.err.splitlines()) == 1
+
+
+def test_every_problem_is_told_at_once(tmp_path: Path) -> None:
+    rgb, labels = drawn()
+    for name in "ab":
+        put(tmp_path / f"{name}.png", rgb)
+        put(tmp_path / f"{name}.labels.png", labels[:50])
+    from physgen.evaluate.segmentation import evaluate
+
+    with pytest.raises(InputError) as error:
+        evaluate(pairs(tmp_path)[0])
+    assert len(error.value.problems) == 2
+
+
+@pytest.mark.parametrize("flag", ["--precision", "--recall", "--iou"])
+def test_a_bar_is_a_share(flag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["evaluate", "segmentation", str(tmp_path), flag, "80"])
+    assert stop.value.code == 2
+    assert "80 is not a number from 0 to 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("measure", ["physics", "fidelity", "segmentation"])
+def test_every_measure_shows_an_example(measure: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["evaluate", measure, "--help"])
+    assert stop.value.code == 0
+    assert f"example: physgen evaluate {measure}" in capsys.readouterr().out

@@ -1,0 +1,158 @@
+"""Boxes and points on drawn pictures whose masks are known: loose boxes, boxes that cut, neighbours that touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from physgen import pipeline
+from physgen.cli import main
+from physgen.perceive.given import from_prompts, in_box
+from physgen.perceive.roles import Segments
+from physgen.scene.model import BoxPrompt, PointPrompt
+
+Photo = tuple[NDArray[np.uint8], NDArray[np.uint16]]
+Sides = tuple[float, float, float, float]
+GOOD = 0.85
+
+
+def nothing(rgb: NDArray[np.uint8]) -> Segments:
+    return Segments(np.zeros(rgb.shape[:2], np.uint16), np.zeros(0))
+
+
+def grainy(picture: NDArray[np.float32]) -> NDArray[np.uint8]:
+    grain = np.random.default_rng(0).normal(0, 3, picture.shape)
+    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.7) + grain, 0, 255).astype(np.uint8)
+
+
+def balls() -> Photo:
+    """A rack of shaded balls of one colour that touch."""
+    rgb, labels = np.full((260, 300, 3), (40, 110, 70), np.float32), np.zeros((260, 300), np.uint16)
+    y, x = np.mgrid[:260, :300]
+    places = [(90 + 44 * i + 22 * (j % 2), 70 + 38 * j) for j in range(2) for i in range(2)]
+    for k, (cx, cy) in enumerate(places):
+        u, v = (x - cx) / 22, (y - cy) / 22
+        inside = u**2 + v**2 <= 1
+        light = 0.35 + 0.65 * np.clip(
+            -0.4 * u - 0.5 * v + 0.75 * np.sqrt(np.clip(1 - u**2 - v**2, 0, 1)), 0, 1
+        )
+        rgb[inside] = (np.array([205, 60, 50]) * light[..., None])[inside]
+        labels[inside] = k + 1
+    return grainy(rgb), labels
+
+
+def crates() -> Photo:
+    """Stacked boxes of nearly one colour, with dark joints."""
+    rgb, labels = np.full((260, 300, 3), (120, 140, 160), np.float32), np.zeros((260, 300), np.uint16)
+    for k, (x, y, w, h) in enumerate(
+        [(60, 180, 70, 50), (130, 180, 90, 50), (100, 60, 70, 70), (90, 130, 60, 50)]
+    ):
+        rgb[y : y + h, x : x + w] = (100, 75, 50)
+        rgb[y + 1 : y + h - 1, x + 1 : x + w - 1] = (200 - 4 * k, 150, 95 + 3 * k)
+        labels[y : y + h, x : x + w] = k + 1
+    return grainy(rgb), labels
+
+
+def tight(mask: NDArray[np.bool_]) -> Sides:
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    return columns[0], rows[0], columns[-1] + 1 - columns[0], rows[-1] + 1 - rows[0]
+
+
+def moved(box: Sides, by: Sides) -> Sides:
+    x, y, w, h = box
+    return x - by[0] * w, y - by[1] * h, w * (1 + by[0] + by[2]), h * (1 + by[1] + by[3])
+
+
+def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+@pytest.mark.parametrize("draw", [balls, crates])
+@pytest.mark.parametrize("by", [(0.1, 0.1, 0.1, 0.1), (0.1, -0.06, -0.06, 0.1)], ids=["loose", "off"])
+def test_a_box_drawn_by_hand(draw: Callable[[], Photo], by: Sides) -> None:
+    rgb, labels = draw()
+    found = {
+        k: overlap(in_box(rgb, moved(tight(labels == k), by)), labels == k)
+        for k in range(1, labels.max() + 1)
+    }
+    assert min(found.values()) >= GOOD, found
+
+
+@pytest.mark.parametrize("draw", [balls, crates])
+def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
+    rgb, labels = draw()
+    points = []
+    for k in range(1, labels.max() + 1):
+        x, y, w, h = tight(labels == k)
+        points.append((x + w / 2, y + h / 2))
+    found = from_prompts(rgb, [], points, nothing).labels
+    overlaps = [overlap(found == k, labels == k) for k in range(1, labels.max() + 1)]
+    assert min(overlaps) >= GOOD, overlaps
+
+
+def test_a_box_gives_the_same_mask_again_and_mirrored() -> None:
+    rgb, labels = balls()
+    box = moved(tight(labels == 3), (0.1, 0.1, 0.1, 0.1))
+    first = in_box(rgb, box)
+    assert np.array_equal(first, in_box(rgb.copy(), box))
+    mirrored = in_box(np.ascontiguousarray(rgb[:, ::-1]), (300 - box[0] - box[2], *box[1:]))
+    assert overlap(first, mirrored[:, ::-1]) > 0.93
+
+
+@pytest.mark.parametrize("kind", ["plain", "noise"])
+def test_a_box_around_nothing_still_gives_a_mask(kind: str) -> None:
+    rgb = np.full((80, 90, 3), 120, np.uint8)
+    if kind == "noise":
+        rgb = np.random.default_rng(0).integers(0, 256, rgb.shape).astype(np.uint8)
+    for box in ((20, 20, 30, 30), (-5, -5, 200, 200), (60, 3, 8, 70)):
+        mask = in_box(rgb, box)
+        assert mask.shape == (80, 90)
+        assert mask.any()
+
+
+def test_the_scene_says_where_a_person_pointed(tmp_path: Path) -> None:
+    rgb, labels = crates()
+    photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"
+    cv2.imwrite(str(photo), rgb[..., ::-1])
+    assert (
+        main(["perceive", str(photo), "--box", "95,55,80,80.5", "--point", "95,205", "-o", str(scene)]) == 0
+    )
+    found = {o.prompt for o in pipeline.load(scene).objects}
+    assert found == {BoxPrompt((95, 55, 80, 80.5)), PointPrompt((95, 205))}
+    assert main(["perceive", str(photo), "--box", "95,55,80,80.5", "--side", "150", "-o", str(scene)]) == 0
+    (only,) = pipeline.load(scene).objects
+    assert only.prompt == BoxPrompt((47.5, 27.5, 40, 40.25))  # px of the scene's own photo
+    assert overlap_of_shape(only, labels) > 0.8
+
+
+def overlap_of_shape(only: object, labels: NDArray[np.uint16]) -> float:
+    from physgen.scene.model import Polygon
+
+    assert isinstance(only.shape, Polygon)  # type: ignore[attr-defined]
+    points = np.array(only.shape.rings[0].outline) * 2 + 0.5  # type: ignore[attr-defined]
+    drawn = cv2.fillPoly(np.zeros(labels.shape, np.uint8), [np.rint(points).astype(np.int32)], 1) > 0
+    return overlap(drawn, labels == 3)
+
+
+@pytest.mark.parametrize(
+    ("prompt", "message"),
+    [
+        ("{box: [1, 2, 3]}", "prompt.box"),
+        ("{box: [1, 2, 0, 4]}", "prompt.box"),
+        ("{point: [1, 2], box: [1, 2, 3, 4]}", "prompt"),
+        ("{dot: [1, 2]}", "prompt"),
+    ],
+)
+def test_a_wrong_prompt_is_refused(
+    prompt: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    circle = "shape: {circle: {center: [9, 9], radius: 3}}"
+    scene.write_text(f"physgen: 1\nsize: [64, 48]\nobjects:\n  a: {{{circle}, prompt: {prompt}}}\n")
+    assert main(["check", str(scene)]) == 2
+    assert f"objects.a.{message}" in capsys.readouterr().err
