@@ -40,6 +40,8 @@ class Backend:
 _HERE = "physgen.perceive.backends"
 
 BACKENDS: tuple[Backend, ...] = (
+    Backend("segment", "learned", f"{_HERE}.segment_learned:learned",
+            "A small network and edges propose, the network judges; trained on drawn and rendered homes."),
     Backend("segment", "classical", f"{_HERE}.segment_classical:classical",
             "Finds objects by edges, circles and colour; no model."),
     Backend("label", "shape", f"{_HERE}.label_shape:shape",

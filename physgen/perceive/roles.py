@@ -20,6 +20,16 @@ Labels = NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """Something that may be an object."""
+
+    polygon: Sequence[tuple[float, float]]
+    """Its outline, px."""
+    confidence: float
+    """0..1."""
+
+
+@dataclass(frozen=True)
 class Segments:
     """Objects found in a photo."""
 
@@ -27,6 +37,8 @@ class Segments:
     """(H, W), 0 = background, ids 1..N, left to right by centroid."""
     confidence: NDArray[np.float64]
     """(N,) in 0..1, that id k + 1 is a complete movable object."""
+    doubtful: Sequence[Doubt] = ()
+    """What is more likely none; the surest first."""
 
 
 class Segment(Protocol):

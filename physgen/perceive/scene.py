@@ -17,13 +17,15 @@ from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
 from physgen.perceive.lifted import refilled
-from physgen.perceive.roles import LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
+from physgen.perceive.roles import Doubt, LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import View
 
 Progress = Callable[[str, int, int], None]
 """Told the stage that begins, how much of it is done, and of how much."""
+HEADER = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
+POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
 SMALLEST = 12
 """px: an id of fewer pixels is a speck, no object."""
 ROLES = ("segment", "label", "physics", "boundary", "light", "matte", "inpaint", "shadow")
@@ -43,6 +45,8 @@ class Found:
     """What some of them are called already, by id."""
     prompts: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
     """Where a person pointed, by id, as the scene says it: `{"box": [x, y, w, h]}` or `{"point": [x, y]}`, px."""
+    doubtful: Sequence[Doubt] = ()
+    """What may be an object and was not taken for one."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,11 @@ def perceive(
     if found is None:
         segments = role("segment")(rgb)
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
-        found = Found(segments.labels, backends.find("segment", who.get("segment")).name, sure, {})
+        source = backends.find("segment", who.get("segment")).name
+        found = Found(segments.labels, source, sure, {}, doubtful=segments.doubtful)
     things, left_out = _things(rgb, found)
+    if not things:
+        return _empty(rgb, found, image, assets, pixels_per_meter)
     if found.source not in ("given", "coco"):
         found = replace(found, labels=_rounded(found.labels, things))
     named = {**role("label")(rgb, found.labels, things), **found.names}
@@ -141,6 +148,8 @@ def perceive(
                 "cut off by the photo's border, so it is held; dynamic lets it go"
             )
         comments[f"objects.{name}.mass"] = f"g: {it.reason}"
+        if not objects and found.doubtful:
+            comments[f"objects.{name}"] = words.doubts(found.doubtful, found.source)
         objects[name] = {**one, "from": told}
         if thing.id in found.prompts:
             objects[name]["prompt"] = dict(found.prompts[thing.id])
@@ -155,8 +164,7 @@ def perceive(
         "light": _light(light, shadows),
     }
     comments |= _comments(found, things, left_out, setting, light, shadows, called, matter)
-    header = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
-    return Perceived(percepts, document, comments, header)
+    return Perceived(percepts, document, comments, HEADER)
 
 
 def _name(chosen: Mapping[str, str], role: str) -> str:
@@ -175,13 +183,11 @@ def _things(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
     counts = np.bincount(labels.ravel(), minlength=2)
     every = np.flatnonzero(counts[1:]) + 1
     ids = [int(i) for i in every if counts[i] >= SMALLEST]
+    if not ids and found.source == "given":
+        shows = f"shows no object of {SMALLEST} px or more" if len(every) else "shows no object"
+        raise InputError.of("--masks", "", shows, POINT)
     if not ids:
-        raise InputError.of(
-            "--masks" if found.source == "given" else "the photo",
-            "",
-            f"shows no object of {SMALLEST} px or more" if len(every) else "shows no object",
-            "mark them with --masks FILE, --box x,y,w,h or --point x,y",
-        )
+        return [], len(every)
     outlines = fit_outlines(labels, ids)
     frame = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     edge = np.bincount(frame, minlength=int(labels.max()) + 1)
@@ -191,6 +197,23 @@ def _things(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
         beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
         things.append(Thing(i, outlines[i], cut=bool(edge[i] > 0 or beyond > 0)))
     return things, len(every) - len(ids)
+
+
+def _empty(rgb: Rgb, found: Found, image: str, assets: str, pixels_per_meter: float | None) -> Perceived:
+    """A scene without objects: the photo as it is."""
+    nothing = np.zeros(rgb.shape[:2], np.float32)
+    document: dict[str, Any] = {
+        "physgen": 1, "image": image, "assets": assets,
+        "world": {"view": View.SIDE.value, "pixels_per_meter": pixels_per_meter or 100, "duration": 2.0},
+        "objects": {}, "boundaries": {}, "forces": [],
+    }  # fmt: skip
+    said = f"nothing in the photo looks like a whole thing that could be moved; {POINT}"
+    if found.doubtful:
+        said += "\n" + words.doubts(found.doubtful, found.source) + ", and {} after objects:"
+    percepts = Percepts(
+        rgb=rgb, labels=np.zeros(rgb.shape[:2], np.uint16), coverage=nothing, background=rgb, clean=None
+    )
+    return Perceived(percepts, document, {"objects": said}, HEADER)
 
 
 def _rounded(labels: NDArray[np.uint16], things: Sequence[Thing]) -> NDArray[np.uint16]:

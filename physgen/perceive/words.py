@@ -11,7 +11,7 @@ import numpy as np
 
 from physgen.geometry import Array
 from physgen.outline.outline import Disc, Outline, mass_properties
-from physgen.perceive.roles import Shadows, Thing, Wall
+from physgen.perceive.roles import Doubt, Shadows, Thing, Wall
 from physgen.photometry import DistantLight
 
 
@@ -118,3 +118,13 @@ def counted(labels: Mapping[int, str]) -> str:
     return ", ".join(
         f"{n} x {label}" for label, n in sorted(each.items(), key=lambda item: (-item[1], item[0]))
     )
+
+
+def doubts(doubtful: Sequence[Doubt], who: str) -> str:
+    """Lines for the scene's comments: things that a person may take for objects by uncovering a line."""
+    lines = ["perhaps objects, too: to have one, take the # and the space behind it away"]
+    for k, doubt in enumerate(doubtful, 1):
+        points = ", ".join(f"[{x:g}, {y:g}]" for x, y in doubt.polygon)
+        said = source(who, doubt.confidence)
+        lines.append(f"maybe-{k}: {{mask: {{polygon: [{points}]}}, from: {{mask: {said}}}}}")
+    return "\n".join(lines)

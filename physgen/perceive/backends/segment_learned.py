@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,14 +12,20 @@ from physgen.perceive.backends.segment_classical import told
 from physgen.perceive.learned.candidates import Candidates, candidates
 from physgen.perceive.learned.judge import confidence, expected
 from physgen.perceive.learned.network import see
-from physgen.perceive.proposals.choose import best_set, exclusions
-from physgen.perceive.proposals.proposal import Proposal
-from physgen.perceive.roles import Segment, Segments
+from physgen.perceive.proposals.choose import SHARED, best_set, exclusions
+from physgen.perceive.proposals.proposal import Proposal, outline, overlap
+from physgen.perceive.roles import Doubt, Segment, Segments
 
-THRESHOLD = 0.55
+THRESHOLD = 0.4
 """Expected fit below which a proposal is better left out."""
 AREA_POWER = 0.5
 """The gain of a proposal grows with its area to this power: wholes against their parts."""
+SURE, DOUBTFUL = 0.5, 0.1
+"""Confidence from which a proposal is an object, and from which it is worth a comment."""
+DOUBTS = 8
+"""At most, that are told of."""
+STRAIGHT = 0.01
+"""Of an outline's length that a doubtful one's polygon may be off."""
 
 
 def learned() -> Segment:
@@ -29,8 +38,10 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
     found = candidates(rgb, see(rgb))
     fit = expected(found.evidence)
     chosen = choose(found, fit)
-    some = [found.proposals[k] for k in chosen.tolist()]
-    return told(rgb, some, fit[chosen], confidence(fit[chosen]), found.shape)
+    sure = chosen[confidence(fit[chosen]) >= SURE]
+    some = [found.proposals[k] for k in sure.tolist()]
+    objects = told(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
+    return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
 
 
 def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -42,3 +53,28 @@ def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:
     area = np.array([one.area for one in some], np.float64) / (found.shape[0] * found.shape[1])
     gain = (fit[pool] - THRESHOLD) * area**AREA_POWER
     return pool[best_set(gain, fit[pool], exclusions(some))]
+
+
+def doubts(
+    found: Candidates, fit: NDArray[np.float64], sure: NDArray[np.intp], size: tuple[int, ...]
+) -> list[Doubt]:
+    """The best of the others that are mostly beside what is chosen, on a photo of `size` (H, W)."""
+    scale = np.array([size[1] / found.shape[1], size[0] / found.shape[0]])
+    right = confidence(fit)
+    taken = [found.proposals[k] for k in sure.tolist()]
+    doubtful: list[Doubt] = []
+    for k in np.argsort(-fit, kind="stable").tolist():
+        if right[k] < DOUBTFUL or len(doubtful) == DOUBTS:
+            break
+        one = found.proposals[k]
+        if any(overlap(one, other) > SHARED * min(one.area, other.area) for other in taken):
+            continue
+        taken.append(one)
+        contour = outline(one.mask) + [one.x, one.y]
+        corners = cv2.approxPolyDP(
+            contour.astype(np.int32), STRAIGHT * cv2.arcLength(contour.astype(np.int32), True), True
+        )
+        if len(corners) > 2:
+            points = np.round((corners[:, 0] + 0.5) * scale - 0.5, 1)
+            doubtful.append(Doubt([(float(x), float(y)) for x, y in points], float(right[k])))
+    return doubtful

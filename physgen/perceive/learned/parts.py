@@ -49,7 +49,9 @@ def parts(seen: Seen, smallest: int, largest: int) -> list[Proposal]:
     found: list[Proposal | None] = []
     if kept.any():
         nothing = np.zeros((*labels.shape, 3), np.float32)
-        tree = merge_tree(labels, nothing, np.where(kept.all() | (labels > 0), height * np.float32(CAP), np.float32(CAP)))
+        tree = merge_tree(
+            labels, nothing, np.where(kept.all() | (labels > 0), height * np.float32(CAP), np.float32(CAP))
+        )
         ranks = tree.rank[labels]
         ground = int(tree.rank[0]) if not kept.all() else -1
         rows, columns = np.indices(labels.shape)
