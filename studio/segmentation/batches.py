@@ -68,14 +68,22 @@ def _sample(store: Store, k: int, rng: np.random.Generator) -> tuple[NDArray[np.
     box = np.s_[y : y + tall, x : x + side]
     how = cv2.INTER_AREA if side > CROP else cv2.INTER_LINEAR
     rgb = cv2.resize(store.rgb[k][box], (CROP, CROP), interpolation=how)
-    labels = cv2.resize(np.ascontiguousarray(store.labels[k][box]), (HALF, HALF), interpolation=cv2.INTER_NEAREST)
+    labels = cv2.resize(
+        np.ascontiguousarray(store.labels[k][box]), (HALF, HALF), interpolation=cv2.INTER_NEAREST
+    )
     normals = cv2.resize(store.normals[k][box].astype(np.float32) / 127, (HALF, HALF))
     shadow = cv2.resize(store.shadow[k][box].astype(np.float32) / 255, (HALF, HALF))
     if rng.random() < 0.5:
-        rgb, labels, normals, shadow = (np.ascontiguousarray(part[:, ::-1]) for part in (rgb, labels, normals, shadow))
+        rgb, labels, normals, shadow = (
+            np.ascontiguousarray(part[:, ::-1]) for part in (rgb, labels, normals, shadow)
+        )
         normals[..., 0] *= -1
     x_in = _developed(rgb.astype(np.float32), rng)
-    return ((x_in.transpose(2, 0, 1) - np.float32(MEAN)) / np.float32(SPREAD), *targets(labels), *_rest(labels, normals, shadow))
+    return (
+        (x_in.transpose(2, 0, 1) - np.float32(MEAN)) / np.float32(SPREAD),
+        *targets(labels),
+        *_rest(labels, normals, shadow),
+    )
 
 
 def _developed(rgb: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:

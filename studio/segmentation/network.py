@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
+from torch.nn import functional as F  # noqa: N812
 
 WIDTHS = (20, 40, 72, 120, 160)
 LAST = 24
@@ -55,8 +54,12 @@ class Network(nn.Module):
                 nn.Sequential(_conv(d, e, 2), Residual(e), Residual(e, 2)),
             ]
         )
-        self.join = nn.ModuleList([_conv(into, out, size=1) for into, out in ((e, d), (d, c), (c, b), (b, LAST))])
-        self.side = nn.ModuleList([_conv(into, out, size=1) for into, out in ((d, d), (c, c), (b, b), (a, LAST))])
+        self.join = nn.ModuleList(
+            [_conv(into, out, size=1) for into, out in ((e, d), (d, c), (c, b), (b, LAST))]
+        )
+        self.side = nn.ModuleList(
+            [_conv(into, out, size=1) for into, out in ((d, d), (c, c), (b, b), (a, LAST))]
+        )
         self.up = nn.ModuleList([Residual(d), Residual(c), Residual(b), Residual(LAST)])
         self.out = nn.Conv2d(LAST, CHANNELS, 3, 1, 1)
 

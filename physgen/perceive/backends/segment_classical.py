@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -35,15 +37,29 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
     size = max(1, round(width * scale)), max(1, round(height * scale))
     reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
     proposals, scores = find(reduced.astype(np.uint8))
+    return told(rgb, proposals, scores, confidence(scores), (size[1], size[0]))
+
+
+def told(
+    rgb: NDArray[np.uint8],
+    proposals: Sequence[Proposal],
+    scores: NDArray[np.float64],
+    sure: NDArray[np.float64],
+    shape: tuple[int, int],
+) -> Segments:
+    """Proposals on a grid of `shape` (h, w) as labels of the photo, with outlines on its edges, left to right.
+
+    Of two that contend for a pixel the one of the better score gets it.
+    """
     rising = np.argsort(scores, kind="stable")
-    labels = tighten(rgb, [proposals[i].on((size[1], size[0])) for i in rising.tolist()])
+    labels = tighten(rgb, [proposals[i].on(shape) for i in rising.tolist()])
     count = np.bincount(labels.ravel(), minlength=len(rising) + 1)
     x = np.bincount(labels.ravel(), np.indices(labels.shape)[1].ravel(), len(count)) / np.maximum(count, 1)
     order = 1 + np.argsort(x[1:], kind="stable")
     order = order[count[order] > 0]
     ids = np.zeros(len(count), np.uint16)
     ids[order] = np.arange(1, len(order) + 1)
-    return Segments(ids[labels], confidence(scores[rising][order - 1]))
+    return Segments(ids[labels], sure[rising][order - 1])
 
 
 def confidence(score: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,79 @@
+"""Photo -> what the network sees: objects, their borders, which pixels belong together, normals, shadows.
+
+The weights come from `studio/segmentation`; OpenCV runs them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+
+WEIGHTS = "segmentation.onnx"
+OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
+"""(rows, columns) px of the network's output: pairs of pixels of which it says whether they are of one object."""
+MEAN, SPREAD = 118.0, 64.0
+"""Of 8-bit codes: what goes in is (code - MEAN) / SPREAD."""
+STRIDE = 32
+"""px: sides of what goes in are multiples of it."""
+SIDES = (256, 416)
+"""px, the longer side of the photo as the network looks at it, each in turn; all are averaged."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Maps (h, w) of half the size of the largest look."""
+
+    foreground: F32
+    """0..1: on an object."""
+    boundary: F32
+    """0..1: at the border of one."""
+    pairs: F32
+    """(8, h, w) 0..1: the pixel and the one at OFFSETS are on one object."""
+    normals: F32
+    """(h, w, 3) unit: +x right, +y down, +z to the viewer."""
+    shadow: F32
+    """0..1: in a shadow that something casts."""
+
+
+def see(rgb: NDArray[np.uint8], sides: Sequence[int] = SIDES) -> Seen:
+    """What the network says of a photo (H, W, 3) sRGB; `sides` px, the longer side of each look."""
+    looks = [_look(rgb, side) for side in sides]
+    h, w = looks[-1].shape[1:]
+    mean = sum(
+        cv2.resize(look.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR).astype(np.float32)
+        for look in looks
+    ) / np.float32(len(looks))
+    told = np.asarray(1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32).transpose(2, 0, 1)
+    normals = mean[..., 10:13]
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
+    # pairs lie farther apart where the photo was looked at in less detail: the largest look alone tells of them
+    pairs = 1 / (1 + np.exp(-np.clip(looks[-1][2:10], -30, 30)))
+    return Seen(told[0], told[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32), told[13])
+
+
+def _look(rgb: NDArray[np.uint8], side: int) -> F32:
+    """(14, h, w) raw output for the photo with `side` px along its longer side; h, w half of that photo's."""
+    height, width = rgb.shape[:2]
+    scale = side / max(height, width)
+    size = max(round(width * scale / 2), 1) * 2, max(round(height * scale / 2), 1) * 2
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    small = cv2.resize(rgb, size, interpolation=how).astype(np.float32)
+    right, below = -size[0] % STRIDE, -size[1] % STRIDE
+    padded = cv2.copyMakeBorder(small, 0, below, 0, right, cv2.BORDER_REPLICATE)
+    blob = ((padded - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None]
+    network = _network()
+    network.setInput(np.ascontiguousarray(blob))
+    return np.asarray(network.forward()[0, :, : size[1] // 2, : size[0] // 2], np.float32)
+
+
+@cache
+def _network() -> cv2.dnn.Net:
+    return cv2.dnn.readNetFromONNX(str(Path(__file__).with_name(WEIGHTS)))
