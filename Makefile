@@ -1,12 +1,13 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
 # make test: install what tests need, lint, type-check, test
+# make train: draw and render pictures, train the network that finds objects, export it, train its judge; 90 minutes on two cores
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
 BIN = .venv/bin
 OUT = out/demo
 TORCH = torch==2.13.0
 
-.PHONY: demo test docs bench studio clean
+.PHONY: demo test docs bench studio train clean
 
 demo: .venv/.demo
 	mkdir -p $(OUT)/perceived
@@ -32,6 +33,16 @@ bench: .venv/.test
 
 studio: .venv/.studio
 	$(BIN)/python studio/make.py -o out/studio
+
+SEG = studio/segmentation
+train: .venv/.studio
+	$(BIN)/python -m pip install --quiet $(TORCH)
+	$(BIN)/python $(SEG)/gather.py --drawn 5000 -o out/segmentation/drawn
+	$(BIN)/python $(SEG)/homes/make.py --family train --count 450 --seed 0 -o out/segmentation/homes --jobs 2
+	$(BIN)/python $(SEG)/gather.py --pictures out/segmentation/homes --without 50 -o out/segmentation/homes-store
+	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.72 out/segmentation/homes-store=0.28 --minutes 55 -o out/segmentation
+	$(BIN)/python $(SEG)/export.py out/segmentation/weights.pt
+	$(BIN)/python $(SEG)/judge.py out/segmentation/homes --last 50 --drawn 250
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

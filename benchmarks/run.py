@@ -31,6 +31,7 @@ from frames import frames as frame_rows
 from frames import presets
 from growth import growth, plot
 from prompts import prompts
+from segments import segmentation
 from tables import RESULTS, fidelity_page, page, physics_page
 
 from physgen import pipeline
@@ -43,8 +44,6 @@ from physgen.evaluate.row import DRAWS, Row
 from physgen.evaluate.trial import run_draw, write_scenes
 from physgen.perceive.given import from_masks
 from physgen.perceive.scene import perceive
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_image
 from physgen.photometry import decode, luminance
 from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Trajectory
@@ -175,47 +174,6 @@ def check(folder: Path) -> list[dict]:
     )
     run = subprocess.run([sys.executable, "-c", code, str(path)], check=True, capture_output=True, text=True)
     return [{"scene": "16 objects, 80-point polygons", "ms": round(1000 * float(run.stdout), 1)}]
-
-
-def segmentation(folder: Path) -> list[dict]:
-    """Objects found at an intersection over union of 0.5, against the masks."""
-    from physgen import backends
-
-    split = json.loads((ROOT / "studio/split.json").read_text())
-    half = {name: key for key in ("tune", "test") for name in split[key]}
-    photos = {
-        name: (ROOT / "scenes" / name / "photo.png", ROOT / "scenes" / name / "photo.assets/masks.png")
-        for name in half
-    }
-    if peers := peer_folder():
-        photos |= {
-            name: (peers / name / "original.png", peers / name / "mask.png") for name in (*PEERS, "boxes")
-        }
-    find = backends.make("segment")
-    rows = []
-    for name, (photo, masks) in photos.items():
-        said, truth = find(read_image(photo)).labels, read_labels(masks)
-        joint = np.zeros((int(truth.max()) + 1, int(said.max()) + 1))
-        np.add.at(joint, (truth, said), 1)
-        union = joint.sum(1, keepdims=True) + joint.sum(0, keepdims=True) - joint
-        iou = (joint / np.maximum(union, 1))[1:, 1:]
-        hits = []
-        while iou.size and iou.max() >= 0.5:
-            i, j = np.unravel_index(iou.argmax(), iou.shape)
-            hits.append(float(iou[i, j]))
-            iou[i], iou[:, j] = 0, 0
-        true, found = len(np.unique(truth)) - 1, len(np.unique(said)) - 1
-        rows.append(
-            {
-                "photo": name,
-                "half": half.get(name, "real"),
-                "hit": len(hits),
-                "said": found,
-                "true": true,
-                "iou": round(float(np.mean(hits)), 3),
-            }
-        )
-    return rows
 
 
 def frames_against_truth(folder: Path) -> list[dict]:

@@ -128,15 +128,15 @@ class Found:
 
 def evaluate(
     pairs: Sequence[Pair],
-    backend: str | None = None,
+    backend: str | Segment | None = None,
     each: Callable[[Photo], None] = lambda photo: None,
     progress: Progress = lambda *_: None,
 ) -> Found:
-    """Segment every photo and judge; `each` is told of one after the other, which then may go.
+    """Segment every photo by a backend, its name or the default, and judge; `each` is told of one after the other.
 
     Raises InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
     """
-    segment: Segment = backends.make("segment", backend)
+    segment: Segment = backend if callable(backend) else backends.make("segment", backend)
     problems = []
     for k, pair in enumerate(pairs):
         progress("read", k, len(pairs))

@@ -122,7 +122,7 @@ def perceive(
     percepts = Percepts(rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean)
 
     called = words.names(things, {i: name for i, name in before.items() if i not in renamed})
-    objects = {}
+    objects: dict[str, Any] = {}
     comments: dict[str, str] = {}
     for thing in sorted(things, key=lambda t: list(called).index(t.id)):
         name, it = called[thing.id], matter[thing.id]

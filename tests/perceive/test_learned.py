@@ -1,10 +1,9 @@
-"""What follows from the network's maps, with maps that are true: every object among the proposals, and told from its parts."""
+"""What follows from the network's maps, where they are true: every object proposed, and told from its parts."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-import pytest
 from pytest import approx
 
 from physgen.perceive.learned.candidates import rescaled
@@ -80,7 +79,12 @@ def test_evidence_tells_wholes_from_halves_and_pairs() -> None:
     at = {name: k for k, name in enumerate(NAMES)}
     object_, part, pair = told
     assert object_[at["foreground"]] == approx(0.97, abs=0.01)
-    assert object_[at["border along its weakest quarter"]] > 0.9 > 0.5 > part[at["border along its weakest quarter"]]
+    assert (
+        object_[at["border along its weakest quarter"]]
+        > 0.9
+        > 0.5
+        > part[at["border along its weakest quarter"]]
+    )
     assert object_[at["border inside"]] == approx(0.03, abs=0.01)
     assert pair[at["border inside, strongest fiftieth"]] > 0.5
     assert object_[at["together, farther"]] > 0.9 > pair[at["together, farther"]]
@@ -93,7 +97,9 @@ def test_what_the_photo_cuts_is_told() -> None:
     labels = np.zeros((60, 60), np.uint8)
     labels[20:40, :20] = 1
     told = evidence([whole(labels == 1)], true_maps(labels))[0]
-    assert told[NAMES.index("cut by the photo")] == approx(20 / 78, abs=0.02)  # 20 of its 76 border pixels and corners
+    assert told[NAMES.index("cut by the photo")] == approx(
+        20 / 78, abs=0.02
+    )  # 20 of its 76 border pixels and corners
 
 
 def test_a_proposal_keeps_its_place_on_another_grid() -> None:

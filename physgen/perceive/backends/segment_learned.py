@@ -1,4 +1,4 @@
-"""Photo -> labels of movable objects: edges and a network propose, the network judges, a joint choice keeps the best."""
+"""Photo -> labels of movable objects: edges and a network propose, the network judges, a joint choice keeps some."""
 
 from __future__ import annotations
 
@@ -35,10 +35,14 @@ def learned() -> Segment:
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
     """The movable objects of a photo (H, W, 3) uint8 sRGB."""
-    found = candidates(rgb, see(rgb))
+    return chosen(rgb, candidates(rgb, see(rgb)))
+
+
+def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
+    """Of a photo's candidates the objects, and what is doubtful."""
     fit = expected(found.evidence)
-    chosen = choose(found, fit)
-    sure = chosen[confidence(fit[chosen]) >= SURE]
+    best = choose(found, fit)
+    sure = best[confidence(fit[best]) >= SURE]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = told(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
@@ -70,7 +74,7 @@ def doubts(
         if any(overlap(one, other) > SHARED * min(one.area, other.area) for other in taken):
             continue
         taken.append(one)
-        contour = outline(one.mask) + [one.x, one.y]
+        contour = np.add(outline(one.mask), (one.x, one.y))
         corners = cv2.approxPolyDP(
             contour.astype(np.int32), STRAIGHT * cv2.arcLength(contour.astype(np.int32), True), True
         )

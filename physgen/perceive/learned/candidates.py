@@ -52,7 +52,9 @@ def candidates(rgb: NDArray[np.uint8], seen: Seen) -> Candidates:
     grid = seen.foreground.shape
     cells = grid[0] * grid[1]
     own = parts(seen, max(LEAST, round(SMALLEST * cells)), round(LARGEST * cells))
-    pool = [(one, rescaled(one, shape, grid), False) for one in distinct(edges)]
+    pool: list[tuple[Proposal | None, Proposal | None, bool]] = [
+        (one, rescaled(one, shape, grid), False) for one in distinct(edges)
+    ]
     pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
     both = [(fine, rough, learned) for fine, rough, learned in pool if fine is not None and rough is not None]
     return Candidates(
@@ -78,7 +80,8 @@ def rescaled(one: Proposal, shape: tuple[int, int], onto: tuple[int, int]) -> Pr
     )
     soft = one.mask.astype(np.float32)
     if right < 1:  # many pixels become one
-        soft = cv2.GaussianBlur(soft, (0, 0), 0.4 / right, borderType=cv2.BORDER_CONSTANT)
+        blur = cv2.GaussianBlur(soft, (0, 0), 0.4 / right, borderType=cv2.BORDER_CONSTANT)
+        soft = np.asarray(blur, np.float32)
     there = cv2.warpAffine(
         soft,
         matrix,

@@ -28,7 +28,7 @@ ASIDE = 3
 
 def evidence(proposals: Sequence[Proposal], seen: Seen) -> Array:
     """(n, len(NAMES)) for proposals on the grid of the network's output."""
-    rim = cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8))
+    rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
     reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
     return np.array([_one(proposal, seen, rim, reach) for proposal in proposals]).reshape(-1, len(NAMES))
 

@@ -47,10 +47,8 @@ def see(rgb: NDArray[np.uint8], sides: Sequence[int] = SIDES) -> Seen:
     """What the network says of a photo (H, W, 3) sRGB; `sides` px, the longer side of each look."""
     looks = [_look(rgb, side) for side in sides]
     h, w = looks[-1].shape[1:]
-    mean = sum(
-        cv2.resize(look.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR).astype(np.float32)
-        for look in looks
-    ) / np.float32(len(looks))
+    same = [cv2.resize(look.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR) for look in looks]
+    mean = np.asarray(np.mean(same, axis=0), np.float32)
     told = np.asarray(1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32).transpose(2, 0, 1)
     normals = mean[..., 10:13]
     normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)

@@ -27,7 +27,7 @@ def relief(seen: Seen) -> F32:
         if (
             max(abs(down), abs(right)) <= 3
         ):  # between a pixel and one three further: the border is in the middle
-            middle = np.float32([[1, 0, right / 2], [0, 1, down / 2]])
+            middle = np.array([[1, 0, right / 2], [0, 1, down / 2]])
             size = apart.shape[::-1]
             there = cv2.warpAffine(1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE)
             apart = np.maximum(apart, there)

@@ -1,0 +1,87 @@
+"""Objects found in photos without masks: by edges and network together, and by either alone."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from physgen import backends
+from physgen.evaluate.photos import Pair, pairs
+from physgen.evaluate.segmentation import evaluate
+from physgen.perceive.backends import segment_learned
+from physgen.perceive.roles import Rgb, Segments
+
+ROOT = Path(__file__).resolve().parents[1]
+PEERS = ("pool", "domino", "pig_ball", "boxes")
+
+
+def photos() -> dict[str, list[Pair]]:
+    """The sets: the studio's halves, homes made for validation, peers' photos where their folder is told."""
+    split = json.loads((ROOT / "studio/split.json").read_text())
+    sets = {
+        half: [
+            Pair(
+                ROOT / "scenes" / name / "photo.png",
+                ROOT / "scenes" / name / "photo.assets/masks.png",
+                name=name,
+            )
+            for name in split[half]
+        ]
+        for half in ("tune", "test")
+    }
+    sets["homes"] = pairs(ROOT / "studio/segmentation/validation")[0]
+    if folder := os.environ.get("PHYSGEN_PEER_SCENES"):
+        sets["peers"] = [
+            Pair(Path(folder) / name / "original.png", Path(folder) / name / "mask.png", name=name)
+            for name in PEERS
+        ]
+    return sets
+
+
+def network_alone(rgb: Rgb) -> Segments:
+    """As the default, without what edges and circles propose."""
+    found = segment_learned.candidates(rgb, segment_learned.see(rgb))
+    some = np.flatnonzero(found.learned).tolist()
+    proposals = [found.proposals[k] for k in some]
+    alone = replace(found, proposals=proposals, evidence=found.evidence[some], learned=found.learned[some])
+    return segment_learned.chosen(rgb, alone)
+
+
+def segmentation(folder: Path) -> list[dict]:
+    """Rows a photo (`photo`) for both together, and a row a set (`photo` is "") for each way."""
+    ways: dict[str, Callable[[Rgb], Segments]] = {
+        "both": backends.make("segment", "learned"),
+        "network alone": network_alone,
+        "edges alone": backends.make("segment", "classical"),
+    }
+    rows = []
+    for name, some in photos().items():
+        for way, find in ways.items():
+            before = process_time()
+            found = evaluate(some, find)
+            cpu = (process_time() - before) / len(some)
+            if way == "both":
+                rows += [{"set": name, "way": way, **row} for row in found.rows]
+            total = found.totals["all"]
+            rows.append(
+                {
+                    "set": name, "way": way, "photo": "", **total["micro"], "ap50": total["ap50"],
+                    "whole": found.totals["whole"]["micro"], "error": found.reliability.error, "cpu": cpu,
+                }
+            )  # fmt: skip
+    return rounded(rows)
+
+
+def rounded(value: object) -> object:
+    """The same with numbers of three places."""
+    if isinstance(value, float):
+        return round(value, 3)
+    if isinstance(value, dict):
+        return {key: rounded(part) for key, part in value.items()}
+    return [rounded(part) for part in value] if isinstance(value, list) else value
