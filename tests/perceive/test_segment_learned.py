@@ -1,0 +1,98 @@
+"""The default segmenter on what is no ordinary photo; empty scenes; doubtful things that a person switches on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.perceive.backends.segment_learned import segment
+from physgen.perceive.lay_out import lay_out
+from physgen.perceive.roles import Doubt
+from physgen.perceive.scene import Found, perceive
+
+
+def noise(size: tuple[int, int]) -> np.ndarray:
+    return np.random.default_rng(3).integers(0, 256, (*size, 3), np.uint8)
+
+
+def text() -> np.ndarray:
+    page = np.full((300, 240, 3), 245, np.uint8)
+    for k in range(12):
+        cv2.putText(
+            page, "lorem ipsum dolor", (10, 30 + 22 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (20, 20, 20), 1
+        )
+    return page
+
+
+def many() -> np.ndarray:
+    """200 coins."""
+    tray = np.full((400, 800, 3), (60, 70, 90), np.uint8)
+    for k in range(200):
+        at = 20 + 40 * (k % 20), 20 + 40 * (k // 20)
+        cv2.circle(tray, at, 14, (200, 150 + k % 60, 60), -1, cv2.LINE_AA)
+    return tray
+
+
+@pytest.mark.parametrize(
+    "photo",
+    [
+        noise((128, 160)),
+        np.full((90, 120, 3), 128, np.uint8),
+        np.zeros((64, 64, 3), np.uint8),
+        text(),
+        cv2.GaussianBlur(noise((40, 700)), (0, 0), 4),
+        many(),
+    ],
+    ids=["noise", "grey", "black and small", "text", "wide and blurred", "many"],
+)
+def test_any_picture_gives_labels_in_order(photo) -> None:
+    found = segment(photo)
+    assert found.labels.shape == photo.shape[:2]
+    ids = np.unique(found.labels)
+    assert ids[ids > 0].tolist() == list(range(1, len(found.confidence) + 1))
+    assert ((found.confidence >= 0.5) & (found.confidence <= 1)).all()
+    middles = [np.nonzero(found.labels == i)[1].mean() for i in range(1, len(found.confidence) + 1)]
+    assert middles == sorted(middles)
+    assert all(0 < doubt.confidence < 1 and len(doubt.polygon) >= 3 for doubt in found.doubtful)
+    again = segment(photo)
+    assert (again.labels == found.labels).all()
+    assert (again.confidence == found.confidence).all()
+
+
+def test_a_photo_without_objects_becomes_an_empty_scene(tmp_path: Path) -> None:
+    rgb = np.full((96, 128, 3), (90, 120, 140), np.uint8)
+    made = perceive(rgb, Found(np.zeros((96, 128), np.uint16), "learned", {}, {}))
+    out = tmp_path / "empty.yaml"
+    said = lay_out(made, None, "empty", out)
+    assert "nothing in the photo looks like" in said
+    scene = pipeline.load(out, ["render.frames=2"])
+    assert not scene.objects
+    folder = pipeline.render_scene(out, tmp_path / "out", overrides=["render.frames=2", "world.duration=0.1"])
+    assert (folder / "video.mp4").exists()
+
+
+def test_a_doubtful_thing_can_be_switched_on(tmp_path: Path) -> None:
+    rgb = np.full((120, 160, 3), (40, 60, 50), np.uint8)
+    labels = np.zeros((120, 160), np.uint16)
+    cv2.circle(rgb, (40, 60), 20, (200, 80, 60), -1)
+    cv2.circle(rgb, (110, 60), 20, (60, 80, 200), -1)
+    labels[np.hypot(*(np.mgrid[:120, :160] - np.array([60, 40])[:, None, None])) <= 20] = 1
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    round_ = [(round(110 + 20 * float(np.cos(a)), 1), round(60 + 20 * float(np.sin(a)), 1)) for a in turn]
+    found = Found(labels, "learned", {1: 0.9}, {}, doubtful=[Doubt(round_, 0.31)])
+    out = tmp_path / "scene.yaml"
+    said = lay_out(perceive(rgb, found), None, "photo", out)
+    assert len(pipeline.load(out).objects) == 1
+    [line] = [line for line in said.splitlines() if "maybe-1:" in line]
+    assert "0.31" in line
+    out.write_text(said.replace("# maybe-1:", "maybe-1:"))
+    scene = pipeline.load(out)
+    assert [one.name for one in scene.objects] == ["ball-1", "maybe-1"]
+    compiled = pipeline.compile(scene, pipeline.percepts(scene))
+    x, y = compiled.world.bodies[1].center
+    assert abs(x - 110) < 1
+    assert abs(y - 60) < 1
