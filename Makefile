@@ -42,7 +42,7 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/gather.py --pictures out/segmentation/homes --without 50 -o out/segmentation/homes-store
 	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.72 out/segmentation/homes-store=0.28 --minutes 55 -o out/segmentation
 	$(BIN)/python $(SEG)/export.py out/segmentation/weights.pt
-	$(BIN)/python $(SEG)/judge.py out/segmentation/homes --last 50 --drawn 250
+	$(BIN)/python $(SEG)/judge.py out/segmentation/homes --last 50 --drawn 160
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

@@ -1,4 +1,4 @@
-"""Pictures -> how well each proposal fits, learned from evidence: `python studio/segmentation/judge.py DIR... --drawn 250`.
+"""Pictures -> how well each proposal fits, learned from evidence: `python studio/segmentation/judge.py DIR... --drawn 160`.
 
 What the network has not learned from: drawn pictures of other seeds, and the last of the rendered ones. Half of them
 teach the judge, the others tell how often what it chooses is right.
@@ -140,7 +140,7 @@ def main() -> None:
         "pictures", nargs="*", type=Path, help="folders of rendered pictures; the last --last are taken"
     )
     parser.add_argument("--last", type=int, default=100)
-    parser.add_argument("--drawn", type=int, default=250)
+    parser.add_argument("--drawn", type=int, default=160)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("-o", "--output", type=Path, default=SHIPPED)
     args = parser.parse_args()

@@ -21,6 +21,8 @@ WORKING_SIDE = 400
 """px; the longer side of the photo in which edges are looked for; only outlines see the full photo."""
 SMALLEST, LARGEST = 0.0005, 0.6
 """Parts of the photo that an object may cover."""
+ON = 0.2
+"""Mean foreground of a proposal below which nobody need look closer."""
 LEAST = 14
 """px of the network's grid, of the smallest proposal."""
 
@@ -56,13 +58,23 @@ def candidates(rgb: NDArray[np.uint8], seen: Seen) -> Candidates:
         (one, rescaled(one, shape, grid), False) for one in distinct(edges)
     ]
     pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
-    both = [(fine, rough, learned) for fine, rough, learned in pool if fine is not None and rough is not None]
+    both = [
+        (fine, rough, learned)
+        for fine, rough, learned in pool
+        if fine is not None and rough is not None and _on(rough, seen) >= ON
+    ]
     return Candidates(
         shape,
         [fine for fine, _, _ in both],
         evidence([rough for _, rough, _ in both], seen),
         np.array([learned for _, _, learned in both], bool),
     )
+
+
+def _on(one: Proposal, seen: Seen) -> float:
+    """Mean foreground of a proposal on the network's grid."""
+    left, top, right, bottom = one.box
+    return float(seen.foreground[top:bottom, left:right][one.mask].mean())
 
 
 def rescaled(one: Proposal, shape: tuple[int, int], onto: tuple[int, int]) -> Proposal | None:
