@@ -16,11 +16,11 @@ from physgen.perceive.proposals.choose import SHARED, best_set, exclusions
 from physgen.perceive.proposals.proposal import Proposal, outline, overlap
 from physgen.perceive.roles import Doubt, Segment, Segments
 
-THRESHOLD = 0.4
+THRESHOLD = 0.5
 """Expected fit below which a proposal is better left out."""
 AREA_POWER = 0.5
 """The gain of a proposal grows with its area to this power: wholes against their parts."""
-SURE, DOUBTFUL = 0.5, 0.1
+SURE, DOUBTFUL = 0.35, 0.1
 """Confidence from which a proposal is an object, and from which it is worth a comment."""
 DOUBTS = 8
 """At most, that are told of."""

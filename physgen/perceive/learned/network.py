@@ -23,6 +23,8 @@ MEAN, SPREAD = 118.0, 64.0
 """Of 8-bit codes: what goes in is (code - MEAN) / SPREAD."""
 STRIDE = 32
 """px: sides of what goes in are multiples of it."""
+LEAST = 160
+"""px, their shortest: where the coarsest maps are smaller than its kernels OpenCV reads memory that is nobody's."""
 SIDES = (256, 416)
 """px, the longer side of the photo as the network looks at it, each in turn; all are averaged."""
 
@@ -64,7 +66,7 @@ def _look(rgb: NDArray[np.uint8], side: int) -> F32:
     size = max(round(width * scale / 2), 1) * 2, max(round(height * scale / 2), 1) * 2
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     small = cv2.resize(rgb, size, interpolation=how).astype(np.float32)
-    right, below = -size[0] % STRIDE, -size[1] % STRIDE
+    right, below = (max(-part % STRIDE, LEAST - part) for part in size)
     padded = cv2.copyMakeBorder(small, 0, below, 0, right, cv2.BORDER_REPLICATE)
     blob = ((padded - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None]
     network = _network()
