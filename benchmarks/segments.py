@@ -49,7 +49,13 @@ def network_alone(rgb: Rgb) -> Segments:
     found = segment_learned.candidates(rgb, segment_learned.see(rgb))
     some = np.flatnonzero(found.learned).tolist()
     proposals = [found.proposals[k] for k in some]
-    alone = replace(found, proposals=proposals, evidence=found.evidence[some], learned=found.learned[some])
+    alone = replace(
+        found,
+        proposals=proposals,
+        evidence=found.evidence[some],
+        learned=found.learned[some],
+        edges=found.edges[some],
+    )
     return segment_learned.chosen(rgb, alone)
 
 

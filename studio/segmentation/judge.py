@@ -84,9 +84,11 @@ def teach(some: Sequence[Tried], seed: int) -> dict[str, list]:
     optimizer = torch.optim.AdamW(network.parameters(), lr=3e-3, weight_decay=0.02)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
     weight = 0.3 + truth  # what hits anything is rare
+    blur = torch.full((x.shape[1],), 0.03)
+    blur[NAMES.index("log size")] = 1.0  # how large things are is the photographer's choice
     for step in range(STEPS):
         some_ = torch.randint(len(truth), (2048,))
-        out = network(told[some_] + 0.03 * torch.randn(2048, x.shape[1]))[:, 0]
+        out = network(told[some_] + blur * torch.randn(2048, x.shape[1]))[:, 0]
         loss = F.binary_cross_entropy_with_logits(out, truth[some_], weight=weight[some_])
         optimizer.zero_grad()
         loss.backward()

@@ -32,12 +32,19 @@ def classical() -> Segment:
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
     """The movable objects of a photo (H, W, 3) uint8 sRGB."""
+    proposals, scores, shape = chosen_by_edges(rgb)
+    return told(rgb, proposals, scores, confidence(scores), shape)
+
+
+def chosen_by_edges(
+    rgb: NDArray[np.uint8],
+) -> tuple[list[Proposal], NDArray[np.float64], tuple[int, int]]:
+    """The objects of a photo (H, W, 3), their scores, and the size (h, w) of the grid that they lie on."""
     height, width = rgb.shape[:2]
     scale = min(1.0, (WORKING_AREA / (height * width)) ** 0.5, WORKING_SIDE / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
-    proposals, scores = find(reduced.astype(np.uint8))
-    return told(rgb, proposals, scores, confidence(scores), (size[1], size[0]))
+    return *find(reduced.astype(np.uint8)), (size[1], size[0])
 
 
 def told(

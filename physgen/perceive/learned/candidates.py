@@ -9,18 +9,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.backends.segment_classical import chosen_by_edges
 from physgen.perceive.learned.evidence import evidence
-from physgen.perceive.learned.network import Seen
+from physgen.perceive.learned.network import Seen, closer
 from physgen.perceive.learned.parts import parts
 from physgen.perceive.proposals.circles import discs
 from physgen.perceive.proposals.gradient import colour_gradient, lab
 from physgen.perceive.proposals.proposal import Proposal, cut_out, distinct
 from physgen.perceive.proposals.regions import stable_regions
 
-WORKING_SIDE = 400
-"""px; the longer side of the photo in which edges are looked for; only outlines see the full photo."""
 SMALLEST, LARGEST = 0.0005, 0.6
 """Parts of the photo that an object may cover."""
+MIDDLE, WIDTH = 0.8, 0.05
+"""Of the logistic that turns a score of the choice by edges into how sure it is; chosen on tune and validation."""
 ON = 0.2
 """Mean foreground of a proposal below which nobody need look closer."""
 LEAST = 14
@@ -37,12 +38,14 @@ class Candidates:
     """(n, k), see `evidence.NAMES`."""
     learned: NDArray[np.bool_]
     """(n,): which of them the network proposed itself."""
+    edges: NDArray[np.float64]
+    """(n,) 0..1: how sure the choice by edges alone is of it; 0 where that did not take it."""
 
 
 def candidates(rgb: NDArray[np.uint8], seen: Seen) -> Candidates:
     """Of a photo (H, W, 3) sRGB."""
     height, width = rgb.shape[:2]
-    scale = min(1.0, WORKING_SIDE / max(height, width))
+    scale = min(1.0, closer(max(height, width)) / max(height, width))  # only outlines see the full photo
     size = max(1, round(width * scale)), max(1, round(height * scale))
     reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
     shape = size[1], size[0]
@@ -58,16 +61,21 @@ def candidates(rgb: NDArray[np.uint8], seen: Seen) -> Candidates:
         (one, rescaled(one, shape, grid), False) for one in distinct(edges)
     ]
     pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
+    taken, scores, where = chosen_by_edges(rgb)
+    first = len(pool)
+    pool += [(rescaled(one, where, shape), rescaled(one, where, grid), False) for one in taken]
+    sure = np.concatenate([np.zeros(first), 1 / (1 + np.exp((MIDDLE - scores) / WIDTH))])
     both = [
-        (fine, rough, learned)
-        for fine, rough, learned in pool
+        (fine, rough, learned, agreed)
+        for (fine, rough, learned), agreed in zip(pool, sure.tolist(), strict=True)
         if fine is not None and rough is not None and _on(rough, seen) >= ON
     ]
     return Candidates(
         shape,
-        [fine for fine, _, _ in both],
-        evidence([rough for _, rough, _ in both], seen),
-        np.array([learned for _, _, learned in both], bool),
+        [fine for fine, _, _, _ in both],
+        evidence([rough for _, rough, _, _ in both], seen),
+        np.array([learned for _, _, learned, _ in both], bool),
+        np.array([agreed for _, _, _, agreed in both], np.float64),
     )
 
 

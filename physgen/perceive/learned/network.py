@@ -5,7 +5,6 @@ The weights come from `studio/segmentation`; OpenCV runs them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,8 +24,10 @@ STRIDE = 32
 """px: sides of what goes in are multiples of it."""
 LEAST = 160
 """px, their shortest: where the coarsest maps are smaller than its kernels OpenCV reads memory that is nobody's."""
-SIDES = (256, 416)
-"""px, the longer side of the photo as the network looks at it, each in turn; all are averaged."""
+WHOLE = 256
+"""px, the longer side of the photo in the look at all of it; a second, closer one is averaged with it."""
+CLOSER, SHARE = (416, 640), 0.8
+"""px, the longer side in that one: a share of the photo's, no less and no more."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,9 @@ class Seen:
     """0..1: in a shadow that something casts."""
 
 
-def see(rgb: NDArray[np.uint8], sides: Sequence[int] = SIDES) -> Seen:
-    """What the network says of a photo (H, W, 3) sRGB; `sides` px, the longer side of each look."""
-    looks = [_look(rgb, side) for side in sides]
+def see(rgb: NDArray[np.uint8]) -> Seen:
+    """What the network says of a photo (H, W, 3) sRGB."""
+    looks = [_look(rgb, side) for side in (WHOLE, closer(max(rgb.shape[:2])))]
     h, w = looks[-1].shape[1:]
     same = [cv2.resize(look.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR) for look in looks]
     mean = np.asarray(np.mean(same, axis=0), np.float32)
@@ -57,6 +58,11 @@ def see(rgb: NDArray[np.uint8], sides: Sequence[int] = SIDES) -> Seen:
     # pairs lie farther apart where the photo was looked at in less detail: the largest look alone tells of them
     pairs = 1 / (1 + np.exp(-np.clip(looks[-1][2:10], -30, 30)))
     return Seen(told[0], told[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32), told[13])
+
+
+def closer(side: int) -> int:
+    """px, the longer side of the closer look at a photo whose longer side is `side`."""
+    return round(min(max(SHARE * side, CLOSER[0]), CLOSER[1]))
 
 
 def _look(rgb: NDArray[np.uint8], side: int) -> F32:
