@@ -544,9 +544,10 @@ def test_photos_too_small_for_an_object(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], side: int
 ) -> None:
     Image.new("RGB", (side, side), "red").save(tmp_path / "p.png")
-    assert main(["perceive", str(tmp_path / "p.png"), "-o", str(tmp_path / "s.yaml")]) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert "shows no object" in line
+    assert main(["perceive", str(tmp_path / "p.png"), "-o", str(tmp_path / "s.yaml")]) == 0
+    assert not capsys.readouterr().err
+    assert "nothing in the photo looks like" in (tmp_path / "s.yaml").read_text()
+    assert main(["check", str(tmp_path / "s.yaml")]) == 0
 
 
 def test_any_photo_becomes_a_scene_of_srgb(tmp_path: Path) -> None:
