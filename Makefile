@@ -37,12 +37,13 @@ studio: .venv/.studio
 SEG = studio/segmentation
 train: .venv/.studio
 	$(BIN)/python -m pip install --quiet $(TORCH)
-	$(BIN)/python $(SEG)/gather.py --drawn 5000 -o out/segmentation/drawn
-	$(BIN)/python $(SEG)/homes/make.py --family train --count 450 --seed 0 -o out/segmentation/homes --jobs 2
-	$(BIN)/python $(SEG)/gather.py --pictures out/segmentation/homes --without 50 -o out/segmentation/homes-store
-	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.72 out/segmentation/homes-store=0.28 --minutes 55 -o out/segmentation
+	$(BIN)/python $(SEG)/gather.py --drawn 9000 -o out/segmentation/drawn
+	$(BIN)/python $(SEG)/homes/make.py --family train --count 850 --seed 0 -o out/segmentation/homes --jobs 2
+	$(BIN)/python $(SEG)/homes/make.py --family train --count 56 --seed 5000 --size 448 -o out/segmentation/unseen --jobs 2
+	$(BIN)/python $(SEG)/gather.py --pictures out/segmentation/homes -o out/segmentation/homes-store
+	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.6 out/segmentation/homes-store=0.4 --minutes 58 -o out/segmentation
 	$(BIN)/python $(SEG)/export.py out/segmentation/weights.pt
-	$(BIN)/python $(SEG)/judge.py out/segmentation/homes --last 50 --drawn 160
+	$(BIN)/python $(SEG)/judge.py out/segmentation/unseen --drawn 160
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

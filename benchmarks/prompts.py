@@ -81,7 +81,7 @@ def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
     ways: dict[str, Callable] = {
         "box": lambda box: in_box(rgb, box),
         "jitter": lambda box: in_box(rgb, box),
-        "point": lambda point: at_point(rgb, point, segments, known),
+        "point": lambda point: at_point(rgb, point, segments, lambda: known),
     }
     found: dict[str, list[float]] = {kind: [] for kind in ways}
     took = []

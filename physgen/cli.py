@@ -61,24 +61,41 @@ def perceive(options: argparse.Namespace) -> int:
 
     scene_name(options.output)
     bar = Bar()
-    text = pipeline.perceive(
-        options.image,
-        options.output,
-        masks=options.masks,
-        coco=options.coco,
-        boxes=[four("--box", text) for text in options.box],
-        points=[two("--point", text) for text in options.point],
-        labels=options.label,
-        assets=options.assets,
-        backends=backends.chosen(options.backend),
-        side=options.side,
-        progress=bar.show,
-        warn=tell_one,
-        keep=tell_kept,
-    )
+    told: dict[str, Any] = {
+        "boxes": [four("--box", text) for text in options.box],
+        "points": [two("--point", text) for text in options.point],
+        "assets": options.assets,
+        "backends": backends.chosen(options.backend),
+        "progress": bar.show,
+        "warn": tell_one,
+        "keep": tell_kept,
+    }
+    if options.refresh:
+        _refuse_beside_refresh(options)
+        text = pipeline.refresh(options.refresh, options.output, **told)
+    elif options.image is None:
+        raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
+    else:
+        told |= {"masks": options.masks, "coco": options.coco, "side": options.side, "labels": options.label}
+        text = pipeline.perceive(options.image, options.output, **told)
     bar.clear()
     _hand_over(text, options.output)
     return OK
+
+
+def _refuse_beside_refresh(options: argparse.Namespace) -> None:
+    """A scene tells its photo, its masks and its labels."""
+    beside = {
+        "IMAGE": options.image,
+        "--masks": options.masks,
+        "--coco": options.coco,
+        "--side": options.side,
+        "--label": ", ".join(options.label) or None,
+    }
+    for flag, value in beside.items():
+        if value is not None:
+            fix = f"leave one of {flag} and --refresh out"
+            raise InputError.of("perceive", f'"{value}"', "cannot be told beside --refresh", fix)
 
 
 def import_(options: argparse.Namespace) -> int:
@@ -286,7 +303,7 @@ def _segmentation(options: argparse.Namespace) -> int:
     bars = {name: bar for name in segmentation.BARS if (bar := getattr(options, name)) is not None}
     found, warnings = pairs(options.folder)
     tell_problems(warnings)
-    shown = None if options.output is None else Shown(options.output)
+    shown = None if options.output is None else Shown(options.output, found)
     bar = Bar()
     result = segmentation.evaluate(
         found, chosen.get("segment"), shown.photo if shown else lambda photo: None, bar.show

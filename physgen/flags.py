@@ -58,7 +58,14 @@ def build_parser() -> argparse.ArgumentParser:
         return sub
 
     sub = command("perceive", "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml")
-    sub.add_argument("image", metavar="IMAGE", type=Path, help="the photo")
+    sub.add_argument("image", metavar="IMAGE", type=Path, nargs="?", help="the photo")
+    sub.add_argument(
+        "--refresh",
+        metavar="SCENE",
+        type=Path,
+        help="perceive a scene's photo again: what the scene says stays, boxes and points that it holds are asked "
+        "again, new --box and --point correct or add objects",
+    )
     sub.add_argument(
         "-o",
         "--output",

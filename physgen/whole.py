@@ -40,11 +40,18 @@ def write_whole(path: Path, data: bytes) -> None:
 def write_kept(path: Path, data: bytes, keep: Callable[[Path], None] = lambda kept: None) -> None:
     """As `write_whole`; a file that is there already and differs is kept as `NAME~` (`NAME~2`, ...), and told of."""
     if path.is_file() and path.read_bytes() != data:
-        kept = path.with_name(f"{path.name}~")
-        count = 1
-        while kept.exists():
-            count += 1
-            kept = path.with_name(f"{path.name}~{count}")
-        path.replace(kept)
-        keep(kept)
+        set_aside(path, keep)
     write_whole(path, data)
+
+
+def set_aside(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
+    """A file that is there becomes `NAME~` (`NAME~2`, ...), and `keep` is told of it."""
+    if not path.is_file():
+        return
+    kept = path.with_name(f"{path.name}~")
+    count = 1
+    while kept.exists():
+        count += 1
+        kept = path.with_name(f"{path.name}~{count}")
+    path.replace(kept)
+    keep(kept)

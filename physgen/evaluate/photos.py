@@ -115,7 +115,7 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     found: list[Pair] = []
     alone: list[Path] = []
     for place in (folder, *sorted(p for p in folder.rglob("*") if p.is_dir() and not _hidden(p, folder))):
-        if place.name != ASSETS:
+        if place.suffix != ".assets":  # a scene's maps
             more, lonely = _beside(place)
             found, alone = found + more, alone + lonely
         found += [pair for pair in _of_folder(place) if pair.photo not in {other.photo for other in found}]
@@ -165,9 +165,8 @@ def _beside(folder: Path) -> tuple[list[Pair], list[Path]]:
             found.append(Pair(photos[0], path))
         else:
             alone.append(path)
-    if maps:
-        matched = {pair.photo for pair in found}
-        alone += [p for p in sorted(folder.iterdir()) if _is_photo(p) and p not in matched]
+    matched = {pair.photo for pair in found}
+    alone += [p for p in sorted(folder.iterdir()) if _is_photo(p) and p not in matched and p.name not in MAPS]
     return found, alone
 
 

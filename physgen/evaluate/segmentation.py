@@ -68,7 +68,10 @@ def judge_photo(name: str, truth: Truth, said: Said) -> Photo:
     """Masks against truth. Where nobody judges, pixels count for neither; what lies there mostly is left out."""
     masks, confidence = said
     if truth.unjudged.any():
-        known = [one.mask & ~one.part(truth.unjudged) for one in masks]
+        nobody = truth.unjudged.copy()
+        for true in truth.masks:  # what crowds share with a true object is that object's
+            true.part(nobody)[true.mask] = False
+        known = [one.mask & ~one.part(nobody) for one in masks]
         kept = [
             k for k, part in enumerate(known) if 2 * np.count_nonzero(part) > np.count_nonzero(masks[k].mask)
         ]

@@ -12,6 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.learned.candidates import judged, rescaled
+from physgen.perceive.learned.network import see
+from physgen.perceive.learned.parts import guided, parts
 from physgen.perceive.proposals.circles import discs
 from physgen.perceive.proposals.company import company, iou
 from physgen.perceive.proposals.gradient import colour_gradient, lab
@@ -41,10 +44,13 @@ BAND = 0.02
 """How far the outline may move at last, in square roots of its area: little, its edges were looked at already."""
 
 # Chosen on the studio's photos for tuning and on peers' photos, boxes 10 % loose and boxes with sides 10 % off.
+LOOK, PART = 256, 40
+"""px: the longer side of what the network looks at, and the smallest part it may propose on its grid."""
+
 SLACK, FREE, SPREAD = 0.0, 0.09, 0.09
 """Of the box's sides: how far inside of it an object's side lies, the error that is forgiven, the scale of more."""
-EDGES, COLOURS, COMPANY = 2.0, 0.25, 1.0
-"""Exponents: looks; likeness to what GrabCut finds; likeness to what else is proposed."""
+EDGES, COLOURS, COMPANY, JUDGED = 2.0, 0.25, 1.0, 1.0
+"""Exponents: looks; likeness to what GrabCut finds; likeness to what else is proposed; what the network expects."""
 
 
 def boxed(rgb: Rgb, box: tuple[int, int, int, int]) -> Mask:
@@ -81,6 +87,10 @@ def _best(rgb: Rgb, box: Floats) -> Proposal | None:
     found = stable_regions(colour, gradient, smallest, largest)
     if max(across / down, down / across) < SQUARE:
         found += discs(gradient, smallest, largest, 60)
+    seen = see(rgb, (LOOK,))
+    own = (rescaled(one, seen.foreground.shape, shape) for one in parts(seen, PART, seen.foreground.size))
+    found += [one for one in own if one is not None and smallest <= one.area <= largest]
+    found += guided(gradient, seen, smallest, largest)
     found = _near(found + by_colour, box)
     if not found:
         return None
@@ -96,6 +106,7 @@ def _best(rgb: Rgb, box: Floats) -> Proposal | None:
     if by_colour:
         alike = np.array([max(iou(form, other) for other in by_colour) for form in forms])
         worth += COLOURS * np.log(0.15 + alike)
+    worth += JUDGED * np.log(np.maximum(judged(forms, seen, shape), 0.05))
     return forms[int((worth + COMPANY * company(forms, worth)).argmax())]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 import cv2
 import numpy as np
@@ -18,6 +19,8 @@ Box = tuple[float, float, float, float]
 """Left, top, width, height, px."""
 Point = tuple[float, float]
 """x px, y px."""
+LEFT = 0.3
+"""Of an object pointed at, that others pointed at must leave."""
 LIKELY = 0.5
 """Confidence from which on a point takes what the segmenter says is there."""
 
@@ -35,31 +38,38 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
     what looks most like an object that it lies in, else what is of one colour around it. Raises InputError with every
     box or point that is off the photo or shows nothing.
     """
-    labels = np.zeros(rgb.shape[:2], np.uint16)
-    sure: dict[int, float] = {}
+    masks: list[NDArray[np.bool_]] = []
     problems = []
     found = likely(segment(rgb)) if points else None
-    known = proposed(rgb) if points else None
-    for k, box in enumerate(boxes, 1):
+    known = cache(lambda: proposed(rgb))
+    for box in boxes:
         try:
-            mask = in_box(rgb, box)
+            masks.append(in_box(rgb, box))
         except InputError as error:
             problems += error.problems
-            continue
-        labels[mask] = k
-        sure[k] = 0.7
-    for k, point in enumerate(points, len(boxes) + 1):
+    for point in points:
         try:
-            mask = at_point(rgb, point, found, known)
+            masks.append(at_point(rgb, point, found, known))
         except InputError as error:
             problems += error.problems
-            continue
-        labels[mask & (labels == 0)] = k
-        sure[k] = 0.6
     if problems:
         raise InputError(problems)
+    labels = np.zeros(rgb.shape[:2], np.uint16)
+    for k in sorted(
+        range(len(masks)), key=lambda k: -int(masks[k].sum())
+    ):  # small things lie before large ones
+        labels[masks[k]] = k + 1
     said = [("box", box) for box in boxes] + [("point", point) for point in points]
+    for k, (kind, place) in enumerate(said, 1):
+        if np.count_nonzero(labels == k) < max(LEFT * np.count_nonzero(masks[k - 1]), 12):
+            flag = f"--{kind} {','.join(f'{v:g}' for v in place)}"
+            problems += InputError.of(
+                flag, "", "shows what another box or point shows", "leave one out"
+            ).problems
+    if problems:
+        raise InputError(problems)
     prompts = {k: {kind: [round(float(v), 2) for v in place]} for k, (kind, place) in enumerate(said, 1)}
+    sure = {k: 0.7 if kind == "box" else 0.6 for k, (kind, _) in enumerate(said, 1)}
     return Found(labels, "pointed at", sure, {}, prompts)
 
 
@@ -83,11 +93,11 @@ def in_box(rgb: Rgb, box: Box) -> NDArray[np.bool_]:
 
 
 def at_point(
-    rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None, known: Proposed | None = None
+    rgb: Rgb, point: Point, segments: NDArray[np.uint16] | None, known: Callable[[], Proposed] | None = None
 ) -> NDArray[np.bool_]:
     """(H, W): the object at a point: of `segments`, else the best of what is proposed, else what is of one colour.
 
-    `known` is what the photo proposes, for many points.
+    `known` gives what the photo proposes, worked out once for many points.
     """
     height, width = rgb.shape[:2]
     x, y = round(point[0]), round(point[1])
@@ -96,7 +106,7 @@ def at_point(
         raise InputError.of(flag, "", f"is off the {width} x {height} photo", "write x,y in px")
     if segments is not None and segments[y, x]:
         return np.asarray(segments == segments[y, x])
-    best = pointed(known or proposed(rgb), x, y)
+    best = pointed(known() if known else proposed(rgb), x, y)
     if best is not None:
         return best
     lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), (0, 0), 1.0)

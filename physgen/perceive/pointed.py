@@ -8,6 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.learned.candidates import judged, rescaled
+from physgen.perceive.learned.network import see
+from physgen.perceive.learned.parts import guided, parts
 from physgen.perceive.proposals.circles import discs
 from physgen.perceive.proposals.company import company
 from physgen.perceive.proposals.gradient import Gradient, colour_gradient, lab
@@ -29,9 +32,11 @@ BAND = 0.04
 """How far the outline may move at last, in square roots of its area."""
 
 # Chosen on the studio's photos for tuning and on peers' photos.
-EDGES, WIDE, DEEP, COMPANY = 2.0, 0.1, 2.0, 2.0
+EDGES, WIDE, DEEP, COMPANY, JUDGED = 2.0, 0.1, 2.0, 2.0, 1.0
 """Exponents: looks; area, as wholes are meant rather than their parts; how deep inside the point lies; likeness to
-what else is proposed."""
+what else is proposed; what the network expects."""
+PART = 14
+"""px of the network's grid, of the smallest part that it may propose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +47,8 @@ class Proposed:
     colour: NDArray[np.float32]
     gradient: Gradient
     proposals: list[Proposal]
+    fit: NDArray[np.float64]
+    """(n,) 0..1: how well the network expects each to fit."""
 
 
 def proposed(rgb: Rgb) -> Proposed:
@@ -53,9 +60,13 @@ def proposed(rgb: Rgb) -> Proposed:
     colour = lab(small)
     gradient = colour_gradient(colour)
     smallest, largest = (max(12, round(part * size[0] * size[1])) for part in (SMALLEST, LARGEST))
-    found = distinct(stable_regions(colour, gradient, smallest, largest) + discs(gradient, smallest, largest))
+    shape, seen = (size[1], size[0]), see(rgb)
+    found = stable_regions(colour, gradient, smallest, largest) + discs(gradient, smallest, largest)
+    own = (rescaled(one, seen.foreground.shape, shape) for one in parts(seen, PART, seen.foreground.size))
+    found += [one for one in own if one is not None and smallest <= one.area <= largest]
+    found = distinct(found + guided(gradient, seen, smallest, largest))
     found += distinct(unions(found, looks(found, colour, gradient).score, largest))
-    return Proposed(rgb, colour, gradient, found)
+    return Proposed(rgb, colour, gradient, found, judged(found, seen, shape))
 
 
 def pointed(known: Proposed, x: int, y: int) -> Mask | None:
@@ -66,17 +77,28 @@ def pointed(known: Proposed, x: int, y: int) -> Mask | None:
         min(shape[1] - 1, int((x + 0.5) * shape[1] / width)),
         min(shape[0] - 1, int((y + 0.5) * shape[0] / height)),
     )
-    holding = [one for one in known.proposals if _depth(one, at) > 0]
-    if not holding:
+    some = [k for k, one in enumerate(known.proposals) if _depth(one, at) > 0]
+    if not some:
         return None
+    holding, expected = [known.proposals[k] for k in some], JUDGED * np.log(np.maximum(known.fit[some], 0.05))
     score = looks(holding, known.colour, known.gradient).score
-    best = np.argsort(-score, kind="stable")[:KEPT].tolist()
-    forms = [form for k in best for form in variants(holding[k], shape)]
-    forms = [form for form in forms if _depth(form, at) > 0]
+    good = EDGES * np.log(np.maximum(score, 0.02)) + expected
+    best = np.argsort(-good, kind="stable")[:KEPT].tolist()
+    pairs = [
+        (form, expected[k]) for k in best for form in variants(holding[k], shape) if _depth(form, at) > 0
+    ]
+    forms, likely = [form for form, _ in pairs], np.array([more for _, more in pairs])
+    if not forms:
+        return None
     depth = np.array([_depth(form, at) for form in forms])
     score = looks(forms, known.colour, known.gradient).score
     area = np.log([form.area for form in forms])
-    worth = EDGES * np.log(np.maximum(score, 0.02)) + WIDE * area + DEEP * np.log(np.maximum(depth, 0.05))
+    worth = (
+        EDGES * np.log(np.maximum(score, 0.02))
+        + WIDE * area
+        + DEEP * np.log(np.maximum(depth, 0.05))
+        + likely
+    )
     k = int((worth + COMPANY * company(forms, worth)).argmax())
     if score[k] < LEAST:
         return None

@@ -47,6 +47,10 @@ class Found:
     """Where a person pointed, by id, as the scene says it: `{"box": [x, y, w, h]}` or `{"point": [x, y]}`, px."""
     doubtful: Sequence[Doubt] = ()
     """What may be an object and was not taken for one."""
+    called: Mapping[int, str] = field(default_factory=dict)
+    """What objects are named in the scene already, by id."""
+    said: Mapping[int, str] = field(default_factory=dict)
+    """Who found single masks, by id, as the scene's `from` has it; `source` found the others."""
 
 
 @dataclass(frozen=True)
@@ -101,14 +105,18 @@ def perceive(
         found = Found(segments.labels, source, sure, {}, doubtful=segments.doubtful)
     things, left_out = _things(rgb, found)
     if not things:
+        _renamed(things, renames, {})
         return _empty(rgb, found, image, assets, pixels_per_meter)
     if found.source not in ("given", "coco"):
-        found = replace(found, labels=_rounded(found.labels, things))
+        new = [thing for thing in things if thing.id not in found.said]
+        found = replace(found, labels=_rounded(found.labels, new))
     named = {**role("label")(rgb, found.labels, things), **found.names}
     label_source = {t.id: "given" if t.id in found.names else _name(who, "label") for t in things}
+    if found.called:  # the scene knows who said them
+        label_source |= dict.fromkeys(found.names, "")
     things = [replace(t, label=named[t.id].label) for t in things]
-    before = words.names(things)
-    things, renamed = _renamed(things, renames)
+    before = words.names(things, {t.id: found.called[t.id] for t in things if t.id in found.called})
+    things, renamed = _renamed(things, renames, before)
     label_source |= dict.fromkeys(renamed, "")
     matter: Mapping[int, Matter] = role("physics")(rgb, things, pixels_per_meter)
     setting: Setting = role("boundary")(rgb, found.labels, things, view)
@@ -126,7 +134,7 @@ def perceive(
     comments: dict[str, str] = {}
     for thing in sorted(things, key=lambda t: list(called).index(t.id)):
         name, it = called[thing.id], matter[thing.id]
-        told = {"mask": words.source(found.source, found.confidence.get(thing.id, 1.0))}
+        told = {"mask": _masked(found, thing.id)}
         if label_source[thing.id]:
             told["label"] = words.source(label_source[thing.id], named[thing.id].confidence)
         table = _name(who, "physics")
@@ -165,6 +173,12 @@ def perceive(
     }
     comments |= _comments(found, things, left_out, setting, light, shadows, called, matter)
     return Perceived(percepts, document, comments, HEADER)
+
+
+def _masked(found: Found, i: int) -> str:
+    """Who found an object's mask, and how sure."""
+    source = "pointed at" if i in found.prompts else found.source
+    return found.said.get(i) or words.source(source, found.confidence.get(i, 1.0))
 
 
 def _name(chosen: Mapping[str, str], role: str) -> str:
@@ -207,13 +221,15 @@ def _empty(rgb: Rgb, found: Found, image: str, assets: str, pixels_per_meter: fl
         "world": {"view": View.SIDE.value, "pixels_per_meter": pixels_per_meter or 100, "duration": 2.0},
         "objects": {}, "boundaries": {}, "forces": [],
     }  # fmt: skip
-    said = f"nothing in the photo looks like a whole thing that could be moved; {POINT}"
+    comments = {"objects": f"nothing in the photo looks like a whole thing that could be moved; {POINT}"}
     if found.doubtful:
-        said += "\n" + words.doubts(found.doubtful, found.source) + ", and {} after objects:"
+        first, *lines = words.doubts(found.doubtful, found.source).split("\n")
+        indented = "".join(f"\n  {line}" for line in lines)
+        comments["boundaries"] = f"{first}, and the {{}} after objects:{indented}"
     percepts = Percepts(
         rgb=rgb, labels=np.zeros(rgb.shape[:2], np.uint16), coverage=nothing, background=rgb, clean=None
     )
-    return Perceived(percepts, document, {"objects": said}, HEADER)
+    return Perceived(percepts, document, comments, HEADER)
 
 
 def _rounded(labels: NDArray[np.uint16], things: Sequence[Thing]) -> NDArray[np.uint16]:
@@ -227,9 +243,13 @@ def _rounded(labels: NDArray[np.uint16], things: Sequence[Thing]) -> NDArray[np.
     return result
 
 
-def _renamed(things: Sequence[Thing], renames: Sequence[str]) -> tuple[list[Thing], set[int]]:
-    """Things under their new labels, and the ids of those that got one; raises InputError with every wrong NAME."""
-    called = words.names(things)
+def _renamed(
+    things: Sequence[Thing], renames: Sequence[str], called: Mapping[int, str]
+) -> tuple[list[Thing], set[int]]:
+    """Things, `called` so, under their new labels, and the ids of those that got one.
+
+    Raises InputError with every wrong NAME.
+    """
     said: dict[int, str] = {}
     problems = []
     for rename in renames:
@@ -275,6 +295,7 @@ def _comments(
         "given": "from the masks given",
         "pointed at": "where you pointed",
         "coco": "from the annotations",
+        "kept": "as the scene had them, and where you pointed",
     }
     how = told.get(found.source, f"found by {found.source}")
     specks = f"; {left_out} specks of under {SMALLEST} px left out" if left_out else ""

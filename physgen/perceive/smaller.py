@@ -38,5 +38,5 @@ def fitted(found: Found, full: tuple[int, int], rgb: Rgb) -> Found:
     size = (rgb.shape[1], rgb.shape[0])
     if size == full or found.labels.shape != full[::-1]:
         return found
-    labels = cv2.resize(found.labels, size, interpolation=cv2.INTER_NEAREST)
+    labels = cv2.resize(found.labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
     return replace(found, labels=np.asarray(labels, np.uint16))

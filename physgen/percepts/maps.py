@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physgen.percepts.photo import read_image
 from physgen.percepts.pixels import channels, opened, size
 from physgen.problems import InputError
-from physgen.whole import write_kept
+from physgen.whole import set_aside, write_kept
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
@@ -150,9 +150,12 @@ def read_percepts(
 def write_assets(percepts: Percepts, folder: Path, keep: Keep = silent) -> dict[str, tuple[float, float]]:
     """Write the maps into `folder` (created); returns what 0 and 65535 stand for in the 16-bit ones, by map.
 
-    A map that is there already and differs, perhaps painted by hand, is kept as `NAME~`, and `keep` told of it.
+    A map that is there already and differs, or that nobody has made this time, is kept as `NAME~`, and `keep` told.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    for name in ("coverage", "background", "clean", "depth", "normals", "albedo", "shading"):
+        if getattr(percepts, name) is None:
+            set_aside(folder / f"{name}.png", keep)
     ranges: dict[str, tuple[float, float]] = {}
 
     def scalar(name: str, values: F32 | None) -> None:

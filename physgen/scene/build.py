@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from physgen.problems import InputError, Place, Problem
 from physgen.scene import model
@@ -12,7 +13,7 @@ from physgen.scene.check import checker
 from physgen.scene.files import read_scene, with_bases
 from physgen.scene.freeze import frozen
 from physgen.scene.ground import Files, Ground
-from physgen.scene.node import Node, Source, children, items
+from physgen.scene.node import Node, Source, children, items, plain
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, targets, variants_of
 from physgen.scene.report import Report, TooManyError
 from physgen.scene.rules import check_rules
@@ -47,6 +48,14 @@ def load(
     if report.problems:
         raise InputError(report.problems)
     return frozen(edited, scene_name(file), source, ground)
+
+
+def written(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """A file as plain YAML data, with what it extends and without any default. Raises InputError."""
+    name = os.fspath(path)
+    document = plain(with_bases(read_scene(Path(name), name), Path(name), False))
+    assert isinstance(document, dict)
+    return document
 
 
 def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: Source) -> Node:

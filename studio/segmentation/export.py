@@ -51,8 +51,8 @@ def export(weights: Path, shipped: Path) -> float:
             x = torch.randn(1, 3, *size)
             theirs.setInput(x.numpy())
             with torch.inference_mode():
-                off = max(off, float(np.abs(theirs.forward() - network(x).numpy()).max()))
-        if off > CLOSE:
+                off = float(np.maximum(off, np.abs(theirs.forward() - network(x).numpy()).max()))
+        if not off <= CLOSE:  # nor NaN
             raise SystemExit(f"OpenCV's output is {off:.3f} from torch's; nothing written")
         shipped.write_bytes(path.read_bytes())
     return off
@@ -64,6 +64,8 @@ def main() -> None:
     parser.add_argument("weights", type=Path)
     parser.add_argument("-o", "--output", type=Path, default=SHIPPED)
     args = parser.parse_args()
+    if not args.weights.is_file():
+        parser.error(f"{args.weights}: no such file; make it with train.py")
     off = export(args.weights, args.output)
     print(f"{args.output.stat().st_size / 1e6:.1f} MB, logits within {off:.4f} of torch's", file=sys.stderr)
 

@@ -22,17 +22,17 @@ def main() -> None:
     parser.add_argument("--drawn", type=int, default=0, help="so many drawn pictures")
     parser.add_argument("--first", type=int, default=1000, help="the first one's seed")
     parser.add_argument("--pictures", type=Path, help="a folder of pictures as Picture.save writes them")
-    parser.add_argument(
-        "--without", type=int, default=0, help="leave the last ones of the folder to the judge"
-    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("-o", "--output", type=Path, required=True)
     args = parser.parse_args()
+    if args.pictures is None and not args.drawn:
+        parser.error("nothing to gather; say --drawn N or --pictures DIR")
     if args.pictures is None:
         count, first, make = args.drawn, args.first, draw
     else:
         names = sorted(p.name.removesuffix(".labels.png") for p in args.pictures.glob("*.labels.png"))
-        names = names[: len(names) - args.without]
+        if not names:
+            parser.error(f"{args.pictures}: holds no pictures; make some with homes/make.py")
         count, first, make = len(names), 0, partial(_loaded, [(args.pictures, name) for name in names])
     for there in fill(args.output, count, first, args.jobs, make):
         if there % 200 == 0:

@@ -1,7 +1,7 @@
 """Pictures -> how well each proposal fits, learned from evidence: `python studio/segmentation/judge.py DIR... --drawn 160`.
 
-What the network has not learned from: drawn pictures of other seeds, and the last of the rendered ones. Half of them
-teach the judge, the others tell how often what it chooses is right.
+What the network has not learned from: drawn pictures of other seeds, and rendered ones. A judge taught by one half of
+them tells how often what is chosen in the other half is right, and the other way round; the shipped one learns from all.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from picture import Picture
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from physgen.perceive.backends.segment_learned import choose
+from physgen.perceive.backends.segment_learned import choose, worth
 from physgen.perceive.learned import judge
 from physgen.perceive.learned.candidates import Candidates, candidates
 from physgen.perceive.learned.evidence import NAMES
@@ -32,6 +32,8 @@ from physgen.perceive.learned.network import see
 SHIPPED = Path(judge.__file__).with_name(judge.JUDGE)
 FIRST = 5_000_000
 """Seed of the first drawn picture: training's are far below."""
+SIDE = 448
+"""px of drawn pictures: as photos are, larger than training's, so that looks at them are no blurred ones."""
 WIDTH = 40
 """Of the judge's two hidden layers."""
 STEPS = 4000
@@ -50,8 +52,8 @@ class Tried:
 def fits(found: Candidates, picture: Picture) -> NDArray[np.float64]:
     """(n,) the best intersection over union of each candidate with an object; unsaid pixels are nobody's."""
     size = found.shape[::-1]
-    labels = cv2.resize(picture.labels, size, interpolation=cv2.INTER_NEAREST).astype(np.int64)
-    said = cv2.resize(picture.unsaid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0
+    labels = cv2.resize(picture.labels, size, interpolation=cv2.INTER_NEAREST_EXACT).astype(np.int64)
+    said = cv2.resize(picture.unsaid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) == 0
     area = np.bincount(labels[said], minlength=int(labels.max()) + 1)
     best = []
     for one in found.proposals:
@@ -66,7 +68,7 @@ def fits(found: Candidates, picture: Picture) -> NDArray[np.float64]:
 def tried(work: int | tuple[Path, str]) -> Tried:
     """A drawn picture of a seed, or one of a folder."""
     cv2.setNumThreads(1)
-    picture = draw(work) if isinstance(work, int) else Picture.load(*work)
+    picture = draw(work, SIDE) if isinstance(work, int) else Picture.load(*work)
     found = candidates(picture.rgb, see(picture.rgb))
     return Tried(found, fits(found, picture))
 
@@ -84,11 +86,9 @@ def teach(some: Sequence[Tried], seed: int) -> dict[str, list]:
     optimizer = torch.optim.AdamW(network.parameters(), lr=3e-3, weight_decay=0.02)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
     weight = 0.3 + truth  # what hits anything is rare
-    blur = torch.full((x.shape[1],), 0.03)
-    blur[NAMES.index("log size")] = 1.0  # how large things are is the photographer's choice
     for step in range(STEPS):
         some_ = torch.randint(len(truth), (2048,))
-        out = network(told[some_] + blur * torch.randn(2048, x.shape[1]))[:, 0]
+        out = network(told[some_] + 0.03 * torch.randn(2048, x.shape[1]))[:, 0]
         loss = F.binary_cross_entropy_with_logits(out, truth[some_], weight=weight[some_])
         optimizer.zero_grad()
         loss.backward()
@@ -115,13 +115,27 @@ def teach(some: Sequence[Tried], seed: int) -> dict[str, list]:
     }
 
 
-def counted(some: Sequence[Tried]) -> tuple[list[float], list[float]]:
-    """Expected fits of what is chosen, and the share that is right there, never falling (pool adjacent violators)."""
-    pairs = []
-    for one in some:
-        fit = judge.expected(one.found.evidence)
-        chosen = choose(one.found, fit)
-        pairs += list(zip(fit[chosen].tolist(), (one.fit[chosen] >= RIGHT).tolist(), strict=True))
+def judged(some: Sequence[Tried]) -> dict[str, list]:
+    """The shipped numbers: a judge taught by all, and how often what judges of one half choose in the other is right."""
+    pairs: list[tuple[float, bool]] = []
+    for half in (0, 1):
+        told = teach(some[half::2], half)
+        numbers = {
+            name: [np.array(part) for part in told[name]]
+            if name in ("weights", "biases")
+            else np.array(told[name])
+            for name in ("mean", "spread", "weights", "biases")
+        }
+        for one in some[1 - half :: 2]:
+            fit = worth(one.found, judge.expected(one.found.evidence, numbers))
+            chosen = choose(one.found, fit)
+            pairs += list(zip(fit[chosen].tolist(), (one.fit[chosen] >= RIGHT).tolist(), strict=True))
+    fit, right = counted(pairs)
+    return {**teach(some, 2), "fit": fit, "right": right}
+
+
+def counted(pairs: list[tuple[float, bool]]) -> tuple[list[float], list[float]]:
+    """What was said and whether it was right -> the share that is, never falling (pool adjacent violators); from 0."""
     pairs.sort()
     blocks: list[list[float]] = []  # sum of fits, of rights, count
     for bundle in np.array_split(np.array(pairs, float), max(1, min(24, len(pairs) // 25))):
@@ -129,19 +143,17 @@ def counted(some: Sequence[Tried]) -> tuple[list[float], list[float]]:
         while len(blocks) > 1 and blocks[-2][1] / blocks[-2][2] >= blocks[-1][1] / blocks[-1][2]:
             last = blocks.pop()
             blocks[-1] = [a + b for a, b in zip(blocks[-1], last, strict=True)]
+    shares = np.maximum.accumulate([(right + 0.5) / (count + 1) for _, right, count in blocks])
     return (
-        [round(fit / count, 4) for fit, _, count in blocks],
-        [round((right + 0.5) / (count + 1), 4) for _, right, count in blocks],
+        [0.0, *(round(float(fit / count), 4) for fit, _, count in blocks)],
+        [0.0, *(round(float(share), 4) for share in shares)],
     )
 
 
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "pictures", nargs="*", type=Path, help="folders of rendered pictures; the last --last are taken"
-    )
-    parser.add_argument("--last", type=int, default=100)
+    parser.add_argument("pictures", nargs="*", type=Path, help="folders of rendered pictures")
     parser.add_argument("--drawn", type=int, default=160)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("-o", "--output", type=Path, default=SHIPPED)
@@ -149,17 +161,18 @@ def main() -> None:
     work: list[int | tuple[Path, str]] = list(range(FIRST, FIRST + args.drawn))
     for folder in args.pictures:
         names = sorted(path.name.removesuffix(".labels.png") for path in folder.glob("*.labels.png"))
-        work += [(folder, name) for name in names[-args.last :]]
+        work += [(folder, name) for name in names]
+    if len(work) < 2:
+        parser.error(
+            "too few pictures to learn from and to count on; say --drawn N, or folders of homes/make.py"
+        )
     with multiprocessing.Pool(args.jobs) as pool:
         some = []
         for one in pool.imap(tried, work, chunksize=4):
             some.append(one)
             if len(some) % 25 == 0:
                 print(f"{len(some)} of {len(work)} pictures", file=sys.stderr, flush=True)
-    told = teach(some[::2], 0)
-    args.output.write_text(json.dumps(told) + "\n")
-    judge._judge.cache_clear()
-    told["fit"], told["right"] = counted(some[1::2])
+    told = judged(some)
     args.output.write_text(json.dumps(told) + "\n")
     print(
         f"{len(NAMES)} numbers a proposal; right by expected fit: {list(zip(told['fit'], told['right'], strict=True))}",

@@ -5,8 +5,9 @@ from __future__ import annotations
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-WIDTHS = (20, 40, 72, 120, 160)
-LAST = 24
+WIDTHS = (16, 32, 80, 160, 240)
+"""Channels of each level, the finest first: multiples of 16, which processors multiply fastest."""
+LAST = 16
 """Channels of the finest part of the way up, where most of the work is."""
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 """(rows, columns) px of the output: pairs of pixels of which it says whether they are of one object."""

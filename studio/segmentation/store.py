@@ -51,6 +51,10 @@ class Store:
             path = folder / f"{name}.npy"
             if path.exists():
                 found[name] = np.lib.format.open_memmap(path, mode="r+")
+                if count is not None and len(found[name]) != count:
+                    raise SystemExit(
+                        f"{folder}: holds {len(found[name])} pictures, not {count}; remove it first"
+                    )
             elif count is None:
                 raise FileNotFoundError(path)
             else:
@@ -64,7 +68,7 @@ class Store:
         self.rgb[k] = picture.rgb if whole else cv2.resize(picture.rgb, size, interpolation=cv2.INTER_AREA)
         labels = np.minimum(picture.labels, MOST).astype(np.uint8)
         labels[picture.unsaid] = UNSAID
-        self.labels[k] = labels if whole else cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+        self.labels[k] = labels if whole else cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
         normals = np.where(picture.known[..., None], picture.normals, 0).astype(np.float32)
         normals = normals if whole else cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
         self.normals[k] = np.round(normals * 127).astype(np.int8)

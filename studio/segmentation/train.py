@@ -55,16 +55,22 @@ def losses(out: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
 
 def ahead(source: Iterator[Batch], device: torch.device) -> Iterator[dict[str, Tensor]]:
     """The batches, made by a thread while the network learns."""
-    line: queue.Queue[dict[str, Tensor]] = queue.Queue(AHEAD)
+    line: queue.Queue[dict[str, Tensor] | Exception] = queue.Queue(AHEAD)
 
     def work() -> None:
         cv2.setNumThreads(1)
-        for batch in source:
-            line.put({name: torch.from_numpy(part) for name, part in vars(batch).items()})
+        try:
+            for batch in source:
+                line.put({name: torch.from_numpy(part) for name, part in vars(batch).items()})
+        except Exception as error:  # told where somebody waits
+            line.put(error)
 
     threading.Thread(target=work, daemon=True).start()
     while True:
-        yield {name: part.to(device) for name, part in line.get().items()}
+        batch = line.get()
+        if isinstance(batch, Exception):
+            raise batch
+        yield {name: part.to(device) for name, part in batch.items()}
 
 
 def train(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from physgen.perceive.proposals.choose import choose
 from physgen.perceive.proposals.circles import discs
-from physgen.perceive.proposals.gradient import colour_gradient, lab
+from physgen.perceive.proposals.gradient import Gradient, colour_gradient, lab
 from physgen.perceive.proposals.proposal import Proposal, distinct, unions, variants
 from physgen.perceive.proposals.regions import stable_regions
 from physgen.perceive.proposals.score import Looks, looks
@@ -22,7 +23,9 @@ WORKING_AREA = 512 * 512
 WORKING_SIDE = 4096
 """px; the longest side that the search looks at, of a panorama."""
 SMALLEST, LARGEST = 0.0012, 0.22
-"""Parts of the photo that an object may cover."""
+"""Parts of the photo that an object may cover, where edges alone choose."""
+LEAST, MOST = 0.0005, 0.6
+"""And where others do."""
 
 
 def classical() -> Segment:
@@ -32,19 +35,8 @@ def classical() -> Segment:
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
     """The movable objects of a photo (H, W, 3) uint8 sRGB."""
-    proposals, scores, shape = chosen_by_edges(rgb)
-    return told(rgb, proposals, scores, confidence(scores), shape)
-
-
-def chosen_by_edges(
-    rgb: NDArray[np.uint8],
-) -> tuple[list[Proposal], NDArray[np.float64], tuple[int, int]]:
-    """The objects of a photo (H, W, 3), their scores, and the size (h, w) of the grid that they lie on."""
-    height, width = rgb.shape[:2]
-    scale = min(1.0, (WORKING_AREA / (height * width)) ** 0.5, WORKING_SIDE / max(height, width))
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
-    return *find(reduced.astype(np.uint8)), (size[1], size[0])
+    found = edges(rgb)
+    return told(rgb, found.chosen, found.scores, confidence(found.scores), found.shape)
 
 
 def told(
@@ -74,18 +66,41 @@ def confidence(score: NDArray[np.float64]) -> NDArray[np.float64]:
     return 1 / (1 + np.exp((0.7 - score) / 0.06))
 
 
-def find(rgb: NDArray[np.uint8]) -> tuple[list[Proposal], NDArray[np.float64]]:
-    """The objects of a photo of working size, and their scores."""
-    shape = rgb.shape[0], rgb.shape[1]
-    smallest, largest = max(12, round(SMALLEST * shape[0] * shape[1])), round(LARGEST * shape[0] * shape[1])
-    colour = lab(rgb)
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """What edges and circles say of a photo, on a grid of `shape` (h, w)."""
+
+    shape: tuple[int, int]
+    gradient: Gradient
+    proposals: Sequence[Proposal]
+    """All that may be objects, larger and smaller ones too than are chosen from."""
+    chosen: Sequence[Proposal]
+    """The best of them together, and of their unions."""
+    scores: NDArray[np.float64]
+    """(n,) of the chosen ones."""
+
+
+def edges(rgb: NDArray[np.uint8]) -> Edges:
+    """Of a photo (H, W, 3) uint8 sRGB."""
+    height, width = rgb.shape[:2]
+    scale = min(1.0, (WORKING_AREA / (height * width)) ** 0.5, WORKING_SIDE / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
+    shape = size[1], size[0]
+    least, smallest, largest, most = (
+        round(part * size[0] * size[1]) for part in (LEAST, SMALLEST, LARGEST, MOST)
+    )
+    least, smallest = max(12, least), max(12, smallest)
+    colour = lab(np.asarray(reduced, np.uint8))
     gradient = colour_gradient(colour)
-    regions = stable_regions(colour, gradient, smallest, largest)
-    proposals = distinct(regions + discs(gradient, smallest, largest))
+    every = stable_regions(colour, gradient, least, most)
+    round_ = discs(gradient, smallest, largest)
+    proposals = distinct([one for one in every if smallest <= one.area <= largest] + round_)
     seen = looks(proposals, colour, gradient)
     joined = distinct(unions(proposals, seen.score, largest))
     more = looks(joined, colour, gradient)
     everything = Looks(np.append(seen.score, more.score), np.append(seen.compactness, more.compactness))
     chosen, scores = choose(proposals + joined, everything, colour)
     forms = [variants(proposal, shape) for proposal in chosen]
-    return [form[int(looks(form, colour, gradient).score.argmax())] for form in forms], scores
+    best = [form[int(looks(form, colour, gradient).score.argmax())] for form in forms]
+    return Edges(shape, gradient, distinct(every + round_), best, scores)

@@ -21,11 +21,12 @@ THRESHOLD = 0.5
 """Expected fit below which a proposal is better left out."""
 AREA_POWER = 0.5
 """The gain of a proposal grows with its area to this power: wholes against their parts."""
-AGREED, SEEN, MOST = 0.5, 0.6, 0.99
-"""What the choice by edges adds at most to a fit, the mean foreground from which it does, the most that comes of it.
+AGREED, SEEN, MOST = 0.5, (0.3, 0.6), 0.99
+"""What the choice by edges adds at most to a fit, the mean foreground from which it does and fully does, the most that
+comes of it.
 
 Chosen on the studio's tune half and on the validation homes."""
-SURE, DOUBTFUL = 0.35, 0.1
+SURE, DOUBTFUL = 0.31, 0.1
 """Confidence from which a proposal is an object, and from which it is worth a comment."""
 DOUBTS = 8
 """At most, that are told of."""
@@ -45,7 +46,7 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
 
 def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
     """Of a photo's candidates the objects, and what is doubtful."""
-    fit = worth(found)
+    fit = worth(found, expected(found.evidence))
     best = choose(found, fit)
     sure = best[confidence(fit[best]) >= SURE]
     some = [found.proposals[k] for k in sure.tolist()]
@@ -53,10 +54,11 @@ def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
     return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
 
 
-def worth(found: Candidates) -> NDArray[np.float64]:
-    """(n,) 0..1: expected fits, and more where edges chose the same and the network sees an object there."""
-    seen = found.evidence[:, NAMES.index("foreground")] > SEEN
-    return np.minimum(expected(found.evidence) + AGREED * found.edges * seen, MOST)
+def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) 0..1: expected fits (n,), and more where edges chose the same and the network sees an object there."""
+    foreground = found.evidence[:, NAMES.index("foreground")]
+    seen = np.clip((foreground - SEEN[0]) / (SEEN[1] - SEEN[0]), 0, 1)
+    return np.minimum(fit + AGREED * found.edges * seen, MOST)
 
 
 def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:

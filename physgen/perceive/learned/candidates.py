@@ -9,22 +9,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.backends.segment_classical import chosen_by_edges
+from physgen.perceive.backends.segment_classical import LEAST, MOST, edges
 from physgen.perceive.learned.evidence import evidence
-from physgen.perceive.learned.network import Seen, closer
-from physgen.perceive.learned.parts import parts
-from physgen.perceive.proposals.circles import discs
-from physgen.perceive.proposals.gradient import colour_gradient, lab
+from physgen.perceive.learned.judge import expected
+from physgen.perceive.learned.network import Seen
+from physgen.perceive.learned.parts import guided, parts
 from physgen.perceive.proposals.proposal import Proposal, cut_out, distinct
-from physgen.perceive.proposals.regions import stable_regions
 
-SMALLEST, LARGEST = 0.0005, 0.6
-"""Parts of the photo that an object may cover."""
 MIDDLE, WIDTH = 0.8, 0.05
 """Of the logistic that turns a score of the choice by edges into how sure it is; chosen on tune and validation."""
 ON = 0.2
 """Mean foreground of a proposal below which nobody need look closer."""
-LEAST = 14
+SMALLEST = 14
 """px of the network's grid, of the smallest proposal."""
 
 
@@ -44,27 +40,18 @@ class Candidates:
 
 def candidates(rgb: NDArray[np.uint8], seen: Seen) -> Candidates:
     """Of a photo (H, W, 3) sRGB."""
-    height, width = rgb.shape[:2]
-    scale = min(1.0, closer(max(height, width)) / max(height, width))  # only outlines see the full photo
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
-    shape = size[1], size[0]
-    smallest, largest = (round(share * size[0] * size[1]) for share in (SMALLEST, LARGEST))
-    gradient = colour_gradient(lab(reduced.astype(np.uint8)))
-    colour = lab(reduced.astype(np.uint8))
-    edges = stable_regions(colour, gradient, max(12, smallest), largest)
-    edges += discs(gradient, max(12, smallest), largest)
-    grid = seen.foreground.shape
+    by_edges = edges(rgb)
+    shape, grid = by_edges.shape, seen.foreground.shape
     cells = grid[0] * grid[1]
-    own = parts(seen, max(LEAST, round(SMALLEST * cells)), round(LARGEST * cells))
+    own = parts(seen, max(SMALLEST, round(LEAST * cells)), round(MOST * cells))
+    bounds = (max(12, round(part * shape[0] * shape[1])) for part in (LEAST, MOST))
+    both_ways = distinct([*by_edges.proposals, *guided(by_edges.gradient, seen, *bounds)])
     pool: list[tuple[Proposal | None, Proposal | None, bool]] = [
-        (one, rescaled(one, shape, grid), False) for one in distinct(edges)
+        (one, rescaled(one, shape, grid), False) for one in (*by_edges.chosen, *both_ways)
     ]
     pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
-    taken, scores, where = chosen_by_edges(rgb)
-    first = len(pool)
-    pool += [(rescaled(one, where, shape), rescaled(one, where, grid), False) for one in taken]
-    sure = np.concatenate([np.zeros(first), 1 / (1 + np.exp((MIDDLE - scores) / WIDTH))])
+    sure = np.zeros(len(pool))
+    sure[: len(by_edges.chosen)] = 1 / (1 + np.exp((MIDDLE - by_edges.scores) / WIDTH))
     both = [
         (fine, rough, learned, agreed)
         for (fine, rough, learned), agreed in zip(pool, sure.tolist(), strict=True)
@@ -77,6 +64,16 @@ def candidates(rgb: NDArray[np.uint8], seen: Seen) -> Candidates:
         np.array([learned for _, _, learned, _ in both], bool),
         np.array([agreed for _, _, _, agreed in both], np.float64),
     )
+
+
+def judged(some: Sequence[Proposal], seen: Seen, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """(n,) 0..1: how well proposals on a grid of `shape` (h, w) are expected to fit."""
+    there = [rescaled(one, shape, seen.foreground.shape) for one in some]
+    fit = np.zeros(len(some))
+    known = [k for k, one in enumerate(there) if one is not None]
+    if known:
+        fit[known] = expected(evidence([one for one in there if one is not None], seen))
+    return fit
 
 
 def _on(one: Proposal, seen: Seen) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,12 @@ Array = NDArray[np.float64]
 JUDGE = "judge.json"
 
 
-def expected(evidence: Array) -> Array:
-    """(n,) 0..1: intersection over union with the object that fits best, as far as evidence (n, k) tells."""
-    told = _judge()
+def expected(evidence: Array, numbers: Mapping[str, Any] | None = None) -> Array:
+    """(n,) 0..1: intersection over union with the object that fits best, as far as evidence (n, k) tells.
+
+    `numbers` are another judge's than the shipped one.
+    """
+    told = _judge() if numbers is None else numbers
     value = (evidence - told["mean"]) / told["spread"]
     for weights, bias in zip(told["weights"][:-1], told["biases"][:-1], strict=True):
         value = np.maximum(value @ weights + bias, 0)
@@ -26,7 +30,7 @@ def expected(evidence: Array) -> Array:
 
 
 def confidence(fit: Array) -> Array:
-    """(n,) 0..1: the share of chosen proposals of such an expected fit (n,) that are right, as it was counted."""
+    """(n,) 0..1: the share of chosen proposals of such a worth (n,) that are right, as it was counted."""
     told = _judge()
     return np.asarray(np.interp(fit, told["fit"], told["right"]))
 

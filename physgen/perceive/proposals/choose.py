@@ -167,8 +167,8 @@ def _background(
         around = np.s_[top : one.box[3] + reach, left : one.box[2] + reach]
         ring = free[around].copy()
         ring[one.y - top : one.box[3] - top, one.x - left : one.box[2] - left] &= ~one.mask
-        inside = _some(colour[one.y : one.box[3], one.x : one.box[2]][one.mask], 100)
-        outside = _some(colour[around][ring], 300)
+        inside = _some(colour[one.y : one.box[3], one.x : one.box[2]], one.mask, 100)
+        outside = _some(colour[around], ring, 300)
         if len(outside) < 20:
             continue
         own, other = (_density(inside, colours) for colours in (inside, outside))
@@ -176,9 +176,10 @@ def _background(
     return np.clip((explained - 0.5) / 0.3, 0, 1)
 
 
-def _some(rows: NDArray[np.float32], most: int) -> NDArray[np.float32]:
-    """About `most` of the rows, evenly spread."""
-    return rows[:: max(1, len(rows) // most)]
+def _some(colour: NDArray[np.float32], mask: Flags, most: int) -> NDArray[np.float32]:
+    """About `most` of the colours (h, w, 3) under a mask (h, w), evenly spread."""
+    at = np.flatnonzero(mask)
+    return colour[np.unravel_index(at[:: max(1, len(at) // most)], mask.shape)]
 
 
 def _density(at: NDArray[np.float32], colours: NDArray[np.float32]) -> Values:

@@ -15,6 +15,8 @@ Circles = NDArray[np.float64]
 ANGLES = np.arange(72) * 2 * np.pi / 72
 RIM = np.stack([np.cos(ANGLES), np.sin(ANGLES), np.ones(72)], 1)
 """(72, 3): how far the rim moves out at each angle when x, y or the radius grows by 1."""
+LEAST = 0.13
+"""Of a rim, that must vote for a circle."""
 
 
 def discs(gradient: Gradient, smallest: int, largest: int, most: int = 250) -> list[Proposal]:
@@ -52,24 +54,49 @@ def vote(gradient: Gradient, smallest: float, largest: float, most: int) -> Circ
     radii = [smallest]
     while radii[-1] < largest:
         radii.append(1.07 * radii[-1] + 0.2)
-    layers = []
-    for radius in radii:
-        votes = np.zeros(height * width)
-        for side in (radius, -radius):
-            x = np.rint(columns + side * np.cos(angle)).astype(np.int64)
-            y = np.rint(rows + side * np.sin(angle)).astype(np.int64)
-            inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-            votes += np.bincount((y * width + x)[inside], weight[inside], height * width)
-        sigma = max(0.8, 0.08 * radius)
-        blurred = cv2.GaussianBlur(votes.reshape(height, width).astype(np.float32), (0, 0), sigma)
-        layers.append(blurred * (sigma * sigma / radius))  # 1: a whole rim of full weight
-    stack = np.stack(layers)
-    peak = np.stack([cv2.dilate(layer, np.ones((5, 5), np.uint8)) for layer in layers])
-    below, above = peak[:-1].copy(), peak[1:].copy()
-    peak[1:], peak[:-1] = np.maximum(peak[1:], below), np.maximum(peak[:-1], above)
-    level, y, x = np.nonzero((stack >= peak) & (stack > 0.13))
-    best = np.argsort(-stack[level, y, x], kind="stable")[:most]
-    return np.stack([x[best], y[best], np.array(radii)[level[best]]], 1).astype(np.float64)
+    across, down = np.cos(angle), np.sin(angle)
+    found = []
+    here: Layer | None = None
+    for level in range(len(radii) + 1):  # maxima over place, and over the next larger radius
+        after = None
+        if level < len(radii):
+            votes = _votes((height, width), rows, columns, across, down, weight, radii[level])
+            after = votes, np.asarray(cv2.dilate(votes, np.ones((5, 5), np.uint8)), np.float32)
+        if here is not None:
+            y, x = np.nonzero(here[0] > LEAST)
+            most_near = np.max([layer[1][y, x] for layer in (here, after) if layer is not None], axis=0)
+            top = here[0][y, x] >= most_near
+            y, x = y[top], x[top]
+            found.append(np.stack([x, y, np.full(len(x), radii[level - 1]), here[0][y, x]], 1))
+        here = after
+    every = np.concatenate(found).astype(np.float64)
+    return every[np.argsort(-every[:, 3], kind="stable")[:most], :3]
+
+
+Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""(H, W) votes for a radius, and their greatest over 5 x 5 px."""
+
+
+def _votes(
+    shape: tuple[int, int],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    across: NDArray[np.float32],
+    down: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    radius: float,
+) -> NDArray[np.float32]:
+    """(H, W): how much of a rim of a radius edge pixels put about each pixel; 1: a whole rim of full weight."""
+    height, width = shape
+    votes = np.zeros(height * width)
+    for side in (radius, -radius):
+        x = np.rint(columns + side * across).astype(np.int64)
+        y = np.rint(rows + side * down).astype(np.int64)
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        votes += np.bincount((y * width + x)[inside], weight[inside], height * width)
+    sigma = max(0.8, 0.08 * radius)
+    blurred = cv2.GaussianBlur(votes.reshape(height, width).astype(np.float32), (0, 0), sigma)
+    return np.asarray(blurred * (sigma * sigma / radius), np.float32)
 
 
 def fit(gradient: Gradient, circles: Circles) -> Circles:

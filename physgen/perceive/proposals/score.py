@@ -95,9 +95,9 @@ def _shape(mask: Mask, contour: NDArray[np.int32]) -> tuple[float, float, float]
     solidity = (area + length / 2 + 1) / (cv2.contourArea(cv2.convexHull(contour)) + length / 2 + 1)
     y, x = np.nonzero(mask)
     spread = np.cov(x, y) + 0.08 * np.eye(2)
-    rows, columns = np.indices(mask.shape)
-    off = np.stack([columns - x.mean(), rows - y.mean()], -1)
-    shapes = [np.einsum("hwi,ij,hwj->hw", off, np.linalg.inv(spread), off) <= 4]
+    along, down = np.arange(mask.shape[1]) - x.mean(), np.arange(mask.shape[0])[:, None] - y.mean()
+    form = np.linalg.inv(spread)
+    shapes = [form[0, 0] * along**2 + 2 * form[0, 1] * along * down + form[1, 1] * down**2 <= 4]
     blank = np.zeros(mask.shape, np.uint8)
     shapes += [cv2.fillPoly(blank.copy(), [corners], 1) > 0 for corners in polygons(contour)]
     likeness = max(float((shape & mask).sum() / (shape | mask).sum()) for shape in shapes)

@@ -31,6 +31,7 @@ def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask], band: float = BAND) -
     `band` is how far outlines may move, see `BAND`. Every label is one connected region; of two that contend for
     a pixel the later mask gets it."""
     labels = np.zeros(rgb.shape[:2], np.uint16)
+    boxes: list[tuple[slice, slice]] = []
     for k, mask in enumerate(masks):
         scale = rgb.shape[1] / mask.shape[1], rgb.shape[0] / mask.shape[0]
         reach = max(1.5, band * float(np.sqrt(mask.sum()))) * max(scale)
@@ -40,10 +41,15 @@ def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask], band: float = BAND) -
         if max(high - low) < SIDE:
             gradient = colour_gradient(lab(rgb[low[1] : high[1], low[0] : high[0]]))
             points = points + _path(gradient, points - low, normal, reach)[:, None] * normal
-        filled = np.zeros(labels.shape, np.uint8)
-        cv2.fillPoly(filled, [np.rint(16 * _rounded(points)).astype(np.int32)], 1, shift=4)
-        labels[filled > 0] = k + 1
-    return _connected(labels, len(masks))
+        rim = _rounded(points)
+        left, top = (max(0, int(v) - 2) for v in rim.min(0))
+        box = np.s_[top : max(top, int(rim[:, 1].max()) + 3), left : max(left, int(rim[:, 0].max()) + 3)]
+        filled = np.zeros(labels[box].shape, np.uint8)
+        if filled.size:
+            cv2.fillPoly(filled, [np.rint(16 * (rim - (left, top))).astype(np.int32)], 1, shift=4)
+            labels[box][filled > 0] = k + 1
+        boxes.append(box)
+    return _connected(labels, boxes)
 
 
 def _outline_at(mask: Mask, scale: Points) -> tuple[Points, Points]:
@@ -111,11 +117,13 @@ def _rounded(points: Points) -> Points:
     return rim
 
 
-def _connected(labels: NDArray[np.uint16], count: int) -> NDArray[np.uint16]:
-    """Labels 1..count, of each its largest connected part."""
+def _connected(labels: NDArray[np.uint16], boxes: Sequence[tuple[slice, slice]]) -> NDArray[np.uint16]:
+    """Labels 1.. in their boxes, of each its largest connected part."""
     kept = np.zeros_like(labels)
-    for k in range(1, count + 1):
-        _, parts, stats, _ = cv2.connectedComponentsWithStats((labels == k).astype(np.uint8), connectivity=4)
-        if len(stats) > 1:
-            kept[parts == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())] = k
+    for k, box in enumerate(boxes, 1):
+        here = (labels[box] == k).astype(np.uint8)
+        if not here.any():
+            continue
+        _, parts, stats, _ = cv2.connectedComponentsWithStats(here, connectivity=4)
+        kept[box][parts == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())] = k
     return kept

@@ -1,0 +1,183 @@
+"""Perceiving a scene's photo again: names, masks and prompts stay, new prompts take the place of what they cover."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from physgen import pipeline
+from physgen.cli import main
+from physgen.percepts.maps import read_labels
+from physgen.scene.model import BoxPrompt, PointPrompt, Scene
+
+CENTRES = {"ball-1": (60, 70), "ball-2": (150, 75), "ball-3": (240, 70)}
+RADIUS = 30
+BOX = (146.0, 38.0, 8.0, 74.0)
+"""About nothing whole: a strip through the second ball."""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Three balls on paper, masks given; the second one's mask is wrong: a bar through its middle."""
+    y, x = np.mgrid[:140, :300]
+    rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
+    labels = np.zeros((140, 300), np.uint8)
+    for k, (cx, cy) in enumerate(CENTRES.values(), 1):
+        inside = (x - cx) ** 2 + (y - cy) ** 2 <= RADIUS**2
+        rgb[inside] = [(40, 60, 170), (170, 40, 40), (30, 120, 60)][k - 1]
+        labels[inside] = k
+    labels[labels == 2] = 0
+    labels[45:105, 140:150] = 2
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.7)
+    cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
+    cv2.imwrite(str(tmp_path / "marked.png"), labels)
+    path = tmp_path / "scene.yaml"
+    options = ["--masks", str(tmp_path / "marked.png"), "--label", "*=ball"]
+    assert main(["perceive", str(tmp_path / "photo.png"), *options, "-o", str(path)]) == 0
+    return path
+
+
+def refreshed(scene: Path, *options: str) -> tuple[Scene, NDArray[np.uint16]]:
+    out = scene.with_name("again.yaml")
+    assert main(["perceive", "--refresh", str(scene), *options, "-o", str(out)]) == 0
+    loaded = pipeline.load(out)
+    return loaded, read_labels(out.with_name("again.assets") / "masks.png")
+
+
+def test_a_box_corrects_the_mask_that_it_covers(scene: Path) -> None:
+    before = pipeline.load(scene)
+    named = {item.name: item for item in before.objects}
+    assert set(named) == {"ball-1", "ball-2", "ball-3"}
+    wrong = next(name for name, item in named.items() if item.shape.__class__.__name__ != "Circle")
+    x, y = CENTRES["ball-2"]
+    box = (x - 33, y - 33, 66, 66)
+    after, labels = refreshed(scene, "--box", ",".join(map(str, box)))
+    assert [item.name for item in after.objects] == [item.name for item in before.objects]
+    now = {item.name: item for item in after.objects}
+    assert now[wrong].prompt == BoxPrompt(tuple(map(float, box)))  # type: ignore[arg-type]
+    assert now[wrong].label == "ball"
+    rows, columns = np.mgrid[:140, :300]
+    ball = (columns - x) ** 2 + (rows - y) ** 2 <= RADIUS**2
+    found = labels == now[wrong].mask.id  # type: ignore[union-attr]
+    assert (found & ball).sum() / (found | ball).sum() > 0.9
+    for name in set(now) - {wrong}:
+        assert now[name].prompt is None
+        assert now[name].provenance["mask"] == named[name].provenance["mask"]
+
+
+def test_prompts_are_asked_again_and_nothing_else_moves(scene: Path) -> None:
+    x, y = CENTRES["ball-2"]
+    refreshed(scene, "--point", f"{x},{y}")
+    first = scene.with_name("again.yaml")
+    text = first.read_text()
+    kept = first.rename(scene.with_name("kept.yaml"))
+    assert main(["perceive", "--refresh", str(kept), "-o", str(first)]) == 0
+    assert first.read_text() == text
+    assert PointPrompt((float(x), float(y))) in {item.prompt for item in pipeline.load(first).objects}
+
+
+def test_what_a_person_took_out_stays_out_and_scale_stays(scene: Path) -> None:
+    import yaml
+
+    document = yaml.safe_load(scene.read_text())
+    del document["objects"]["ball-3"]
+    document["world"]["pixels_per_meter"] = 640
+    document["objects"]["ball-1"]["label"] = "steel ball"
+    scene.write_text(yaml.safe_dump(document))
+    after, labels = refreshed(scene)
+    assert [item.name for item in after.objects] == ["ball-1", "ball-2"]
+    assert after.world.pixels_per_meter == 640
+    assert after.objects[0].label == "steel ball"
+    assert len(np.unique(labels)) == 3
+
+
+def test_what_a_person_wrote_stays(scene: Path) -> None:
+    import yaml
+
+    document = yaml.safe_load(scene.read_text())
+    document["objects"]["ball-1"] |= {"label": "steel ball", "velocity": [120, 0], "mass": 77}
+    document["forces"] = [{"object": "ball-1", "impulse": [10, 0]}]
+    document["render"] = {"frames": 5}
+    scene.write_text(yaml.safe_dump(document))
+    x, y = CENTRES["ball-2"]
+    out = scene.with_name("again.yaml")
+    assert (
+        main(["perceive", "--refresh", str(scene), "--box", f"{x - 33},{y - 33},66,66", "-o", str(out)]) == 0
+    )
+    after = yaml.safe_load(out.read_text())
+    assert after["objects"]["ball-1"] == document["objects"]["ball-1"]
+    assert after["objects"]["ball-3"] == document["objects"]["ball-3"]
+    assert (after["forces"], after["render"]) == (document["forces"], document["render"])
+    assert after["world"] == document["world"]
+    anew, before = after["objects"]["ball-2"], document["objects"]["ball-2"]
+    assert anew["label"] == "ball"
+    assert anew["shape"] != before["shape"]
+    assert anew["mask"] == before["mask"]
+
+
+def test_refreshing_to_stdout_leaves_the_scene_whole(
+    scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import yaml
+
+    document = yaml.safe_load(scene.read_text())
+    del document["objects"]["ball-1"]
+    scene.write_text(yaml.safe_dump(document))
+    monkeypatch.chdir(scene.parent)
+    capsys.readouterr()
+    assert main(["perceive", "--refresh", str(scene)]) == 0
+    assert list(yaml.safe_load(capsys.readouterr().out)["objects"]) == ["ball-2", "ball-3"]
+    assert main(["check", str(scene)]) == 0
+
+
+def test_a_small_thing_before_a_large_one(tmp_path: Path) -> None:
+    """Boxes in either order; a refresh changes nothing; a box round the small one leaves the large one its name."""
+    rgb = np.full((220, 300, 3), (200, 196, 188), np.uint8)
+    rgb[30:190, 60:240] = (120, 80, 50)
+    cv2.circle(rgb, (150, 140), 30, (40, 60, 190), -1)
+    photo = tmp_path / "photo.png"
+    cv2.imwrite(str(photo), cv2.GaussianBlur(rgb, (0, 0), 0.7)[..., ::-1])
+    block, ball = ("--box", "54,24,192,172"), ("--box", "116,106,68,68")
+    ones = [tmp_path / name for name in ("a.yaml", "b.yaml", "c.yaml")]
+    assert main(["perceive", str(photo), *block, *ball, "-o", str(ones[0])]) == 0
+    assert main(["perceive", str(photo), *ball, *block, "-o", str(ones[1])]) == 0
+    counts = [
+        np.bincount(read_labels(one.with_name(f"{one.stem}.assets") / "masks.png").ravel())[1:]
+        for one in ones[:2]
+    ]
+    assert sorted(counts[0].tolist()) == sorted(counts[1].tolist())
+    assert min(counts[0]) > 2000
+    assert main(["perceive", "--refresh", str(ones[0]), "-o", str(ones[2])]) == 0
+    assert len(pipeline.load(ones[2]).objects) == 2
+    assert main(["perceive", str(photo), *block, "-o", str(ones[0])]) == 0
+    (large,) = pipeline.load(ones[0]).objects
+    assert main(["perceive", "--refresh", str(ones[0]), *ball, "-o", str(ones[2])]) == 0
+    assert large.name in {item.name for item in pipeline.load(ones[2]).objects}
+    assert len(pipeline.load(ones[2]).objects) == 2
+    assert main(["perceive", str(photo), *ball, *ball, "-o", str(ones[1])]) == 2
+
+
+@pytest.mark.parametrize("flag", ["IMAGE", "--masks", "--coco", "--side", "--label"])
+def test_a_scene_tells_its_photo_and_its_masks(
+    flag: str, scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = (
+        ["photo.png"] if flag == "IMAGE" else [flag, {"--side": "300", "--label": "a=b"}.get(flag, "x.png")]
+    )
+    assert main(["perceive", "--refresh", str(scene), *more]) == 2
+    assert f"leave one of {flag} and --refresh out" in capsys.readouterr().err
+
+
+def test_neither_photo_nor_scene(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["perceive"]) == 2
+    assert "--refresh SCENE" in capsys.readouterr().err
+    bare = tmp_path / "bare.yaml"
+    bare.write_text(
+        "physgen: 1\nsize: [64, 48]\nobjects:\n  a: {shape: {circle: {center: [9, 9], radius: 3}}}\n"
+    )
+    assert main(["perceive", "--refresh", str(bare)]) == 2
+    assert "shows no photo" in capsys.readouterr().err
