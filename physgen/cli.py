@@ -72,6 +72,9 @@ def perceive(options: argparse.Namespace) -> int:
     }
     if options.refresh:
         _refuse_beside_refresh(options)
+        if options.output is None:
+            fix = "say where the new scene goes, with its maps beside it: -o NEW.yaml"
+            raise InputError.of("perceive", "--refresh", "needs -o", fix)
         text = pipeline.refresh(options.refresh, options.output, **told)
     elif options.image is None:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
@@ -94,7 +97,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     }
     for flag, value in beside.items():
         if value is not None:
-            fix = f"leave one of {flag} and --refresh out"
+            fix = "write it into the file: label:" if flag == "--label" else f"leave {flag} or --refresh out"
             raise InputError.of("perceive", f'"{value}"', "cannot be told beside --refresh", fix)
 
 

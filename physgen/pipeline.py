@@ -123,7 +123,7 @@ def perceive(
 
 def refresh(
     path: Path,
-    output: Path | None = None,
+    output: Path,
     *,
     boxes: Sequence[tuple[float, float, float, float]] = (),
     points: Sequence[tuple[float, float]] = (),
@@ -139,9 +139,10 @@ def refresh(
     take the place of what they cover, and `warn` is told of objects that they swallow.
     """
     from physgen import backends as table
-    from physgen.perceive.again import again, merged
+    from physgen.perceive.again import again, doubts, merged
     from physgen.perceive.lay_out import lay_out
     from physgen.perceive.scene import perceive as run
+    from physgen.perceive.words import DOUBTFUL
     from physgen.percepts.photo import read_photo
     from physgen.scene.build import written
 
@@ -149,7 +150,7 @@ def refresh(
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
     maps = percepts(scene)
-    kept = compile(scene, maps).labels
+    kept, kept_names = compile(scene, maps).labels, {item.name for item in scene.objects}
     photo = read_photo(scene.image)
     segment = table.make("segment", backends.get("segment"))
     told = again(photo.rgb, scene.objects, kept, boxes, points, segment)
@@ -167,12 +168,17 @@ def refresh(
         )  # its light lifted shadows, or did not
         looked = replace(perceived.percepts, clean=clean, depth=maps.depth, normals=maps.normals)
         perceived = replace(perceived, percepts=replace(looked, albedo=maps.albedo, shading=maps.shading))
-    comments = {key: text for key, text in perceived.comments.items() if key.startswith("objects.")}
+    fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
+    comments = {
+        key: text for key, text in perceived.comments.items()
+        if key.startswith("objects.") and key.split(".")[1] in fresh
+    }  # fmt: skip
+    lines = doubts(path.read_text(encoding="utf-8-sig"), document["objects"])
+    if lines and document["objects"]:
+        comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])
     header = "Perceived again: objects with a prompt were looked for anew, all else is as it was"
     perceived = replace(perceived, document=document, comments=comments, header=header)
     image = scene.image if photo.plain else None
-    if assets is None and output is None and scene.assets and scene.assets.is_relative_to(Path.cwd()):
-        assets = scene.assets
     return lay_out(perceived, image, scene.image.stem, output, assets, keep)
 
 

@@ -35,6 +35,9 @@ class Shown:
             if path.resolve() in ours:
                 expected = "would be written over by the marked photos"
                 raise InputError.of("-o", f'"{path}"', expected, "name another folder with -o")
+        if self._photos.exists() and any(self._photos.iterdir()) and not (folder / FILES[-1]).exists():
+            expected = "holds files that are not of an earlier run"
+            raise InputError.of("-o", f'"{self._photos}"', expected, "name another folder with -o")
         self._photos.mkdir(parents=True, exist_ok=True)
 
     def photo(self, photo: Photo) -> None:

@@ -6,7 +6,8 @@ of what they cover.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -31,8 +32,10 @@ class Again:
     """What perception starts from."""
 
     found: Found
-    anew: frozenset[str]
-    """Names of objects of the scene that are found anew."""
+    repeated: frozenset[str]
+    """Names of objects whose prompt the scene holds."""
+    corrected: frozenset[str]
+    """Names of those that a new prompt means."""
     gone: tuple[str, ...]
     """Names of objects that a new prompt took in."""
 
@@ -73,7 +76,8 @@ def again(
         result[repeated.labels == n] = ids[k]
         owner[ids[k]] = k
         sure[ids[k]], pointed[ids[k]] = repeated.confidence[n], repeated.prompts[n]
-    anew, gone = {objects[k].name for k in asked}, []
+    corrected: set[str] = set()
+    gone: list[str] = []
     most = max(ids, default=0) + len(new.prompts)
     for n, prompt in new.prompts.items():
         mask = new.labels == n
@@ -89,14 +93,14 @@ def again(
             sure.pop(i, None), pointed.pop(i, None)
         i = meant[0] if meant else max(ids, default=0) + n
         if meant:
-            anew.add(objects[owner[i]].name)
+            corrected.add(objects[owner[i]].name)
         result[mask] = i
         sure[i], pointed[i] = new.confidence[n], prompt
     said = {i: objects[k].provenance.get("mask", "") for i, k in owner.items() if i not in pointed}
     names = {i: Name(objects[k].label, 1.0) for i, k in owner.items() if objects[k].label}
     called = {i: objects[k].name for i, k in owner.items()}
     found = Found(result, "kept", sure, names, pointed, called=called, said=said)
-    return Again(found, frozenset(anew), tuple(gone))
+    return Again(found, frozenset(objects[k].name for k in asked), frozenset(corrected), tuple(gone))
 
 
 def _ids(objects: Sequence[Object]) -> list[int]:
@@ -107,22 +111,37 @@ def _ids(objects: Sequence[Object]) -> list[int]:
 
 
 def merged(old: Mapping[str, Any], new: Mapping[str, Any], told: Again) -> dict[str, Any]:
-    """The old scene as it was written, with objects as they were found anew, and new ones, of the `new` scene."""
+    """The old scene as it was written, with objects as they were found anew, and new ones, of the `new` scene.
+
+    A repeated prompt gives a mask and a shape. One that is corrected gets new numbers, too, where its `from` names who
+    said the old ones. An object of nothing but a mask is filled in.
+    """
     objects: dict[str, Any] = {}
     for name, was in old["objects"].items():
         now = new["objects"].get(name)
         if name in told.gone:
             continue
-        if now is None or name not in told.anew:
-            objects[name] = was
-            continue
         said = was.get("from", {})
-        own = {
-            key: value
-            for key, value in was.items()
-            if key not in FOUND and (key not in DERIVED or key not in said or key == "label")
-        }
-        objects[name] = {**now, **own}
-        objects[name]["from"] = {key: who for key, who in now["from"].items() if key == "mask" or key in said}
+        if now is None or set(was) <= {"mask", "from"}:
+            objects[name] = {**(now or {}), **was} if now else was
+            if now:
+                objects[name]["from"] = {**now["from"], **said}
+        elif name in told.corrected:
+            own = {key for key in was if key not in FOUND and (key not in DERIVED or key not in said)} | {
+                "label"
+            }
+            objects[name] = {**now, **{key: was[key] for key in own if key in was}}
+            objects[name]["from"] = {k: who for k, who in now["from"].items() if k == "mask" or k in said}
+        elif name in told.repeated:
+            objects[name] = {**was, **{key: now[key] for key in FOUND if key in now}}
+            objects[name]["from"] = {**said, "mask": now["from"]["mask"]}
+        else:
+            objects[name] = was
     objects |= {name: now for name, now in new["objects"].items() if name not in old["objects"]}
     return {**old, "objects": objects}
+
+
+def doubts(text: str, names: Collection[str]) -> list[str]:
+    """What stands in a scene's text as a comment to switch on and is not among its objects' `names` yet."""
+    found = re.findall(r"^ *# ?(maybe-\d+: \{.*\})\s*$", text, re.MULTILINE)
+    return [line for line in found if line.partition(":")[0] not in names]

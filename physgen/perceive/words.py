@@ -14,6 +14,9 @@ from physgen.outline.outline import Disc, Outline, mass_properties
 from physgen.perceive.roles import Doubt, Shadows, Thing, Wall
 from physgen.photometry import DistantLight
 
+DOUBTFUL = "perhaps objects, too: to have one, take the # and the space behind it away"
+"""Above things that are too doubtful to be objects."""
+
 
 def slug(label: str) -> str:
     """A label as the start of a name: letters, digits and -, beginning with a letter, at most 48 long.
@@ -122,7 +125,7 @@ def counted(labels: Mapping[int, str]) -> str:
 
 def doubts(doubtful: Sequence[Doubt], who: str) -> str:
     """Lines for the scene's comments: things that a person may take for objects by uncovering a line."""
-    lines = ["perhaps objects, too: to have one, take the # and the space behind it away"]
+    lines = [DOUBTFUL]
     for k, doubt in enumerate(doubtful, 1):
         points = ", ".join(f"[{x:g}, {y:g}]" for x, y in doubt.polygon)
         said = source(who, doubt.confidence)
