@@ -63,10 +63,6 @@ def test_any_picture_gives_labels_in_order(photo) -> None:
     assert (again.confidence == found.confidence).all()
 
 
-def test_two_hundred_coins_are_found() -> None:
-    assert len(segment(many()).confidence) >= 190
-
-
 def test_a_photo_without_objects_becomes_an_empty_scene(tmp_path: Path) -> None:
     rgb = np.full((96, 128, 3), (90, 120, 140), np.uint8)
     made = perceive(rgb, Found(np.zeros((96, 128), np.uint16), "learned", {}, {}))

@@ -13,7 +13,8 @@ from physgen.perceive.learned.candidates import Candidates, candidates
 from physgen.perceive.learned.evidence import NAMES
 from physgen.perceive.learned.judge import confidence, expected
 from physgen.perceive.learned.network import see
-from physgen.perceive.proposals.choose import SHARED, best_set, exclusions
+from physgen.perceive.proposals.choose import SHARED, background, best_set, exclusions
+from physgen.perceive.proposals.gradient import lab
 from physgen.perceive.proposals.proposal import Proposal, outline, overlap
 from physgen.perceive.roles import Doubt, Segment, Segments
 
@@ -28,6 +29,8 @@ comes of it.
 Chosen on the studio's tune half and on the validation homes."""
 SURE, DOUBTFUL = 0.31, 0.1
 """Confidence from which a proposal is an object, and from which it is worth a comment."""
+GAP, SURELY = 0.2, 0.9
+"""What a chosen proposal loses whose colours all go on around it, and the worth from which nobody looks."""
 DOUBTS = 8
 """At most, that are told of."""
 STRAIGHT = 0.01
@@ -48,6 +51,7 @@ def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
     """Of a photo's candidates the objects, and what is doubtful."""
     fit = worth(found, expected(found.evidence))
     best = choose(found, fit)
+    fit[best] -= GAP * gaps(rgb, found, fit, best)
     sure = best[confidence(fit[best]) >= SURE]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = told(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
@@ -59,6 +63,20 @@ def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
     foreground = found.evidence[:, NAMES.index("foreground")]
     seen = np.clip((foreground - SEEN[0]) / (SEEN[1] - SEEN[0]), 0, 1)
     return np.minimum(fit + AGREED * found.edges * seen, MOST)
+
+
+def gaps(
+    rgb: NDArray[np.uint8], found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """(n,) 0..1: how well the colours around what is chosen explain it as a gap; 0 for the surest."""
+    if not len(best):
+        return np.zeros(0)
+    size = found.shape[::-1]
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if rgb.shape[:2] != found.shape else rgb
+    some: list[Proposal] = [found.proposals[k] for k in best.tolist()]
+    return background(
+        some, np.ones(len(best), np.bool_), fit[best] < SURELY, lab(np.asarray(small, np.uint8))
+    )
 
 
 def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -56,7 +56,7 @@ def choose(
     for _ in range(2):
         gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
         final = score + _sets(score, area, compactness, chosen, excludes) - gap
-        final -= BACKGROUND_PENALTY * _background(pool, chosen, final > THRESHOLD, colour)
+        final -= BACKGROUND_PENALTY * background(pool, chosen, final > THRESHOLD, colour)
         chosen = best_set((final - THRESHOLD) * weight, final, excludes)
     if chosen.any():
         chosen &= final > max(THRESHOLD, OUTLIER * float(np.quantile(final[chosen], 0.75)))
@@ -150,7 +150,7 @@ def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tup
     return penalty
 
 
-def _background(
+def background(
     proposals: Sequence[Proposal], chosen: Flags, which: Flags, colour: NDArray[np.float32]
 ) -> Values:
     """(n,) 0..1: how well the colours around a proposal, where nothing is chosen, explain the colours in it;
