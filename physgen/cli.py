@@ -75,7 +75,10 @@ def perceive(options: argparse.Namespace) -> int:
         if options.output is None:
             fix = "say where the new scene goes, with its maps beside it: -o NEW.yaml"
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
-        text = pipeline.refresh(options.refresh, options.output, **told)
+        from physgen.refresh import refresh
+
+        told["chosen"] = told.pop("backends")
+        text = refresh(options.refresh, options.output, **told)
     elif options.image is None:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:

@@ -30,7 +30,7 @@ FLOORS = {
     5: ("render",),
     6: ("refine", "export"),
     7: ("report",),
-    8: ("pipeline", "cache"),
+    8: ("pipeline", "refresh", "cache"),
     9: ("batch",),
     10: ("evaluate", "pytest_plugin", "notebook"),
     11: ("flags",),

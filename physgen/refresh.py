@@ -1,0 +1,70 @@
+"""A scene perceived again: what its file says stays, what prompts mean is found anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+from physgen import backends
+from physgen.compile.assemble import compile_scene
+from physgen.perceive.again import again, doubts, merged
+from physgen.perceive.lay_out import lay_out
+from physgen.perceive.scene import Progress, perceive, silent
+from physgen.perceive.words import DOUBTFUL
+from physgen.percepts.maps import Keep, read_percepts
+from physgen.percepts.photo import read_photo
+from physgen.problems import InputError, Place, Problem, Severity
+from physgen.scene.build import load, written
+
+
+def refresh(
+    path: Path,
+    output: Path,
+    *,
+    boxes: Sequence[tuple[float, float, float, float]] = (),
+    points: Sequence[tuple[float, float]] = (),
+    assets: Path | None = None,
+    chosen: Mapping[str, str] = MappingProxyType({}),
+    progress: Progress = silent,
+    warn: Callable[[Problem], None] = lambda problem: None,
+    keep: Keep = lambda kept: None,
+) -> str:
+    """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
+
+    What the file says stays, its comments do not. Objects with a `prompt` are found again; new `boxes` and `points`
+    take the place of what they cover, and `warn` is told of objects that they swallow.
+    """
+    scene = load(path)
+    if scene.image is None:
+        raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
+    maps = read_percepts(scene.image, scene.assets, scene.maps)
+    kept = compile_scene(scene, None if maps is None else maps.labels).labels
+    kept_names = {item.name for item in scene.objects}
+    photo = read_photo(scene.image)
+    segment = backends.make("segment", chosen.get("segment"))
+    told = again(photo.rgb, scene.objects, kept, boxes, points, segment)
+    for name in told.gone:
+        expected = "is part of what was pointed at and has gone"
+        fix = "leave the box or point out if it should stay"
+        warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
+    perceived = perceive(photo.rgb, told.found, chosen=chosen, view=scene.world.view, progress=progress)
+    document = merged(written(path), perceived.document, told)
+    if maps is not None:
+        # the scene's own light lifted shadows, or did not
+        clean = None if maps.clean is None else perceived.percepts.clean
+        looked = replace(perceived.percepts, clean=clean, depth=maps.depth, normals=maps.normals)
+        perceived = replace(perceived, percepts=replace(looked, albedo=maps.albedo, shading=maps.shading))
+    fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
+    comments = {
+        key: text for key, text in perceived.comments.items()
+        if key.startswith("objects.") and key.split(".")[1] in fresh
+    }  # fmt: skip
+    lines = doubts(path.read_text(encoding="utf-8-sig"), document["objects"])
+    if lines and document["objects"]:
+        comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])
+    header = "Perceived again: objects with a prompt were looked for anew, all else is as it was"
+    perceived = replace(perceived, document=document, comments=comments, header=header)
+    image = scene.image if photo.plain else None
+    return lay_out(perceived, image, scene.image.stem, output, assets, keep)
