@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from physgen.perceive.given import at_point, in_box, likely
+from physgen.perceive.given import at_point, in_box
 from physgen.perceive.pointed import proposed
 from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_image
@@ -77,7 +77,7 @@ def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
     """Mean and least IoU, and the share that reaches the bar, by kind; wall ms a box."""
     from physgen import backends
 
-    segments, known = likely(backends.make("segment")(rgb)), proposed(rgb)
+    segments, known = backends.make("segment")(rgb), proposed(rgb)
     ways: dict[str, Callable] = {
         "box": lambda box: in_box(rgb, box),
         "jitter": lambda box: in_box(rgb, box),
@@ -90,7 +90,7 @@ def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
             for place in places:
                 before = time.perf_counter()
                 try:
-                    cut = ways[kind](place)
+                    cut = ways[kind](place).mask
                 except InputError:
                     cut = None
                 if kind == "box":

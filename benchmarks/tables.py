@@ -31,6 +31,7 @@ def page() -> str:
         ("growth", _growth),
         ("segmentation", _segmentation),
         ("prompts", _prompts),
+        ("perceive", _perceive),
         ("shadows", _shadows),
     ):
         path = RESULTS / f"{name}.json"
@@ -248,6 +249,28 @@ def _segmentation(rows: list[dict]) -> list[str]:
         "Each photo, by both:",
         "",
         *_table(["photo", "set", *counts], photos),
+    ]
+
+
+def _perceive(rows: list[dict]) -> list[str]:
+    def cells(row: dict) -> list[object]:
+        finding = row["stages"]["segment"]
+        rest = sum(row["stages"].values()) - finding
+        return [f"{finding:.1f}", f"{rest:.1f}", row["memory"]]
+
+    sizes = [f"{row['width']} x {row['height']}" for row in rows]
+    return [
+        "## Perceiving",
+        "",
+        "`perceive` on a photo stretched to a size, with nothing told: wall seconds, and MiB of memory at the peak.",
+        "",
+        *_table(
+            ["photo", "px", "objects", "finding objects", "all the rest", "memory"],
+            [
+                [row["photo"], size, row["objects"], *cells(row)]
+                for row, size in zip(rows, sizes, strict=True)
+            ],
+        ),
     ]
 
 

@@ -77,7 +77,7 @@ def perceive(options: argparse.Namespace) -> int:
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.refresh import refresh
 
-        told["chosen"] = told.pop("backends")
+        told |= {"chosen": told.pop("backends"), "allow_outside": options.allow_outside}
         text = refresh(options.refresh, options.output, **told)
     elif options.image is None:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")

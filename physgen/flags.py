@@ -67,6 +67,11 @@ def build_parser() -> argparse.ArgumentParser:
         "again, new --box and --point correct or add objects",
     )
     sub.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="with --refresh: the scene may read files outside its folder",
+    )
+    sub.add_argument(
         "-o",
         "--output",
         metavar="SCENE",

@@ -82,7 +82,7 @@ def perceive(
     that stood in the way and were kept.
     """
     from physgen import backends as table
-    from physgen.perceive.given import from_masks, from_prompts
+    from physgen.perceive.given import from_masks, from_prompts, weak
     from physgen.perceive.import_coco import coco_objects, read_coco
     from physgen.perceive.lay_out import lay_out
     from physgen.perceive.scene import perceive as run
@@ -115,6 +115,8 @@ def perceive(
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
         found = from_prompts(rgb, boxes, points, table.make("segment", backends.get("segment")))
+        for problem in weak(found):
+            warn(problem)
     if found is not None:
         found = fitted(found, (width, height), rgb)
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)

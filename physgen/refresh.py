@@ -10,6 +10,7 @@ from types import MappingProxyType
 from physgen import backends
 from physgen.compile.assemble import compile_scene
 from physgen.perceive.again import again, doubts, merged
+from physgen.perceive.given import weak
 from physgen.perceive.lay_out import lay_out
 from physgen.perceive.scene import Progress, perceive, silent
 from physgen.perceive.words import DOUBTFUL
@@ -25,6 +26,7 @@ def refresh(
     *,
     boxes: Sequence[tuple[float, float, float, float]] = (),
     points: Sequence[tuple[float, float]] = (),
+    allow_outside: bool = False,
     assets: Path | None = None,
     chosen: Mapping[str, str] = MappingProxyType({}),
     progress: Progress = silent,
@@ -36,7 +38,7 @@ def refresh(
     What the file says stays, its comments do not. Objects with a `prompt` are found again; new `boxes` and `points`
     take the place of what they cover, and `warn` is told of objects that they swallow.
     """
-    scene = load(path)
+    scene = load(path, allow_outside=allow_outside)
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
     maps = read_percepts(scene.image, scene.assets, scene.maps)
@@ -45,12 +47,14 @@ def refresh(
     photo = read_photo(scene.image)
     segment = backends.make("segment", chosen.get("segment"))
     told = again(photo.rgb, scene.objects, kept, boxes, points, segment)
+    for problem in weak(told.found):
+        warn(problem)
     for name in told.gone:
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
     perceived = perceive(photo.rgb, told.found, chosen=chosen, view=scene.world.view, progress=progress)
-    document = merged(written(path), perceived.document, told)
+    document = merged(written(path, allow_outside), perceived.document, told)
     if maps is not None:
         # the scene's own light lifted shadows, or did not
         clean = None if maps.clean is None else perceived.percepts.clean

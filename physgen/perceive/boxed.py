@@ -18,11 +18,11 @@ from physgen.perceive.learned.parts import guided, parts
 from physgen.perceive.proposals.circles import discs
 from physgen.perceive.proposals.company import company, iou
 from physgen.perceive.proposals.gradient import colour_gradient, lab
-from physgen.perceive.proposals.proposal import Mask, Proposal, cut_out, unions, variants
+from physgen.perceive.proposals.proposal import Proposal, cut_out, unions, variants
 from physgen.perceive.proposals.regions import stable_regions
 from physgen.perceive.proposals.score import looks
 from physgen.perceive.proposals.tighten import tighten
-from physgen.perceive.roles import Rgb
+from physgen.perceive.roles import Meant, Rgb
 
 Floats = NDArray[np.float64]
 
@@ -53,8 +53,8 @@ EDGES, COLOURS, COMPANY, JUDGED = 2.0, 0.25, 1.0, 1.0
 """Exponents: looks; likeness to what GrabCut finds; likeness to what else is proposed; what the network expects."""
 
 
-def boxed(rgb: Rgb, box: tuple[int, int, int, int]) -> Mask:
-    """(H, W): the object in a box (left, top, right, bottom px, within the photo, the last two just outside)."""
+def boxed(rgb: Rgb, box: tuple[int, int, int, int]) -> Meant:
+    """The object in a box (left, top, right, bottom px, within the photo, the last two just outside)."""
     height, width = rgb.shape[:2]
     x0, y0, x1, y1 = box
     across, down = max(8, round(MARGIN * (x1 - x0))), max(8, round(MARGIN * (y1 - y0)))
@@ -71,13 +71,17 @@ def boxed(rgb: Rgb, box: tuple[int, int, int, int]) -> Mask:
     mask = np.zeros((height, width), np.bool_)
     if best is None:
         mask[y0:y1, x0:x1] = True
-        return mask
-    mask[top:bottom, left:right] = tighten(part, [best.on((size[1], size[0]))], BAND) > 0
-    return mask
+        return Meant(mask, 0.0)
+    found, fit = best
+    mask[top:bottom, left:right] = tighten(part, [found.on((size[1], size[0]))], BAND) > 0
+    return Meant(mask, fit)
 
 
-def _best(rgb: Rgb, box: Floats) -> Proposal | None:
-    """The object in a box (4,) px of a photo of working size; None where nothing is proposed."""
+def _best(rgb: Rgb, box: Floats) -> tuple[Proposal, float] | None:
+    """The object in a box (4,) px of a photo of working size, and how well it is expected to fit.
+
+    None where nothing is proposed.
+    """
     shape = rgb.shape[0], rgb.shape[1]
     across, down = box[2] - box[0], box[3] - box[1]
     smallest, largest = (max(20, round(part * across * down)) for part in AREAS)
@@ -106,8 +110,10 @@ def _best(rgb: Rgb, box: Floats) -> Proposal | None:
     if by_colour:
         alike = np.array([max(iou(form, other) for other in by_colour) for form in forms])
         worth += COLOURS * np.log(0.15 + alike)
-    worth += JUDGED * np.log(np.maximum(judged(forms, seen, shape), 0.05))
-    return forms[int((worth + COMPANY * company(forms, worth)).argmax())]
+    fit = judged(forms, seen, shape)
+    worth += JUDGED * np.log(np.maximum(fit, 0.05))
+    k = int((worth + COMPANY * company(forms, worth)).argmax())
+    return forms[k], float(fit[k])
 
 
 def _by_colour(rgb: Rgb, box: Floats, smallest: int) -> list[Proposal]:

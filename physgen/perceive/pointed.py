@@ -14,11 +14,11 @@ from physgen.perceive.learned.parts import guided, parts
 from physgen.perceive.proposals.circles import discs
 from physgen.perceive.proposals.company import company
 from physgen.perceive.proposals.gradient import Gradient, colour_gradient, lab
-from physgen.perceive.proposals.proposal import Mask, Proposal, distinct, unions, variants
+from physgen.perceive.proposals.proposal import Proposal, distinct, unions, variants
 from physgen.perceive.proposals.regions import stable_regions
 from physgen.perceive.proposals.score import looks
 from physgen.perceive.proposals.tighten import tighten
-from physgen.perceive.roles import Rgb
+from physgen.perceive.roles import Meant, Rgb
 
 AREA = 512 * 512
 """px that are looked at; larger photos are reduced to it."""
@@ -69,8 +69,8 @@ def proposed(rgb: Rgb) -> Proposed:
     return Proposed(rgb, colour, gradient, found, judged(found, seen, shape))
 
 
-def pointed(known: Proposed, x: int, y: int) -> Mask | None:
-    """(H, W): the object at a pixel of the photo; None where nothing that is proposed there looks like one."""
+def pointed(known: Proposed, x: int, y: int) -> Meant | None:
+    """The object at a pixel of the photo; None where nothing that is proposed there looks like one."""
     height, width = known.rgb.shape[:2]
     shape = known.colour.shape[0], known.colour.shape[1]
     at = (
@@ -84,10 +84,8 @@ def pointed(known: Proposed, x: int, y: int) -> Mask | None:
     score = looks(holding, known.colour, known.gradient).score
     good = EDGES * np.log(np.maximum(score, 0.02)) + expected
     best = np.argsort(-good, kind="stable")[:KEPT].tolist()
-    pairs = [
-        (form, expected[k]) for k in best for form in variants(holding[k], shape) if _depth(form, at) > 0
-    ]
-    forms, likely = [form for form, _ in pairs], np.array([more for _, more in pairs])
+    pairs = [(form, k) for k in best for form in variants(holding[k], shape) if _depth(form, at) > 0]
+    forms, source = [form for form, _ in pairs], [k for _, k in pairs]
     if not forms:
         return None
     depth = np.array([_depth(form, at) for form in forms])
@@ -97,12 +95,13 @@ def pointed(known: Proposed, x: int, y: int) -> Mask | None:
         EDGES * np.log(np.maximum(score, 0.02))
         + WIDE * area
         + DEEP * np.log(np.maximum(depth, 0.05))
-        + likely
+        + expected[source]
     )
     k = int((worth + COMPANY * company(forms, worth)).argmax())
     if score[k] < LEAST:
         return None
-    return np.asarray(tighten(known.rgb, [forms[k].on(shape)], BAND) > 0)
+    mask = tighten(known.rgb, [forms[k].on(shape)], BAND) > 0
+    return Meant(np.asarray(mask), float(known.fit[some][source[k]]))
 
 
 def _depth(one: Proposal, at: tuple[int, int]) -> float:

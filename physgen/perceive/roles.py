@@ -41,6 +41,16 @@ class Segments:
     """What is more likely none; the surest first."""
 
 
+@dataclass(frozen=True)
+class Meant:
+    """What a box or a point is taken to mean."""
+
+    mask: NDArray[np.bool_]
+    """(H, W)."""
+    confidence: float
+    """0..1, that it is an object with about this outline."""
+
+
 class Segment(Protocol):
     """Finds the movable objects of a photo."""
 

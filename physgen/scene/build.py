@@ -50,10 +50,10 @@ def load(
     return frozen(edited, scene_name(file), source, ground)
 
 
-def written(path: str | os.PathLike[str]) -> dict[str, Any]:
+def written(path: str | os.PathLike[str], allow_outside: bool = False) -> dict[str, Any]:
     """A file as plain YAML data, with what it extends and without any default. Raises InputError."""
     name = os.fspath(path)
-    document = plain(with_bases(read_scene(Path(name), name), Path(name), False))
+    document = plain(with_bases(read_scene(Path(name), name), Path(name), allow_outside))
     assert isinstance(document, dict)
     return document
 

@@ -77,7 +77,7 @@ def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 def test_a_box_drawn_by_hand(draw: Callable[[], Photo], by: Sides) -> None:
     rgb, labels = draw()
     found = {
-        k: overlap(in_box(rgb, moved(tight(labels == k), by)), labels == k)
+        k: overlap(in_box(rgb, moved(tight(labels == k), by)).mask, labels == k)
         for k in range(1, labels.max() + 1)
     }
     assert min(found.values()) >= GOOD, found
@@ -98,9 +98,9 @@ def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
 def test_a_box_gives_the_same_mask_again_and_mirrored() -> None:
     rgb, labels = balls()
     box = moved(tight(labels == 3), (0.1, 0.1, 0.1, 0.1))
-    first = in_box(rgb, box)
-    assert np.array_equal(first, in_box(rgb.copy(), box))
-    mirrored = in_box(np.ascontiguousarray(rgb[:, ::-1]), (300 - box[0] - box[2], *box[1:]))
+    first = in_box(rgb, box).mask
+    assert np.array_equal(first, in_box(rgb.copy(), box).mask)
+    mirrored = in_box(np.ascontiguousarray(rgb[:, ::-1]), (300 - box[0] - box[2], *box[1:])).mask
     assert overlap(first, mirrored[:, ::-1]) > 0.93
 
 
@@ -110,9 +110,10 @@ def test_a_box_around_nothing_still_gives_a_mask(kind: str) -> None:
     if kind == "noise":
         rgb = np.random.default_rng(0).integers(0, 256, rgb.shape).astype(np.uint8)
     for box in ((20, 20, 30, 30), (-5, -5, 200, 200), (60, 3, 8, 70)):
-        mask = in_box(rgb, box)
-        assert mask.shape == (80, 90)
-        assert mask.any()
+        meant = in_box(rgb, box)
+        assert meant.mask.shape == (80, 90)
+        assert meant.mask.any()
+        assert meant.confidence < 0.1
 
 
 def test_the_scene_says_where_a_person_pointed(tmp_path: Path) -> None:
@@ -156,3 +157,17 @@ def test_a_wrong_prompt_is_refused(
     scene.write_text(f"physgen: 1\nsize: [64, 48]\nobjects:\n  a: {{{circle}, prompt: {prompt}}}\n")
     assert main(["check", str(scene)]) == 2
     assert f"objects.a.{message}" in capsys.readouterr().err
+
+
+def test_a_box_on_nothing_is_said_to_show_nothing_and_one_on_a_ball_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rgb, labels = balls()
+    rgb[:, :60] = rgb[0, 0]
+    photo = tmp_path / "photo.png"
+    cv2.imwrite(str(photo), rgb[..., ::-1])
+    around = ",".join(f"{v:g}" for v in moved(tight(labels == 3), (0.1, 0.1, 0.1, 0.1)))
+    assert main(["perceive", str(photo), "--box", around, "-o", str(tmp_path / "ball.yaml")]) == 0
+    assert "nothing that stands out" not in capsys.readouterr().err
+    assert main(["perceive", str(photo), "--box", "8,8,30,30", "-o", str(tmp_path / "none.yaml")]) == 0
+    assert "--box 8,8,30,30: warning: shows nothing that stands out" in capsys.readouterr().err

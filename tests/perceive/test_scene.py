@@ -9,6 +9,7 @@ import pytest
 from physgen.perceive import words
 from physgen.perceive.given import at_point, from_masks, from_prompts, in_box
 from physgen.perceive.lay_out import lay_out
+from physgen.perceive.roles import Segments
 from physgen.perceive.scene import perceive
 from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_image
@@ -155,13 +156,16 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 def test_a_box_finds_what_is_in_it():
     rgb, labels = desk()
-    assert overlap(in_box(rgb, (15, 74, 50, 50)), labels == 7) > 0.85
+    assert overlap(in_box(rgb, (15, 74, 50, 50)).mask, labels == 7) > 0.85
 
 
 def test_a_point_finds_what_is_of_one_colour():
     rgb, labels = desk()
-    assert overlap(at_point(rgb, (100, 95), None), labels == 300) > 0.85
-    assert np.array_equal(at_point(rgb, (100, 95), labels), labels == 300)
+    assert overlap(at_point(rgb, (100, 95), None).mask, labels == 300) > 0.85
+    whole = np.where(labels == 300, np.uint16(1), np.uint16(0))
+    found = at_point(rgb, (100, 95), Segments(whole, np.array([0.9])))
+    assert np.array_equal(found.mask, labels == 300)
+    assert found.confidence == 0.9
 
 
 def test_prompts_are_numbered_and_collected():
