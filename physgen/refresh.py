@@ -58,8 +58,7 @@ def refresh(
     if maps is not None:
         # the scene's own light lifted shadows, or did not
         clean = None if maps.clean is None else perceived.percepts.clean
-        looked = replace(perceived.percepts, clean=clean, depth=maps.depth, normals=maps.normals)
-        perceived = replace(perceived, percepts=replace(looked, albedo=maps.albedo, shading=maps.shading))
+        perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=maps.depth))
     fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
     comments = {
         key: text for key, text in perceived.comments.items()

@@ -20,7 +20,7 @@ from physgen.perceive import words
 from physgen.perceive.lifted import refilled
 from physgen.perceive.membrane import seamless
 from physgen.perceive.primitives import outlines_of
-from physgen.perceive.roles import LightGuess, Rgb, Setting, Shadows, Thing, Wall
+from physgen.perceive.roles import Intrinsics, LightGuess, Rgb, Setting, Shadows, Thing, Wall
 from physgen.perceive.scene import Perceived, Progress, silent
 from physgen.perceive.sim_yaml import Body, Sim, read_sim
 from physgen.percepts.maps import Percepts, read_labels
@@ -102,7 +102,11 @@ def _shadows(percepts: Percepts, things: list[Thing], sim: Sim) -> Shadows:
     )
     setting = Setting(View.SIDE if sim.gravity else View.TOP, 1.0, "", walls)
     matter = backends.make("physics")(percepts.rgb, things, None)
-    guess: LightGuess = backends.make("light")(percepts.rgb, percepts.labels, things)
+    rgb, labels, normals = percepts.rgb, percepts.labels, percepts.normals
+    if normals is None:
+        normals = backends.make("normals")(rgb, labels, things, setting)
+    intrinsics: Intrinsics = backends.make("intrinsic")(rgb, labels, normals)
+    guess: LightGuess = backends.make("light")(rgb, labels, things, normals, intrinsics)
     assert percepts.background is not None
     assert percepts.coverage is not None
     found: Shadows = backends.make("shadow")(

@@ -124,10 +124,45 @@ class LightGuess:
     reason: str
 
 
+class Normals(Protocol):
+    """Tells which way every surface faces."""
+
+    def __call__(
+        self, rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
+    ) -> NDArray[np.float32]:
+        """(H, W, 3) unit: +x right, +y down, +z to the viewer."""
+        ...
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A photo parted into what its surfaces are and how they are lit: light = albedo x shading."""
+
+    albedo: NDArray[np.float32]
+    """(H, W, 3) in 0..1, linear."""
+    shading: NDArray[np.float32]
+    """(H, W) >= 0, linear."""
+
+
+class Intrinsic(Protocol):
+    """Parts a photo into albedo and shading."""
+
+    def __call__(self, rgb: Rgb, labels: Labels, normals: NDArray[np.float32]) -> Intrinsics:
+        """`normals` as the role of that name gives them."""
+        ...
+
+
 class Light(Protocol):
     """Finds where the light comes from."""
 
-    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> LightGuess:
+    def __call__(
+        self,
+        rgb: Rgb,
+        labels: Labels,
+        things: Sequence[Thing],
+        normals: NDArray[np.float32],
+        intrinsics: Intrinsics,
+    ) -> LightGuess:
         """Never fails: what cannot be seen is guessed with little confidence."""
         ...
 
@@ -146,6 +181,8 @@ class Shadows:
 
     clean: Rgb | None
     """The background without them; None where none are seen."""
+    owners: Labels | None
+    """(H, W): the id of the object whose shadow lies there, 0 = none; None where none are seen."""
     light: DistantLight
     softness: float
     """degrees: half the width of the light."""

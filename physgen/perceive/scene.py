@@ -17,7 +17,7 @@ from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
 from physgen.perceive.lifted import refilled
-from physgen.perceive.roles import Doubt, LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
+from physgen.perceive.roles import Doubt, Intrinsics, LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import View
@@ -28,7 +28,18 @@ HEADER = "A photo as physgen perceived it. Change any number and run: physgen re
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
 SMALLEST = 12
 """px: an id of fewer pixels is a speck, no object."""
-ROLES = ("segment", "label", "physics", "boundary", "light", "matte", "inpaint", "shadow")
+ROLES = (
+    "segment",
+    "label",
+    "physics",
+    "boundary",
+    "normals",
+    "intrinsic",
+    "light",
+    "matte",
+    "inpaint",
+    "shadow",
+)
 
 
 @dataclass(frozen=True)
@@ -120,14 +131,19 @@ def perceive(
     label_source |= dict.fromkeys(renamed, "")
     matter: Mapping[int, Matter] = role("physics")(rgb, things, pixels_per_meter)
     setting: Setting = role("boundary")(rgb, found.labels, things, view)
-    light: LightGuess = role("light")(rgb, found.labels, things)
+    normals = role("normals")(rgb, found.labels, things, setting)
+    intrinsics: Intrinsics = role("intrinsic")(rgb, found.labels, normals)
+    light: LightGuess = role("light")(rgb, found.labels, things, normals, intrinsics)
     coverage = role("matte")(rgb, found.labels)
     background = role("inpaint")(rgb, coverage > 0)
     shadows: Shadows = role("shadow")(background, coverage, found.labels, things, matter, setting, light)
     clean = shadows.clean
     if clean is not None:
         clean = refilled(clean, background, coverage, backends.make("inpaint", who.get("inpaint")))
-    percepts = Percepts(rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean)
+    percepts = Percepts(
+        rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
+        normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
+    )  # fmt: skip
 
     called = words.names(things, {i: name for i, name in before.items() if i not in renamed})
     objects: dict[str, Any] = {}

@@ -81,7 +81,7 @@ def side_shadows(
 ) -> Shadows:
     """The role `shadow` for a photo from the side."""
     photo = _Photo(background, coverage, labels, things, matter, setting)
-    nothing = Shadows(None, guess.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
+    nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
     given = photo.trace(COARSE)
     if given is None:
         return nothing
@@ -97,7 +97,7 @@ def side_shadows(
             place, sure, reason = _told(fit, cast, guess, (labels.shape[1], labels.shape[0]))
             back = None if place.backdrop == inf else round(place.backdrop, 1)
             tilt, softness = round(degrees(atan(place.tilt)), 1), round(place.softness, 1)
-            return Shadows(clean, place.light, softness, tilt, back, round(min(0.9, sure), 2), reason)
+            return Shadows(clean, None, place.light, softness, tilt, back, round(min(0.9, sure), 2), reason)
     return nothing
 
 

@@ -41,6 +41,8 @@ class Percepts:
     """(H, W, 3) sRGB: objects filled, old shadows still there; equals `rgb` where coverage is 0."""
     clean: U8 | None = None
     """(H, W, 3) sRGB: the background without the objects' shadows."""
+    shadows: U16 | None = None
+    """(H, W): the id of the object whose shadow lies there, 0 = none."""
     depth: F32 | None = None
     """(H, W), larger = farther."""
     normals: F32 | None = None
@@ -140,6 +142,7 @@ def read_percepts(
         coverage=coverage,
         background=colour("background.png"),
         clean=colour("clean.png"),
+        shadows=None if (cast := fitting("shadows.png")) is None else read_labels(cast),
         depth=scalar("depth"),
         normals=None if normals is None else (normals.astype(np.float32) - 128) / np.float32(127),
         albedo=None if albedo is None else albedo.astype(np.float32) / np.float32(np.iinfo(albedo.dtype).max),
@@ -153,7 +156,7 @@ def write_assets(percepts: Percepts, folder: Path, keep: Keep = silent) -> dict[
     A map that is there already and differs, or that nobody has made this time, is kept as `NAME~`, and `keep` told.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in ("coverage", "background", "clean", "depth", "normals", "albedo", "shading"):
+    for name in ("coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading"):
         if getattr(percepts, name) is None:
             set_aside(folder / f"{name}.png", keep)
     ranges: dict[str, tuple[float, float]] = {}
@@ -174,6 +177,8 @@ def write_assets(percepts: Percepts, folder: Path, keep: Keep = silent) -> dict[
     for name, picture in (("background", percepts.background), ("clean", percepts.clean)):
         if picture is not None:
             write_png(folder / f"{name}.png", picture, keep)
+    if percepts.shadows is not None:
+        write_png(folder / "shadows.png", percepts.shadows, keep)
     scalar("depth", percepts.depth)
     scalar("shading", percepts.shading)
     if percepts.normals is not None:

@@ -11,7 +11,7 @@ import pytest
 from physgen import backends
 from physgen.outline.outline import Disc, Region, Ring
 from physgen.perceive.roles import LightGuess, Matter, Name, Segments, Setting, Shadows, Thing
-from physgen.photometry import DistantLight
+from physgen.photometry import DistantLight, decode
 from physgen.scene.model import View
 
 ROWS = [row for row in backends.BACKENDS if not row.missing()]
@@ -80,9 +80,50 @@ def check_physics(run, rgb, labels, things):
             assert matter.reason
 
 
+def surfaces(rgb, labels, things):
+    setting = backends.make("boundary")(rgb, labels, things, None)
+    normals = backends.make("normals")(rgb, labels, things, setting)
+    return normals, backends.make("intrinsic")(rgb, labels, normals)
+
+
+def check_normals(run, rgb, labels, things):
+    for view in (View.SIDE, View.TOP):
+        for seen in (things, []):
+            setting = backends.make("boundary")(rgb, labels, seen, view)
+            normals = run(rgb, labels if seen else np.zeros_like(labels), seen, setting)
+            assert normals.shape == rgb.shape
+            assert normals.dtype == np.float32
+            assert np.linalg.norm(normals, axis=2) == pytest.approx(1, abs=1e-3)
+            assert normals[..., 2].min() > -1e-3  # what is seen faces the viewer
+    setting = backends.make("boundary")(rgb, labels, things, View.SIDE)
+    normals = run(rgb, labels, things, setting)
+    y, x = np.mgrid[: labels.shape[0], : labels.shape[1]]
+    u, v = (x - 45) / 20, (y - 75) / 20
+    inner = np.hypot(u, v) < 0.9
+    true = np.stack([u, v, np.sqrt(np.clip(1 - u * u - v * v, 0, 1))], -1)[inner]
+    assert (normals[inner] * true).sum(-1).min() > np.cos(np.radians(8))  # a ball is a sphere
+
+
+def check_intrinsic(run, rgb, labels, things):
+    normals = surfaces(rgb, labels, things)[0]
+    found = run(rgb, labels, normals)
+    assert found.albedo.shape == rgb.shape
+    assert found.shading.shape == labels.shape
+    assert found.albedo.dtype == found.shading.dtype == np.float32
+    assert found.albedo.min() >= 0
+    assert found.albedo.max() <= 1
+    assert found.shading.min() >= 0
+    both = found.albedo * found.shading[..., None]
+    assert np.abs(both - decode(rgb)).mean() < 0.02  # together they are the photo
+    for flat in (np.zeros_like(rgb), np.full_like(rgb, 255)):
+        parted = run(flat, labels, normals)
+        assert np.isfinite(parted.albedo).all()
+        assert np.isfinite(parted.shading).all()
+
+
 def check_light(run, rgb, labels, things):
     for seen in (things, []):
-        guess = run(rgb, labels, seen)
+        guess = run(rgb, labels, seen, *surfaces(rgb, labels, seen))
         assert isinstance(guess, LightGuess)
         assert np.linalg.norm(guess.light.direction) == pytest.approx(1, abs=1e-5)
         assert guess.light.intensity >= 0
@@ -121,7 +162,7 @@ def check_inpaint(run, rgb, labels, things):
 def check_shadow(run, rgb, labels, things):
     coverage = (labels > 0).astype(np.float32)
     matter = backends.make("physics")(rgb, things, None)
-    light = backends.make("light")(rgb, labels, things)
+    light = backends.make("light")(rgb, labels, things, *surfaces(rgb, labels, things))
     y, x = np.mgrid[: labels.shape[0], : labels.shape[1]]
     for view in (View.SIDE, View.TOP):
         setting = backends.make("boundary")(rgb, labels, things, view)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.outline.outline import Disc
-from physgen.perceive.roles import Labels, Light, LightGuess, Rgb, Thing
+from physgen.perceive.roles import Intrinsics, Labels, Light, LightGuess, Rgb, Thing
 from physgen.photometry import DistantLight, decode, fit_light, luminance, sphere_normals
 
 FROM_ABOVE = DistantLight((0.0, -0.6, 0.8), 0.8, 0.4)
@@ -28,7 +28,9 @@ def spheres() -> Light:
     return _spheres
 
 
-def _spheres(rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> LightGuess:
+def _spheres(
+    rgb: Rgb, labels: Labels, things: Sequence[Thing], normals: NDArray[np.float32], intrinsics: Intrinsics
+) -> LightGuess:
     linear = luminance(decode(rgb))
     parts = [
         samples

@@ -92,7 +92,7 @@ def _geometry(
     if setting.view is View.SIDE:
         return side_shadows(background, coverage, labels, things, matter, setting, light)
     scene = _scene(background, coverage, labels, things, matter, setting)
-    nothing = Shadows(None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
+    nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
     if scene is None:
         return nothing
     place, score, factor = _search(scene, light)
@@ -102,7 +102,9 @@ def _geometry(
     dark = _seen(background, coverage, labels, things, matter, setting, even)
     clean = encode_u8(decode(background) * np.exp(dark)[..., None])
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
-    return Shadows(clean, even.light, round(even.softness, 1), 4.0, None, round(min(0.9, score), 2), reason)
+    return Shadows(
+        clean, None, even.light, round(even.softness, 1), 4.0, None, round(min(0.9, score), 2), reason
+    )
 
 
 def _scene(
