@@ -44,7 +44,17 @@ def test_a_photo_becomes_a_valid_scene(tmp_path: Path):
     rgb, labels = desk()
     seen = []
     found = perceive(rgb, from_masks(labels), progress=lambda stage, done, total: seen.append(stage))
-    assert seen == ["label", "physics", "boundary", "normals", "intrinsic", "light", "matte", "inpaint", "shadow"]
+    assert seen == [
+        "label",
+        "physics",
+        "boundary",
+        "normals",
+        "intrinsic",
+        "light",
+        "matte",
+        "inpaint",
+        "shadow",
+    ]
     cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
     lay_out(found, tmp_path / "photo.png", "photo", tmp_path / "scene.yaml")
     scene = load(tmp_path / "scene.yaml")
