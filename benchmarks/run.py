@@ -31,6 +31,7 @@ from frames import frames as frame_rows
 from frames import presets
 from growth import growth, plot
 from perceiving import perceiving
+from percepts import percepts
 from prompts import prompts
 from segments import segmentation
 from tables import RESULTS, fidelity_page, page, physics_page
@@ -285,7 +286,7 @@ def encoder(folder: Path) -> list[dict]:
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
-PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving}
+PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving, "percepts": percepts}
 
 
 def main(names: list[str]) -> None:

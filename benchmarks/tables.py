@@ -32,6 +32,7 @@ def page() -> str:
         ("segmentation", _segmentation),
         ("prompts", _prompts),
         ("perceive", _perceive),
+        ("percepts", _percepts),
         ("shadows", _shadows),
     ):
         path = RESULTS / f"{name}.json"
@@ -270,6 +271,68 @@ def _perceive(rows: list[dict]) -> list[str]:
                 [row["photo"], size, row["objects"], *cells(row)]
                 for row, size in zip(rows, sizes, strict=True)
             ],
+        ),
+    ]
+
+
+def _percepts(rows: list[dict]) -> list[str]:
+    def two(row: dict, key: str) -> str:
+        values = [row.get(key), row.get(f"{key}_found")]
+        said = [
+            {True: "yes", False: "NO", None: "-"}[v] if v in (True, False, None) else f"{v:g}" for v in values
+        ]
+        return " / ".join(said)
+
+    def one(row: dict, key: str, places: int) -> str:
+        return "-" if row.get(key) is None else f"{row[key]:.{places}f}"
+
+    def beside(row: dict, key: str, other: str, places: int = 2) -> str:
+        return "-" if key not in row else f"{row[key]:.{places}f} ({row[other]:.{places}f})"
+
+    def mean(part: list[dict], key: str) -> float | None:
+        values = [row[key] for row in part if row.get(key) is not None]
+        return sum(values) / len(values) if values else None
+
+    held = [
+        [
+            r["photo"], r["half"], two(r, "still"), two(r, "view"),
+            f"{r['supported']} of {r['standing']}" if r["standing"] else "-", two(r, "light"),
+            f"{r['mass']} of {r['weighed']}" if "mass" in r else "-",
+        ]
+        for r in rows
+    ]  # fmt: skip
+    with_truth = [row for row in rows if "psnr" in row]
+    for half in dict.fromkeys(row["half"] for row in with_truth):
+        part = [row for row in with_truth if row["half"] == half]
+        keys = [key for key, value in part[0].items() if not isinstance(value, str | bool)]
+        with_truth.append(
+            {"photo": f"mean of {half}", "half": half, **{key: mean(part, key) for key in keys}}
+        )
+    seen = [
+        [
+            r["photo"], r["half"], beside(r, "normals", "normals_flat", 0), one(r, "balls", 0),
+            beside(r, "albedo", "albedo_grey"), beside(r, "shading", "shading_grey"),
+            one(r, "shadow", 2), one(r, "psnr", 1), beside(r, "texture", "texture_true"),
+        ]
+        for r in with_truth
+    ]  # fmt: skip
+    return [
+        "## What perception says beside what is true",
+        "",
+        "Given the true masks / with those that it finds. Still: px by which anything moves in 2 s without a push.",
+        "Stands: under how many of the things that stand on a true floor one was found within 3 px. Light: degrees",
+        "between the told light and the true one. Mass: how many of the things weigh within a factor of 2 of the",
+        "truth, told their names.",
+        "",
+        *_table(["photo", "half", "still", "view", "stands", "light", "mass"], held),
+        "",
+        "Given the true masks. Normals: mean degrees off over things (were all to face the viewer), and over balls.",
+        "Albedo, shading: root mean square error after the best factor, over the truth's (those of a grey albedo).",
+        "Shadow: intersection over union. PSNR: dB behind removed things, blurred by 6 px, shadows as in",
+        "`background.png`. Texture: in the fill over that around it (the truth's).",
+        "",
+        *_table(
+            ["photo", "half", "normals", "balls", "albedo", "shading", "shadow", "PSNR", "texture"], seen
         ),
     ]
 

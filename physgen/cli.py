@@ -82,7 +82,13 @@ def perceive(options: argparse.Namespace) -> int:
     elif options.image is None:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:
-        told |= {"masks": options.masks, "coco": options.coco, "side": options.side, "labels": options.label}
+        told |= {
+            "masks": options.masks,
+            "coco": options.coco,
+            "side": options.side,
+            "sheet": options.sheet,
+            "labels": options.label,
+        }
         text = pipeline.perceive(options.image, options.output, **told)
     bar.clear()
     _hand_over(text, options.output)
@@ -96,6 +102,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
         "--masks": options.masks,
         "--coco": options.coco,
         "--side": options.side,
+        "--sheet": options.sheet,
         "--label": ", ".join(options.label) or None,
     }
     for flag, value in beside.items():

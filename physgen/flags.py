@@ -110,6 +110,12 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--assets", metavar="DIR", type=Path, help="folder for the maps")
     sub.add_argument(
+        "--sheet",
+        metavar="FILE.png",
+        type=Path,
+        help="draw all that was perceived on one picture, to look at",
+    )
+    sub.add_argument(
         "--backend",
         metavar="ROLE=NAME",
         action="append",

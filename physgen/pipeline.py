@@ -70,6 +70,7 @@ def perceive(
     assets: Path | None = None,
     backends: Mapping[str, str] = MappingProxyType({}),
     side: int | None = None,
+    sheet: Path | None = None,
     progress: Progress = silent,
     warn: Warn = unheard,
     keep: Keep = lambda kept: None,
@@ -78,8 +79,8 @@ def perceive(
 
     Objects come from `masks` (a label map), `coco` (annotations), `boxes` (x, y, w, h px) and `points` (x, y px), or
     from the segment backend. `labels` are `NAME=TEXT`. A photo whose longer side is over `side` px (1600 unless given)
-    is made smaller, and `warn` told; masks, boxes and points are those of the photo as given. `keep` is told of files
-    that stood in the way and were kept.
+    is made smaller, and `warn` told; masks, boxes and points are those of the photo as given. All that was perceived is
+    drawn on one `sheet`, a PNG. `keep` is told of files that stood in the way and were kept.
     """
     from physgen import backends as table
     from physgen.perceive.given import from_masks, from_prompts, weak
@@ -120,6 +121,12 @@ def perceive(
     if found is not None:
         found = fitted(found, (width, height), rgb)
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
+    if sheet is not None:
+        from physgen.percepts.maps import write_png
+        from physgen.report.perceived import sheet as drawn
+
+        sheet.parent.mkdir(parents=True, exist_ok=True)
+        write_png(sheet, drawn(perceived), keep)
     return lay_out(perceived, image if as_it_is else None, image.stem, output, assets, keep)
 
 
