@@ -14,7 +14,7 @@ from physgen.outline.borders import Border, BorderMap, Labels, trace_borders, wa
 from physgen.outline.outline import Region, Ring
 from physgen.outline.simplify import crossings, end_lines, simplify
 
-TOLERANCE = 0.5
+TOLERANCE = 0.75
 """px that an outline may stand off its mask's half-level line (Hausdorff distance)."""
 
 CONTACT_TOLERANCE = 1.0
