@@ -25,11 +25,11 @@ def test_rows_are_physical_and_sourced():
         ("white cuboid", "block", "wood"),
         ("silicone block", "block", "silicone"),
         ("wooden block", "block", "wood"),
-        ("toy car", "toy", "plastic"),
+        ("toy car", "toy car", "plastic"),
         ("thing", "", "unknown"),
         ("", "", "unknown"),
         ("football", "football", "leather"),
-        ("mushroom", "", "unknown"),
+        ("contraption", "", "unknown"),
     ],
 )
 def test_words_find_their_rows(label: str, noun: str, material: str):
