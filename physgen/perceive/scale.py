@@ -21,7 +21,7 @@ ANY = 0.5
 """Spread of sizes from which a thing tells nothing: a plank is of any length."""
 VAGUE = 0.3
 """Standard deviation of log scale at which the confidence has fallen to 1 / e."""
-DEFAULT = 100.0
+DEFAULT = 100
 """px/m of a scene where nothing tells: the paper's 1 px = 1 cm."""
 ENOUGH = 0.5
 """Confidence from which a scene takes the scale."""
@@ -74,16 +74,19 @@ def scale(
 
 def stated(given: float | None, found: Scale | None) -> tuple[float, str]:
     """px/m as a scene states it, and a sentence about it; a person's number wins, then a scale that is sure enough."""
-    follows = "gravity, 9.8 m/s² x this, follows"
     if given is not None:
-        return given, f"as given; masses and {follows}"
+        return given, "as given; masses and gravity (9.8 m/s² x this) follow from it"
     if found is not None and found.confidence >= ENOUGH:
-        return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g}); masses and {follows}"
-    sentence = "1 px = 1 cm, as in the paper: things look large and fall slowly; masses do not follow from it. "
+        follows = "masses and gravity (9.8 m/s² x this) follow from it"
+        return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g}); {follows}"
+    sentence = (
+        "1 px = 1 cm, as in the paper: things look large and fall slowly; masses do not follow from it. A larger "
+        "number makes things fall faster: gravity is 9.8 m/s² x this"
+    )
     if found is None:
-        return DEFAULT, f"{sentence}A larger number makes things fall faster: {follows}"
-    guess = f"{found.pixels_per_meter:g} {found.reason} is too unsure (confidence {found.confidence:g})"
-    return DEFAULT, f"{sentence}{guess}, but may be nearer the truth; {follows}"
+        return DEFAULT, sentence
+    guess = f"{found.pixels_per_meter:g}, {found.reason}, is unsure (confidence {found.confidence:g})"
+    return DEFAULT, f"{sentence}. {guess}"
 
 
 def _middle(values: Array, weights: Array) -> float:

@@ -109,9 +109,9 @@ def perceive(
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
         source = backends.find("segment", who.get("segment")).name
         found = Found(segments.labels, source, sure, {}, doubtful=segments.doubtful)
-    things, left_out = _things(rgb, found)
+    things, left_out = outlined(rgb, found)
     if not things:
-        _renamed(things, renames, {})
+        renamed_things(things, renames, {})
         return _empty(rgb, found, image, assets, pixels_per_meter)
     if found.source not in ("given", "coco"):
         new = [thing for thing in things if thing.id not in found.said]
@@ -123,7 +123,7 @@ def perceive(
         label_source |= dict.fromkeys(found.names, "")
     things = [replace(t, label=named[t.id].label) for t in things]
     before = words.names(things, {t.id: found.called[t.id] for t in things if t.id in found.called})
-    things, renamed = _renamed(things, renames, before)
+    things, renamed = renamed_things(things, renames, before)
     label_source |= dict.fromkeys(renamed, "")
     told_scale = scale(things, {t.id: kind(t.label) for t in things}, _sure(found, named, guessed, renamed))
     if pixels_per_meter is None and told_scale is not None:
@@ -204,7 +204,7 @@ def _name(chosen: Mapping[str, str], role: str) -> str:
     return backends.find(role, chosen.get(role)).name
 
 
-def _things(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
+def outlined(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
     """Outlines of every object that is more than a speck, and how many specks there were."""
     labels = found.labels
     height, width = rgb.shape[:2]
@@ -262,7 +262,7 @@ def _rounded(labels: NDArray[np.uint16], things: Sequence[Thing]) -> NDArray[np.
     return result
 
 
-def _renamed(
+def renamed_things(
     things: Sequence[Thing], renames: Sequence[str], called: Mapping[int, str]
 ) -> tuple[list[Thing], set[int]]:
     """Things, `called` so, under their new labels, and the ids of those that got one.

@@ -47,7 +47,7 @@ def _table(rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None) ->
 def _matter(thing: Thing, what: Kind, pixels_per_meter: float, why: str, sure: float) -> Matter:
     solid, material = _solid(thing.outline, what), what.material
     mass, confidence, reason = _mass(extent(thing.outline, what), what, pixels_per_meter, why)
-    surface = f"of {_name(material.name)} ({material.source})"
+    surface = f"friction, elasticity and rolling of {material.name}: {material.source}"
     return Matter(
         mass=float(f"{max(mass, LIGHTEST):.3g}"),
         friction=material.friction,
@@ -56,7 +56,7 @@ def _matter(thing: Thing, what: Kind, pixels_per_meter: float, why: str, sure: f
         solid=solid,
         confidence=confidence * sure,
         reason=reason,
-        surface=surface if material.name != "unknown" else "ordinary values: nothing tells the material",
+        surface=surface if material.name != "unknown" else "ordinary friction, elasticity and rolling: nothing tells the material",
     )
 
 
