@@ -14,7 +14,21 @@ import yaml
 
 COVERS = {"ball": 1.0, "turned": 0.85, "disc": 1.0, "hoop": 0.75, "slab": 0.9, "lump": 1.0}
 """Share that a thing's outline covers of what its form fits into, where its row does not say."""
-COLOURS = frozenset("orange lime lemon peach plum rose cherry apricot mushroom chocolate eggplant".split())
+COLOURS = frozenset(
+    [
+        "orange",
+        "lime",
+        "lemon",
+        "peach",
+        "plum",
+        "rose",
+        "cherry",
+        "apricot",
+        "mushroom",
+        "chocolate",
+        "eggplant",
+    ]
+)
 """Words that name a thing at the end of a label, and a colour before another."""
 METAL = 6.0
 """g/cm³ from which a material is a heavy metal: there, silver is silver."""
@@ -22,7 +36,10 @@ ALIKE = 1.12
 """Materials of densities that differ by no more are one for what a thing weighs."""
 TAIL = re.compile(r"\b(?:of|with|on|in|from|for|at|under|beside|made)\b|[,;:(/]")
 """Behind it, a label says more of what was named before."""
-PLACES = frozenset("left right middle top bottom front back one two three a b c".split())
+PLACES = frozenset(
+    ["left", "right", "middle", "top", "bottom", "front", "back", "one", "two", "three", "a", "b", "c"]
+)
+"""Words that tell things of one name apart."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +144,11 @@ def kind(label: str) -> Kind:
         found = replace(found, mass=None, size=())
     if re.search(r"\bempty\b", text) and found.holds:
         found = replace(found, holds=0.0, mass=None)
-    if row.get("hollow") and "holds" not in row and re.search(r"\b(?:full|filled)\b|\b(?:cup|mug|glass) of\b", text):
+    if (
+        row.get("hollow")
+        and "holds" not in row
+        and re.search(r"\b(?:full|filled)\b|\b(?:cup|mug|glass) of\b", text)
+    ):
         found = replace(found, holds=0.6, mass=None)
     return found
 
@@ -151,13 +172,18 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     if not other:
         said = {key: row[key] for key in ("friction", "elasticity", "rolling", "gloss") if key in row}
         material = replace(material, **said)
-    form, size, mass, holds = row.get("form", ""), tuple(row.get("size", ())), row.get("mass"), row.get("holds", 0.0)
+    form, size, mass, holds = (
+        row.get("form", ""),
+        tuple(row.get("size", ())),
+        row.get("mass"),
+        row.get("holds", 0.0),
+    )
     share = float(row.get("share", COVERS.get(form, 1.0)))
     filled = row.get("filled", 1.0)
     plain = Kind(noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, share, "")
     if mass is not None and plain.box is not None and "filled" not in row:
         # walls, grain and gaps: whatever makes the ordinary thing weigh what it weighs
-        filled = max(mass / (_volume(plain) / 1000) - holds, 0.002 * own.density) / own.density
+        filled = max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density) / own.density
     if other and (row.get("solid_of") or form == "ball"):
         filled, holds = 1.0, 0.0
     elif other and row.get("hollow"):
@@ -225,8 +251,16 @@ def _material_named(
 
 def _material(name: str) -> Material:
     row = _table()[0][name]
-    numbers = (row[key] for key in ("density", "friction", "elasticity", "rolling", "gloss", "walls"))
-    return Material(name, *numbers, row["source"])
+    return Material(
+        name,
+        row["density"],
+        row["friction"],
+        row["elasticity"],
+        row["rolling"],
+        row["gloss"],
+        row["walls"],
+        row["source"],
+    )
 
 
 def _words(text: str) -> list[str]:

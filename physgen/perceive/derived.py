@@ -1,9 +1,9 @@
 """A scene and its photo -> which of its numbers the table gave, and which a person set.
 
 Nothing in a file says what its numbers were before they were edited. But what the table gives for a label can be
-reckoned again. A number is the table's where `from` says so and where it is what the table gives, at the scale that the
-scene states or that its things tell, for the label in the file, for the one that the object's name was made from, or for
-what its shape was guessed to be. Any other number is a person's, and stays, whatever `from` says.
+reckoned again. A number is the table's where `from` says so and where it is what the table gives, at the scale that
+the scene states or that its things tell, for the label in the file, for the one that the object's name was made from,
+or for what its shape was guessed to be. Any other number is a person's, and stays, whatever `from` says.
 """
 
 from __future__ import annotations

@@ -103,7 +103,8 @@ def revolved(outline: Region, axis: Array) -> Turned:
     spans = [_crossings(every, low + (k + 0.5) * step) for k in range(SLICES)]
     left, right = float(every[:, 0].min()), float(every[:, 0].max())
     best = max(
-        (_radii(spans, x) for x in np.linspace(left, right, 81)[1:-1]), key=lambda radii: float((radii**2).sum())
+        (_radii(spans, x) for x in np.linspace(left, right, 81)[1:-1]),
+        key=lambda radii: float((radii**2).sum()),
     )
     kept = best > 0
     # a spike at an end (a stalk, a spout) is no part of the height
@@ -142,7 +143,9 @@ def _turned(outline: Outline, what: Kind) -> Extent:
     upright = revolved(outline, np.array([0.0, 1.0]))
     lying = [revolved(outline, axis) for axis in _axes(outline)]
     if above is None:
-        return Extent(max([upright, *lying], key=lambda t: t.height / max(t.diameter, 1e-6)).volume, None, 0.0)
+        return Extent(
+            max([upright, *lying], key=lambda t: t.height / max(t.diameter, 1e-6)).volume, None, 0.0
+        )
     found = []
     for turned, cost in ((upright, 0.0), *((one, LYING) for one in lying)):
         if turned.volume > 0:

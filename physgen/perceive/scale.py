@@ -105,7 +105,8 @@ def _middle(values: Array, weights: Array) -> float:
 def _reason(seen: Mapping[str, Sequence[object]], kinds: Mapping[int, Kind], spread: float) -> str:
     sizes = {what.noun: what.size for what in kinds.values()}
     told = [
-        f"{len(each)} x {noun} ({' x '.join(f'{mm:g}' for mm in sizes[noun])} mm)" for noun, each in seen.items()
+        f"{len(each)} x {noun} ({' x '.join(f'{mm:g}' for mm in sizes[noun])} mm)"
+        for noun, each in seen.items()
     ]
     more = f" and {len(told) - 3} kinds more" if len(told) > 3 else ""
     return f"from the ordinary size of {', '.join(told[:3])}{more}, good to about {100 * max(spread, 0.01):.0f} %"

@@ -68,8 +68,6 @@ class Perceived:
     """Dotted path -> a sentence or more to stand above it."""
     header: str
     """What to say at the top of the file."""
-    things: Mapping[str, Thing] = field(default_factory=dict)
-    """The objects as they were measured, by name."""
     warnings: tuple[Problem, ...] = ()
     """What was strange in the input and could be passed over."""
 
@@ -191,7 +189,7 @@ def perceive(
     }
     comments |= _comments(found, things, left_out, setting, light, shadows)
     comments["forces"] = _push(setting, things, called, matter, per_meter)
-    return Perceived(percepts, document, comments, HEADER, {called[t.id]: t for t in things})
+    return Perceived(percepts, document, comments, HEADER)
 
 
 def _masked(found: Found, i: int) -> str:

@@ -1,7 +1,7 @@
 """Outlines -> names for things that nobody named, by their shape alone and so with little confidence.
 
-`ball`, `block` and `object` are what an outline can be trusted with. A bottle's neck, a cup's handle and a stick's length
-are told where they are plain; anything finer would be invented.
+`ball`, `block` and `object` are what an outline can be trusted with. A bottle's neck, a cup's handle and a stick's
+length are told where they are plain; anything finer would be invented.
 """
 
 from __future__ import annotations

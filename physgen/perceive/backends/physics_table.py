@@ -40,7 +40,11 @@ def _table(rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None) ->
     elif (found := scale(things, kinds)) is not None:
         value, why, sure = found.pixels_per_meter, f"at {found.pixels_per_meter:g} px/m", 1.0
     else:
-        value, why, sure = max(rgb.shape[:2]) / ASSUMED_WIDTH, f"taking the photo to show {ASSUMED_WIDTH:g} m", 0.6
+        value, why, sure = (
+            max(rgb.shape[:2]) / ASSUMED_WIDTH,
+            f"taking the photo to show {ASSUMED_WIDTH:g} m",
+            0.6,
+        )
     return {thing.id: _matter(thing, kinds[thing.id], value, why, sure) for thing in things}
 
 
@@ -56,7 +60,9 @@ def _matter(thing: Thing, what: Kind, pixels_per_meter: float, why: str, sure: f
         solid=solid,
         confidence=confidence * sure,
         reason=reason,
-        surface=surface if material.name != "unknown" else "ordinary friction, elasticity and rolling: nothing tells the material",
+        surface=surface
+        if material.name != "unknown"
+        else "ordinary friction, elasticity and rolling: nothing tells the material",
     )
 
 
