@@ -1,4 +1,7 @@
-"""benchmarks/results/*.json -> docs/benchmarks.md and docs/physics.md; tests fail when they differ."""
+"""benchmarks/results/*.json -> docs/benchmarks.md and its like; the material table -> docs/materials.md.
+
+Tests fail when they differ.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,43 @@ from growth import KINDS, exponent
 
 from physgen.evaluate import fidelity
 from physgen.evaluate.table import markdown
+from physgen.materials import materials, nouns
 
 RESULTS = Path(__file__).resolve().parent / "results"
 STAGES = ("load", "compile", "simulate", "cut out", "render", "encode", "report")
+
+
+ABOUT_MATERIALS = """\
+# Materials and things
+
+Written by `python benchmarks/tables.py` from `physgen/materials.yaml`; do not edit.
+
+A label names a thing, a material or both: `billiard ball`, `steel ball`, `tin of tomatoes`. The thing gives a
+form, an ordinary size and mass; the material density, friction, elasticity and rolling. Mass is the volume that
+outline and form imply at the photo's scale, times the density; where a thing is about as large as the ordinary
+one, the mean (geometric) with the ordinary mass; the ordinary mass alone where sizes hardly differ.
+
+- A `ball` is as deep as it is wide. What is `turned` is cut into slices, each as deep as it is wide, and of
+  each what lies alike on both sides of its axis, so that a handle is left out. Of a `slab`, `lump`, `disc` or
+  `hoop` the two sides of the ordinary thing that fit the outline best are seen, and the third is the depth.
+- Another material: a steel ball is solid, a steel mug has thinner walls than one of ceramic, a plastic fork is
+  a fork of plastic. `empty bottle` holds nothing, `cup of tea` holds tea. Words for colours stay colours
+  (`silver phone`), unless the thing is of metal.
+- Things of known size tell the photo's scale (`world.pixels_per_meter`), and gravity follows. Only labels that
+  a person gave count, of things that are whole and of ordinary proportions. A scene takes the scale from a
+  confidence of 0.5 on, which is good to about 24 %.
+- `physgen perceive --refresh scene.yaml -o new.yaml` reckons anew after labels were edited, or told with
+  `--label ball-1="steel ball"`. A number is reckoned where `from` says that the table gave it and it is what
+  the table gives for the old label: the one in the file, in the object's name, or guessed from its shape. Any
+  other number is yours and stays. The scale stays, too, where forces, velocities, joints, fields, a camera or
+  variants were written for it.
+
+## Materials
+
+Density in g/cm³. Friction: of two surfaces, the geometric mean counts. Rolling: moment = rolling x normal force
+x radius. Gloss: share mirrored at 60°, against polished black glass (ISO 2813 gloss units / 100).
+"""
+"""What docs/materials.md says above its tables."""
 
 
 def page() -> str:
@@ -83,6 +120,41 @@ def fidelity_page() -> str:
             "",
             fidelity.markdown({"rows": result["rows"], "means": fidelity.means(result["rows"])}),
             f"Measured on {result['machine']}.",
+            "",
+        ]
+    )
+
+
+def materials_page() -> str:
+    """docs/materials.md, from the material table itself."""
+    rows = [
+        [row.name, row.density, row.friction, row.elasticity, row.rolling, row.gloss, row.source]
+        for row in materials()
+    ]
+    things = [
+        [
+            what.noun,
+            ", ".join(word for word in words if word != what.noun),
+            what.material.name,
+            what.form,
+            " x ".join(f"{side:g}" for side in what.size),
+            "" if not what.size else f"{100 * what.spread:g}",
+            "" if what.mass is None else f"{what.mass:g}",
+            what.source,
+        ]
+        for what, words in nouns()
+    ]
+    head = ["noun", "also", "material", "form", "size, mm", "differs by, %", "mass, g", "source"]
+    return "\n".join(
+        [
+            ABOUT_MATERIALS,
+            *_table(["material", "density", "friction", "elasticity", "rolling", "gloss", "source"], rows),
+            "",
+            "## Things",
+            "",
+            "EST: estimated from ordinary things in shops and homes, good to a factor of about 1.5 in mass.",
+            "",
+            *_table(head, things),
             "",
         ]
     )
@@ -384,3 +456,7 @@ def _shadows(rows: list[dict]) -> list[str]:
         "",
         *_table(["photo", "lifted", "before", "after", "elsewhere"], body),
     ]
+
+
+if __name__ == "__main__":
+    (RESULTS.parents[1] / "docs" / "materials.md").write_text(materials_page())

@@ -78,6 +78,7 @@ def perceive(options: argparse.Namespace) -> int:
         from physgen.refresh import refresh
 
         told |= {"chosen": told.pop("backends"), "allow_outside": options.allow_outside}
+        told["labels"] = options.label
         text = refresh(options.refresh, options.output, **told)
     elif options.image is None:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
@@ -96,18 +97,17 @@ def perceive(options: argparse.Namespace) -> int:
 
 
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
-    """A scene tells its photo, its masks and its labels."""
+    """A scene tells its photo and its masks."""
     beside = {
         "IMAGE": options.image,
         "--masks": options.masks,
         "--coco": options.coco,
         "--side": options.side,
         "--sheet": options.sheet,
-        "--label": ", ".join(options.label) or None,
     }
     for flag, value in beside.items():
         if value is not None:
-            fix = "write it into the file: label:" if flag == "--label" else f"leave {flag} or --refresh out"
+            fix = f"leave {flag} or --refresh out"
             raise InputError.of("perceive", f'"{value}"', "cannot be told beside --refresh", fix)
 
 

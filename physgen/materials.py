@@ -3,24 +3,59 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from math import pi
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+COVERS = {"ball": 1.0, "turned": 0.85, "disc": 1.0, "hoop": 0.75, "slab": 0.9, "lump": 1.0}
+"""Share that a thing's outline covers of what its form fits into, where its row does not say."""
+COLOURS = frozenset(
+    [
+        "orange",
+        "lime",
+        "lemon",
+        "peach",
+        "plum",
+        "rose",
+        "cherry",
+        "apricot",
+        "mushroom",
+        "chocolate",
+        "eggplant",
+    ]
+)
+"""Words that name a thing at the end of a label, and a colour before another."""
+METAL = 6.0
+"""g/cm³ from which a material is a heavy metal: there, silver is silver."""
+ALIKE = 1.12
+"""Materials of densities that differ by no more are one for what a thing weighs."""
+TAIL = re.compile(r"\b(?:of|with|on|in|from|for|at|under|beside|made)\b|[,;:(/]")
+"""Behind it, a label says more of what was named before."""
+PLACES = frozenset(
+    ["left", "right", "middle", "top", "bottom", "front", "back", "one", "two", "three", "a", "b", "c"]
+)
+"""Words that tell things of one name apart."""
+
 
 @dataclass(frozen=True)
 class Material:
-    """One row of `materials:`."""
+    """One row of `materials:`; the keys are explained there."""
 
     name: str
     density: float
     """g/cm³ of the solid material."""
     friction: float
     elasticity: float
+    rolling: float
+    gloss: float
+    """0..1: mirrored at 60°, against polished black glass (ISO 2813 gloss units / 100)."""
+    walls: float
+    """Thickness of a hollow thing's walls, against ceramic."""
     source: str
 
 
@@ -31,53 +66,91 @@ class Kind:
     noun: str
     """The row of `nouns:` that was found, `""` for none."""
     material: Material
-    """With the noun's own friction and elasticity, where it has them."""
+    """With the noun's own friction, elasticity, rolling and gloss, where it has them."""
+    form: str
+    """`ball`, `turned`, `disc`, `hoop`, `slab`, `lump`; `""`: no opinion."""
     filled: float
     """Share of the volume that is material."""
+    holds: float
+    """g/cm³ of what is in it, over its volume."""
+    size: tuple[float, ...]
+    """mm of the ordinary thing, as its form has it; empty where there is none."""
+    spread: float
+    """One standard deviation of its size, as a share."""
     mass: float | None
     """g of the ordinary thing, None where there is none."""
-    size: float | None
-    """mm: its longest side or diameter; None where there is no ordinary size."""
-    solid: str | None
-    """`sphere`, `disc`, `hoop` or `plate`, if the outline is round; None: no opinion."""
+    wall: float | None
+    """mm of a hollow ball's wall, where its size decides how much of it is filled."""
+    share: float
+    """Share of what its form fits into (a box, a cylinder, an ellipsoid) that the ordinary thing takes up."""
     source: str
+
+    @property
+    def solid(self) -> str | None:
+        """`sphere`, `disc` or `hoop`: what a round outline is a picture of; None: no opinion."""
+        round_outline = {"ball": "sphere", "lump": "sphere", "hoop": "hoop", "": None}
+        return round_outline.get(self.form, "disc")
+
+    @property
+    def box(self) -> tuple[float, float, float] | None:
+        """mm, three sides of the box around the ordinary thing, None where it has no size."""
+        if not self.size:
+            return None
+        if self.form == "ball":
+            return (self.size[0],) * 3
+        if self.form == "turned":
+            return self.size[0], self.size[1], self.size[1]
+        if self.form in ("disc", "hoop"):
+            return self.size[0], self.size[0], self.size[-1]
+        return self.size[0], self.size[1], self.size[2]
+
+    def hollowed(self, diameter: float) -> Kind:
+        """A ball of that many mm across, as its wall has it filled; anything else as it is.
+
+        >>> round(kind("plastic ball").hollowed(70).filled, 3), kind("steel ball").hollowed(70).filled
+        (0.083, 1.0)
+        """
+        if self.wall is None:
+            return self
+        return replace(self, filled=1 - max(1 - 2 * self.wall / diameter, 0) ** 3)
+
+    @property
+    def density(self) -> float:
+        """g/cm³ over the whole volume: walls, what is between them, and what it holds."""
+        return self.filled * self.material.density + self.holds
 
 
 def kind(label: str) -> Kind:
     """The kind of thing that a label names; unknown words give the material `unknown`.
 
-    >>> kind("yellow billiard ball").mass, kind("wooden block").material.name, kind("thing").noun
+    >>> kind("yellow billiard balls").mass, kind("wooden block").material.name, kind("thing").noun
     (170, 'wood', '')
+    >>> kind("tin of tomatoes").noun, kind("steel ball").filled, kind("cork ball").material.name
+    ('tin', 1.0, 'cork')
     """
-    words = " ".join(_words(label))
-    materials, nouns = _table()
-    named = next(
-        (m for m, row in materials.items() if any(_holds(words, word) for word in row["words"])), None
-    )
-    noun = max(
-        ((len(word), n) for n, row in nouns.items() for word in row["words"] if _holds(words, word)),
-        default=(0, ""),
-        key=lambda found: found[0],
-    )[1]
-    row: Mapping[str, Any] = nouns.get(noun, {})
-    # "wooden ball" is a ball of wood: solid, and of no ordinary weight
-    other = named is not None and named != row.get("material")
-    material = _material(named if named is not None else row.get("material", "unknown"))
-    if not other:
-        material = replace(
-            material,
-            friction=row.get("friction", material.friction),
-            elasticity=row.get("elasticity", material.elasticity),
-        )
-    return Kind(
-        noun=noun,
-        material=material,
-        filled=1.0 if other else row.get("filled", 1.0),
-        mass=None if other else row.get("mass"),
-        size=row.get("size"),
-        solid=row.get("solid"),
-        source=material.source if other or not noun else row["source"],
-    )
+    text = label.lower()[:400]
+    head = _words(TAIL.split(text, maxsplit=1)[0])
+    while len(head) > 1 and (head[-1] in PLACES or head[-1].isdigit()):
+        head.pop()
+    words = _words(text)
+    span, noun = _noun(words, len(head))
+    whole = bool(noun)
+    if not noun:  # "a slice of melon" is of melon, and no whole one
+        span, noun = _noun(words, len(words))
+    row: Mapping[str, Any] = _table()[1].get(noun, {})
+    named = _material_named(words, span, len(head), row)
+    found = _row(noun, row, named)
+    if not whole or re.search(r"\b(?:half|slice|piece|broken)\b", text):
+        found = replace(found, mass=None, size=())
+    if re.search(r"\bempty\b", text) and found.holds:
+        found = replace(found, holds=0.0, mass=None)
+    if (
+        row.get("hollow")
+        and "holds" not in row
+        and re.search(r"\b(?:full|filled)\b|\b(?:cup|mug|glass) of\b", text)
+    ):
+        found = replace(found, holds=0.6, mass=None)
+    return found
 
 
 def materials() -> Iterator[Material]:
@@ -85,18 +158,139 @@ def materials() -> Iterator[Material]:
     return (_material(name) for name in _table()[0])
 
 
+def nouns() -> Iterator[tuple[Kind, Sequence[str]]]:
+    """Every noun of the table, with the words that mean it."""
+    return ((_row(noun, row, None), row["words"]) for noun, row in _table()[1].items())
+
+
+def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
+    """The kind that a row describes, made of the material `named`, None: its own."""
+    own = _material(row.get("material", "unknown"))
+    material = own if named is None else _material(named)
+    ratio = material.density / own.density
+    other = named is not None and (not noun or not 1 / ALIKE < ratio < ALIKE)
+    if not other:
+        said = {key: row[key] for key in ("friction", "elasticity", "rolling", "gloss") if key in row}
+        material = replace(material, **said)
+    form, size, mass, holds = (
+        row.get("form", ""),
+        tuple(row.get("size", ())),
+        row.get("mass"),
+        row.get("holds", 0.0),
+    )
+    share = float(row.get("share", COVERS.get(form, 1.0)))
+    filled = row.get("filled", 1.0)
+    plain = Kind(noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, share, "")
+    if mass is not None and plain.box is not None and "filled" not in row:
+        # walls, grain and gaps: whatever makes the ordinary thing weigh what it weighs
+        filled = max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density) / own.density
+    if other and (row.get("solid_of") or form == "ball"):
+        filled, holds = 1.0, 0.0
+    elif other and row.get("hollow"):
+        filled = min(filled * material.walls / own.walls, 1.0)
+    elif not other and mass is not None:
+        filled /= ratio
+    source = row["source"] if noun and not other else material.source
+    wall = None if other else row.get("wall")
+    return replace(plain, filled=filled, holds=holds, mass=None if other else mass, wall=wall, source=source)
+
+
+def _volume(what: Kind) -> float:
+    """mm³ of the ordinary thing, as its outline gives it."""
+    assert what.box is not None
+    a, b, c = what.box
+    rounded = {"ball": pi / 6, "lump": pi / 6, "slab": 1.0}.get(what.form, pi / 4)
+    return a * b * c * rounded * what.share
+
+
+def _noun(words: Sequence[str], head: int) -> tuple[tuple[int, int], str]:
+    """Where the noun of the first `head` words stands, and which row it is: the last, and of those the longest."""
+    best, result = (-1, -1, -1), ((0, 0), "")
+    for i in range(head):
+        for j in range(i + 1, min(i + 5, len(words)) + 1):
+            for phrase in _variants(words[i:j]):
+                noun = _phrases()[1].get(phrase)
+                if noun is None or (j < head and _double(phrase)):
+                    continue
+                key = (min(j, head), j - i, len(phrase))
+                if key > best:
+                    best, result = key, ((i, j), noun)
+    return result
+
+
+def _double(phrase: str) -> bool:
+    """Whether a word means a thing only where nothing follows: a cork, but a cork ball."""
+    return phrase in COLOURS or phrase in _phrases()[0]
+
+
+def _material_named(
+    words: Sequence[str], span: tuple[int, int], head: int, row: Mapping[str, Any]
+) -> str | None:
+    """The material that a label names: the last before its noun, else behind it, where that is not what it holds."""
+    table, metal = _table()[0], _material(row.get("material", "unknown")).density > METAL
+    of = not row.get("hollow") and not row.get("holds")
+    for i in range(span[0], span[1] - 1):
+        for j in range(i + 1, span[1]):
+            inside = _phrases()[0].get(" ".join(words[i:j]))
+            if inside == row["material"]:  # "rubber ball", unless it is a foam rubber ball
+                before = _phrases()[0].get(" ".join(words[max(i - 1, 0) : j]))
+                return before if before != inside else None
+    spans = [(0, span[0]), (span[1], len(words) if of else head)] if row else [(0, len(words))]
+    for start, end in spans:
+        best, result = (-1, -1), None
+        for i in range(start, end):
+            for j in range(i + 1, min(i + 3, end) + 1):
+                for phrase in _variants(words[i:j]):
+                    name = _phrases()[0].get(phrase)
+                    if name and (not row or metal or not table[name].get("tint")) and (j, j - i) > best:
+                        best, result = (j, j - i), name
+        if result is not None:
+            return result
+    return None
+
+
 def _material(name: str) -> Material:
     row = _table()[0][name]
-    return Material(name, row["density"], row["friction"], row["elasticity"], row["source"])
+    return Material(
+        name,
+        row["density"],
+        row["friction"],
+        row["elasticity"],
+        row["rolling"],
+        row["gloss"],
+        row["walls"],
+        row["source"],
+    )
 
 
-def _words(label: str) -> list[str]:
-    """Lower case, without a plural s that the table does not know."""
-    return re.findall(r"[a-z0-9-]+", label.lower())
+def _words(text: str) -> list[str]:
+    return re.findall(r"[a-z0-9]+", text)
 
 
-def _holds(words: str, phrase: str) -> bool:
-    return re.search(rf"(?<![a-z]){re.escape(phrase)}(?:s|es)?(?![a-z])", words) is not None
+def _variants(words: Sequence[str]) -> Iterator[str]:
+    """A phrase as it stands, and with its last word in the singular.
+
+    >>> sorted(_variants(["kitchen", "knives"]))
+    ['kitchen knif', 'kitchen knife', 'kitchen knive', 'kitchen knives']
+    """
+    yield (phrase := " ".join(words))
+    for plural, singular in (("ies", "y"), ("ves", "f"), ("ves", "fe"), ("es", ""), ("s", "")):
+        if phrase.endswith(plural) and len(words[-1]) > len(plural) + 1:
+            yield phrase[: -len(plural)] + singular
+
+
+@cache
+def _phrases() -> tuple[dict[str, str], dict[str, str]]:
+    """Phrase -> row of `materials:`, and of `nouns:`; a phrase of two words also written as one."""
+    both: tuple[dict[str, str], dict[str, str]] = ({}, {})
+    for found, rows in zip(both, _table(), strict=True):
+        for name, row in rows.items():
+            for phrase in row["words"]:
+                words = _words(phrase)
+                if len(words) == 2:
+                    found.setdefault("".join(words), name)
+                found[" ".join(words)] = name
+    return both
 
 
 @cache

@@ -10,9 +10,12 @@ from types import MappingProxyType
 from physgen import backends
 from physgen.compile.assemble import compile_scene
 from physgen.perceive.again import again, doubts, merged
+from physgen.perceive.derived import derived
 from physgen.perceive.given import weak
 from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import Progress, perceive, silent
+from physgen.perceive.roles import Name
+from physgen.perceive.scale import DEFAULT
+from physgen.perceive.scene import Progress, outlined, perceive, renamed_things, silent
 from physgen.perceive.words import DOUBTFUL
 from physgen.percepts.maps import Keep, read_percepts
 from physgen.percepts.photo import read_photo
@@ -26,6 +29,7 @@ def refresh(
     *,
     boxes: Sequence[tuple[float, float, float, float]] = (),
     points: Sequence[tuple[float, float]] = (),
+    labels: Sequence[str] = (),
     allow_outside: bool = False,
     assets: Path | None = None,
     chosen: Mapping[str, str] = MappingProxyType({}),
@@ -36,7 +40,8 @@ def refresh(
     """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
 
     What the file says stays, its comments do not. Objects with a `prompt` are found again; new `boxes` and `points`
-    take the place of what they cover, and `warn` is told of objects that they swallow.
+    take the place of what they cover, and `warn` is told of objects that they swallow. Numbers that nobody has set
+    follow the labels, those in the file and the new `labels`, which are `NAME=TEXT`.
     """
     scene = load(path, allow_outside=allow_outside)
     if scene.image is None:
@@ -53,8 +58,27 @@ def refresh(
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
-    perceived = perceive(photo.rgb, told.found, chosen=chosen, view=scene.world.view, progress=progress)
-    document = merged(written(path, allow_outside), perceived.document, told)
+    old = written(path, allow_outside)
+    things = outlined(photo.rgb, told.found)[0]
+    called = {i: name for i, name in told.found.called.items() if name in old["objects"]}
+    named, renamed = renamed_things(things, labels, called)
+    physics = backends.make("physics", chosen.get("physics"))
+    guessed = backends.make("label", chosen.get("label"))(photo.rgb, told.found.labels, things)
+    known = {called[thing.id]: thing for thing in things if thing.id in called}
+    table = backends.find("physics", chosen.get("physics")).name
+    ours = derived(old, photo.rgb, known, guessed, physics, table)
+    new_labels = {called[thing.id]: thing.label for thing in named if thing.id in renamed}
+    names = {**told.found.names, **{t.id: Name(t.label, 1.0) for t in named if t.id in renamed}}
+    per_meter = scene.world.pixels_per_meter
+    perceived = perceive(
+        photo.rgb,
+        replace(told.found, names=names),
+        chosen=chosen,
+        view=scene.world.view,
+        pixels_per_meter=None if ours.scale or per_meter == DEFAULT else per_meter,
+        progress=progress,
+    )
+    document = merged(old, perceived.document, told, ours, new_labels)
     if maps is not None:
         # the scene's own light lifted shadows, or did not
         clean = None if maps.clean is None else perceived.percepts.clean
@@ -62,8 +86,16 @@ def refresh(
     fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
     comments = {
         key: text for key, text in perceived.comments.items()
-        if key.startswith("objects.") and key.split(".")[1] in fresh
+        if key.startswith("objects.")
+        and (key.split(".")[1] in fresh or key.split(".")[-1] in ours.keys.get(key.split(".")[1], ()))
     }  # fmt: skip
+    if ours.scale:
+        comments["world.pixels_per_meter"] = perceived.comments["world.pixels_per_meter"]
+    elif per_meter == DEFAULT and perceived.document["world"]["pixels_per_meter"] != DEFAULT:
+        better = perceived.document["world"]["pixels_per_meter"]
+        comments["world.pixels_per_meter"] = (
+            f"as it was, for what is set to move; the things here say {better:g}, which masses go by"
+        )
     lines = doubts(path.read_text(encoding="utf-8-sig"), document["objects"])
     if lines and document["objects"]:
         comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])

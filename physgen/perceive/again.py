@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from physgen.perceive.derived import Derived, anew
 from physgen.perceive.given import Box, Point, from_prompts
 from physgen.perceive.roles import Labels, Name, Rgb, Segment
+from physgen.perceive.scale import DEFAULT
 from physgen.perceive.scene import Found
 from physgen.scene.model import BoxPrompt, MaskId, Object
 
@@ -97,7 +99,7 @@ def again(
         result[mask] = i
         sure[i], pointed[i] = new.confidence[n], prompt
     said = {i: objects[k].provenance.get("mask", "") for i, k in owner.items() if i not in pointed}
-    names = {i: Name(objects[k].label, 1.0) for i, k in owner.items() if objects[k].label}
+    names = {i: Name(objects[k].label, _sure(objects[k])) for i, k in owner.items() if objects[k].label}
     called = {i: objects[k].name for i, k in owner.items()}
     found = Found(result, "kept", sure, names, pointed, called=called, said=said)
     return Again(found, frozenset(objects[k].name for k in asked), frozenset(corrected), tuple(gone))
@@ -110,11 +112,24 @@ def _ids(objects: Sequence[Object]) -> list[int]:
     return [i if i and i not in own[:k] else next(free) for k, i in enumerate(own)]
 
 
-def merged(old: Mapping[str, Any], new: Mapping[str, Any], told: Again) -> dict[str, Any]:
+def _sure(item: Object) -> float:
+    """How sure its label is: what `from` says, or as sure as a person is."""
+    said = item.provenance.get("label", "").split(" ")[-1]
+    return float(said) if re.fullmatch(r"[01]?\.?\d+", said) else 1.0
+
+
+def merged(
+    old: Mapping[str, Any],
+    new: Mapping[str, Any],
+    told: Again,
+    ours: Derived,
+    labels: Mapping[str, str],
+) -> dict[str, Any]:
     """The old scene as it was written, with objects as they were found anew, and new ones, of the `new` scene.
 
     A repeated prompt gives a mask and a shape. One that is corrected gets new numbers, too, where its `from` names who
-    said the old ones. An object of nothing but a mask is filled in.
+    said the old ones. An object of nothing but a mask is filled in. What is `ours`, the table's, follows the labels,
+    those in the file and the new `labels`, by name.
     """
     objects: dict[str, Any] = {}
     for name, was in old["objects"].items():
@@ -137,8 +152,16 @@ def merged(old: Mapping[str, Any], new: Mapping[str, Any], told: Again) -> dict[
             objects[name]["from"] = {**said, "mask": now["from"]["mask"]}
         else:
             objects[name] = was
+    for name in set(objects) & set(new["objects"]):
+        if name in ours.keys:
+            known = labels.get(name)
+            objects[name] = anew(objects[name], new["objects"][name], ours.keys[name], known)
     objects |= {name: now for name, now in new["objects"].items() if name not in old["objects"]}
-    return {**old, "objects": objects}
+    result = {**old, "objects": objects}
+    per_meter = new["world"]["pixels_per_meter"]
+    if ours.scale and per_meter != old.get("world", {}).get("pixels_per_meter", DEFAULT):
+        result["world"] = {**old.get("world", {}), "pixels_per_meter": per_meter}
+    return result
 
 
 def doubts(text: str, names: Collection[str]) -> list[str]:

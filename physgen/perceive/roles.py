@@ -97,11 +97,15 @@ class Matter:
     """g."""
     friction: float
     elasticity: float
+    rolling: float
+    """Rolling resistance: moment = rolling x normal force x radius."""
     solid: Solid
     confidence: float
     """0..1, of the mass."""
     reason: str
-    """Where the numbers come from, a sentence for the scene's comments."""
+    """Where the mass comes from, a sentence for the scene's comments."""
+    surface: str = ""
+    """Where friction, elasticity and rolling come from, likewise."""
 
 
 class Physics(Protocol):

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import backends
+from physgen.materials import kind
 from physgen.outline import raster
 from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
 from physgen.perceive.lifted import refilled
 from physgen.perceive.roles import Doubt, Intrinsics, LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
+from physgen.perceive.scale import scale, stated
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import View
@@ -26,6 +28,8 @@ Progress = Callable[[str, int, int], None]
 """Told the stage that begins, how much of it is done, and of how much."""
 HEADER = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
+GRAVITY = 9.8
+"""m/s², as a scene has it unless it says something else."""
 SMALLEST = 12
 """px: an id of fewer pixels is a speck, no object."""
 ROLES = (
@@ -114,22 +118,28 @@ def perceive(
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
         source = backends.find("segment", who.get("segment")).name
         found = Found(segments.labels, source, sure, {}, doubtful=segments.doubtful)
-    things, left_out = _things(rgb, found)
+    things, left_out = outlined(rgb, found)
     if not things:
-        _renamed(things, renames, {})
+        renamed_things(things, renames, {})
         return _empty(rgb, found, image, assets, pixels_per_meter)
     if found.source not in ("given", "coco"):
         new = [thing for thing in things if thing.id not in found.said]
         found = replace(found, labels=_rounded(found.labels, new))
-    named = {**role("label")(rgb, found.labels, things), **found.names}
+    guessed: Mapping[int, Name] = role("label")(rgb, found.labels, things)
+    named = {**guessed, **found.names}
     label_source = {t.id: "given" if t.id in found.names else _name(who, "label") for t in things}
     if found.called:  # the scene knows who said them
         label_source |= dict.fromkeys(found.names, "")
     things = [replace(t, label=named[t.id].label) for t in things]
     before = words.names(things, {t.id: found.called[t.id] for t in things if t.id in found.called})
-    things, renamed = _renamed(things, renames, before)
+    things, renamed = renamed_things(things, renames, before)
     label_source |= dict.fromkeys(renamed, "")
-    matter: Mapping[int, Matter] = role("physics")(rgb, things, pixels_per_meter)
+    told_scale = scale(things, {t.id: kind(t.label) for t in things}, _sure(found, named, guessed, renamed))
+    if pixels_per_meter is None and told_scale is not None:
+        measured: float | None = told_scale.pixels_per_meter
+    else:
+        measured = pixels_per_meter
+    matter: Mapping[int, Matter] = role("physics")(rgb, things, measured)
     setting: Setting = role("boundary")(rgb, found.labels, things, view)
     normals = role("normals")(rgb, found.labels, things, setting)
     intrinsics: Intrinsics = role("intrinsic")(rgb, found.labels, normals)
@@ -166,6 +176,11 @@ def perceive(
             "friction": it.friction,
             "elasticity": it.elasticity,
         }
+        if words.rolls(thing, it.solid, setting.view):
+            one["rolling"] = it.rolling
+            told["rolling"] = told["friction"]
+        if it.surface:
+            comments[f"objects.{name}.friction"] = it.surface
         if thing.cut:
             one["motion"] = "static"
             comments[f"objects.{name}.motion"] = (
@@ -177,17 +192,19 @@ def perceive(
         objects[name] = {**one, "from": told}
         if thing.id in found.prompts:
             objects[name]["prompt"] = dict(found.prompts[thing.id])
+    per_meter, comments["world.pixels_per_meter"] = stated(pixels_per_meter, told_scale)
     document: dict[str, Any] = {
         "physgen": 1,
         "image": image,
         "assets": assets,
-        "world": _world(setting, pixels_per_meter, shadows),
+        "world": _world(setting, per_meter, shadows),
         "objects": objects,
         "boundaries": {w.name: words.wall(w) for w in setting.walls},
         "forces": [],
         "light": _light(light, shadows),
     }
-    comments |= _comments(found, things, left_out, setting, light, shadows, called, matter)
+    comments |= _comments(found, things, left_out, setting, light, shadows)
+    comments["forces"] = _push(setting, things, called, matter, per_meter)
     return Perceived(percepts, document, comments, HEADER)
 
 
@@ -201,7 +218,7 @@ def _name(chosen: Mapping[str, str], role: str) -> str:
     return backends.find(role, chosen.get(role)).name
 
 
-def _things(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
+def outlined(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
     """Outlines of every object that is more than a speck, and how many specks there were."""
     labels = found.labels
     height, width = rgb.shape[:2]
@@ -259,7 +276,7 @@ def _rounded(labels: NDArray[np.uint16], things: Sequence[Thing]) -> NDArray[np.
     return result
 
 
-def _renamed(
+def renamed_things(
     things: Sequence[Thing], renames: Sequence[str], called: Mapping[int, str]
 ) -> tuple[list[Thing], set[int]]:
     """Things, `called` so, under their new labels, and the ids of those that got one.
@@ -283,8 +300,16 @@ def _renamed(
     return [replace(t, label=said[t.id]) if t.id in said else t for t in things], set(said)
 
 
-def _world(setting: Setting, pixels_per_meter: float | None, shadows: Shadows) -> dict[str, Any]:
-    world: dict[str, Any] = {"view": setting.view.value, "pixels_per_meter": pixels_per_meter or 100}
+def _sure(
+    found: Found, named: Mapping[int, Name], guessed: Mapping[int, Name], renamed: set[int]
+) -> dict[int, float]:
+    """How sure each label is: 1 where a person said it, or changed what was guessed."""
+    said = {i for i in found.names if i not in guessed or found.names[i].label != guessed[i].label} | renamed
+    return {i: 1.0 if i in said else name.confidence for i, name in named.items()}
+
+
+def _world(setting: Setting, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
+    world: dict[str, Any] = {"view": setting.view.value, "pixels_per_meter": pixels_per_meter}
     if setting.view is View.TOP:
         world["table"] = {"friction": 0}
     return world | {"duration": 2.0} | words.view(shadows, setting.view is View.SIDE)
@@ -303,8 +328,6 @@ def _comments(
     setting: Setting,
     light: LightGuess,
     shadows: Shadows,
-    called: Mapping[int, str],
-    matter: Mapping[int, Matter],
 ) -> dict[str, str]:
     """Sentences about where each guess came from."""
     told = {
@@ -317,13 +340,10 @@ def _comments(
     specks = f"; {left_out} specks of under {SMALLEST} px left out" if left_out else ""
     comments = {
         "world.view": f"side or top: {setting.reason} (confidence {setting.confidence:g})",
-        "world.pixels_per_meter": "1 px = 1 cm, as in the paper: things look large and fall slowly; masses do not "
-        "follow from it. A larger number makes things fall faster",
         "objects": f"{words.counted({t.id: t.label for t in things})}, {how}, counted from left to right{specks}",
         "light": f"{light.reason} (confidence {light.confidence:g})"
         if shadows.clean is None
         else f"{shadows.reason} (confidence {shadows.confidence:g})",
-        "forces": _push(setting, things, called, matter),
     }
     if setting.view is View.TOP:
         comments["world.table"] = "nobody can see friction: 0 lets things glide for ever, 0.2 is cloth"
@@ -333,9 +353,13 @@ def _comments(
 
 
 def _push(
-    setting: Setting, things: Sequence[Thing], called: Mapping[int, str], matter: Mapping[int, Matter]
+    setting: Setting,
+    things: Sequence[Thing],
+    called: Mapping[int, str],
+    matter: Mapping[int, Matter],
+    pixels_per_meter: float,
 ) -> str:
-    """A force to try: the thing farthest from the others, pushed towards them at a fair speed."""
+    """A force to try: the thing farthest from the others, pushed towards them as fast as it would fall its size."""
     movable = [t for t in things if not t.cut] or list(things)
     centers = np.array([mass_properties(t.outline).center for t in movable])
     away = centers - centers.mean(0)
@@ -344,7 +368,8 @@ def _push(
     k = int(np.argmax((away**2).sum(1)))
     length = float(np.hypot(*away[k]))
     towards = -away[k] / length if length > 1 else np.array([1.0, 0.0])
-    speed = 300.0 if setting.view is View.TOP else 100.0
+    size = mass_properties(movable[k].outline).area ** 0.5
+    speed = float(f"{(2 * GRAVITY * pixels_per_meter * size) ** 0.5:.1g}")
     push = matter[movable[k].id].mass * speed
     x, y = (float(f"{push * c:.2g}") if abs(c) > 0.01 else 0.0 for c in towards)
     return (

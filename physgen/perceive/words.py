@@ -13,6 +13,7 @@ from physgen.geometry import Array
 from physgen.outline.outline import Disc, Outline, mass_properties
 from physgen.perceive.roles import Doubt, Shadows, Thing, Wall
 from physgen.photometry import DistantLight
+from physgen.scene.model import Solid, View
 
 DOUBTFUL = "perhaps objects, too: to have one, take the # and the space behind it away"
 """Above things that are too doubtful to be objects."""
@@ -121,6 +122,12 @@ def counted(labels: Mapping[int, str]) -> str:
     return ", ".join(
         f"{n} x {label}" for label, n in sorted(each.items(), key=lambda item: (-item[1], item[0]))
     )
+
+
+def rolls(thing: Thing, solid: Solid, view: View) -> bool:
+    """Whether rolling resistance can act on it: circles roll seen from the side, spheres seen from above, too."""
+    upright = view is View.SIDE or solid is Solid.SPHERE
+    return isinstance(thing.outline, Disc) and not thing.cut and upright
 
 
 def doubts(doubtful: Sequence[Doubt], who: str) -> str:

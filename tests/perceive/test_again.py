@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli import main
+from physgen.materials import kind
 from physgen.percepts.maps import read_labels
 from physgen.scene.model import BoxPrompt, PointPrompt, Scene
 
@@ -106,7 +107,10 @@ def test_what_a_person_wrote_stays(scene: Path) -> None:
         main(["perceive", "--refresh", str(scene), "--box", f"{x - 33},{y - 33},66,66", "-o", str(out)]) == 0
     )
     after = yaml.safe_load(out.read_text())
-    assert after["objects"]["ball-1"] == document["objects"]["ball-1"]
+    steel = kind("steel ball").material
+    surface = {"friction": steel.friction, "elasticity": steel.elasticity, "rolling": steel.rolling}
+    now = after["objects"]["ball-1"]
+    assert {**now, "from": None} == {**document["objects"]["ball-1"], **surface, "from": None}
     assert after["objects"]["ball-3"] == document["objects"]["ball-3"]
     assert (after["forces"], after["render"]) == (document["forces"], document["render"])
     assert after["world"] == document["world"]
@@ -130,12 +134,63 @@ def test_a_mass_set_by_hand_outlives_a_repeated_prompt_and_doubts_stay(scene: Pa
     assert main(["perceive", "--refresh", str(first), "-o", str(second)]) == 0
     assert yaml.safe_load(second.read_text())["objects"]["ball-2"]["mass"] == 500
     assert doubt.strip() in second.read_text()
-    assert "filled" not in second.read_text()  # where the old mass came from
+    lines = second.read_text().splitlines()
+    assert "#" not in next(line for line in lines if "mass: 500" in line)  # where the old mass came from
     second.write_text(second.read_text().replace("# maybe-3", "maybe-3"))
     assert main(["perceive", "--refresh", str(second), "-o", str(first)]) == 0
     on = yaml.safe_load(first.read_text())["objects"]["maybe-3"]
     assert on["mass"] > 0
     assert on["from"]["mask"] == "learned 0.2"
+
+
+def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_nothing(scene: Path) -> None:
+    before = yaml.safe_load(scene.read_text())
+    document = yaml.safe_load(scene.read_text())
+    document["objects"]["ball-1"]["label"] = "steel ball"
+    del document["objects"]["ball-3"]["from"]
+    document["objects"]["ball-3"]["label"] = "steel ball"
+    scene.write_text(yaml.safe_dump(document))
+    refreshed(scene)
+    first = yaml.safe_load(scene.with_name("again.yaml").read_text())
+    steel, rubber = kind("steel ball"), kind("ball")
+    ball, was = first["objects"]["ball-1"], before["objects"]["ball-1"]
+    assert ball["mass"] > 3 * was["mass"]
+    assert (ball["friction"], was["friction"]) == (steel.material.friction, rubber.material.friction)
+    assert first["objects"]["ball-3"] == document["objects"]["ball-3"]  # nobody else said its numbers
+    assert first["objects"]["ball-2"] == before["objects"]["ball-2"]
+    again = scene.with_name("again.yaml").rename(scene.with_name("once.yaml"))
+    refreshed(again)
+    assert yaml.safe_load(scene.with_name("again.yaml").read_text()) == first
+
+
+def test_labels_beside_a_refresh_keep_names_and_bring_the_scale(scene: Path) -> None:
+    before = yaml.safe_load(scene.read_text())
+    assert before["world"]["pixels_per_meter"] == 100
+    refreshed(scene, "--label", "ball-1=billiard ball")
+    after = yaml.safe_load(scene.with_name("again.yaml").read_text())
+    assert list(after["objects"]) == list(before["objects"])
+    ball = after["objects"]["ball-1"]
+    assert (ball["label"], ball["mass"]) == ("billiard ball", 170)
+    assert after["world"]["pixels_per_meter"] == pytest.approx(2 * RADIUS / 0.05715, rel=0.02)
+    assert after["objects"]["ball-3"]["mass"] != before["objects"]["ball-3"]["mass"]
+    again = scene.with_name("again.yaml").rename(scene.with_name("once.yaml"))
+    refreshed(again)
+    assert yaml.safe_load(scene.with_name("again.yaml").read_text()) == after
+
+
+def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
+    document = yaml.safe_load(scene.read_text())
+    document["forces"] = [{"object": "ball-1", "impulse": [10, 0]}]
+    scene.write_text(yaml.safe_dump(document))
+    after, _ = refreshed(scene, "--label", "*=billiard ball")
+    assert after.world.pixels_per_meter == 100
+    assert "the things here say" in scene.with_name("again.yaml").read_text()
+
+
+def test_a_label_for_nothing_is_refused(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(scene.with_name("again.yaml"))
+    assert main(["perceive", "--refresh", str(scene), "--label", "bal-1=steel ball", "-o", out]) == 2
+    assert "did you mean ball-1?" in capsys.readouterr().err
 
 
 def test_a_refreshed_scene_needs_a_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,17 +227,13 @@ def test_a_small_thing_before_a_large_one(tmp_path: Path) -> None:
     assert main(["perceive", str(photo), *ball, *ball, "-o", str(ones[1])]) == 2
 
 
-@pytest.mark.parametrize("flag", ["IMAGE", "--masks", "--coco", "--side", "--label"])
+@pytest.mark.parametrize("flag", ["IMAGE", "--masks", "--coco", "--side"])
 def test_a_scene_tells_its_photo_and_its_masks(
     flag: str, scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    more = (
-        ["photo.png"] if flag == "IMAGE" else [flag, {"--side": "300", "--label": "a=b"}.get(flag, "x.png")]
-    )
+    more = ["photo.png"] if flag == "IMAGE" else [flag, "300" if flag == "--side" else "x.png"]
     assert main(["perceive", "--refresh", str(scene), *more]) == 2
-    assert (
-        "write it into the file" if flag == "--label" else f"leave {flag} or --refresh out"
-    ) in capsys.readouterr().err
+    assert f"leave {flag} or --refresh out" in capsys.readouterr().err
 
 
 def test_neither_photo_nor_scene(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -1,14 +1,25 @@
-"""Outlines -> names for things that nobody named: ball, block or object, with little confidence."""
+"""Outlines -> names for things that nobody named, by their shape alone and so with little confidence.
+
+`ball`, `block` and `object` are what an outline can be trusted with. A bottle's neck, a cup's handle and a stick's
+length are told where they are plain; anything finer would be invented.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import cv2
 import numpy as np
 
-from physgen.outline.outline import Disc, Outline, mass_properties
+from physgen.outline.outline import Disc, Outline, Region, mass_properties
+from physgen.perceive.extent import sides
 from physgen.perceive.roles import Label, Labels, Name, Rgb, Thing
+
+BOXY = 0.88
+"""Share of its smallest box that a block covers."""
+LONG = 8.0
+"""Length over width from which a block is a stick."""
+ALIKE = 0.9
+"""Share of an outline and its mirror image that is common to both, of a bottle."""
 
 
 def shape() -> Label:
@@ -17,15 +28,59 @@ def shape() -> Label:
 
 
 def _shape(rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> Mapping[int, Name]:
-    return {thing.id: _name(thing.outline) for thing in things}
+    return {thing.id: _name(thing.outline, thing.cut) for thing in things}
 
 
-def _name(outline: Outline) -> Name:
+def _name(outline: Outline, cut: bool) -> Name:
     if isinstance(outline, Disc):
         return Name("ball", 0.5)
+    long, short = sides(outline)
     if len(outline.rings) == 1:
-        points = outline.rings[0].outer.astype(np.float32)
-        (_, (w, h), _) = cv2.minAreaRect(points)
-        if w * h > 0 and mass_properties(outline).area / (w * h) > 0.88:
-            return Name("block", 0.4)
+        if mass_properties(outline).area / (long * short) > BOXY:
+            return Name("stick", 0.3) if long > LONG * short and not cut else Name("block", 0.4)
+        if not cut and _necked(outline):
+            return Name("bottle", 0.35)
+        if not cut and _handled(outline):
+            return Name("cup", 0.35)
     return Name("object", 0.2)
+
+
+def _necked(outline: Region) -> bool:
+    """Whether it stands upright, alike left and right, on a wide body that draws in to a neck above."""
+    left, right = _profile(outline)
+    widths = right - left
+    height = float(np.ptp(outline.rings[0].outer[:, 1]))
+    body, neck = float(np.median(widths[30:58])), float(np.median(widths[2:12]))
+    if not (1.8 < height / max(body, 1e-6) < 5 and 0.15 < neck / body < 0.6):
+        return False
+    middle = float(np.median((left + right) / 2))
+    common = 2 * np.minimum(middle - left, right - middle).clip(0)
+    narrowing = np.diff(np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)]))
+    return bool(common.sum() > ALIKE * widths.sum() and (narrowing > -0.08 * body).all())
+
+
+def _handled(outline: Region) -> bool:
+    """Whether one hole lies to the left or right of a body that is wider than it: a handle's."""
+    (ring,) = outline.rings
+    if len(ring.holes) != 1:
+        return False
+    (x0, _), (x1, _) = ring.outer.min(0), ring.outer.max(0)
+    a, b = ring.holes[0][:, 0].min(), ring.holes[0][:, 0].max()
+    narrow = b - a < 0.35 * (x1 - x0)
+    aside = b > x0 + 0.8 * (x1 - x0) if a - x0 > x1 - b else a < x0 + 0.2 * (x1 - x0)
+    tall = np.ptp(ring.outer[:, 1]) / (x1 - x0)
+    return bool(narrow and aside and 0.4 < tall < 1.6)
+
+
+def _profile(outline: Region) -> tuple[np.ndarray, np.ndarray]:
+    """(60,) px: leftmost and rightmost of the outline in 60 slices from top to bottom."""
+    border = outline.rings[0].outer
+    low, high = border[:, 1].min(), border[:, 1].max()
+    ends = np.roll(border, -1, axis=0)
+    left, right = np.zeros(60), np.zeros(60)
+    for k, y in enumerate(low + (np.arange(60) + 0.5) / 60 * (high - low)):
+        meets = (border[:, 1] <= y) != (ends[:, 1] <= y)
+        (x0, y0), (x1, y1) = border[meets].T, ends[meets].T
+        x = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+        left[k], right[k] = x.min(), x.max()
+    return left, right

@@ -1,24 +1,31 @@
-"""Labels and outlines -> mass, friction and elasticity from the material table.
+"""Labels and outlines -> mass, friction, elasticity and rolling from the material table.
 
-A thing of an ordinary weight (a billiard ball) gets it. Anything else is weighed: its outline's area, a depth assumed
-from its solid, its material's density, at the photo's true scale. Where nobody gave the scale, things of known size
-tell it; failing that, the photo is taken to show half a metre.
+A thing of a standard weight (a billiard ball) gets it. Anything else is weighed: its outline's area, the depth that its
+form implies, its material's density, at the photo's scale; where there is an ordinary thing of its kind and about its
+size, the two are averaged. Where nobody gave the scale, things of known size tell it; failing that, the photo is taken
+to show half a metre.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-
-import cv2
-import numpy as np
+from math import log, pi, sqrt
 
 from physgen.materials import Kind, kind
-from physgen.outline.outline import Disc, Outline, bounds, mass_properties
+from physgen.outline.outline import Disc, Outline
+from physgen.perceive.extent import Extent, extent
 from physgen.perceive.roles import Matter, Physics, Rgb, Thing
+from physgen.perceive.scale import scale
 from physgen.scene.model import Solid
 
 ASSUMED_WIDTH = 0.5
 """m that a photo shows along its longer side when nothing in it tells."""
+STANDARD = 0.05
+"""Spread of sizes up to which there is one weight for all."""
+LIKE = 0.4
+"""|log| of size up to which a thing may be the ordinary one."""
+LIGHTEST = 1e-3
+"""g."""
 
 
 def table() -> Physics:
@@ -28,66 +35,77 @@ def table() -> Physics:
 
 def _table(rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None) -> Mapping[int, Matter]:
     kinds = {thing.id: kind(thing.label) for thing in things}
-    scale, why = _scale(rgb, things, kinds, pixels_per_meter)
-    return {thing.id: _matter(thing, kinds[thing.id], scale, why) for thing in things}
-
-
-def _scale(
-    rgb: Rgb, things: Sequence[Thing], kinds: Mapping[int, Kind], given: float | None
-) -> tuple[float, str]:
-    """px/m, and a sentence about where it comes from."""
-    if given is not None:
-        return given, f"at {given:.4g} px/m"
-    known = [
-        _longest(thing.outline) / size * 1000
-        for thing in things
-        if not thing.cut and (size := kinds[thing.id].size) is not None
-    ]
-    if known:
-        scale = float(np.median(known))
-        return scale, f"at {scale:.0f} px/m, from things of known size"
-    scale = max(rgb.shape[:2]) / ASSUMED_WIDTH
-    return scale, f"taking the photo to show {ASSUMED_WIDTH:g} m"
-
-
-def _matter(thing: Thing, what: Kind, scale: float, why: str) -> Matter:
-    solid = _solid(thing.outline, what.solid)
-    material = what.material
-    if what.mass is not None:
-        mass, sure, reason = float(what.mass), 0.8, f"an ordinary {what.noun} ({what.source})"
+    if pixels_per_meter is not None:
+        value, why, sure = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
+    elif (found := scale(things, kinds)) is not None:
+        value, why, sure = found.pixels_per_meter, f"at {found.pixels_per_meter:g} px/m", 1.0
     else:
-        volume = _volume(thing.outline, solid) / scale**3 * 1e6
-        mass = max(material.density * what.filled * volume, 1e-3)
-        sure = 0.4 if what.noun else 0.35 if material.name != "unknown" else 0.15
-        stuff = "an unknown material" if material.name == "unknown" else material.name
-        hollow = "" if what.filled == 1 else f", {what.filled:.3g} of it filled"
-        reason = f"{stuff} of {material.density:g} g/cm³{hollow}, {why}"
-    return Matter(float(f"{mass:.3g}"), material.friction, material.elasticity, solid, sure, reason)
+        value, why, sure = (
+            max(rgb.shape[:2]) / ASSUMED_WIDTH,
+            f"taking the photo to show {ASSUMED_WIDTH:g} m",
+            0.6,
+        )
+    return {thing.id: _matter(thing, kinds[thing.id], value, why, sure) for thing in things}
 
 
-def _solid(outline: Outline, said: str | None) -> Solid:
+def _matter(thing: Thing, what: Kind, pixels_per_meter: float, why: str, sure: float) -> Matter:
+    solid, material = _solid(thing.outline, what), what.material
+    mass, confidence, reason = _mass(extent(thing.outline, what), what, pixels_per_meter, why)
+    surface = f"friction, elasticity and rolling of {material.name}: {material.source}"
+    return Matter(
+        mass=float(f"{max(mass, LIGHTEST):.3g}"),
+        friction=material.friction,
+        elasticity=material.elasticity,
+        rolling=material.rolling,
+        solid=solid,
+        confidence=confidence * sure,
+        reason=reason,
+        surface=surface
+        if material.name != "unknown"
+        else "ordinary friction, elasticity and rolling: nothing tells the material",
+    )
+
+
+def _mass(found: Extent, what: Kind, pixels_per_meter: float, why: str) -> tuple[float, float, str]:
+    """g, how sure, and a sentence."""
+    volume = found.volume / pixels_per_meter**3 * 1e6
+    what = what.hollowed(10 * (6 * volume / pi) ** (1 / 3))
+    weighed = volume * what.density
+    told = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}, {why}"
+    if what.mass is None:
+        return weighed, 0.4 if what.noun else 0.35 if what.material.name != "unknown" else 0.15, told
+    source = what.source.replace("EST: ", "").replace("EST", "estimated")
+    ordinary = f"an ordinary {what.noun} ({source})"
+    off = 0.0 if found.per_mm is None else log(found.per_mm * 1000 / pixels_per_meter)
+    if abs(off) < LIKE and what.spread <= STANDARD:
+        return what.mass, 0.8, ordinary
+    if abs(off) < LIKE:
+        return sqrt(weighed * what.mass), 0.6, f"between {told}, and the {what.mass:g} g of {ordinary}"
+    return weighed, 0.4, f"{told}; it is not as large as {ordinary}"
+
+
+def _stuff(what: Kind) -> str:
+    """What a thing is made of, in words.
+
+    >>> from physgen.materials import kind
+    >>> _stuff(kind("steel ball")), _stuff(kind("beer bottle"))
+    ('steel, 7.85 g/cm³', 'glass and what is in it, 1.19 g/cm³ in all')
+    """
+    name, solid = _name(what.material.name), what.material.density
+    if what.holds:
+        return f"{name} and what is in it, {what.density:.3g} g/cm³ in all"
+    if abs(what.filled - 1) < 0.01:
+        return f"{name}, {solid:g} g/cm³"
+    if what.filled > 1:
+        return f"{name}, {what.density:.3g} g/cm³ in all"
+    return f"{name}, {solid:g} g/cm³ and {100 * what.filled:.2g} % of the volume"
+
+
+def _name(material: str) -> str:
+    return "an unknown material" if material == "unknown" else material
+
+
+def _solid(outline: Outline, what: Kind) -> Solid:
     if not isinstance(outline, Disc):
         return Solid.PLATE
-    return Solid(said) if said else Solid.SPHERE
-
-
-def _volume(outline: Outline, solid: Solid) -> float:
-    """px³: a ball; a fifth of its width deep for a disc or hoop; as deep as its narrow side for the rest."""
-    area = mass_properties(outline).area
-    if isinstance(outline, Disc):
-        return area * outline.radius * (4 / 3 if solid is Solid.SPHERE else 0.4)
-    return area * min(_sides(outline))
-
-
-def _sides(outline: Outline) -> tuple[float, float]:
-    """px: width and height of the smallest box around it, turned as it likes."""
-    if isinstance(outline, Disc):
-        return 2 * outline.radius, 2 * outline.radius
-    points = np.concatenate([ring.outer for ring in outline.rings]).astype(np.float32)
-    (_, (w, h), _) = cv2.minAreaRect(points)
-    x0, y0, x1, y1 = bounds(outline)
-    return max(float(w), 1e-3 * (x1 - x0)), max(float(h), 1e-3 * (y1 - y0))
-
-
-def _longest(outline: Outline) -> float:
-    return max(_sides(outline))
+    return Solid(what.solid) if what.solid else Solid.SPHERE

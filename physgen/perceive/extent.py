@@ -1,0 +1,185 @@
+"""An outline and the kind of thing it shows -> how deep the thing is, its volume, and the photo's scale by its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import log, pi, sqrt
+
+import cv2
+import numpy as np
+
+from physgen.geometry import Array
+from physgen.materials import Kind
+from physgen.outline.outline import Disc, Outline, Region, bounds, mass_properties
+
+SLICES = 240
+"""Into how many a solid of revolution is cut."""
+BOXY = 0.88
+"""Share of its smallest box from which an outline is that of a box."""
+LYING = 0.25
+"""How much worse (log of an aspect ratio) an upright axis may fit before another is taken."""
+END_ON = 0.4
+"""The same, before a thing is taken to be seen from its end."""
+FLAT = 0.2
+"""Depth of a disc or ring whose thickness nobody knows, as a share of its width."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A thing's measures as far as its outline and kind tell."""
+
+    volume: float
+    """px³ that it takes up, hollows within and all."""
+    per_mm: float | None
+    """px per mm if it is of its ordinary size, None where it has none."""
+    mismatch: float
+    """By how much its proportions are not the ordinary ones: |log| of a ratio; 0 where nothing is known of them."""
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A body of revolution, as an outline's mirror-symmetric part gives it."""
+
+    volume: float
+    """px³."""
+    height: float
+    """px along its axis."""
+    diameter: float
+    """px at its widest."""
+
+
+def extent(outline: Outline, what: Kind) -> Extent:
+    """How large and how deep a thing is that has this outline (px) and is of this kind.
+
+    What its form leaves open follows from the sides of the ordinary thing: those two that fit the outline best are
+    seen, the third is the depth. A bottle's depth is its width, slice by slice.
+    """
+    if what.form == "turned":
+        return _turned(outline, what)
+    area = mass_properties(outline).area
+    long, short = sides(outline)
+    if what.form == "ball":
+        across = long if isinstance(outline, Disc) else 2 * sqrt(area / pi)
+        per_mm = long / what.size[0] if what.size else None
+        return Extent(area * across * 2 / 3, per_mm, log(long / short))
+    if what.box is None:
+        return Extent(area * _deep(outline, what.form), None, 0.0)
+    seen, hidden, mismatch = _facing(long / short, what.box)
+    per_mm = long / seen[0]
+    flat = min(hidden, seen[1]) == hidden  # it shows its face
+    rounding = {"lump": 2 / 3, "slab": 1.0}.get(what.form, 1.0 if flat else pi / 4)
+    if what.form == "hoop" and isinstance(outline, Disc):
+        rounding *= what.share  # its hole is not in the outline
+    return Extent(area * hidden * per_mm * rounding, per_mm, mismatch)
+
+
+def sides(outline: Outline) -> tuple[float, float]:
+    """px: the longer and the shorter side of the smallest box around it, turned as it likes."""
+    if isinstance(outline, Disc):
+        return 2 * outline.radius, 2 * outline.radius
+    points = np.concatenate([ring.outer for ring in outline.rings]).astype(np.float32)
+    (_, (w, h), _) = cv2.minAreaRect(points)
+    x0, y0, x1, y1 = bounds(outline)
+    least = 1e-3 * max(x1 - x0, y1 - y0)
+    return max(float(w), float(h), least), max(min(float(w), float(h)), least)
+
+
+def revolved(outline: Region, axis: Array) -> Turned:
+    """The outline turned about a line along `axis` (2,), the one that takes up most of it.
+
+    In each slice counts what lies alike on both sides of the axis, so that a mug's handle is left out.
+    """
+    along = np.asarray(axis, float) / np.hypot(*axis)
+    frame = np.stack([np.array([-along[1], along[0]]), along])  # across, along
+    edges = []
+    for ring in outline.rings:
+        for border in (ring.outer, *ring.holes):
+            points = border @ frame.T
+            edges.append(np.concatenate([points, np.roll(points, -1, axis=0)], axis=1))
+    every = np.concatenate(edges)
+    low, high = float(every[:, 1].min()), float(every[:, 1].max())
+    step = (high - low) / SLICES
+    spans = [_crossings(every, low + (k + 0.5) * step) for k in range(SLICES)]
+    left, right = float(every[:, 0].min()), float(every[:, 0].max())
+    best = max(
+        (_radii(spans, x) for x in np.linspace(left, right, 81)[1:-1]),
+        key=lambda radii: float((radii**2).sum()),
+    )
+    kept = best > 0
+    # a spike at an end (a stalk, a spout) is no part of the height
+    height = step * float(np.count_nonzero(kept & (best > 0.05 * best.max())))
+    return Turned(float(pi * step * (best**2).sum()), height, float(2 * best.max()))
+
+
+def _crossings(edges: Array, y: float) -> Array:
+    """Sorted places (2K,) where a line across meets the borders."""
+    (y0, y1) = edges[:, 1], edges[:, 3]
+    meets = (y0 <= y) != (y1 <= y)
+    x0, y0, x1, y1 = edges[meets].T
+    return np.sort(x0 + (y - y0) / (y1 - y0) * (x1 - x0))
+
+
+def _radii(spans: list[Array], x: float) -> Array:
+    """(SLICES,) px: how far each slice reaches on both sides of the axis at `x`."""
+    radii = np.zeros(len(spans))
+    for k, crossings in enumerate(spans):
+        at = int(np.searchsorted(crossings, x))
+        if at % 2:
+            radii[k] = min(x - crossings[at - 1], crossings[at] - x)
+    return radii
+
+
+def _turned(outline: Outline, what: Kind) -> Extent:
+    long, short = sides(outline)
+    area = mass_properties(outline).area
+    above = None
+    if what.size:
+        high, wide = what.size
+        per_mm = long / wide
+        above = Extent(area * high * per_mm * what.share, per_mm, log(long / short))
+    if isinstance(outline, Disc):
+        return above or Extent(area * 2 * outline.radius, None, 0.0)
+    upright = revolved(outline, np.array([0.0, 1.0]))
+    lying = [revolved(outline, axis) for axis in _axes(outline)]
+    if above is None:
+        return Extent(
+            max([upright, *lying], key=lambda t: t.height / max(t.diameter, 1e-6)).volume, None, 0.0
+        )
+    found = []
+    for turned, cost in ((upright, 0.0), *((one, LYING) for one in lying)):
+        if turned.volume > 0:
+            tall, broad = turned.height / high, turned.diameter / wide
+            seen = Extent(turned.volume, sqrt(tall * broad), abs(log(tall / broad)))
+            found.append((seen.mismatch + cost, seen))
+    found.append((above.mismatch + END_ON, above))
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _axes(outline: Region) -> tuple[Array, Array]:
+    """Directions of the sides of the smallest box."""
+    points = np.concatenate([ring.outer for ring in outline.rings]).astype(np.float32)
+    turn = np.deg2rad(cv2.minAreaRect(points)[2])
+    along = np.array([np.cos(turn), np.sin(turn)])
+    return along, np.array([-along[1], along[0]])
+
+
+def _facing(aspect: float, box: tuple[float, float, float]) -> tuple[tuple[float, float], float, float]:
+    """Of a box, the two sides (mm) that show the aspect ratio best, the hidden one, and how far off they are."""
+    found = []
+    for k, pair in zip((2, 1, 0), combinations(range(3), 2), strict=True):
+        seen = sorted((box[pair[0]], box[pair[1]]), reverse=True)
+        off = abs(log(aspect * seen[1] / seen[0]))
+        cost = off if seen[0] == max(box) else off + END_ON
+        found.append((cost, k, (seen[0], seen[1]), box[k], off))
+    _, _, shown, hidden, off = min(found)
+    return shown, hidden, off
+
+
+def _deep(outline: Outline, form: str) -> float:
+    """px: mean depth of a thing of unknown proportions."""
+    long, short = sides(outline)
+    if form in ("disc", "hoop"):
+        return FLAT * long if long < 2 * short else long * pi / 4
+    boxy = mass_properties(outline).area / (long * short) > BOXY
+    return short if form == "slab" or (form == "" and boxy) else short * 2 / 3

@@ -1,0 +1,71 @@
+"""The photo's scale from what is in it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from physgen.materials import kind
+from physgen.outline.outline import Disc, Outline, Region, Ring
+from physgen.perceive.roles import Thing
+from physgen.perceive.scale import DEFAULT, ENOUGH, Scale, scale, stated
+
+
+def told(*things: tuple[str, Outline], cut: bool = False, sure: float = 1.0) -> Scale | None:
+    numbered = [Thing(k, outline, label, cut) for k, (label, outline) in enumerate(things)]
+    kinds = {thing.id: kind(thing.label) for thing in numbered}
+    return scale(numbered, kinds, dict.fromkeys(kinds, sure))
+
+
+def disc(width: float) -> Disc:
+    return Disc(np.zeros(2), width / 2)
+
+
+def box(width: float, height: float) -> Region:
+    return Region((Ring(np.array([[0, 0], [width, 0], [width, height], [0, height]], float)),))
+
+
+def test_billiard_balls_tell_the_scale():
+    found = told(*[("billiard ball", disc(40 + e)) for e in (-0.4, 0, 0.3)])
+    assert found is not None
+    assert found.pixels_per_meter == pytest.approx(700, rel=0.01)
+    assert found.confidence > 0.9
+    assert "3 x billiard ball (57.15 mm)" in found.reason
+
+
+def test_what_tells_nothing():
+    assert told(("ball", disc(40)), ("wooden block", box(30, 30))) is None
+    assert told(("billiard ball", disc(40)), cut=True) is None
+    assert told(("billiard ball", disc(40)), sure=0.5) is None
+    assert told(("domino", box(40, 39))) is None or told(("domino", box(40, 39))).confidence < ENOUGH
+    assert told(("plank", box(400, 20))) is None
+
+
+def test_agreement_makes_it_surer_and_disagreement_less_sure():
+    """At 1000 px/m."""
+    mug, apple, egg = ("mug", box(82, 95)), ("apple", disc(75)), ("egg", box(44, 57))
+    one, three = told(mug), told(mug, apple, egg)
+    assert one is not None
+    assert three is not None
+    assert three.confidence > one.confidence > ENOUGH
+    assert three.pixels_per_meter == pytest.approx(1000, rel=0.05)
+    apart = told(mug, ("apple", disc(150)))
+    assert apart is not None
+    assert apart.confidence < ENOUGH
+
+
+def test_one_wrong_label_of_four_is_outvoted():
+    right = [("mug", box(82, 95)), ("apple", disc(75)), ("lemon", box(78, 58))]
+    found = told(*right, ("orange", disc(240)))
+    assert found is not None
+    assert found.pixels_per_meter == pytest.approx(1000, rel=0.1)
+
+
+def test_a_person_s_number_wins_and_an_unsure_one_is_only_mentioned():
+    sure, unsure = Scale(700, 0.9, "from balls"), Scale(640, 0.3, "from a bottle")
+    assert stated(500, sure)[0] == 500
+    assert stated(None, sure)[0] == 700
+    value, sentence = stated(None, unsure)
+    assert value == DEFAULT
+    assert "640" in sentence
+    assert stated(None, None)[0] == DEFAULT
