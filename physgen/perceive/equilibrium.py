@@ -15,7 +15,7 @@ import numpy as np
 from physgen.geometry import Array, cross
 from physgen.outline.outline import Disc, Outline, bounds, mass_properties
 
-TOUCH = 1.0
+TOUCH = 0.6
 """px between two surfaces that still count as touching: gaps that close unseen."""
 UNHELD = 0.03
 """Part of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""

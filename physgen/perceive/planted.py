@@ -14,13 +14,15 @@ import numpy as np
 
 from physgen.geometry import Array
 from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
-from physgen.perceive.rest import Foot, Line
+from physgen.perceive.rest import AGREE, STEEP, Foot, Line
 from physgen.perceive.roles import Thing
 
 TILT = 4.0
 """degrees: the default of `world.tilt`."""
-MOST_LIFT = 2.0
-"""px."""
+LEAST_LIFT, MOST_LIFT = 1.0, 2.0
+"""px: less than the first is within what masks are off by."""
+ASKEW = 2.5
+"""px by which the foot of a narrow thing may rise and be level."""
 BAND = 2.0
 """px over a foot within which the border is the foot's."""
 ALIKE = 1.5
@@ -38,7 +40,8 @@ def lift(outline: Outline) -> float:
     if isinstance(outline, Disc):
         return 0.0
     x0, y0, x1, y1 = bounds(outline)
-    return min(MOST_LIFT, 0.5 * sin(radians(TILT)) * min(x1 - x0, y1 - y0))
+    height = 0.5 * sin(radians(TILT)) * min(x1 - x0, y1 - y0)
+    return min(MOST_LIFT, height) if height >= LEAST_LIFT else 0.0
 
 
 def flat(foot: Foot) -> bool:
@@ -48,38 +51,46 @@ def flat(foot: Foot) -> bool:
     x0, _, x1, _ = bounds(foot.thing.outline)
     low = foot.hull[foot.hull[:, 1] >= foot.hull[:, 1].max() - BAND]
     run = float(foot.right[0] - foot.left[0])
-    level = abs(float(foot.right[1] - foot.left[1])) <= max(LEVEL * run, 1.0)
+    level = abs(float(foot.right[1] - foot.left[1])) <= max(LEVEL * run, ASKEW)
     return level and float(np.ptp(low[:, 0])) >= WIDE * (x1 - x0)
 
 
 def planted(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
-    """Outlines with level feet, by id, of those in a group that stand flat; on one line where they nearly do."""
+    """Outlines with straight feet, by id, of those in a group that stand flat: on one line where they nearly do."""
+    result: dict[int, Outline] = {}
+    if abs(line.slope) > STEEP:
+        for foot in group:
+            outline = foot.thing.outline
+            if isinstance(outline, Region) and abs(foot.slope - line.slope) <= AGREE:
+                result[foot.thing.id] = straightened(outline, line)
+        return result
     feet = [foot for foot in group if flat(foot)]
     if not feet or (len(group) > 2 and abs(line.slope) >= SLOPED):
         return {}
-    heights = np.array([float(max(f.left[1], f.right[1])) - lift(f.thing.outline) for f in feet])
+    heights = np.array([float(f.hull[:, 1].max()) - lift(f.thing.outline) for f in feet])
     for k in range(len(feet)):
         near = np.abs(heights - heights[k]) <= ALIKE
         if near.sum() > 1 and np.ptp(heights) <= 2 * ALIKE:
             heights = np.where(near, np.median(heights[near]), heights)
-    result = {}
     for foot, height in zip(feet, heights.tolist(), strict=True):
         assert isinstance(foot.thing.outline, Region)
-        result[foot.thing.id] = levelled(foot.thing.outline, round(height, 2))
+        up = max(BAND, abs(float(foot.right[1] - foot.left[1])) + 0.5)
+        result[foot.thing.id] = straightened(foot.thing.outline, Line(0.0, round(height, 2)), up)
     return result
 
 
-def levelled(outline: Region, height: float) -> Region:
-    """Nothing of it below y = `height`, and its border within `BAND` above it on it."""
+def straightened(outline: Region, line: Line, band: float = BAND) -> Region:
+    """Nothing of it below the line, and its border within `band` px above it on it."""
+    normal = np.array([-line.slope, 1.0]) / np.hypot(line.slope, 1.0)
+    start = np.array([0.0, line.height])
     rings = []
     for ring in outline.rings:
-        points = ring.outer.copy()
-        low = points[:, 1] >= height - BAND
-        points[low, 1] = height
-        before, after = np.roll(low, 1), np.roll(low, -1)
-        points = points[~(low & before & after)]
-        if len(points) >= 3 and np.ptp(points[:, 1]) > BAND:
-            rings.append(Ring(points, ring.holes))
+        off = (ring.outer - start) @ normal
+        low = off >= -band
+        points = ring.outer - np.where(low, off, 0.0)[:, None] * normal
+        inner = low & np.roll(low, 1) & np.roll(low, -1)
+        if np.ptp(off) > band and (~inner).sum() >= 3:
+            rings.append(Ring(points[~inner], ring.holes))
     return Region(tuple(rings)) if rings else outline
 
 

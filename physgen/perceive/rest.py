@@ -22,6 +22,8 @@ STEEPEST = 0.75
 """Slope of an edge that friction may still hold a thing on: cardboard on wood slips at 0.5 to 0.8."""
 BROAD = 0.5
 """Of its width: what a steep edge under a thing has that it lies on a slope, not askew."""
+RAGGED = 1.5
+"""px by which a mask's straight edge bulges."""
 AGREE = 0.12
 """Between the slope of a line and that of what lies on it."""
 MOST_TILT = 0.04
@@ -62,13 +64,27 @@ def foot(thing: Thing) -> Foot:
     k = int(np.clip(np.searchsorted(hull[:, 0], center[0]) - 1, 0, len(hull) - 2))
     left, right = hull[k], hull[k + 1]
     run = right[0] - left[0]
-    slope = abs(float(right[1] - left[1])) / max(float(run), 1e-9)
-    broad = run >= BROAD * (hull[-1, 0] - hull[0, 0])
-    if run >= 2 and (slope <= STEEP or (slope <= STEEPEST and broad)):
+    if run >= 2 and abs(right[1] - left[1]) <= STEEP * run:
         return Foot(thing, left, right, hull)
+    first, last = _straight(hull, k)
+    run, rise = hull[last] - hull[first]
+    if run >= BROAD * (hull[-1, 0] - hull[0, 0]) and abs(rise) <= STEEPEST * run:
+        return Foot(thing, hull[first], hull[last], hull)
     x, y = hull[int(np.argmax(hull[:, 1]))]
     aside = 0.1 * (hull[-1, 0] - hull[0, 0])
     return Foot(thing, np.array([x - aside, y]), np.array([x + aside, y]), hull)
+
+
+def _straight(hull: Array, k: int) -> tuple[int, int]:
+    """The longest part of a hull `(K, 2)`, from corner to corner, that holds its k-th edge and is straight to `RAGGED`."""
+    best = k, k + 1
+    for i in range(k + 1):
+        for j in range(k + 1, len(hull)):
+            along = hull[j] - hull[i]
+            off = np.abs(cross(along, hull[i : j + 1] - hull[i])) / max(float(np.hypot(*along)), 1e-9)
+            if off.max() <= RAGGED and hull[j, 0] - hull[i, 0] > hull[best[1], 0] - hull[best[0], 0]:
+                best = i, j
+    return best
 
 
 def lower_hull(outline: Outline) -> Array:

@@ -1,8 +1,8 @@
 """Photo, labels, outlines and the network's normals -> is it seen from the side or from above, how sure, and why.
 
 From the side, what is behind things changes from top to bottom more than from left to right: a wall over a floor,
-blurred far away and sharp near by, and the floor faces up. From above, one surface lies all around, and things lie anywhere,
-upheld by nothing below them. Every cue adds to the odds; mirrored from left to right, a photo gives the same.
+blurred far away and sharp near by, and the floor faces up. From above, one surface lies all around, and things lie
+anywhere, upheld by nothing below them. Every cue adds to the odds; mirrored from left to right, a photo gives the same.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
     """Log odds for the side, of the background alone; 0 where too little of it is seen."""
     h, w = normals.shape[:2]
     colour = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
-    colour = np.asarray(cv2.resize(colour, (w, h), interpolation=cv2.INTER_AREA), np.float32)
+    colour = cv2.resize(colour, (w, h), interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
     things = cv2.resize((labels > 0).astype(np.uint8), (w, h), interpolation=cv2.INTER_AREA)
     free = cv2.dilate(things, np.ones((5, 5), np.uint8)) == 0
     if np.count_nonzero(free) < LEAST:

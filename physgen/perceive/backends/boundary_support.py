@@ -73,7 +73,7 @@ def _floors(
     width = labels.shape[1]
     groups = sorted(groups, key=lambda g: -max(float(f.lowest[1]) for f in g[1]))
     level = [g for g in groups if abs(g[0].slope) <= STEEP]
-    walls = []
+    walls: list[Wall] = []
     for line, group in groups:
         others = [t for t in things if not t.cut and all(t is not f.thing for f in group)]
         across = (-0.5, width - 0.5)
