@@ -76,7 +76,7 @@ def foot(thing: Thing) -> Foot:
 
 
 def _straight(hull: Array, k: int) -> tuple[int, int]:
-    """The longest part of a hull `(K, 2)`, from corner to corner, that holds its k-th edge and is straight to `RAGGED`."""
+    """The longest part of a hull `(K, 2)`, first and last corner, that holds its k-th edge and is straight."""
     best = k, k + 1
     for i in range(k + 1):
         for j in range(k + 1, len(hull)):

@@ -257,6 +257,8 @@ class Boundary(Protocol):
     """Tells the view and finds floors, shelves and walls."""
 
     def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
-        """`view` is what a person said, None to find out. Walls touch the outlines and never enter them: the things' own,
-        or those that the setting has instead."""
+        """`view` is what a person said, None to find out.
+
+        Walls touch the outlines and never enter them: the things' own, or those that the setting has instead.
+        """
         ...
