@@ -17,7 +17,15 @@ from physgen.outline.outline import Disc, Outline, bounds, mass_properties
 from physgen.perceive.roles import Labels, Thing
 
 STEEP = 0.15
-"""Slope above which a line is no floor, and an edge no foot to stand on."""
+"""Slope above which a line is no level floor."""
+STEEPEST = 0.75
+"""Slope of an edge that friction may still hold a thing on: cardboard on wood slips at 0.5 to 0.8."""
+BROAD = 0.5
+"""Of its width: what a steep edge under a thing has that it lies on a slope, not askew."""
+RAGGED = 1.5
+"""px by which a mask's straight edge bulges."""
+AGREE = 0.12
+"""Between the slope of a line and that of what lies on it."""
 MOST_TILT = 0.04
 """Slope of a floor that only two things tell."""
 
@@ -33,6 +41,11 @@ class Foot:
     """(2,) px."""
     hull: Array
     """(K, 2) px: its lower side, left to right, none of it under the line `left` to `right`."""
+
+    @property
+    def slope(self) -> float:
+        """Of the edge that it stands on."""
+        return float((self.right[1] - self.left[1]) / max(self.right[0] - self.left[0], 1e-9))
 
     @property
     def lowest(self) -> Array:
@@ -53,9 +66,25 @@ def foot(thing: Thing) -> Foot:
     run = right[0] - left[0]
     if run >= 2 and abs(right[1] - left[1]) <= STEEP * run:
         return Foot(thing, left, right, hull)
+    first, last = _straight(hull, k)
+    run, rise = hull[last] - hull[first]
+    if run >= BROAD * (hull[-1, 0] - hull[0, 0]) and abs(rise) <= STEEPEST * run:
+        return Foot(thing, hull[first], hull[last], hull)
     x, y = hull[int(np.argmax(hull[:, 1]))]
     aside = 0.1 * (hull[-1, 0] - hull[0, 0])
     return Foot(thing, np.array([x - aside, y]), np.array([x + aside, y]), hull)
+
+
+def _straight(hull: Array, k: int) -> tuple[int, int]:
+    """The longest part of a hull `(K, 2)`, first and last corner, that holds its k-th edge and is straight."""
+    best = k, k + 1
+    for i in range(k + 1):
+        for j in range(k + 1, len(hull)):
+            along = hull[j] - hull[i]
+            off = np.abs(cross(along, hull[i : j + 1] - hull[i])) / max(float(np.hypot(*along)), 1e-9)
+            if off.max() <= RAGGED and hull[j, 0] - hull[i, 0] > hull[best[1], 0] - hull[best[0], 0]:
+                best = i, j
+    return best
 
 
 def lower_hull(outline: Outline) -> Array:
@@ -85,7 +114,7 @@ def carried(thing: Thing, labels: Labels, things: Sequence[Thing]) -> bool:
     here = np.flatnonzero(bottom >= 0)
     gap = int(max(3, 0.06 * (rows.max() - rows.min() + 1)))
     center = mass_properties(thing.outline).center
-    holders = [t.id for t in things if t.id != thing.id and mass_properties(t.outline).center[1] > center[1]]
+    holders = [t.id for t in things if t.id != thing.id and bounds(t.outline)[3] > bounds(thing.outline)[3]]
     held = np.zeros(len(here), bool)
     for down in range(1, gap + 1):
         below = np.minimum(bottom[here] + down, labels.shape[0] - 1)
@@ -135,8 +164,11 @@ def _line(feet: Sequence[Foot], pair: tuple[Foot, Foot], tolerance: float) -> tu
     slope = float((y1 - y0) / (x1 - x0)) if abs(x1 - x0) > 1 else 0.0
     line = Line(slope, float(y0 - slope * x0))
     group = [f for f in feet if abs(float(f.lowest[1]) - line.at(float(f.lowest[0]))) <= tolerance]
-    if abs(slope) > STEEP or (len(group) < 3 and abs(slope) > MOST_TILT):
-        return Line(0.0, float(y0)), [pair[0]]
+    if abs(slope) > STEEP:
+        group = [f for f in group if abs(f.slope - slope) <= AGREE]
+    if len(group) < 2 or abs(slope) > STEEPEST or (len(group) < 3 and MOST_TILT < abs(slope) <= STEEP):
+        own = pair[0].slope if abs(pair[0].slope) > STEEP else 0.0
+        return Line(own, float(y0 - own * x0)), [pair[0]]
     if len(group) > 2:
         points = np.array([f.lowest for f in group])
         fitted, height = np.polyfit(points[:, 0], points[:, 1], 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -249,11 +249,20 @@ class Setting:
     """0..1, of the view."""
     reason: str
     walls: tuple[Wall, ...]
+    outlines: Mapping[int, Outline] = field(default_factory=dict)
+    """By id, of things that stand better than their masks tell: with level feet on what holds them."""
+    held: frozenset[int] = frozenset()
+    """Ids of things that nothing seen keeps from falling."""
+    grip: Mapping[int, float] = field(default_factory=dict)
+    """By id, the least friction that things must have, since they lie still on a slope."""
 
 
 class Boundary(Protocol):
     """Tells the view and finds floors, shelves and walls."""
 
     def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
-        """`view` is what a person said, None to find out. Walls touch the outlines and never enter them."""
+        """`view` is what a person said, None to find out.
+
+        Walls touch the outlines and never enter them: the things' own, or those that the setting has instead.
+        """
         ...

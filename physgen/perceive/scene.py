@@ -141,6 +141,7 @@ def perceive(
         measured = pixels_per_meter
     matter: Mapping[int, Matter] = role("physics")(rgb, things, measured)
     setting: Setting = role("boundary")(rgb, found.labels, things, view)
+    things = [replace(t, outline=setting.outlines.get(t.id, t.outline)) for t in things]
     normals = role("normals")(rgb, found.labels, things, setting)
     intrinsics: Intrinsics = role("intrinsic")(rgb, found.labels, normals)
     light: LightGuess = role("light")(rgb, found.labels, things, normals, intrinsics)
@@ -173,7 +174,7 @@ def perceive(
         one |= {
             "solid": it.solid.value,
             "mass": it.mass,
-            "friction": it.friction,
+            "friction": max(it.friction, setting.grip.get(thing.id, 0.0)),
             "elasticity": it.elasticity,
         }
         if words.rolls(thing, it.solid, setting.view):
@@ -186,6 +187,14 @@ def perceive(
             comments[f"objects.{name}.motion"] = (
                 "cut off by the photo's border, so it is held; dynamic lets it go"
             )
+        elif thing.id in setting.held:
+            one["motion"] = "static"
+            comments[f"objects.{name}.motion"] = (
+                "nothing that is seen keeps it from falling, so it is held; dynamic lets it go"
+            )
+        if it.friction < setting.grip.get(thing.id, 0.0):
+            told["friction"] = words.source("lies on a slope", 0.5)
+            comments[f"objects.{name}.friction"] = "at least this much, since it lies still on a slope"
         comments[f"objects.{name}.mass"] = f"g: {it.reason}"
         if not objects and found.doubtful:
             comments[f"objects.{name}"] = words.doubts(found.doubtful, found.source)

@@ -7,23 +7,28 @@ From above, the same surface is on all sides of things, and no line explains whe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.outline.outline import bounds
-from physgen.perceive.rest import Foot, Line, carried, clusters, floor, foot, free_ends
+from physgen.outline.outline import Outline, bounds
+from physgen.perceive.equilibrium import contacts
+from physgen.perceive.learned.network import see
+from physgen.perceive.planted import flat, planted
+from physgen.perceive.rest import STEEP, Foot, Line, carried, clusters, floor, foot, free_ends
 from physgen.perceive.roles import Boundary, Labels, Rgb, Setting, Thing, Wall
+from physgen.perceive.upheld import free_parts, upheld
+from physgen.perceive.viewpoint import seen_from
 from physgen.scene.model import View
 
 F32 = NDArray[np.float32]
 
 ALIKE = 10.0
 """CIE 1976 Lab distance up to which two strips are the same surface."""
-APART = 14.0
-"""The same, lightness counted less because of shadows, from which what is above things is not what is below."""
+GRIP = 1.25
+"""Coefficient of friction over the slope that things lie still on: at 1 they are about to slip."""
 FRICTION, ELASTICITY = 0.6, 0.4
 CUSHION = 0.75
 """Elasticity of the frame seen from above: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)."""
@@ -36,28 +41,76 @@ def support() -> Boundary:
 
 def _support(rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
     height, width = labels.shape
-    standing = [foot(t) for t in things if not t.cut and not carried(t, labels, things)]
-    groups = clusters(standing, max(2.5, 0.012 * height))
-    alone = sum(len(group) for _, group in groups if len(group) == 1 and len(standing) > 1)
-    explained = 1 - alone / max(len(things), 1)
-    found, sure, reason = _view(rgb, labels, things, explained)
-    if view is not None:
+    on_things = {t.id for t in things if not t.cut and carried(t, labels, things)}
+    standing = [foot(t) for t in things if not t.cut and t.id not in on_things]
+    tolerance = max(2.5, 0.012 * height)
+    groups = clusters(standing, tolerance)
+    if view is None:
+        alone = sum(len(group) for _, group in groups if len(group) == 1 and len(standing) > 1)
+        upright = sum(flat(foot(t)) for t in things if not t.cut)
+        found, sure, reason = seen_from(rgb, labels, see(rgb).normals, alone, upright)
+    else:
         found, sure, reason = view, 1.0, "as told"
     if found is View.TOP:
         return Setting(found, sure, reason, (_frame(width, height, 0.2, CUSHION),))
+    outlines: dict[int, Outline] = {}
+    for line, group in groups:
+        outlines |= planted(line, group)
+    things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
+    now = {t.id: t for t in things}
+    groups = [(line, [foot(now[f.thing.id]) for f in group]) for line, group in groups]
     walls = [_frame(width, height, FRICTION, ELASTICITY)]
-    lab = _lab(rgb)
+    walls += _floors(_lab(rgb), labels, things, groups)
+    grip = _grip(things, groups)
+    more, held = upheld(things, walls, grip, FRICTION, ELASTICITY)
+    return Setting(found, sure, reason, (*walls, *more), outlines, held, grip)
+
+
+def _floors(
+    lab: F32, labels: Labels, things: Sequence[Thing], groups: Sequence[tuple[Line, list[Foot]]]
+) -> list[Wall]:
+    """Under every group of feet a wall, in pieces where it would enter something."""
+    width = labels.shape[1]
     groups = sorted(groups, key=lambda g: -max(float(f.lowest[1]) for f in g[1]))
-    for number, (line, group) in enumerate(groups):
+    level = [g for g in groups if abs(g[0].slope) <= STEEP]
+    walls: list[Wall] = []
+    for line, group in groups:
         others = [t for t in things if not t.cut and all(t is not f.thing for f in group)]
         across = (-0.5, width - 0.5)
-        wish = across if number == 0 and len(group) > 1 else _seen(lab, labels, line, group, across)
+        sloped = abs(line.slope) > STEEP
+        first = bool(level) and group is level[0][1]
+        wish = across if first and len(group) > 1 else _seen(lab, labels, line, group, across)
         points = floor(line, group, free_ends(line, group, others, wish))
-        name = "floor" if number == 0 else f"ledge-{number}"
-        walls.append(
-            Wall(name, tuple(points), FRICTION, ELASTICITY, _sure(group), "lowest points", _told(group))
-        )
-    return Setting(found, sure, reason, tuple(walls))
+        here = [t.outline for t in things if all(t is not f.thing for f in group)]
+        for part in free_parts(points, here):
+            on = [f for f in group if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]]
+            if not on:
+                continue
+            kind = "slope" if sloped else "floor" if first else "ledge"
+            count = sum(w.name.split("-")[0] == kind for w in walls)
+            name = kind if kind == "floor" and not count else f"{kind}-{count + (kind != 'floor' or 1)}"
+            friction = max(FRICTION, round(GRIP * abs(line.slope), 2))
+            walls.append(Wall(name, tuple(part), friction, ELASTICITY, _sure(on), "lowest points", _told(on)))
+    return walls
+
+
+def _grip(things: Sequence[Thing], groups: Sequence[tuple[Line, list[Foot]]]) -> dict[int, float]:
+    """The least friction of what lies on a slope, and of all that leans or lies on it there."""
+    outlines = [t.outline for t in things]
+    pairs = {(c.thing, c.other) for c in contacts(outlines, [])}
+    grip: dict[int, float] = {}
+    for line, group in groups:
+        steepest = max([abs(line.slope), *(abs(f.slope) for f in group)])
+        if steepest <= STEEP:
+            continue
+        reached = {k for k, t in enumerate(things) if any(t is f.thing for f in group)}
+        while more := {j for i, j in pairs if i in reached} | {i for i, j in pairs if j in reached}:
+            if more <= reached:
+                break
+            reached |= more
+        for k in reached:
+            grip[things[k].id] = max(grip.get(things[k].id, 0.0), round(GRIP * steepest, 2))
+    return grip
 
 
 def _frame(width: int, height: int, friction: float, elasticity: float) -> Wall:
@@ -135,43 +188,7 @@ def _told(group: Sequence[Foot]) -> str:
     return f"through the lowest points of {len(group)} objects, touching the shape of each"
 
 
-def _view(rgb: Rgb, labels: Labels, things: Sequence[Thing], explained: float) -> tuple[View, float, str]:
-    """Which view, how sure, and why."""
-    if not things:
-        return View.SIDE, 0.1, "there is no object to tell by"
-    apart = _above_against_below(rgb, labels, things)
-    if explained < 0.9 and apart < APART:
-        sure = round(min(0.9, 0.5 + 0.5 * (0.9 - explained) + 0.01 * (APART - apart)), 2)
-        return View.TOP, sure, "one surface is all around the objects, and no floor explains where they lie"
-    reason = "the objects stand on one line or on each other"
-    if explained < 0.9:
-        reason = "what is above the objects differs from what is below them"
-    many = 0.1 if len(things) > 2 else 0.0
-    return View.SIDE, round(min(0.9, 0.4 + many + 0.015 * min(apart, 27)), 2), reason
-
-
 def _lab(rgb: Rgb) -> F32:
     return cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB).astype(
         np.float32, copy=False
     )
-
-
-def _above_against_below(rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> float:
-    """Lab distance between the background above things and below them, beyond their shadows; 0 where unseen."""
-    lab = _lab(rgb)
-    free = cv2.erode((labels == 0).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    height, width = labels.shape
-    sides: tuple[list[Any], list[Any]] = [], []
-    for thing in things:
-        x0, y0, x1, y1 = bounds(thing.outline)
-        near, far = (max(px, share * min(x1 - x0, y1 - y0)) for px, share in ((3.0, 0.3), (12.0, 1.5)))
-        columns = slice(max(0, int(x0)), min(width, int(x1) + 2))
-        for side, low, high in ((sides[0], y0 - far, y0 - near), (sides[1], y1 + near, y1 + far)):
-            rows = slice(int(np.clip(low, 0, height)), int(np.clip(high, 0, height)))
-            seen = lab[rows, columns][free[rows, columns]]
-            if len(seen) >= 30:
-                side.append(np.median(seen, axis=0))
-    if not (sides[0] and sides[1]):
-        return 0.0
-    gap = np.median(sides[0], axis=0) - np.median(sides[1], axis=0)
-    return float(np.linalg.norm(gap * (0.4, 1.0, 1.0)))

@@ -1,0 +1,267 @@
+"""Outlines and walls -> where they touch, and which things friction and support hold still.
+
+A thing stands where forces at its contacts, each within its cone of Coulomb friction, can balance its weight and its
+neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-squares problem
+with forces that only push (Lawson and Hanson 1974, chapter 23). Image axes, px; weight goes by area.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from physgen.geometry import Array, cross
+from physgen.outline.outline import Disc, Outline, bounds, mass_properties
+
+TOUCH = 0.6
+"""px between two surfaces that still count as touching: gaps that close unseen."""
+UNHELD = 0.03
+"""Part of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
+INNER = 1.5
+"""px, or a fifth of a face, by which its ends may be off: what stands only by them does not stand."""
+TURNED = np.cos(np.radians(12.0))
+"""Contacts of two things whose normals differ by less are on one face: its two ends tell all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Where one thing rests against another, or against the world."""
+
+    thing: int
+    """Place in the list of outlines."""
+    other: int
+    """The same; -1 the world."""
+    point: Array
+    """(2,) px."""
+    normal: Array
+    """(2,) unit, from the other into the thing."""
+
+
+def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contact]:
+    """Of every two outlines, and of outlines with walls, each `(K, 2)` px."""
+    boxes = [bounds(outline) for outline in outlines]
+    found: list[Contact] = []
+    for i, outline in enumerate(outlines):
+        for j in range(i + 1, len(outlines)):
+            if _near(boxes[i], boxes[j]):
+                found += _ends(i, j, _touches(outline, outlines[j]))
+        for wall in walls:
+            low, high = wall.min(axis=0), wall.max(axis=0)
+            if _near(boxes[i], (low[0], low[1], high[0], high[1])):
+                found += _ends(i, -1, _on_chain(outline, wall, mass_properties(outline).center))
+    return found
+
+
+def unheld(
+    outlines: Sequence[Outline],
+    found: Sequence[Contact],
+    friction: Mapping[tuple[int, int], float],
+    fixed: Collection[int] = (),
+    default: float = 0.3,
+) -> list[int]:
+    """The things that cannot stand still, places in the list, lowest first: hold them and all else stands.
+
+    `friction` of pairs (thing, other) that is not `default`; `fixed` are held already.
+    """
+    everyone = [i for i in range(len(outlines)) if i not in fixed]
+    masses = {i: mass_properties(outlines[i]) for i in everyone}
+    lost: list[int] = []
+    for group in _groups(everyone, found):
+        held: list[int] = []
+        while True:
+            free = [i for i in group if i not in held]
+            rest = _residual(free, masses, found, friction, default)
+            bad = [i for i in free if rest[i] > UNHELD]
+            if not bad:
+                break
+            # what is most at a loss among the lowest: what stands on it may only lack it
+            held.append(max(bad, key=lambda i: float(masses[i].center[1]) + 4 * rest[i]))
+        for i in list(held):
+            free = [k for k in group if k not in held or k == i]
+            rest = _residual(free, masses, found, friction, default)
+            if len(held) > 1 and all(value <= UNHELD for value in rest.values()):
+                held.remove(i)
+        lost += held
+    return sorted(lost, key=lambda i: -float(masses[i].center[1]))
+
+
+def _near(a: Sequence[float], b: Sequence[float]) -> bool:
+    return a[0] < b[2] + TOUCH and b[0] < a[2] + TOUCH and a[1] < b[3] + TOUCH and b[1] < a[3] + TOUCH
+
+
+def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
+    """Points, and normals from b into a."""
+    if isinstance(a, Disc) and isinstance(b, Disc):
+        way = a.center - b.center
+        length = max(float(np.hypot(*way)), 1e-9)
+        if length - a.radius - b.radius > TOUCH:
+            return []
+        return [(b.center + way / length * b.radius, way / length)]
+    if isinstance(a, Disc):
+        return [hit for points in _rings(b) for hit in _disc_on(a, points)]
+    if isinstance(b, Disc):
+        return [(p, -n) for points in _rings(a) for p, n in _disc_on(b, points)]
+    hits = [hit for mine in _rings(a) for other in _rings(b) for hit in _corners_on(mine, other)]
+    return hits + [(p, -n) for mine in _rings(a) for other in _rings(b) for p, n in _corners_on(other, mine)]
+
+
+def _rings(outline: Outline) -> list[Array]:
+    """Closed, the inside on the right of every edge as it turns +x towards +y."""
+    assert not isinstance(outline, Disc)
+    rings = []
+    for ring in outline.rings:
+        points = ring.outer
+        x, y = points.T
+        twice = float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+        points = points if twice > 0 else points[::-1]
+        rings.append(np.concatenate([points, points[:1]]))
+    return rings
+
+
+def _disc_on(disc: Disc, chain: Array) -> list[tuple[Array, Array]]:
+    at, off = _closest(disc.center[None], chain)
+    hits = []
+    for k in np.flatnonzero(np.hypot(*off[0].T) <= disc.radius + TOUCH).tolist():
+        length = float(np.hypot(*off[0, k]))
+        if length > 0.5 * disc.radius:
+            hits.append((at[0, k], off[0, k] / length))
+    return hits
+
+
+def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
+    """Corners of one closed chain on edges of another; the normals point out of the other."""
+    inside = (points.min(axis=0) - TOUCH - 1, points.max(axis=0) + TOUCH + 1)
+    edges = np.flatnonzero(
+        (np.maximum(chain[:-1], chain[1:]) >= inside[0]).all(1)
+        & (np.minimum(chain[:-1], chain[1:]) <= inside[1]).all(1)
+    )
+    if not len(edges):
+        return []
+    hits = []
+    pairs = np.stack([chain[edges], chain[edges + 1]], axis=1)
+    at, off = _closest_pairs(points[:-1], pairs)
+    length = np.hypot(off[..., 0], off[..., 1])
+    for i in np.flatnonzero(length.min(axis=1) <= TOUCH).tolist():
+        k = int(length[i].argmin())
+        along = pairs[k, 1] - pairs[k, 0]
+        run = float(np.hypot(*along))
+        if run > 1e-9:
+            hits.append((at[i, k], np.array([along[1], -along[0]]) / run))
+    return hits
+
+
+def _on_chain(outline: Outline, chain: Array, center: Array) -> list[tuple[Array, Array]]:
+    """Where an outline touches an open chain; normals towards the side that its centre is on."""
+    if isinstance(outline, Disc):
+        return _disc_on(outline, chain)
+    hits = []
+    for ring in _rings(outline):
+        hits += _corners_on(ring, chain) + [
+            (p, -n) for p, n in _corners_on(np.concatenate([chain, chain[-1:]]), ring)
+        ]
+    return [(p, n if (center - p) @ n >= 0 else -n) for p, n in hits]
+
+
+def _closest(points: Array, chain: Array) -> tuple[Array, Array]:
+    return _closest_pairs(points, np.stack([chain[:-1], chain[1:]], axis=1))
+
+
+def _closest_pairs(points: Array, pairs: Array) -> tuple[Array, Array]:
+    """`(N, M, 2)`: of each segment `(M, 2, 2)` the point nearest to each of `(N, 2)`, and the way from there."""
+    start, along = pairs[:, 0], pairs[:, 1] - pairs[:, 0]
+    off = points[:, None] - start[None]
+    share = np.clip((off * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)
+    at = start[None] + share[..., None] * along[None]
+    return at, points[:, None] - at
+
+
+def _ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Contact]:
+    """Of the hits on each face the two ends, brought nearer to each other by what they are unsure of."""
+    left = list(hits)
+    found = []
+    while left:
+        normal = left[0][1]
+        face = [hit for hit in left if hit[1] @ normal >= TURNED]
+        left = [hit for hit in left if hit[1] @ normal < TURNED]
+        where = [cross(normal, p) for p, _ in face]
+        first, last = (face[int(k)] for k in (np.argmin(where), np.argmax(where)))
+        if len(face) == 1:
+            found.append(Contact(i, j, *first))
+            continue
+        way = last[0] - first[0]
+        inwards = way * min(0.2, INNER / max(float(np.hypot(*way)), 1e-9))
+        found += [Contact(i, j, first[0] + inwards, first[1]), Contact(i, j, last[0] - inwards, last[1])]
+    return found
+
+
+def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]]:
+    """What touches belongs together."""
+    root = {i: i for i in everyone}
+
+    def top(i: int) -> int:
+        while root[i] != i:
+            root[i] = i = root[root[i]]
+        return i
+
+    for contact in found:
+        if contact.thing in root and contact.other in root:
+            root[top(contact.thing)] = top(contact.other)
+    groups: dict[int, list[int]] = {}
+    for i in everyone:
+        groups.setdefault(top(i), []).append(i)
+    return list(groups.values())
+
+
+def _residual(
+    free: Sequence[int],
+    masses: Mapping[int, object],
+    found: Sequence[Contact],
+    friction: Mapping[tuple[int, int], float],
+    default: float,
+) -> dict[int, float]:
+    """Of each thing, what part of its weight (or of a torque of its weight and size) nothing balances."""
+    row = {i: 3 * k for k, i in enumerate(free)}
+    mine = [c for c in found if c.thing in row or c.other in row]
+    matrix = np.zeros((3 * len(free), 2 * len(mine)))
+    wanted = np.zeros(3 * len(free))
+    for i in free:
+        wanted[row[i] + 1] = -1.0
+    for k, contact in enumerate(mine):
+        mu = friction.get((contact.thing, contact.other), default)
+        along = np.array([-contact.normal[1], contact.normal[0]])
+        for way in (0, 1):
+            force = contact.normal + (mu if way else -mu) * along
+            for i, sign in ((contact.thing, 1.0), (contact.other, -1.0)):
+                if i in row:
+                    mass = masses[i]
+                    arm = (contact.point - mass.center) / np.sqrt(mass.area)  # type: ignore[attr-defined]
+                    column = sign * np.array([force[0], force[1], cross(arm, force)])
+                    matrix[row[i] : row[i] + 3, 2 * k + way] = column / mass.area  # type: ignore[attr-defined]
+    scale = np.maximum(np.abs(matrix).max(axis=0, initial=0.0), 1e-12)
+    rest = wanted - (matrix / scale) @ pushing(matrix / scale, wanted)
+    return {i: float(np.abs(rest[row[i] : row[i] + 3]).max()) for i in free}
+
+
+def pushing(matrix: Array, wanted: Array) -> Array:
+    """x >= 0 of least |matrix x - wanted|: Lawson and Hanson's NNLS."""
+    count = matrix.shape[1]
+    x, used = np.zeros(count), np.zeros(count, bool)
+    for _ in range(3 * count):
+        gain = matrix.T @ (wanted - matrix @ x)
+        gain[used] = -np.inf
+        if not count or gain.max() <= 1e-7:
+            break
+        used[int(gain.argmax())] = True
+        while True:
+            trial = np.zeros(count)
+            trial[used] = np.linalg.lstsq(matrix[:, used], wanted, rcond=None)[0]
+            negative = used & (trial <= 1e-12)
+            if not negative.any():
+                break
+            share = (x[negative] / np.maximum(x[negative] - trial[negative], 1e-15)).min()
+            x = x + share * (trial - x)
+            used &= x > 1e-12
+        x = trial
+    return x

@@ -1,0 +1,113 @@
+"""Things that stand upright on a common line -> their outlines with level feet on it, as they would stand.
+
+A mask's lowest border is ragged, and a thing on two stray pixels rocks. Its front edge, too, is nearer to a camera that
+looks down a little, and so lower in the photo than the section through its middle that moves: the foot is lifted by as
+much as the scene's default tilt says for a thing as deep as it is wide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import radians, sin
+
+import numpy as np
+
+from physgen.geometry import Array
+from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
+from physgen.perceive.rest import AGREE, STEEP, Foot, Line
+from physgen.perceive.roles import Thing
+
+TILT = 4.0
+"""degrees: the default of `world.tilt`."""
+LEAST_LIFT, MOST_LIFT = 1.0, 2.0
+"""px: less than the first is within what masks are off by."""
+ASKEW = 2.5
+"""px by which the foot of a narrow thing may rise and be level."""
+BAND = 2.0
+"""px over a foot within which the border is the foot's."""
+ALIKE = 1.5
+"""px between feet up to which they stand on one straight line."""
+LEVEL = 0.08
+"""Slope of a foot up to which it is level, and its slope an error of the mask."""
+SLOPED = 0.03
+"""Slope of a line through three feet or more from which it is no level floor seen askew."""
+WIDE = 0.35
+"""Of a thing's width: what a foot has that it stands on flat."""
+
+
+def lift(outline: Outline) -> float:
+    """px by which the section through its middle stands higher in the photo than its front edge; 0 for round things."""
+    if isinstance(outline, Disc):
+        return 0.0
+    x0, y0, x1, y1 = bounds(outline)
+    height = 0.5 * sin(radians(TILT)) * min(x1 - x0, y1 - y0)
+    return min(MOST_LIFT, height) if height >= LEAST_LIFT else 0.0
+
+
+def flat(foot: Foot) -> bool:
+    """Whether a thing stands on a level edge, not on a corner or a curve."""
+    if isinstance(foot.thing.outline, Disc):
+        return False
+    x0, _, x1, _ = bounds(foot.thing.outline)
+    low = foot.hull[foot.hull[:, 1] >= foot.hull[:, 1].max() - BAND]
+    run = float(foot.right[0] - foot.left[0])
+    level = abs(float(foot.right[1] - foot.left[1])) <= max(LEVEL * run, ASKEW)
+    return level and float(np.ptp(low[:, 0])) >= WIDE * (x1 - x0)
+
+
+def planted(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
+    """Outlines with straight feet, by id, of those in a group that stand flat: on one line where they nearly do."""
+    result: dict[int, Outline] = {}
+    if abs(line.slope) > STEEP:
+        for foot in group:
+            outline = foot.thing.outline
+            if isinstance(outline, Region) and abs(foot.slope - line.slope) <= AGREE:
+                result[foot.thing.id] = straightened(outline, line)
+        return result
+    feet = [foot for foot in group if flat(foot)]
+    if not feet or (len(group) > 2 and abs(line.slope) >= SLOPED):
+        return {}
+    heights = np.array([float(f.hull[:, 1].max()) - lift(f.thing.outline) for f in feet])
+    for k in range(len(feet)):
+        near = np.abs(heights - heights[k]) <= ALIKE
+        if near.sum() > 1 and np.ptp(heights) <= 2 * ALIKE:
+            heights = np.where(near, np.median(heights[near]), heights)
+    for foot, height in zip(feet, heights.tolist(), strict=True):
+        assert isinstance(foot.thing.outline, Region)
+        up = max(BAND, abs(float(foot.right[1] - foot.left[1])) + 0.5)
+        result[foot.thing.id] = straightened(foot.thing.outline, Line(0.0, round(height, 2)), up)
+    return result
+
+
+def straightened(outline: Region, line: Line, band: float = BAND) -> Region:
+    """Nothing of it below the line, and its border within `band` px above it on it."""
+    normal = np.array([-line.slope, 1.0]) / np.hypot(line.slope, 1.0)
+    start = np.array([0.0, line.height])
+    rings = []
+    for ring in outline.rings:
+        off = (ring.outer - start) @ normal
+        low = off >= -band
+        points = ring.outer - np.where(low, off, 0.0)[:, None] * normal
+        inner = low & np.roll(low, 1) & np.roll(low, -1)
+        if np.ptp(off) > band and (~inner).sum() >= 3:
+            rings.append(Ring(points[~inner], ring.holes))
+    return Region(tuple(rings)) if rings else outline
+
+
+def cradle(thing: Thing, center: Array, hull: Array, reach: float = 0.3) -> list[tuple[float, float]]:
+    """A chain that follows the underside of a thing to both sides of its centre of mass: a nest that it lies in."""
+    outline = thing.outline
+    if isinstance(outline, Disc):
+        x, y, r = float(outline.center[0]), float(outline.center[1]), outline.radius
+        a = np.radians(25.0)
+        inner, side, up = r * np.tan(a / 2), r * np.sin(a), r * np.cos(a)
+        chain = [(x - side, y + up), (x - inner, y + r), (x + inner, y + r), (x + side, y + up)]
+    else:
+        x0, _, x1, _ = bounds(outline)
+        ends = np.clip(
+            [center[0] - reach * (x1 - x0), center[0] + reach * (x1 - x0)], hull[0, 0], hull[-1, 0]
+        )
+        inner = hull[(hull[:, 0] > ends[0]) & (hull[:, 0] < ends[1])]
+        xs = [ends[0], *inner[:, 0], ends[1]]
+        chain = [(float(px), float(np.interp(px, hull[:, 0], hull[:, 1]))) for px in xs]
+    return [(round(float(px), 2), float(np.ceil(py * 100 - 1e-6) / 100)) for px, py in chain]
