@@ -48,6 +48,8 @@ BACKENDS: tuple[Backend, ...] = (
             "Calls round things ball, rectangles block and the rest object."),
     Backend("physics", "table", f"{_HERE}.physics_table:table",
             "Looks the label up in the material table and weighs the outline."),
+    Backend("normals", "blended", f"{_HERE}.normals_blended:blended",
+            "Balls, turned things, cushions and flat faces, as outline, shading and the network say; tables, walls."),
     Backend("normals", "shape", f"{_HERE}.normals_shape:shape",
             "Takes round things as spheres, and all else as facing the viewer."),
     Backend("intrinsic", "smooth", f"{_HERE}.intrinsic_smooth:smooth",
