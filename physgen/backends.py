@@ -54,6 +54,8 @@ BACKENDS: tuple[Backend, ...] = (
             "Takes round things as spheres, and all else as facing the viewer."),
     Backend("intrinsic", "smooth", f"{_HERE}.intrinsic_smooth:smooth",
             "Takes what changes slowly as shading, what changes fast as albedo."),
+    Backend("light", "shading", f"{_HERE}.light_shading:shading",
+            "Compares lights all over the sky with the shading of all things, and with highlights."),
     Backend("light", "spheres", f"{_HERE}.light_spheres:spheres",
             "Fits one distant light to the shading of round objects, taken as spheres."),
     Backend("matte", "edge", f"{_HERE}.matte_edge:edge",
