@@ -52,6 +52,8 @@ BACKENDS: tuple[Backend, ...] = (
             "Balls, turned things, cushions and flat faces, as outline, shading and the network say; tables, walls."),
     Backend("normals", "shape", f"{_HERE}.normals_shape:shape",
             "Takes round things as spheres, and all else as facing the viewer."),
+    Backend("intrinsic", "retinex", f"{_HERE}.intrinsic_retinex:retinex",
+            "Changes of colour are albedo's, other changes shading's, held together by normals and Poisson's equation."),
     Backend("intrinsic", "smooth", f"{_HERE}.intrinsic_smooth:smooth",
             "Takes what changes slowly as shading, what changes fast as albedo."),
     Backend("light", "shading", f"{_HERE}.light_shading:shading",

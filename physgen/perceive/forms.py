@@ -71,12 +71,16 @@ def turned(own: Mask) -> Turned:
 
 
 def _blurred(values: F32, sigma: float) -> F32:
-    return np.asarray(
-        cv2.GaussianBlur(values[:, None], (1, 0), sigmaX=0.01, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE)[
-            :, 0
-        ],
-        np.float32,
-    ) if len(values) > 1 else values
+    return (
+        np.asarray(
+            cv2.GaussianBlur(
+                values[:, None], (1, 0), sigmaX=0.01, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
+            )[:, 0],
+            np.float32,
+        )
+        if len(values) > 1
+        else values
+    )
 
 
 def cushion(own: Mask) -> F32:
@@ -132,7 +136,9 @@ def opened(own: Mask, radius: int) -> Mask:
     if radius < 1:
         return own
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    body = cv2.morphologyEx(np.pad(own, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)[radius:-radius, radius:-radius]
+    body = cv2.morphologyEx(np.pad(own, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)[
+        radius:-radius, radius:-radius
+    ]
     count, ids, stats, _ = cv2.connectedComponentsWithStats(body, connectivity=8)
     if count < 2:
         return own

@@ -27,7 +27,16 @@ ROUND = {
     "jug", "lemon", "lid", "mug", "pear", "pin", "pot", "saucer", "shaker", "tin", "vase",
 }  # fmt: skip
 """Words of labels whose things bulge, whatever the light shows."""
-DOMED = {"stone": 0.6, "puck": 0.4, "wheel": 0.3, "coin": 0.05, "disc": 0.3, "plate": 0.3, "button": 0.3, "token": 0.1}
+DOMED = {
+    "stone": 0.6,
+    "puck": 0.4,
+    "wheel": 0.3,
+    "coin": 0.05,
+    "disc": 0.3,
+    "plate": 0.3,
+    "button": 0.3,
+    "token": 0.1,
+}
 """Words of labels of round things that are no balls, and what they have of a ball's tilt."""
 SLOPE = 0.35, 0.1
 """Of the network's tilt over that of the form: from where a thing bulges, and how much more until it surely does."""
@@ -162,9 +171,7 @@ def _explained(level: F32, field: F32, inner: Mask) -> float:
 
 
 def _rectangular(own: Mask) -> bool:
-    border = max(
-        cv2.findContours(own.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len
-    )
+    border = max(cv2.findContours(own.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)
     w, h = cv2.minAreaRect(border)[1]
     return bool(own.sum() > 0.87 * (w + 1) * (h + 1))
 
