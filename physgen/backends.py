@@ -53,7 +53,7 @@ BACKENDS: tuple[Backend, ...] = (
     Backend("normals", "shape", f"{_HERE}.normals_shape:shape",
             "Takes round things as spheres, and all else as facing the viewer."),
     Backend("intrinsic", "retinex", f"{_HERE}.intrinsic_retinex:retinex",
-            "Changes of colour are albedo's, other changes shading's, held together by normals and Poisson's equation."),
+            "Takes changes of colour as albedo, most others as shading; normals tell the rest."),
     Backend("intrinsic", "smooth", f"{_HERE}.intrinsic_smooth:smooth",
             "Takes what changes slowly as shading, what changes fast as albedo."),
     Backend("light", "shading", f"{_HERE}.light_shading:shading",

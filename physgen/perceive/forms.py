@@ -93,7 +93,7 @@ def cushion(own: Mask) -> F32:
     scale = min(1.0, COARSE / max(h, w))
     size = max(3, round(w * scale)), max(3, round(h * scale))
     share = cv2.resize(own.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    inside = np.pad((share > 0.5).astype(np.float32), 1)
+    inside = np.pad((share > 0.5).astype(np.float64), 1)
     step = np.array([w / size[0], h / size[1]])
     height = _poisson(inside, *(1 / step**2).tolist())
     gy, gx = np.gradient(height)
@@ -103,9 +103,8 @@ def cushion(own: Mask) -> F32:
     return np.asarray((fine / length)[..., :2], np.float32)
 
 
-def _poisson(inside: NDArray[np.float32], across: float, down: float) -> NDArray[np.float64]:
+def _poisson(inside: NDArray[np.float64], across: float, down: float) -> NDArray[np.float64]:
     """What solves -laplace = 4 where `inside` (h, w) is 1, with 0 elsewhere; weights 1 / px² of the two directions."""
-    inside = inside.astype(np.float64)
 
     def apply(x: NDArray[np.float64]) -> NDArray[np.float64]:
         y = 2 * (across + down) * x

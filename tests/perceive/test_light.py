@@ -49,7 +49,7 @@ def test_a_painted_ball_shows_it_too(direction):
 def test_a_highlight_is_the_lamp_mirrored():
     normals, labels, thing = ball()
     light = DistantLight(towards(-0.5, -0.5, 0.7), 0.75, 0.25)
-    half = np.array(light.direction) + [0, 0, 1]
+    half = np.add(light.direction, (0, 0, 1))
     half /= np.linalg.norm(half)
     shine = 0.7 * np.clip(normals @ half, 0, 1) ** 300 * (labels > 0)
     linear = plain(labels=labels) * light.shade(normals)[..., None] + shine[..., None]

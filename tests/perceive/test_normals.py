@@ -41,7 +41,7 @@ def test_a_box_faces_the_viewer():
     off = apart(seen(rgb, labels, [thing]), true)
     assert off[labels > 0].mean() < 6
     assert off[110:150, 100:140].max() < 1  # no noise on the face
-    assert off[labels == 0].mean() < 1
+    assert off[labels == 0].mean() < 1  # no table is seen
 
 
 def test_mirrored_photo_mirrored_normals():

@@ -9,6 +9,8 @@ cosine transforms, holds all of it together. After Barron & Malik 2015 in what i
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -60,29 +62,29 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     linear = decode(rgb)
     height, width = labels.shape
     scale = min(1.0, SIDE / max(height, width))
-    size = (
-        max(2, round(width * scale / 2)) * 2,
-        max(2, round(height * scale / 2)) * 2,
-    )  # cv2.dct wants even sides
-    small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
+    # cv2.dct wants even sides
+    size = max(2, round(width * scale / 2)) * 2, max(2, round(height * scale / 2)) * 2
+    small = _resized(linear, size, cv2.INTER_AREA)
     level = _level(small)
     told = _lambert(linear, labels, normals, size)
-    ids = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+    ids = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16)
     log_shading = _parted(small, level, told, ids)
-    slope, base = _detail(log_shading, level)
-    slope, base = (
-        cv2.resize(part, (width, height), interpolation=cv2.INTER_LINEAR) for part in (slope, base)
-    )
-    shading = np.exp(slope * _level(linear) + base)
+    parts = _detail(log_shading, level)
+    slope, base = (_resized(part, (width, height), cv2.INTER_LINEAR) for part in parts)
+    shading = np.asarray(np.exp(slope * _level(linear) + base), np.float32)
     most = linear.max(axis=2)
-    shading *= max(float(np.percentile(most / shading, 99.5)), 1e-6) / np.float32(BRIGHTEST)
+    shading *= np.float32(max(float(np.percentile(most / shading, 99.5)), 1e-6) / BRIGHTEST)
     shading = np.maximum(shading, most)  # nothing sends back more than it gets
     albedo = linear / np.maximum(shading, 1e-6)[..., None]
     return Intrinsics(np.clip(albedo, 0, 1).astype(np.float32), shading.astype(np.float32))
 
 
+def _resized(values: F32, size: tuple[int, int], how: int) -> F32:
+    return np.asarray(cv2.resize(values, size, interpolation=how), np.float32)
+
+
 def _level(linear: F32) -> F32:
-    return np.log(luminance(linear) + np.float32(DARKEST))
+    return np.asarray(np.log(luminance(linear) + np.float32(DARKEST)), np.float32)
 
 
 def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -> F32:
@@ -101,7 +103,7 @@ def _parted(linear: F32, level: F32, told: F32, ids: Labels) -> F32:
     """(h, w): the logarithm of shading, from light (h, w, 3), its `level`, what normals tell, and labels."""
     green = linear[..., 1] + np.float32(GREYEST)
     colour = np.log((linear[..., ::2] + np.float32(GREYEST)) / green[..., None])
-    colour = cv2.GaussianBlur(colour, (0, 0), CALM)
+    colour = np.asarray(cv2.GaussianBlur(colour, (0, 0), CALM), np.float32)
     usual = _usual(level, colour)
     far = cv2.GaussianBlur(np.asarray(WITHIN * (level - usual) + BETWEEN * usual, np.float32), (0, 0), REACH)
     parts = []
@@ -148,10 +150,10 @@ def _screened(across: F32, down: F32, far: F32) -> F32:
 def _detail(shading: F32, level: F32) -> tuple[F32, F32]:
     """(h, w) slope and base with shading = slope x level + base in each window."""
 
-    def mean(values: F32) -> F32:
+    def mean(values: NDArray[Any]) -> F32:
         return np.asarray(cv2.blur(values, (WINDOW, WINDOW)), np.float32)
 
     m, s = mean(level), mean(shading)
     slope = (mean(level * shading) - m * s) / (mean(level * level) - m * m + np.float32(0.01))
-    slope = np.clip(slope, 0, 1)
+    slope = np.clip(slope, 0, 1).astype(np.float32)
     return mean(slope), mean(s - slope * m)

@@ -41,9 +41,13 @@ DOMED = {
 SLOPE = 0.35, 0.1
 """Of the network's tilt over that of the form: from where a thing bulges, and how much more until it surely does."""
 SHADED = 0.05, 0.05
-"""The same of the change of light along its width: its spread (of the logarithm) times the share that is smooth."""
+"""The same of the change of light across it: its spread (logarithm) times the square of the share that is smooth."""
+CLEAR = 0.15, 0.95, 0.15
+"""Spread and smooth share of that change which no flat faces have, and by how much less tilt need then be seen."""
 FLAT_BALL = 0.2, 0.15
 """A disc is a flat one where network and shading both show less than this of a ball."""
+HANDLE, WHOLE = 0.12, 0.95
+"""Of the smaller side: half the width of a handle; of the area: what is left without handles where there are none."""
 COLUMNS = 12
 RIM = 0.12
 """Of the smaller side, the width over which a flat face's edge is rounded."""
@@ -51,6 +55,10 @@ EDGE = 0.5
 """Sine of the tilt at a flat face's very edge."""
 FLOOR = -0.2, 0.12
 """y of the network's normals, below which a row may be a table, and how much more than those above it."""
+SHARP, APART = 0.02, 0.15
+"""Change of light (logarithm): a px at the edge of a table, and from what is behind it to all of it."""
+DEPTH = 0.22
+"""Of the photo's height: how far a table reaches up behind the first edge found, at most."""
 TILT = 8.0
 """degrees that a camera mostly looks down on a table."""
 
@@ -62,7 +70,9 @@ def blended() -> Normals:
 
 def _blended(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting) -> F32:
     height, width = labels.shape
-    seen = cv2.resize(see(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR)
+    seen = np.asarray(
+        cv2.resize(see(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR), np.float32
+    )
     level = np.log(luminance(decode(rgb)) + np.float32(2e-3))
     tilts = np.zeros((height, width, 2), np.float32)
     for thing in things:
@@ -83,7 +93,7 @@ def _blended(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
 
 
 def _tilt(thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level: F32) -> F32:
-    """Tilts (h, w, 2) of one thing on its box, `own` (h, w) its mask, `seen` (h, w, 3) what the network says there."""
+    """Tilts (h, w, 2) of one thing on its box, `own` (h, w) its mask; `seen` (h, w, 3) is the network's."""
     words = set(thing.label.lower().replace("-", " ").split())
     inner = _inner(own)
     if isinstance(thing.outline, Disc):
@@ -94,7 +104,8 @@ def _tilt(thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level
         flat = _slope(seen, field, inner) < FLAT_BALL[0] and _explained(level, field, inner) < FLAT_BALL[1]
         return _edge(own) if flat else field
     smaller = min(own.shape)
-    body = opened(own, round(0.12 * smaller)) if smaller > 12 else own
+    body = opened(own, round(HANDLE * smaller)) if smaller > 12 else own
+    body = own if body.sum() > WHOLE * own.sum() else body
     if thing.label.lower().startswith("ball") or not words & ROUND or words & {"apple", "egg", "lemon"}:
         core = opened(own, 2)
         found = hidden_ball(core)
@@ -116,7 +127,7 @@ def _mixed(field: F32, own: Mask, bulge: float) -> F32:
 
 
 def _lathed(own: Mask, body: Mask, level: F32) -> tuple[F32, int]:
-    """A thing as turned on a lathe with an upright or a lying axis; handles beside it as cushions; 0 upright, 1 lying."""
+    """A thing as turned on a lathe, its handles as cushions; and 0 for an upright axis, 1 for a lying one."""
     lying = own.shape[1] > 2 * own.shape[0]
     form = turned(body.T if lying else body).field()
     field = form.transpose(1, 0, 2)[..., ::-1] if lying else form
@@ -140,25 +151,26 @@ def _slope(seen: F32, field: F32, inner: Mask) -> float:
 
 def _bulge(seen: F32, level: F32, field: F32, inner: Mask, axis: int = -1) -> float:
     """0..1: whether a thing has the normals `field` (h, w, 2) rather than a flat face, as network and shading show."""
-    slope = np.clip((_slope(seen, field, inner) - SLOPE[0]) / SLOPE[1], 0, 1)
     sides = [0, 1] if axis < 0 else [axis]
-    shaded = max(_profile(level, field[..., side], inner) for side in sides)
-    return float(slope * np.clip((shaded - SHADED[0]) / SHADED[1], 0, 1))
+    spread, smooth = max((_profile(level, field[..., side], inner) for side in sides), key=np.prod)
+    least = SLOPE[0] - (CLEAR[2] if spread > CLEAR[0] and smooth > CLEAR[1] else 0)
+    slope = np.clip((_slope(seen, field, inner) - least) / SLOPE[1], 0, 1)
+    return float(slope * np.clip((spread * smooth**2 - SHADED[0]) / SHADED[1], 0, 1))
 
 
-def _profile(level: F32, place: F32, inner: Mask) -> float:
-    """How the light (its logarithm) changes with the tilt: the spread of the medians' parabola, times r² squared."""
+def _profile(level: F32, place: F32, inner: Mask) -> tuple[float, float]:
+    """How the light (its logarithm) changes with the tilt: the spread of a parabola through medians, and r²."""
     bins = np.floor((place + 0.8) / 1.6 * COLUMNS).astype(int)
     known = inner & (bins >= 0) & (bins < COLUMNS)
     kept = [k for k in range(COLUMNS) if np.count_nonzero(known & (bins == k)) > 5]
     if len(kept) < 5:
-        return 0.0
+        return 0.0, 0.0
     medians = np.array([float(np.median(level[known & (bins == k)])) for k in kept])
     x = np.array(kept) / COLUMNS - 0.5
     told = np.column_stack([np.ones(len(x)), x, x * x])
     fit = told @ np.linalg.lstsq(told, medians, rcond=None)[0]
     share = 1 - float((medians - fit).var()) / max(float(medians.var()), 1e-9)
-    return float(fit.std()) * max(share, 0.0) ** 2
+    return float(fit.std()), max(share, 0.0)
 
 
 def _explained(level: F32, field: F32, inner: Mask) -> float:
@@ -202,34 +214,43 @@ def _edge(own: Mask) -> F32:
 
 
 def _table(tilts: F32, labels: Labels, seen: F32, level: F32, setting: Setting) -> None:
-    """Rows below a table's far edge face upwards, in place; the edge is where the network's normals turn up the most."""
+    """Rows below a table's far edge face upwards, in place."""
     free = labels == 0
     height = labels.shape[0]
-    count = free.sum(axis=1)
-    rows = np.array(
-        [float(np.median(seen[y, free[y], 1])) if count[y] > 20 else np.nan for y in range(height)]
-    )
-    known = np.flatnonzero(~np.isnan(rows))
+    known = np.flatnonzero(free.sum(axis=1) > 20)
     if len(known) < 16:
         return
-    rows = np.interp(np.arange(height), known, rows[known])
-    floors = [
-        float(np.mean([y for _, y in wall.points])) for wall in setting.walls if wall.name.startswith("floor")
-    ]
-    lowest = min([height - 4, *(int(y) for y in floors)])
+    every = np.arange(height)
+    up, light = (
+        np.interp(every, known, [float(np.median(part[y, free[y]])) for y in known])
+        for part in (seen[..., 1], level)
+    )
     step = np.abs(np.diff(cv2.GaussianBlur(level, (0, 0), 1.0), axis=0))
     sharp = np.median(step, axis=1)
+    lines = [y for wall in setting.walls if wall.name.startswith("floor") for _, y in wall.points]
     best, at = 0.0, -1
-    for y in range(int(0.25 * height), max(lowest, int(0.25 * height) + 1)):
-        below = float(rows[y:].mean())
-        drop = float(rows[max(0, y - height // 5) : y].mean()) - below
-        if below > FLOOR[0] or drop < FLOOR[1]:
-            continue
-        score = drop * (1 + 20 * float(sharp[max(0, y - 1) : y + 2].max()))
-        if score > best:
-            best, at = score, y
+    for y in range(height // 4, min([height - 4, *(int(y) for y in lines)])):
+        edge = float(sharp[y - 1 : y + 2].max())
+        below = float(up[y:].mean())
+        drop = float(up[max(0, y - height // 5) : y].mean()) - below
+        if below < FLOOR[0] and drop > FLOOR[1] and edge > SHARP and drop * (1 + 20 * edge) > best:
+            best, at = drop * (1 + 20 * edge), y
     if at < 0:
         return
+    at = _far_edge(light, at)
     ground = free.copy()
     ground[:at] = False
     tilts[ground] = (0, -np.cos(np.radians(TILT)))
+
+
+def _far_edge(light: NDArray[np.float64], near: int) -> int:
+    """Row of a table's far edge, at `near` or above, where the rows' light (H,) says that the table goes on."""
+    height = len(light)
+    wide = max(4, height // 10)
+    best, at = APART, near
+    for y in range(max(height // 4, near - round(DEPTH * height)), near - 3):
+        table = light[y:near].mean()
+        gain = abs(light[max(0, y - wide) : y].mean() - table) - abs(table - light[near : near + wide].mean())
+        if gain > best:
+            best, at = gain, y
+    return at
