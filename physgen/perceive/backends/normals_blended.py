@@ -42,7 +42,7 @@ SLOPE = 0.35, 0.1
 """Of the network's tilt over that of the form: from where a thing bulges, and how much more until it surely does."""
 SHADED = 0.05, 0.05
 """The same of the change of light across it: its spread (logarithm) times the square of the share that is smooth."""
-CLEAR = 0.15, 0.95, 0.15
+CLEAR = 0.15, 0.95, 0.25
 """Spread and smooth share of that change which no flat faces have, and by how much less tilt need then be seen."""
 FLAT_BALL = 0.2, 0.15
 """A disc is a flat one where network and shading both show less than this of a ball."""
