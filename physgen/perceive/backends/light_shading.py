@@ -17,6 +17,8 @@ EVEN = 1.2
 """Shading of a surface that faces the light."""
 LEAST = 0.1
 """Of the differences of light, that must be explained for the light to be told."""
+ENOUGH = 0.2
+"""Of the same, from which on only rivals make the light unsure: prints and reflections leave much unexplained."""
 
 
 def shading() -> Light:
@@ -37,8 +39,10 @@ def _shading(
             FROM_ABOVE, 0.1, "no thing's shading shows the light; taken to come from above and the front"
         )
     light = _scaled(found.light)
-    known = min(1.0, 0.4 + 0.6 * found.trust)
-    sure = round(min(0.9, known * (0.15 + 0.9 * found.explained) + 0.05 * min(found.spots, 4)), 2)
+    rival = max((score for _, score in found.others), default=0.0)
+    told = min(1.0, (found.explained + 0.05 * found.spots) / ENOUGH)
+    known = min(1.0, found.trust + 0.2 * found.spots)
+    sure = round(0.1 + 0.8 * told * (known * (1 - rival)) ** 0.5, 2)
     rivals = tuple((_scaled(one), score) for one, score in found.others)
     spots = f" and {found.spots} highlights" if found.spots > 1 else ""
     reason = f"fitted to how things are shaded{spots} ({found.explained:.0%} explained)"
