@@ -34,6 +34,8 @@ SKY = 420
 """Directions tried."""
 BULGING = 0.9
 """Mean z of the normals, under which a thing has more to it than a face's rounded rim."""
+STEEP = 0.2, 0.4
+"""z of the normals under which a ball's, and anything else's, are not trusted."""
 TRUST = {"ball": 1.0, "bulging": 0.5, "flat": 0.12}
 """How much is made of a thing's shading, for how well its normals are known."""
 ABOVE = 0.1
@@ -169,7 +171,7 @@ def compared(linear: F32, labels: Labels, balls: dict[int, bool], normals: F32) 
     each = max(60, PAIRS // max(len(balls), 1))
     for i, round_ in balls.items():
         rows, columns = np.nonzero(_inner(labels, i))
-        keep = (normals[rows, columns, 2] > 0.2) & full[rows, columns]
+        keep = (normals[rows, columns, 2] > (STEEP[0] if round_ else STEEP[1])) & full[rows, columns]
         rows, columns = rows[keep], columns[keep]
         if len(rows) < 40:
             continue

@@ -23,8 +23,8 @@ F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 ROUND = {
-    "apple", "bottle", "bowl", "candle", "can", "cans", "cork", "cup", "cylinder", "egg", "flask", "glass", "jar",
-    "jug", "lemon", "lid", "mug", "pear", "pin", "pot", "saucer", "shaker", "tin", "vase",
+    "apple", "bottle", "bowl", "candle", "can", "cork", "cup", "cylinder", "egg", "flask", "glass", "jar",
+    "jug", "lemon", "lid", "mug", "pear", "pin", "plate", "plates", "pot", "saucer", "shaker", "tin", "vase",
 }  # fmt: skip
 """Words of labels whose things bulge, whatever the light shows."""
 DOMED = {
@@ -94,7 +94,7 @@ def _blended(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
 
 def _tilt(thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level: F32) -> F32:
     """Tilts (h, w, 2) of one thing on its box, `own` (h, w) its mask; `seen` (h, w, 3) is the network's."""
-    words = set(thing.label.lower().replace("-", " ").split())
+    words = _nouns(thing.label)
     inner = _inner(own)
     if isinstance(thing.outline, Disc):
         center = float(thing.outline.center[0]) - corner[0], float(thing.outline.center[1]) - corner[1]
@@ -122,19 +122,29 @@ def _tilt(thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level
     return _mixed(field, own, bulge)
 
 
+def _nouns(label: str) -> set[str]:
+    """What a label's noun is, and of what it is one: `tin of tomatoes` is a tin, `cork roof` no cork."""
+    return {part.split()[-1] for part in label.lower().replace("-", " ").split(" of ") if part.split()}
+
+
 def _mixed(field: F32, own: Mask, bulge: float) -> F32:
     return np.asarray(bulge * field + (1 - bulge) * _edge(own), np.float32)
 
 
 def _lathed(own: Mask, body: Mask, level: F32) -> tuple[F32, int]:
     """A thing as turned on a lathe, its handles as cushions; and 0 for an upright axis, 1 for a lying one."""
-    lying = own.shape[1] > 2 * own.shape[0]
+    wide = own.shape[1] > 2 * own.shape[0]
+    lying = wide and _alike(body, body[::-1]) >= _alike(body, body[:, ::-1])  # a pencil lies, a saucer stands
     form = turned(body.T if lying else body).field()
     field = form.transpose(1, 0, 2)[..., ::-1] if lying else form
     beside = own & ~body
     if beside.any():
         field = np.where(beside[..., None], cushion(beside), field)
     return np.asarray(field, np.float32), int(lying)
+
+
+def _alike(one: Mask, other: Mask) -> float:
+    return float((one & other).sum() / max((one | other).sum(), 1))
 
 
 def _inner(own: Mask) -> Mask:
