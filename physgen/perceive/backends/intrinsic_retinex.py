@@ -41,8 +41,14 @@ REACH = 4.0
 """px of the grid over which those differences are taken together."""
 HOLD = 0.03
 """1/px²: how strongly differences far apart count beside gradients."""
-THING, PLACE = 0.6, 0.25
-"""How much of Lambert's shading is believed: on things, and around them."""
+THING = 0.6
+"""How much of Lambert's shading is believed, on things; around them normals are known too little."""
+UPWARDS = -0.5
+"""y of the normals of tables."""
+BEHIND = 0.4
+"""Of how much darker (logarithm) all is that lies behind a table: what is shading's, beside what gradients tell.
+
+Lamps stand where the things are."""
 EVEN = 0.5
 """The least share of ambient light: rooms are bright in the shade."""
 LIKELY = DistantLight((0.0, -0.6, 0.8), 0.5, 0.5)
@@ -68,7 +74,7 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     level = _level(small)
     told = _lambert(linear, labels, normals, size)
     ids = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16)
-    log_shading = _parted(small, level, told, ids)
+    log_shading = _parted(small, level, told, ids) + _dimmed(level, normals, labels)
     parts = _detail(log_shading, level)
     slope, base = (_resized(part, (width, height), cv2.INTER_LINEAR) for part in parts)
     shading = np.asarray(np.exp(slope * _level(linear) + base), np.float32)
@@ -96,7 +102,22 @@ def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -
     lit = DistantLight(light.direction, 1 - ambient, ambient)
     coarse = cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
     own = cv2.resize((labels > 0).astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.asarray((PLACE + (THING - PLACE) * own) * np.log(lit.shade(coarse)), np.float32)
+    return np.asarray(THING * own * np.log(lit.shade(coarse)), np.float32)
+
+
+def _dimmed(level: F32, normals: F32, labels: Labels) -> F32:
+    """(h, w) of the grid: the logarithm of how much less light there is behind a table than on it, 0 before it."""
+    size = level.shape[1], level.shape[0]
+    free = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST) == 0
+    table = free & (cv2.resize(normals[..., 1], size, interpolation=cv2.INTER_AREA) < UPWARDS)
+    rows = np.flatnonzero(table.mean(axis=1) > 0.3)
+    behind = free.copy()
+    behind[rows[0] if len(rows) else 0 :] = False
+    if not behind.any():
+        return np.zeros_like(level)
+    darker = min(0.0, float(level[behind].mean() - level[table].mean()))
+    soft = cv2.GaussianBlur(behind.astype(np.float32), (0, 0), 2.0)
+    return np.asarray(BEHIND * darker * soft, np.float32)
 
 
 def _parted(linear: F32, level: F32, told: F32, ids: Labels) -> F32:
