@@ -126,6 +126,8 @@ class LightGuess:
     confidence: float
     """0..1."""
     reason: str
+    others: tuple[tuple[DistantLight, float], ...] = ()
+    """Lights from elsewhere, and how much of what this one explains they do, 0..1; the best first."""
 
 
 class Normals(Protocol):

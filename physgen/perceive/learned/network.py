@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from threading import Lock
 
@@ -51,7 +51,16 @@ class Seen:
 
 
 def see(rgb: NDArray[np.uint8], sides: Sequence[int] = LOOKS) -> Seen:
-    """What the network says of a photo (H, W, 3) sRGB, looked at with its longer side at each of `sides` px."""
+    """What the network says of a photo (H, W, 3) sRGB, looked at with its longer side at each of `sides` px.
+
+    The last photo's answer is kept: several roles of perception ask about one photo. Its arrays are read-only.
+    """
+    return _seen(rgb.tobytes(), rgb.shape[0], rgb.shape[1], tuple(sides))
+
+
+@lru_cache(maxsize=1)
+def _seen(codes: bytes, height: int, width: int, sides: tuple[int, ...]) -> Seen:
+    rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
     looks = [_look(rgb, side) for side in sides]
     h, w = looks[-1].shape[1:]
     same = [cv2.resize(look.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR) for look in looks]
@@ -61,7 +70,10 @@ def see(rgb: NDArray[np.uint8], sides: Sequence[int] = LOOKS) -> Seen:
     normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
     # pairs lie farther apart where the photo was looked at in less detail: the largest look alone tells of them
     pairs = 1 / (1 + np.exp(-np.clip(looks[-1][2:10], -30, 30)))
-    return Seen(told[0], told[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32), told[13])
+    maps = told[0], told[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32), told[13]
+    for part in maps:
+        part.setflags(write=False)
+    return Seen(*maps)
 
 
 def _look(rgb: NDArray[np.uint8], side: int) -> F32:

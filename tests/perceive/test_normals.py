@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import backends
+from physgen.perceive.forms import cushion, hidden_ball, turned
+from physgen.photometry import DistantLight
+from physgen.scene.model import View
+from tests.perceive.lambertian import apart, ball, boxed, can, plain, rendered, setting, towards
+
+LIGHT = DistantLight(towards(-0.6, -0.5, 0.6), 0.8, 0.2)
+
+
+def seen(rgb, labels, things, view=View.SIDE):
+    return backends.make("normals")(rgb, labels, things, setting(view))
+
+
+def test_a_ball_is_a_sphere():
+    normals, labels, thing = ball()
+    rgb = rendered(normals, plain(labels=labels), LIGHT)
+    off = apart(seen(rgb, labels, [thing]), normals)[labels > 0]
+    assert off.max() < 3
+
+
+def test_a_can_is_round_across_and_straight_upwards():
+    normals, labels, thing = can()
+    rgb = rendered(normals, plain(labels=labels), LIGHT)
+    said = seen(rgb, labels, [thing])
+    inner = cv2.erode((labels > 0).astype(np.uint8), np.ones((13, 13))) > 0
+    assert apart(said, normals)[inner].mean() < 12
+    assert np.abs(said[inner][:, 1]).max() < 0.15
+
+
+def test_a_box_faces_the_viewer():
+    labels, thing = boxed(80, 160, 90, 170)
+    true = np.zeros((*labels.shape, 3), np.float32)
+    true[..., 2] = 1
+    rgb = rendered(true, plain(labels=labels), LIGHT)
+    off = apart(seen(rgb, labels, [thing]), true)
+    assert off[labels > 0].mean() < 6
+    assert off[110:150, 100:140].max() < 1  # no noise on the face
+    assert off[labels == 0].mean() < 1  # no table is seen
+
+
+def test_mirrored_photo_mirrored_normals():
+    normals, labels, thing = can()
+    shape = boxed(80, 160, 60, 190)[1].outline
+    rgb = rendered(normals, plain(labels=labels), LIGHT)
+    said = seen(rgb, labels, [thing])
+    flipped = seen(np.ascontiguousarray(rgb[:, ::-1]), np.ascontiguousarray(labels[:, ::-1]), [thing])
+    assert shape is not None
+    back = flipped[:, ::-1] * np.array([-1, 1, 1], np.float32)
+    assert apart(said, back)[labels > 0].mean() < 4
+
+
+def test_a_top_view_turned_by_a_quarter():
+    normals, labels, thing = ball(center=(119.5, 119.5))
+    rgb = rendered(normals, plain(labels=labels), LIGHT)
+    said = seen(rgb, labels, [thing], View.TOP)
+    turned_ = seen(np.rot90(rgb).copy(), np.rot90(labels).copy(), [thing], View.TOP)
+    back = np.rot90(turned_, -1)  # by a quarter, (x, y) becomes (y, -x)
+    back = np.stack([-back[..., 1], back[..., 0], back[..., 2]], -1)
+    assert apart(said, back).max() < 2
+    assert apart(said, np.array([0, 0, 1.0]))[labels == 0].max() < 1e-3
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0])
+def test_exposure_changes_no_form(factor):
+    normals, labels, thing = can()
+    albedo = plain(labels=labels)
+    said = [seen(rendered(normals, albedo, LIGHT, f), labels, [thing]) for f in (0.8, 0.8 * factor)]
+    assert apart(*said)[labels > 0].mean() < 5
+
+
+def test_an_ellipse_blows_up_to_an_ellipsoid():
+    y, x = np.mgrid[:100, :140].astype(np.float32)
+    u, v = (x - 69.5) / 60, (y - 49.5) / 40
+    own = u * u + v * v <= 1
+    field = cushion(own)
+    depth = np.sqrt(2 / (1 / 60**2 + 1 / 40**2))
+    z = np.sqrt(np.clip(1 - u * u - v * v, 0, 1))
+    true = np.stack([u / 60, v / 40, z / depth], -1)
+    true /= np.linalg.norm(true, axis=2, keepdims=True)
+    said = np.dstack([field, np.sqrt(np.clip(1 - (field**2).sum(-1), 0, 1))])
+    assert apart(said, true)[u * u + v * v < 0.9].mean() < 4
+
+
+def test_a_cone_is_turned():
+    own = np.zeros((120, 120), bool)
+    for row in range(10, 110):
+        half = 10 + 0.3 * (row - 10)
+        own[row, int(60 - half) : int(60 + half)] = True
+    field = turned(own).field()
+    assert field[60, 60, 1] == pytest.approx(-0.3 / np.hypot(1, 0.3), abs=0.03)
+    assert abs(field[60, 60, 0]) < 0.05
+
+
+def test_what_a_bowl_hides_of_a_ball_is_a_ball():
+    y, x = np.mgrid[:120, :120]
+    part = (np.hypot(x - 60, y - 60) <= 40) & (y < 75)
+    center, radius = hidden_ball(part)
+    assert center == pytest.approx((60, 60), abs=1)
+    assert radius == pytest.approx(40, abs=1)
+    square = np.zeros((120, 120), bool)
+    square[30:90, 30:90] = True
+    assert hidden_ball(square) is None
