@@ -136,11 +136,11 @@ def _floor(photo: _Photo, given: Trace, guess: LightGuess, walls: bool) -> tuple
         k, rough = best_light(traces, guess, back)
         fine = photo.trace(FINE, floors[k])
         assert fine is not None
-        return fine, refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size)), floors[k]
+        return fine, refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size), guess), floors[k]
 
     fine, plain, floor = found((inf,))
     fits = [plain]
-    if walls and (walled := before_wall(fine, plain)) is not None:
+    if walls and (walled := before_wall(fine, plain, guess)) is not None:
         fits.insert(0, walled)
     elif walls and not _sure(fine, plain):  # what stands close to a wall throws hardly any shadow elsewhere
         fine, walled, floor = found([part * typical(given.silhouettes) for part in WALLS])

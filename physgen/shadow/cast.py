@@ -63,6 +63,8 @@ class Silhouette:
     """px that it reaches through the plane of motion (side view), or above the table (top view)."""
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
+    id: int = 0
+    """Of the object in the label map; 0 where nobody asks, or where it is several."""
 
 
 def spread(setting: Setting, height: float, rise: float, slope: float = 0.66) -> float:
