@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.owned import owners
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadow, Shadows, Thing
 from physgen.perceive.side_light import contrary
 from physgen.perceive.side_shadows import side_shadows
@@ -98,9 +99,19 @@ def _geometry(
     even = _even(place, factor)
     dark = _seen(background, coverage, labels, things, matter, setting, even)
     clean = encode_u8(decode(background) * np.exp(dark)[..., None])
+    full = replace(even, size=(labels.shape[1], labels.shape[0]))
+    things_at = silhouettes(labels, things, matter, setting, 1.0)
+    casts = [(what.id, *found) for what in things_at if (found := darkness(what, full)) is not None]
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
     return Shadows(
-        clean, None, even.light, round(even.softness, 1), 4.0, None, round(min(0.9, score), 2), reason
+        clean,
+        owners(background, clean, coverage, casts),
+        even.light,
+        round(even.softness, 1),
+        4.0,
+        None,
+        round(min(0.9, score), 2),
+        reason,
     )
 
 
