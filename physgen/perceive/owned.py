@@ -23,6 +23,8 @@ DARKEST = 2e-3
 """Linear light added before logarithms are taken."""
 FAINT = 0.08
 """-log of light, smoothed: less is no shadow that anybody sees."""
+SHARE = 0.3
+"""How much of that is geometry's say: the photo alone leaves the soft ends of shadows to its grain."""
 SMOOTH = 2.0
 """px: standard deviation of the blur; finer is grain."""
 TOLD = 0.02
@@ -40,13 +42,13 @@ def owners(
 
     `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
     """
-    who, most = np.zeros(coverage.shape, np.uint16), np.full(coverage.shape, TOLD, np.float32)
+    who, most = np.zeros(coverage.shape, np.uint16), np.zeros(coverage.shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
         part = np.s_[y0:y1, x0:x1]
-        more = values > most[part]
+        more = values > np.maximum(most[part], TOLD)
         who[part][more] = number
         most[part][more] = values[more]
-    dark = seen(background, clean, coverage) > FAINT
+    dark = (1 - SHARE) * seen(background, clean, coverage) + SHARE * most > FAINT
     return assigned(dark & (coverage < 0.5), who)
 
 

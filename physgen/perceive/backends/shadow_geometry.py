@@ -103,16 +103,9 @@ def _geometry(
     things_at = silhouettes(labels, things, matter, setting, 1.0)
     casts = [(what.id, *found) for what in things_at if (found := darkness(what, full)) is not None]
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
-    return Shadows(
-        clean,
-        owners(background, clean, coverage, casts),
-        even.light,
-        round(even.softness, 1),
-        4.0,
-        None,
-        round(min(0.9, score), 2),
-        reason,
-    )
+    whose = owners(background, clean, coverage, casts)
+    sure = round(min(0.9, score), 2)
+    return Shadows(clean, whose, even.light, round(even.softness, 1), 4.0, None, sure, reason)
 
 
 def _scene(
