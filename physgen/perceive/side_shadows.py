@@ -41,6 +41,8 @@ ALIKE, SURE = 0.5, 0.75
 DEEP = 0.3
 CALM = 0.85
 """Of the slopes of light there, lifting must leave no more: a shadow's edges go with it."""
+SEEN = 1.0
+"""Up to this there are shadows, though they lie too far astray to be lifted."""
 FAINTEST = 0.15
 """-log of light: shadows of less are not believed."""
 WALLS = (0.3, 0.6, 1.2, 2.4)
@@ -94,12 +96,16 @@ def side_shadows(
             break
         dark = _foretold(things_at, fit, cast, labels.shape)
         clean = lifted(background, coverage, dark, typical(things_at))
-        if roughness(background, clean, coverage) <= CALM:
+        rough = roughness(background, clean, coverage)
+        if rough <= SEEN and (rough <= CALM or nothing.owners is None):
+            whose = owners(background, clean, coverage, _casts(things_at, fit, cast, labels.shape))
+            nothing = replace(nothing, owners=whose)
+        if rough <= CALM:
             place, sure, reason = _told(fit, cast, guess, (labels.shape[1], labels.shape[0]))
             back = None if place.backdrop == inf else round(place.backdrop, 1)
             tilt, softness = round(degrees(atan(place.tilt)), 1), round(place.softness, 1)
-            whose = owners(background, clean, coverage, _casts(things_at, fit, cast, labels.shape))
-            return Shadows(clean, whose, place.light, softness, tilt, back, round(min(0.9, sure), 2), reason)
+            sure = round(min(0.9, sure), 2)
+            return Shadows(clean, nothing.owners, place.light, softness, tilt, back, sure, reason)
     return nothing
 
 
