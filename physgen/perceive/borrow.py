@@ -34,6 +34,8 @@ ROUNDS = (1, 2, 3, 6)
 """Rounds of search and vote: at the finest scale, the two above it, and all others."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
+GRAIN = 2.0
+"""px: standard deviation of the blur that tells grain from colour."""
 AWAY = 60.0
 """Penalty, in squared levels a pixel (of 128), for borrowing from as far as the picture is wide."""
 
@@ -74,7 +76,22 @@ def borrow(picture: F32, hole: Mask) -> F32:
             guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
             if k > LOOSE:
                 guess = np.where(level.drawn[:, :, None], level.picture, guess)
-    return guess
+    assert field is not None
+    return grained(guess, levels[0], field)
+
+
+def grained(guess: F32, level: Level, field: NDArray[np.int64]) -> F32:
+    """`guess` (H, W, 3) with the grain of the places that it is borrowed from; a mean of votes has little of its own."""
+    h, w = level.hole.shape
+    known = np.where(level.hole, np.float32(0), np.float32(1))
+    near = np.maximum(cv2.GaussianBlur(known, (0, 0), GRAIN), np.float32(1e-3))
+    wide = cv2.GaussianBlur(level.picture * known[:, :, None], (0, 0), GRAIN) / near[:, :, None]
+    fine = (level.picture - wide).reshape(-1, 3)
+    y, x = np.nonzero(level.hole)
+    smooth = cv2.GaussianBlur(guess, (0, 0), GRAIN)
+    result = guess.copy()
+    result[y, x] = smooth[y, x] + fine[field[y, x, 0] * w + field[y, x, 1]]
+    return result
 
 
 def _pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
@@ -223,13 +240,16 @@ class _Search:
         """What the patches around each pixel of the hole would put there, on average."""
         h, w = self.level.hole.shape
         there = field[self.at[:, 0], self.at[:, 1]]
-        total = np.zeros((h + 2 * reach, w + 2 * reach, 3), np.float32)
-        votes = np.zeros((h + 2 * reach, w + 2 * reach, 1), np.float32)
+        wide = w + 2 * reach
+        weighed = np.concatenate([values, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4)
+        votes = np.zeros((h + 2 * reach, wide, 4), np.float32)
+        flat, by = votes.reshape(-1, 4), weight[:, None]
+        to, source = self.at[:, 0] * wide + self.at[:, 1], there[:, 0] * w + there[:, 1]
         for down in range(-reach, reach + 1):
             for right in range(-reach, reach + 1):
-                y, x = self.at[:, 0] + down + reach, self.at[:, 1] + right + reach
-                total[y, x] += weight[:, None] * values[there[:, 0] + down, there[:, 1] + right]
-                votes[y, x, 0] += weight
+                place = to + ((down + reach) * wide + right + reach)
+                flat[place] += by * weighed.take(source + (down * w + right), axis=0)
         inside = (slice(reach, h + reach), slice(reach, w + reach))
-        mean = total[inside] / np.maximum(votes[inside], np.float32(1e-9))
-        return np.where((self.level.hole & (votes[inside][:, :, 0] > 0))[:, :, None], mean, now)
+        total, count = votes[inside][:, :, :3], votes[inside][:, :, 3:]
+        mean = total / np.maximum(count, np.float32(1e-9))
+        return np.where(self.level.hole[:, :, None] & (count > 0), mean, now)
