@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.grain import grained
 from physgen.perceive.lines import carried
 from physgen.perceive.membrane import F32, Mask, membrane
 from physgen.perceive.peel import peel
@@ -34,8 +35,8 @@ ROUNDS = (1, 2, 3, 6)
 """Rounds of search and vote: at the finest scale, the two above it, and all others."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
-GRAIN = 2.0
-"""px: standard deviation of the blur that tells grain from colour."""
+STRATA = 4.0
+"""Of that, at most so many times (before it is squared) where the picture lies in layers, for crossing them."""
 AWAY = 60.0
 """Penalty, in squared levels a pixel (of 128), for borrowing from as far as the picture is wide."""
 
@@ -60,7 +61,8 @@ def borrow(picture: F32, hole: Mask) -> F32:
         return membrane(picture, hole)
     last = levels[-1]
     open_ = last.hole & ~last.drawn
-    guess = peel(last.picture, open_, _sources(last.hole, RADIUS), RADIUS, AWAY)
+    strata = _strata(last)
+    guess = peel(last.picture, open_, _sources(last.hole, RADIUS), RADIUS, AWAY * strata)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
@@ -69,7 +71,7 @@ def borrow(picture: F32, hole: Mask) -> F32:
             larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
             guess = np.where((level.hole & ~(level.drawn & (k > LOOSE)))[:, :, None], larger, level.picture)
             field = _doubled(field, (h, w))
-        search = _Search(level, RADIUS if k else 2)
+        search = _Search(level, RADIUS if k else 2, AWAY * strata)
         for _ in range(ROUNDS[min(k, 3)]):
             field, cost = search.nearest(guess, field)
             weight = search.weights(cost)
@@ -77,21 +79,26 @@ def borrow(picture: F32, hole: Mask) -> F32:
             if k > LOOSE:
                 guess = np.where(level.drawn[:, :, None], level.picture, guess)
     assert field is not None
-    return grained(guess, levels[0], field)
+    return grained(guess, levels[0].picture, levels[0].hole, field)
 
 
-def grained(guess: F32, level: Level, field: NDArray[np.int64]) -> F32:
-    """`guess` (H, W, 3) with the grain of the places that it is borrowed from; a mean of votes has little of its own."""
-    h, w = level.hole.shape
-    known = np.where(level.hole, np.float32(0), np.float32(1))
-    near = np.maximum(cv2.GaussianBlur(known, (0, 0), GRAIN), np.float32(1e-3))
-    wide = cv2.GaussianBlur(level.picture * known[:, :, None], (0, 0), GRAIN) / near[:, :, None]
-    fine = (level.picture - wide).reshape(-1, 3)
-    y, x = np.nonzero(level.hole)
-    smooth = cv2.GaussianBlur(guess, (0, 0), GRAIN)
-    result = guess.copy()
-    result[y, x] = smooth[y, x] + fine[field[y, x, 0] * w + field[y, x, 1]]
-    return result
+def _strata(level: Level) -> NDArray[np.float64]:
+    """(2,): by how much more it costs to borrow from other rows, and from other columns, than from one's own.
+
+    A floor, a shelf, a horizon lie along the rows: there the picture is more like itself to the side than up or down.
+    """
+    reach = max(min(level.hole.shape) // 8, 2)
+    unlike = []
+    for axis in (0, 1):
+        before, after = (
+            tuple(part if a == axis else slice(None) for a in (0, 1))
+            for part in (slice(None, -reach), slice(reach, None))
+        )
+        both = ~(level.hole[before] | level.hole[after])
+        gap = np.abs(level.picture[before] - level.picture[after]).mean(axis=2)[both]
+        unlike.append(float(gap.mean()) if gap.size else 1.0)
+    ratio = np.clip((unlike[0] + 1) / (unlike[1] + 1), 1 / STRATA, STRATA)
+    return np.array([max(ratio, 1.0), max(1 / ratio, 1.0)]) ** 2
 
 
 def _pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
@@ -138,10 +145,9 @@ def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int6
 class _Search:
     """Patches of one scale, and where each finds its like."""
 
-    def __init__(self, level: Level, radius: int) -> None:
+    def __init__(self, level: Level, radius: int, away: NDArray[np.float64]) -> None:
         self.level, self.radius = level, radius
-        h, w = level.hole.shape
-        self.size = float(np.hypot(h, w))
+        self.away = (away / np.hypot(*level.hole.shape)).astype(np.float32)
         width = 2 * radius + 1
         self.every: tuple[F32, F32] | None = None
         self.sources = _sources(level.hole, radius)
@@ -191,7 +197,7 @@ class _Search:
                 np.subtract.outer(self.at[:, k], self.source_at[:, k]).astype(np.float32) for k in (0, 1)
             )
             flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
-            self.every = flat, np.hypot(down, right) * np.float32(AWAY / self.size)
+            self.every = flat, np.hypot(down * self.away[0], right * self.away[1])
         flat, far = self.every
         weighted = target * self.mask[..., None]
         own = (weighted * target).sum((1, 2, 3)) / total
@@ -215,7 +221,7 @@ class _Search:
             there = place[changed]
             gap = self.known[there[:, 0], there[:, 1]] - target[changed]
             got = np.einsum("nijc,nijc,nij->n", gap, gap, self.mask[changed], optimize=False) / total[changed]
-            got += (AWAY / self.size) * np.hypot(*(there - self.at[changed]).T).astype(np.float32)
+            got += np.hypot(*((there - self.at[changed]).astype(np.float32) * self.away).T)
             better = got < cost[changed]
             best[changed[better]] = there[better]
             cost[changed[better]] = got[better]
