@@ -107,7 +107,7 @@ def best_light(
 
 def _largest(things: Sequence[Silhouette]) -> list[Silhouette]:
     """Those that tell the light; the small ones would take as long and tell little."""
-    areas = [float(what.coverage.sum()) for what in things]
+    areas = [what.area for what in things]
     return [things[k] for k in np.argsort(areas)[::-1][:TELLING]]
 
 
