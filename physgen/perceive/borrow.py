@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.grain import grained
 from physgen.perceive.lines import carried
 from physgen.perceive.membrane import F32, Mask, membrane
 from physgen.perceive.peel import peel
@@ -34,6 +35,8 @@ ROUNDS = (1, 2, 3, 6)
 """Rounds of search and vote: at the finest scale, the two above it, and all others."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
+STRATA = 4.0
+"""Of that, at most so many times (before it is squared) where the picture lies in layers, for crossing them."""
 AWAY = 60.0
 """Penalty, in squared levels a pixel (of 128), for borrowing from as far as the picture is wide."""
 
@@ -58,7 +61,8 @@ def borrow(picture: F32, hole: Mask) -> F32:
         return membrane(picture, hole)
     last = levels[-1]
     open_ = last.hole & ~last.drawn
-    guess = peel(last.picture, open_, _sources(last.hole, RADIUS), RADIUS, AWAY)
+    strata = _strata(last)
+    guess = peel(last.picture, open_, _sources(last.hole, RADIUS), RADIUS, AWAY * strata)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
@@ -67,14 +71,34 @@ def borrow(picture: F32, hole: Mask) -> F32:
             larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
             guess = np.where((level.hole & ~(level.drawn & (k > LOOSE)))[:, :, None], larger, level.picture)
             field = _doubled(field, (h, w))
-        search = _Search(level, RADIUS if k else 2)
+        search = _Search(level, RADIUS if k else 2, AWAY * strata)
         for _ in range(ROUNDS[min(k, 3)]):
             field, cost = search.nearest(guess, field)
             weight = search.weights(cost)
             guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
             if k > LOOSE:
                 guess = np.where(level.drawn[:, :, None], level.picture, guess)
-    return guess
+    assert field is not None
+    return grained(guess, levels[0].picture, levels[0].hole, field)
+
+
+def _strata(level: Level) -> NDArray[np.float64]:
+    """(2,): by how much more it costs to borrow from other rows, and from other columns, than from one's own.
+
+    A floor, a shelf, a horizon lie along the rows: there the picture is more like itself to the side than up or down.
+    """
+    reach = max(min(level.hole.shape) // 8, 2)
+    unlike = []
+    for axis in (0, 1):
+        before, after = (
+            tuple(part if a == axis else slice(None) for a in (0, 1))
+            for part in (slice(None, -reach), slice(reach, None))
+        )
+        both = ~(level.hole[before] | level.hole[after])
+        gap = np.abs(level.picture[before] - level.picture[after]).mean(axis=2)[both]
+        unlike.append(float(gap.mean()) if gap.size else 1.0)
+    ratio = np.clip((unlike[0] + 1) / (unlike[1] + 1), 1 / STRATA, STRATA)
+    return np.array([max(ratio, 1.0), max(1 / ratio, 1.0)]) ** 2
 
 
 def _pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
@@ -121,10 +145,9 @@ def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int6
 class _Search:
     """Patches of one scale, and where each finds its like."""
 
-    def __init__(self, level: Level, radius: int) -> None:
+    def __init__(self, level: Level, radius: int, away: NDArray[np.float64]) -> None:
         self.level, self.radius = level, radius
-        h, w = level.hole.shape
-        self.size = float(np.hypot(h, w))
+        self.away = (away / np.hypot(*level.hole.shape)).astype(np.float32)
         width = 2 * radius + 1
         self.every: tuple[F32, F32] | None = None
         self.sources = _sources(level.hole, radius)
@@ -136,6 +159,7 @@ class _Search:
         whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(np.float32)
         self.mask = self._patches(whole)[self.at[:, 0], self.at[:, 1]]
         halved = np.pad(np.round(level.picture / 2), ((radius, radius), (radius, radius), (0, 0)))
+        self.flat = halved.astype(np.float32).reshape(-1, 3)
         self.known = self._patches(halved.astype(np.float32))
         # nearest source of every pixel: where a doubled place is none
         _, labels = cv2.distanceTransformWithLabels(
@@ -160,7 +184,8 @@ class _Search:
         if field is None or len(self.at) * len(self.source_at) < EVERY:
             best, cost = self._all(target, total)
         else:
-            best, cost = self._near(target, total, field)
+            some = np.s_[:, ::2, ::2]  # one in four tells as much, once the place is roughly known
+            best, cost = self._near(target[some], self.mask[some], field)
         result = np.moveaxis(np.indices(self.level.hole.shape), 0, -1)
         result[self.at[:, 0], self.at[:, 1]] = best
         return result, cost
@@ -174,7 +199,7 @@ class _Search:
                 np.subtract.outer(self.at[:, k], self.source_at[:, k]).astype(np.float32) for k in (0, 1)
             )
             flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
-            self.every = flat, np.hypot(down, right) * np.float32(AWAY / self.size)
+            self.every = flat, np.hypot(down * self.away[0], right * self.away[1])
         flat, far = self.every
         weighted = target * self.mask[..., None]
         own = (weighted * target).sum((1, 2, 3)) / total
@@ -185,20 +210,27 @@ class _Search:
         best = gap.argmin(1)
         return self.source_at[best], gap[np.arange(n), best] + own
 
-    def _near(self, target: F32, total: F32, field: NDArray[np.int64]) -> tuple[Places, F32]:
+    def _near(self, target: F32, mask: F32, field: NDArray[np.int64]) -> tuple[Places, F32]:
+        total = mask.sum((1, 2))
         h, w = self.level.hole.shape
         rows, columns = self.at[:, 0], self.at[:, 1]
         best = self.at.copy()
         cost = np.full(len(self.at), np.inf, np.float32)
+        wide = w + 2 * self.radius
+        some = np.arange(0, 2 * self.radius + 1, 2)
+        offsets = (some[:, None] * wide + some).ravel()
+        aim, part = target.reshape(len(target), -1, 3), mask.reshape(len(mask), -1)
 
         def attempt(place: Places) -> None:
             place = np.stack([np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)], 1)
             place = self.snap[place[:, 0], place[:, 1]]
             changed = np.flatnonzero((place != best).any(1) | ~np.isfinite(cost))
             there = place[changed]
-            gap = self.known[there[:, 0], there[:, 1]] - target[changed]
-            got = np.einsum("nijc,nijc,nij->n", gap, gap, self.mask[changed], optimize=False) / total[changed]
-            got += (AWAY / self.size) * np.hypot(*(there - self.at[changed]).T).astype(np.float32)
+            gap = self.flat.take((there[:, 0] * wide + there[:, 1])[:, None] + offsets, axis=0)
+            gap -= aim.take(changed, axis=0)
+            gap *= gap
+            got = np.einsum("nkc,nk->n", gap, part.take(changed, axis=0), optimize=False) / total[changed]
+            got += np.hypot(*((there - self.at[changed]).astype(np.float32) * self.away).T)
             better = got < cost[changed]
             best[changed[better]] = there[better]
             cost[changed[better]] = got[better]
@@ -223,13 +255,16 @@ class _Search:
         """What the patches around each pixel of the hole would put there, on average."""
         h, w = self.level.hole.shape
         there = field[self.at[:, 0], self.at[:, 1]]
-        total = np.zeros((h + 2 * reach, w + 2 * reach, 3), np.float32)
-        votes = np.zeros((h + 2 * reach, w + 2 * reach, 1), np.float32)
+        wide = w + 2 * reach
+        weighed = np.concatenate([values, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4)
+        votes = np.zeros((h + 2 * reach, wide, 4), np.float32)
+        flat, by = votes.reshape(-1, 4), weight[:, None]
+        to, source = self.at[:, 0] * wide + self.at[:, 1], there[:, 0] * w + there[:, 1]
         for down in range(-reach, reach + 1):
             for right in range(-reach, reach + 1):
-                y, x = self.at[:, 0] + down + reach, self.at[:, 1] + right + reach
-                total[y, x] += weight[:, None] * values[there[:, 0] + down, there[:, 1] + right]
-                votes[y, x, 0] += weight
+                place = to + ((down + reach) * wide + right + reach)
+                flat[place] += by * weighed.take(source + (down * w + right), axis=0)
         inside = (slice(reach, h + reach), slice(reach, w + reach))
-        mean = total[inside] / np.maximum(votes[inside], np.float32(1e-9))
-        return np.where((self.level.hole & (votes[inside][:, :, 0] > 0))[:, :, None], mean, now)
+        total, count = votes[inside][:, :, :3], votes[inside][:, :, 3:]
+        mean = total / np.maximum(count, np.float32(1e-9))
+        return np.where(self.level.hole[:, :, None] & (count > 0), mean, now)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.perceive.membrane import F32, Mask
 
@@ -15,7 +16,7 @@ EDGE = 0.02
 """Part of the data term that a place without edges has, of 1."""
 
 
-def peel(picture: F32, hole: Mask, sources: Mask, radius: int, away: float) -> F32:
+def peel(picture: F32, hole: Mask, sources: Mask, radius: int, away: NDArray[np.float64]) -> F32:
     """`(H, W, 3)` with `hole` filled by patches of 2 radius + 1 px around `sources`; `away` see borrow."""
     h, w = hole.shape
     width, r = 2 * radius + 1, radius
@@ -37,8 +38,8 @@ def peel(picture: F32, hole: Mask, sources: Mask, radius: int, away: float) -> F
         mask = known.astype(np.float32)
         target = now[here] * mask[:, :, None]
         gap = square @ mask.ravel() - 2 * (flat @ target.ravel()) + (target**2).sum()
-        far = np.hypot(centres[:, 0] - (y - r), centres[:, 1] - (x - r))
-        gap = gap / mask.sum() + (away / size) * far.astype(np.float32)
+        far = np.hypot(away[0] * (centres[:, 0] - (y - r)), away[1] * (centres[:, 1] - (x - r)))
+        gap = gap / mask.sum() + (far / size).astype(np.float32)
         best = patches[int(gap.argmin())]
         new = open_[here] & within[here]
         now[here][new] = best[new]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import cos, inf, pi, sin
+from math import acos, cos, degrees, inf, pi, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.perceive.roles import LightGuess
 from physgen.perceive.silhouettes import typical
@@ -15,11 +16,20 @@ from physgen.photometry import DistantLight
 from physgen.shadow import Setting as Place
 from physgen.shadow import Silhouette
 
-COARSE, FINE = 320, 640
+F32 = NDArray[np.float32]
+
+COARSE, FINE = 192, 384
 """px: longer side of the pictures in which the light is looked for, first and then."""
-TRUSTED = 0.77
-"""Cosine of the angle to a light that balls told with a confidence of TOLD or more."""
-TOLD = 0.5
+TOLD, WELL = 0.5, 0.75
+"""Confidences of a light that balls told: from the first on it counts, from the second on it counts most."""
+ASKEW = 35.0, 10.0
+"""degrees by which such lights are off, standard deviation (studio photos of the split `tune`)."""
+BEYOND = 40.0, 2.5
+"""Farther from such a light none is looked for: degrees, and standard deviations."""
+PULL = 0.02
+"""What a fit must explain more for lying one standard deviation from such a light."""
+TELLING = 5
+"""Things, or groups of them, that the light is looked for by at first; the largest."""
 TILT = 0.1
 """Rise over run of the floor where nothing tells."""
 BY_A_WALL = 0.7
@@ -63,14 +73,14 @@ def best_light(
 
     `traces`: of one size, with floors in different places. `walls`: px back to an upright one, to start from.
     """
-    near = TRUSTED if guess.confidence >= TOLD else -1.0
-    toward = np.array(guess.light.direction)
     first = Place(guess.light, 4.0, False, TILT, inf, traces[0].size)
+    traces = [replace(one, joined=_largest(one.joined)) for one in traces]
 
     def rated(k: int, place: Place) -> Fit:
-        told = float(toward @ np.array(place.light.direction)) >= near
-        likeness, factor = traces[k].likeness(place) if told else (-1.0, 0.0)
-        return Fit(place, likeness - _odd(place, factor), factor)
+        if (against := contrary(place.light, guess)) == inf:
+            return Fit(place, -inf, 0.0)
+        likeness, factor = traces[k].likeness(place)
+        return Fit(place, likeness - _odd(place, factor) - against, factor)
 
     starts = [
         (k, rated(k, replace(place, backdrop=wall)))
@@ -80,56 +90,85 @@ def best_light(
         if wall == inf or place.light.direction[2] > 0.3
     ]
     starts.sort(key=lambda start: -start[1].likeness)
-    best = starts[0]
-    for k, fit in starts[:3]:
-        for _ in range(3):
-            before = fit
-            for place in _steps(fit.place):
-                if (other := rated(k, place)).likeness > fit.likeness and other.factor > 0:
-                    fit = other
-            if fit.likeness < before.likeness + 0.005:
-                break
-        if fit.likeness > best[1].likeness:
-            best = k, fit
-    return best
+
+    def climbed(k: int, fit: Fit) -> Fit:
+        for place in _steps(fit.place):
+            if (other := rated(k, place)).likeness > fit.likeness and other.factor > 0:
+                fit = other
+        return fit
+
+    k, best = max(((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness)
+    for _ in range(2):
+        before, best = best, climbed(k, best)
+        if best.likeness < before.likeness + 0.005:
+            break
+    return k, best
 
 
-def refined(fine: Trace, place: Place) -> Fit:
+def _largest(things: Sequence[Silhouette]) -> list[Silhouette]:
+    """Those that tell the light; the small ones would take as long and tell little."""
+    areas = [what.area for what in things]
+    return [things[k] for k in np.argsort(areas)[::-1][:TELLING]]
+
+
+def contrary(light: DistantLight, guess: LightGuess) -> float:
+    """What a light must explain more for being another than balls told; infinite where it is too far from it."""
+    if guess.confidence < TOLD:
+        return 0.0
+    sure = min((guess.confidence - TOLD) / (WELL - TOLD), 1.0)
+    off = ASKEW[0] + sure * (ASKEW[1] - ASKEW[0])
+    cosine = sum(a * b for a, b in zip(light.direction, guess.light.direction, strict=True))
+    angle = degrees(acos(min(max(cosine, -1.0), 1.0)))
+    return inf if angle > min(BEYOND[0], BEYOND[1] * off) else PULL * (angle / off) ** 2
+
+
+def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
     """Smaller steps from a place, in px of `fine`."""
 
+    def odd(where: Place, factor: float) -> float:
+        return _odd(where, factor) + contrary(where.light, guess)
+
     def rated(where: Place) -> Fit:
+        if contrary(where.light, guess) == inf:
+            return Fit(where, -inf, 0.0)
         likeness, factor = fine.likeness(where)
-        return Fit(where, likeness - _odd(where, factor), factor)
+        return Fit(where, likeness - odd(where, factor), factor)
 
     fit = rated(place)
-    for step in (0.12, 0.06, 0.06, 0.03, 0.03):
+    for step in (0.12, 0.06, 0.06, 0.03):
         for where in list(_near(fit.place, step)):
             if (other := rated(where)).likeness > fit.likeness and other.factor > 0:
                 fit = other
-    return replace(fit, likeness=fit.likeness + _odd(fit.place, fit.factor))
+    if fit.likeness == -inf:
+        return fit
+    return replace(fit, likeness=fit.likeness + odd(fit.place, fit.factor))
 
 
-def before_wall(fine: Trace, fit: Fit) -> Fit | None:
+def before_wall(fine: Trace, fit: Fit, guess: LightGuess) -> Fit | None:
     """The same before a wall, where shadows on one at some distance are seen as well as those on the floor."""
     if fit.place.light.direction[2] < 0.2:
         return None
 
     floors = [what.floor for what in fine.joined if what.floor is not None]
+    plain = foretold(fine.joined, replace(fit.place, backdrop=inf))
 
-    def better(place: Place) -> float:
+    def better(place: Place, on_floor: F32) -> float:
         """Correlation above the wall's foot; 0 where the floor alone, going on there, explains as much."""
         foot = min(floors, default=inf) - place.tilt * place.backdrop - 3
-        on_both, on_floor = (foretold(fine.joined, p) for p in (place, replace(place, backdrop=inf)))
+        on_both = foretold(fine.joined, place)
         likeness, factor = fine.agreement(on_both, foot)
         more = fine.explained(on_both, foot) > MORE * fine.explained(on_floor, foot)
         return likeness if more and 0.2 < factor < 4 else 0.0
 
-    backs = np.geomspace(*NEAREST_FARTHEST, 16) * typical(fine.silhouettes)
+    backs = np.geomspace(*NEAREST_FARTHEST, 12) * typical(fine.silhouettes)
     tries = [replace(fit.place, backdrop=float(back)) for back in backs]
-    for likeness, _, place in sorted(((better(p), -k, p) for k, p in enumerate(tries)), reverse=True)[:2]:
+    for likeness, _, place in sorted(((better(p, plain), -k, p) for k, p in enumerate(tries)), reverse=True)[
+        :2
+    ]:
         if likeness > HALF_SEEN:
-            found = refined(fine, place)
-            if found.place.backdrop < inf and better(found.place) > BY_A_WALL:
+            found = refined(fine, place, guess)
+            alone = foretold(fine.joined, replace(found.place, backdrop=inf))
+            if found.place.backdrop < inf and better(found.place, alone) > BY_A_WALL:
                 return found
     return None
 
@@ -207,11 +246,11 @@ def _steps(place: Place) -> Iterator[Place]:
     """Neighbours of a place, one number changed."""
     yield from _turned(place, 0.15)
     yield from _turned(place, 0.06)
-    for soft in (1.0, 3.0, 6.0, 12.0, 20.0, 35.0):
+    for soft in (1.0, 3.0, 6.0, 12.0, 25.0):
         yield replace(place, softness=soft)
-    for share in (0.15, 0.35, 0.6, 0.85):
+    for share in (0.2, 0.5, 0.85):
         yield replace(place, light=DistantLight(place.light.direction, share * 1.2, (1 - share) * 1.2))
-    for tilt in (0.05, 0.08, 0.11, 0.14, 0.18):
+    for tilt in (0.05, 0.08, 0.12, 0.17):
         yield replace(place, tilt=tilt)
     if place.backdrop < inf:
         for part in (0.7, 0.85, 1.15, 1.4):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atan, degrees, hypot, inf
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive import wall_shadow
+from physgen.perceive.owned import owners
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadows, Thing
 from physgen.perceive.side_light import (
     BY_A_WALL,
@@ -25,13 +26,13 @@ from physgen.perceive.side_light import (
     scaled,
     settled,
 )
-from physgen.perceive.silhouettes import joined, lowest_floor, silhouettes, typical
+from physgen.perceive.silhouettes import grouped, joined, lowest_floor, silhouettes, typical
 from physgen.perceive.trace import Trace, foretold, trace
 from physgen.perceive.unshaded import lifted, roughness
 from physgen.perceive.wall_shadow import Cast
 from physgen.photometry import DistantLight
+from physgen.shadow import Box, Silhouette, darkness
 from physgen.shadow import Setting as Place
-from physgen.shadow import Silhouette
 
 F32 = NDArray[np.float32]
 
@@ -40,6 +41,8 @@ ALIKE, SURE = 0.5, 0.75
 DEEP = 0.3
 CALM = 0.85
 """Of the slopes of light there, lifting must leave no more: a shadow's edges go with it."""
+SEEN = 1.0
+"""Up to this there are shadows, though they lie too far astray to be lifted."""
 FAINTEST = 0.15
 """-log of light: shadows of less are not believed."""
 WALLS = (0.3, 0.6, 1.2, 2.4)
@@ -93,11 +96,16 @@ def side_shadows(
             break
         dark = _foretold(things_at, fit, cast, labels.shape)
         clean = lifted(background, coverage, dark, typical(things_at))
-        if roughness(background, clean, coverage) <= CALM:
+        rough = roughness(background, clean, coverage)
+        if rough <= SEEN and (rough <= CALM or nothing.owners is None):
+            whose = owners(background, clean, coverage, _casts(things_at, fit, cast, labels.shape))
+            nothing = replace(nothing, owners=whose)
+        if rough <= CALM:
             place, sure, reason = _told(fit, cast, guess, (labels.shape[1], labels.shape[0]))
             back = None if place.backdrop == inf else round(place.backdrop, 1)
             tilt, softness = round(degrees(atan(place.tilt)), 1), round(place.softness, 1)
-            return Shadows(clean, None, place.light, softness, tilt, back, round(min(0.9, sure), 2), reason)
+            sure = round(min(0.9, sure), 2)
+            return Shadows(clean, nothing.owners, place.light, softness, tilt, back, sure, reason)
     return nothing
 
 
@@ -115,6 +123,28 @@ def _foretold(
             np.maximum(wall, wall_shadow.thrown(what, cast, 1.0, (W, H)), out=wall)
         dark += np.float32(cast.factor) * cv2.GaussianBlur(wall, (0, 0), max(cast.soft, 0.5))
     return np.minimum(dark, DARKEST)
+
+
+def _casts(
+    things: Sequence[Silhouette], fit: Fit | None, cast: Cast | None, shape: tuple[int, ...]
+) -> Iterator[tuple[int, Box, F32]]:
+    """Of each object its id and -log of the light that it leaves in a box of the photo, on floor and wall."""
+    H, W = shape
+    if fit is not None:
+        groups = grouped(things)
+        for group, (dx, dy) in zip(groups, fit.shifts or [(0, 0)] * len(groups), strict=True):
+            for what in group:
+                if (found := darkness(what, fit.place)) is not None:
+                    (x0, y0, x1, y1), values = found
+                    left, top = max(x0 + dx, 0), max(y0 + dy, 0)
+                    right, bottom = min(x1 + dx, W), min(y1 + dy, H)
+                    if right > left and bottom > top:
+                        part = np.s_[top - y0 - dy : bottom - y0 - dy, left - x0 - dx : right - x0 - dx]
+                        yield what.id, (left, top, right, bottom), np.float32(fit.factor) * values[part]
+    if cast is not None:
+        for what in things:
+            wall = cv2.GaussianBlur(wall_shadow.thrown(what, cast, 1.0, (W, H)), (0, 0), max(cast.soft, 0.5))
+            yield what.id, (0, 0, W, H), np.asarray(np.float32(cast.factor) * wall, np.float32)
 
 
 def _floor(photo: _Photo, given: Trace, guess: LightGuess, walls: bool) -> tuple[list[Fit], float | None]:
@@ -136,11 +166,11 @@ def _floor(photo: _Photo, given: Trace, guess: LightGuess, walls: bool) -> tuple
         k, rough = best_light(traces, guess, back)
         fine = photo.trace(FINE, floors[k])
         assert fine is not None
-        return fine, refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size)), floors[k]
+        return fine, refined(fine, scaled(rough.place, given.scale / fine.scale, fine.size), guess), floors[k]
 
     fine, plain, floor = found((inf,))
     fits = [plain]
-    if walls and (walled := before_wall(fine, plain)) is not None:
+    if walls and (walled := before_wall(fine, plain, guess)) is not None:
         fits.insert(0, walled)
     elif walls and not _sure(fine, plain):  # what stands close to a wall throws hardly any shadow elsewhere
         fine, walled, floor = found([part * typical(given.silhouettes) for part in WALLS])

@@ -76,14 +76,15 @@ def silhouettes(
                 radius if ball else None,
                 thick,
                 below,
+                thing.id,
             )
         )
     return found
 
 
-def joined(things: Sequence[Silhouette]) -> list[Silhouette]:
-    """The same with things of one floor and like thickness, other than balls, as one: their shadows are one too."""
-    found = [what for what in things if what.radius is not None]
+def grouped(things: Sequence[Silhouette]) -> list[list[Silhouette]]:
+    """Each ball alone; then all others, those of one floor and like thickness together."""
+    balls = [[what] for what in things if what.radius is not None]
     groups: list[list[Silhouette]] = []
     for what in sorted((w for w in things if w.radius is None), key=lambda w: w.thick):
         for group in groups:
@@ -92,17 +93,24 @@ def joined(things: Sequence[Silhouette]) -> list[Silhouette]:
                 break
         else:
             groups.append([what])
-    for group in groups:
-        x0, y0 = (min(w.corner[k] for w in group) for k in (0, 1))
-        x1, y1 = (max(w.corner[k] + w.coverage.shape[1 - k] for w in group) for k in (0, 1))
-        whole = np.zeros((y1 - y0, x1 - x0), np.float32)
-        for what in group:
-            (x, y), (h, w) = what.corner, what.coverage.shape
-            part = whole[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
-            np.maximum(part, what.coverage, out=part)
-        thick = float(np.median([w.thick for w in group]))
-        found.append(Silhouette(whole, (x0, y0), group[0].center, None, thick, group[0].floor))
-    return found
+    return balls + groups
+
+
+def joined(things: Sequence[Silhouette]) -> list[Silhouette]:
+    """One for each of `grouped`: the shadows of things that stand side by side are one too."""
+    return [group[0] if group[0].radius is not None else _one(group) for group in grouped(things)]
+
+
+def _one(group: Sequence[Silhouette]) -> Silhouette:
+    x0, y0 = (min(w.corner[k] for w in group) for k in (0, 1))
+    x1, y1 = (max(w.corner[k] + w.coverage.shape[1 - k] for w in group) for k in (0, 1))
+    whole = np.zeros((y1 - y0, x1 - x0), np.float32)
+    for what in group:
+        (x, y), (h, w) = what.corner, what.coverage.shape
+        part = whole[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
+        np.maximum(part, what.coverage, out=part)
+    thick = float(np.median([w.thick for w in group]))
+    return Silhouette(whole, (x0, y0), group[0].center, None, thick, group[0].floor)
 
 
 def _alike(one: Silhouette, other: Silhouette) -> bool:

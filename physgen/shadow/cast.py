@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, floor, radians, tan
 
 import cv2
@@ -63,6 +64,32 @@ class Silhouette:
     """px that it reaches through the plane of motion (side view), or above the table (top view)."""
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
+    id: int = 0
+    """Of the object in the label map; 0 where nobody asks, or where it is several."""
+
+    @cached_property
+    def rows(self) -> NDArray[np.intp]:
+        """Rows of `coverage` that show it."""
+        return np.flatnonzero(self.coverage.max(axis=1) > 0.5)
+
+    @cached_property
+    def lowest(self) -> tuple[int, NDArray[np.intp]]:
+        """The first column of `coverage` that shows it, and of each to the last the row below its lowest pixel.
+
+        0 in a column between that shows nothing; no columns at all where none shows anything.
+        """
+        solid = self.coverage > 0.5
+        columns = np.flatnonzero(solid.any(axis=0))
+        if not len(columns):
+            return 0, columns
+        solid = solid[:, columns[0] : columns[-1] + 1]
+        rows = solid.shape[0] - np.argmax(solid[::-1], axis=0)
+        return int(columns[0]), np.where(solid.any(axis=0), rows, 0)
+
+    @cached_property
+    def area(self) -> float:
+        """px²."""
+        return float(self.coverage.sum())
 
 
 def spread(setting: Setting, height: float, rise: float, slope: float = 0.66) -> float:

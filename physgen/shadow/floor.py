@@ -52,11 +52,11 @@ def stand(what: Silhouette, tilt: float) -> Stand | None:
     if what.radius is not None:
         low = max(what.floor - what.center[1] - what.radius, 0.0)
         return Stand(what.floor, what.floor, what.radius, low, low + 2 * what.radius)
-    rows = np.flatnonzero(what.coverage.max(axis=1) > 0.5)
+    rows = what.rows
     if not len(rows):
         return None
     top, bottom = what.corner[1] + rows[0] - 0.5, what.corner[1] + rows[-1] + 0.5
-    thick = min(what.thick, 1.13 * float(what.coverage.sum()) ** 0.5)  # no deeper than a disc of its area
+    thick = min(what.thick, 1.13 * what.area**0.5)  # no deeper than a disc of its area
     # a floor may be drawn where the plane of motion meets it, or where things are seen to end
     sunk = min(max(bottom - what.floor, 0.0), tilt * thick / 2 + SUNK)
     half = max(thick / 2, sunk / tilt)
@@ -115,7 +115,7 @@ def _behind(what: Silhouette, setting: Setting, at: Stand, xs: F32, z: F32) -> F
     """(h, w) how much of the light the thing hides from columns `xs` and depths `z` (h, 1) of the floor."""
     ax, az, rise = _slopes(setting)
     x0, y0 = what.corner
-    rows = np.flatnonzero(what.coverage.max(axis=1) > 0.5)
+    rows = what.rows
     heights = np.maximum(at.foot - (y0 + rows), 0.0)
     # every row moves as far as its height throws it
     shear = np.array([[1.0, -ax, x0 + ax * (at.foot - y0) - float(xs[0])], [0, 1, 0]])
@@ -153,14 +153,12 @@ def _sky(what: Silhouette, at: Stand, xs: F32, z: F32) -> F32:
         x = (xs - np.float32(what.center[0]))[None]
         apart = np.sqrt(x * x + z * z + height * height)
         return np.asarray((r / apart) ** 2 * height / apart * faded(x, z, 2.2 * float(height)), np.float32)
-    solid = what.coverage > 0.5
-    columns = np.flatnonzero(solid.any(axis=0))
-    if not len(columns):
+    left, lowest = what.lowest
+    if not len(lowest):
         return np.zeros((len(z), len(xs)), np.float32)
-    left, right = int(columns[0]), int(columns[-1]) + 1
-    lowest = what.coverage.shape[0] - np.argmax(solid[::-1, left:right], axis=0)
+    right = left + len(lowest)
     gap = np.maximum(at.foot - (what.corner[1] + lowest - 0.5), 0.5).astype(np.float32)
-    gap[~solid[:, left:right].any(axis=0)] = FAR
+    gap[lowest == 0] = FAR
     # beside its feet an upright side hides half the sky
     feet = (what.corner[0] + left + np.flatnonzero(gap < gap.min() + 1 + 0.1 * (at.high - at.low))).astype(
         np.float32

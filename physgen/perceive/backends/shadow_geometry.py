@@ -15,7 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.owned import owners
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadow, Shadows, Thing
+from physgen.perceive.side_light import contrary
 from physgen.perceive.side_shadows import side_shadows
 from physgen.perceive.silhouettes import silhouettes, typical
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
@@ -32,10 +34,6 @@ FLOOR = 2e-3
 """Linear light added before logarithms are taken."""
 SURE = 0.5
 """Correlation of what is foretold with what is dark, from which shadows are believed."""
-TOLD = 0.5
-"""Confidence of a light that balls told, from which the direction found lies near theirs."""
-TRUSTED = 0.77
-"""Cosine of the angle between the two."""
 HUES = 6
 """Kinds of surface that are told apart by their hue."""
 RING = 2
@@ -101,10 +99,13 @@ def _geometry(
     even = _even(place, factor)
     dark = _seen(background, coverage, labels, things, matter, setting, even)
     clean = encode_u8(decode(background) * np.exp(dark)[..., None])
+    full = replace(even, size=(labels.shape[1], labels.shape[0]))
+    things_at = silhouettes(labels, things, matter, setting, 1.0)
+    casts = [(what.id, *found) for what in things_at if (found := darkness(what, full)) is not None]
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
-    return Shadows(
-        clean, None, even.light, round(even.softness, 1), 4.0, None, round(min(0.9, score), 2), reason
-    )
+    whose = owners(background, clean, coverage, casts)
+    sure = round(min(0.9, score), 2)
+    return Shadows(clean, whose, even.light, round(even.softness, 1), 4.0, None, sure, reason)
 
 
 def _scene(
@@ -143,11 +144,9 @@ def _search(scene: _Scene, light: LightGuess) -> tuple[Place, float, float]:
     """The best light and place by steps along one number after the other, from several directions."""
     h, w = scene.dark.shape
     start = Place(light.light, 4.0, True, 0.1, inf, (w, h))
-    toward = np.array(light.light.direction)
-    near = TRUSTED if light.confidence >= TOLD else -1.0
 
     def allowed(place: Place) -> bool:
-        return float(toward @ np.array(place.light.direction)) >= near
+        return contrary(place.light, light) < inf
 
     def best(starts: list[Place]) -> tuple[Place, float, float]:
         found: tuple[Place, float, float] = (start, *scene.score(start))

@@ -1,0 +1,85 @@
+"""Background before and after its shadows were lifted, and what each object throws -> whose shadow lies where.
+
+A shadow lies where light was lifted; whose it is says geometry: who keeps most light from the place. Where geometry
+foretells nothing, the place goes to the owner of the nearest that it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive.roles import Labels, Rgb
+from physgen.photometry import decode, luminance
+from physgen.shadow import Box
+
+F32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+DARKEST = 2e-3
+"""Linear light added before logarithms are taken."""
+FAINT = 0.08
+"""-log of light, smoothed: less is no shadow that anybody sees."""
+SHARE = 0.3
+"""How much of that is geometry's say: the photo alone leaves the soft ends of shadows to its grain."""
+SMOOTH = 2.0
+"""px: standard deviation of the blur; finer is grain."""
+TOLD = 0.02
+"""-log of light from which geometry says that a thing keeps light from a place."""
+SPECK = 16
+"""px: a patch of fewer is none."""
+MIXED = 2
+"""px around objects where the background still shows traces of them."""
+
+
+def owners(
+    background: Rgb, clean: Rgb, coverage: F32, casts: Iterable[tuple[int, Box, F32]]
+) -> Labels | None:
+    """(H, W) the id of the object whose shadow lies there, 0 = none; None where nobody's does.
+
+    `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
+    """
+    who, most = np.zeros(coverage.shape, np.uint16), np.zeros(coverage.shape, np.float32)
+    for number, (x0, y0, x1, y1), values in casts:
+        part = np.s_[y0:y1, x0:x1]
+        more = values > np.maximum(most[part], TOLD)
+        who[part][more] = number
+        most[part][more] = values[more]
+    dark = (1 - SHARE) * seen(background, clean, coverage) + SHARE * most > FAINT
+    return assigned(dark & (coverage < 0.5), who)
+
+
+def seen(background: Rgb, clean: Rgb, coverage: F32) -> F32:
+    """(H, W) -log of light that was lifted, smooth; close to objects as it is a little farther off."""
+    logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)]
+    side = 2 * MIXED + 1
+    free = (cv2.dilate((coverage > 0).astype(np.uint8), np.ones((side, side), np.uint8)) == 0).astype(
+        np.float32
+    )
+    near = cv2.GaussianBlur(free, (0, 0), SMOOTH)
+    lifted = cv2.GaussianBlur((logs[0] - logs[1]).astype(np.float32) * free, (0, 0), SMOOTH)
+    return np.asarray(lifted / np.maximum(near, 1e-2), np.float32)
+
+
+def assigned(dark: Mask, who: Labels) -> Labels | None:
+    """`who` (H, W) where it is `dark`, elsewhere the nearest; specks left out. None where nothing is left."""
+    if not who.any():
+        return None
+    count, names, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8), connectivity=8)
+    owned = (
+        np.bincount(names[who > 0], minlength=count) > 0
+    )  # what no object foretells at all is something else
+    kept = owned & (stats[:, cv2.CC_STAT_AREA] >= SPECK)
+    kept[0] = False
+    there = kept[names]
+    if not there.any():
+        return None
+    _, nearest = cv2.distanceTransformWithLabels(
+        (who == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    ids = np.zeros(int(nearest.max()) + 1, np.uint16)
+    ids[nearest[who > 0]] = who[who > 0]
+    return np.where(there, ids[nearest], 0).astype(np.uint16)
