@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import acos, cos, degrees, inf, pi, sin
 
 import numpy as np
@@ -58,7 +58,9 @@ class Fit:
     each: float = 1.0
     """The same where the shadows of things side by side are added up."""
     shifts: tuple[Shift, ...] = ()
-    """By how much the shadow of each thing (of a trace's `joined`) lies elsewhere than foretold."""
+    """px, of each of `joined`: by how much its shadow lies elsewhere."""
+    moved: Mapping[int, Shift] = field(default_factory=dict)
+    """The same by the object's id, px of the photo."""
 
 
 def scaled(place: Place, by: float, size: tuple[int, int]) -> Place:

@@ -116,7 +116,7 @@ def _foretold(
     H, W = shape
     dark = np.zeros((H, W), np.float32)
     if fit is not None:
-        dark += np.float32(fit.factor) * foretold(joined(things), fit.place, fit.shifts)
+        dark += np.float32(fit.factor) * foretold(joined(things), fit.place, _shifts(fit, things))
     if cast is not None:
         wall = np.zeros((H, W), np.float32)
         for what in things:
@@ -132,7 +132,7 @@ def _casts(
     H, W = shape
     if fit is not None:
         groups = grouped(things)
-        for group, (dx, dy) in zip(groups, fit.shifts or [(0, 0)] * len(groups), strict=True):
+        for group, (dx, dy) in zip(groups, _shifts(fit, things), strict=True):
             for what in group:
                 if (found := darkness(what, fit.place)) is not None:
                     (x0, y0, x1, y1), values = found
@@ -189,11 +189,17 @@ def _sure(fine: Trace, fit: Fit) -> bool:
 
 def _full(fine: Trace, fit: Fit, size: tuple[int, int]) -> Fit:
     """The same in px of the photo, of `size` (W, H), and how dark each thing's own shadow is."""
-    shifts = tuple((round(dx * fine.scale), round(dy * fine.scale)) for dx, dy in fit.shifts)
+    groups = zip(grouped(fine.silhouettes), fit.shifts, strict=True) if fit.shifts else ()
+    moved = {w.id: (round(dx * fine.scale), round(dy * fine.scale)) for group, (dx, dy) in groups for w in group}
     each = fit.factor
     if len(fine.joined) < len(fine.silhouettes):
         _, each = fine.agreement(foretold(fine.silhouettes, fit.place))
-    return replace(fit, place=scaled(fit.place, fine.scale, size), each=each, shifts=shifts)
+    return replace(fit, place=scaled(fit.place, fine.scale, size), each=each, shifts=(), moved=moved)
+
+
+def _shifts(fit: Fit, things: Sequence[Silhouette]) -> list[tuple[int, int]]:
+    """By how much the shadow of each of `grouped` lies elsewhere, px of the photo; other scales may group otherwise."""
+    return [fit.moved.get(group[0].id, (0, 0)) for group in grouped(things)]
 
 
 def _off(floor: float | None, lowest: float) -> bool:

@@ -65,7 +65,7 @@ def _cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
     """Log odds for the side, of the background alone; 0 where too little of it is seen."""
     h, w = normals.shape[:2]
     colour = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
-    colour = cv2.resize(colour, (w, h), interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
+    colour = np.asarray(cv2.resize(colour, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     things = cv2.resize((labels > 0).astype(np.uint8), (w, h), interpolation=cv2.INTER_AREA)
     free = cv2.dilate(things, np.ones((5, 5), np.uint8)) == 0
     if np.count_nonzero(free) < LEAST:
