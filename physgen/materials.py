@@ -271,7 +271,7 @@ def _variants(words: Sequence[str]) -> Iterator[str]:
     """A phrase as it stands, and with its last word in the singular.
 
     >>> sorted(_variants(["kitchen", "knives"]))
-    ['kitchen knif', 'kitchen knife', 'kitchen knive', 'kitchen knives']
+    ['kitchen knif', 'kitchen knife', 'kitchen kniv', 'kitchen knive', 'kitchen knives']
     """
     yield (phrase := " ".join(words))
     for plural, singular in (("ies", "y"), ("ves", "f"), ("ves", "fe"), ("es", ""), ("s", "")):

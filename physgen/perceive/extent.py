@@ -15,6 +15,8 @@ from physgen.outline.outline import Disc, Outline, Region, bounds, mass_properti
 
 SLICES = 240
 """Into how many a solid of revolution is cut."""
+AXES = 79
+"""At how many places across it an axis is tried."""
 BOXY = 0.88
 """Share of its smallest box from which an outline is that of a box."""
 LYING = 0.25
@@ -101,11 +103,12 @@ def revolved(outline: Region, axis: Array) -> Turned:
     low, high = float(every[:, 1].min()), float(every[:, 1].max())
     step = (high - low) / SLICES
     spans = [_crossings(every, low + (k + 0.5) * step) for k in range(SLICES)]
+    crossings = np.full((SLICES, max(map(len, spans)) + 1), np.inf)
+    for row, span in zip(crossings, spans, strict=True):
+        row[: len(span)] = span
     left, right = float(every[:, 0].min()), float(every[:, 0].max())
-    best = max(
-        (_radii(spans, x) for x in np.linspace(left, right, 81)[1:-1]),
-        key=lambda radii: float((radii**2).sum()),
-    )
+    radii = _radii(crossings, np.linspace(left, right, AXES + 2)[1:-1])
+    best = radii[:, int(np.argmax((radii**2).sum(axis=0)))]
     kept = best > 0
     # a spike at an end (a stalk, a spout) is no part of the height
     height = step * float(np.count_nonzero(kept & (best > 0.05 * best.max())))
@@ -120,14 +123,15 @@ def _crossings(edges: Array, y: float) -> Array:
     return np.sort(x0 + (y - y0) / (y1 - y0) * (x1 - x0))
 
 
-def _radii(spans: list[Array], x: float) -> Array:
-    """(SLICES,) px: how far each slice reaches on both sides of the axis at `x`."""
-    radii = np.zeros(len(spans))
-    for k, crossings in enumerate(spans):
-        at = int(np.searchsorted(crossings, x))
-        if at % 2:
-            radii[k] = min(x - crossings[at - 1], crossings[at] - x)
-    return radii
+def _radii(crossings: Array, axes: Array) -> Array:
+    """(SLICES, X) px: how far each slice reaches on both sides of axes at (X,); `crossings` end with inf."""
+    at = (crossings[:, :, None] < axes).sum(axis=1)
+    before = np.take_along_axis(crossings, np.maximum(at - 1, 0), axis=1)
+    after = np.take_along_axis(crossings, at, axis=1)
+    inside = at % 2 == 1
+    return np.where(
+        inside, np.minimum(axes - np.where(inside, before, 0), np.where(inside, after, 0) - axes), 0
+    )
 
 
 def _turned(outline: Outline, what: Kind) -> Extent:
