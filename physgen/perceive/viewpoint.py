@@ -88,7 +88,7 @@ def _cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
     return cues
 
 
-def _told_by(colour: NDArray[np.floating], free: Mask, axis: int) -> float:
+def _told_by(colour: F32, free: Mask, axis: int) -> float:
     """Part of the colours' variance that each row (`axis` 1) or column (0) of its own mean explains, 0..1."""
     count = free.sum(axis)
     known = count >= 5
