@@ -117,7 +117,7 @@ def _tilt(thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level
         field = cushion(own)
         bulge = 1.0 if words & ROUND else _bulge(seen, level, field, inner)
         return _mixed(field, own, bulge)
-    field, axis = _lathed(own, body, level)
+    field, axis = _lathed(own, body)
     bulge = 1.0 if words & ROUND else _bulge(seen, level, field, inner, axis)
     return _mixed(field, own, bulge)
 
@@ -131,7 +131,7 @@ def _mixed(field: F32, own: Mask, bulge: float) -> F32:
     return np.asarray(bulge * field + (1 - bulge) * _edge(own), np.float32)
 
 
-def _lathed(own: Mask, body: Mask, level: F32) -> tuple[F32, int]:
+def _lathed(own: Mask, body: Mask) -> tuple[F32, int]:
     """A thing as turned on a lathe, its handles as cushions; and 0 for an upright axis, 1 for a lying one."""
     wide = own.shape[1] > 2 * own.shape[0]
     lying = wide and _alike(body, body[::-1]) >= _alike(body, body[:, ::-1])  # a pencil lies, a saucer stands
