@@ -35,10 +35,7 @@ class Turned:
     def field(self) -> F32:
         """The normals of a surface of revolution seen from far."""
         length = np.sqrt(1 + self.flare**2)
-        return np.stack([np.clip(self.across, -1, 1) / length, self._lift() / length], -1).astype(np.float32)
-
-    def _lift(self) -> F32:
-        return np.asarray(-self.flare, np.float32)
+        return np.stack([np.clip(self.across, -1, 1) / length, -self.flare / length], -1).astype(np.float32)
 
 
 def ball(shape: tuple[int, int], center: tuple[float, float], radius: float) -> F32:
@@ -50,7 +47,7 @@ def ball(shape: tuple[int, int], center: tuple[float, float], radius: float) -> 
 
 
 def turned(own: Mask) -> Turned:
-    """`own` (h, w) as a solid of revolution: each row is a cut across it (Horn 1970 calls shading its only other cue).
+    """`own` (h, w) as a solid of revolution: each row is a cut across it.
 
     The axis is smoothed over a tenth of the height, the radius less, so that single pixels of the border make no
     ripples.

@@ -71,3 +71,15 @@ def test_mirrored_photo_mirrored_albedo():
     _, one = parted(linear)
     _, two = parted(linear[:, ::-1])
     assert np.abs(one.albedo - two.albedo[:, ::-1]).mean() < 0.01
+
+
+def test_behind_a_table_there_is_less_light():
+    linear = np.full((H, W, 3), 0.4, np.float32)
+    linear[: H // 2] = (0.08, 0.1, 0.12)
+    table = FACING.copy()
+    table[H // 2 :] = (0, -0.99, 0.14)
+    shares = []
+    for normals in (FACING, table):
+        _, found = parted(linear, normals=normals)
+        shares.append(np.log(found.shading[-60:].mean() / found.shading[:60].mean()))
+    assert shares[1] > shares[0] + 0.2

@@ -129,3 +129,11 @@ def test_the_shipped_network_is_small_and_sees_mirrored_what_is_mirrored() -> No
     assert seen.foreground.shape == (192, 256)
     assert np.abs(seen.foreground - mirrored.foreground[:, ::-1]).mean() < 0.1
     assert np.abs(np.linalg.norm(seen.normals, axis=2) - 1).max() < 1e-3
+
+
+def test_what_was_seen_last_is_kept() -> None:
+    photo = np.random.default_rng(0).integers(0, 255, (64, 80, 3)).astype(np.uint8)
+    seen = see(photo)
+    assert see(photo.copy()) is seen
+    assert see(255 - photo) is not seen
+    assert not seen.normals.flags.writeable

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from physgen import backends
+from physgen.perceive.backends.normals_blended import _shared
 from physgen.perceive.forms import cushion, hidden_ball, turned
 from physgen.photometry import DistantLight
 from physgen.scene.model import View
@@ -106,3 +107,9 @@ def test_what_a_bowl_hides_of_a_ball_is_a_ball():
     square = np.zeros((120, 120), bool)
     square[30:90, 30:90] = True
     assert hidden_ball(square) is None
+
+
+def test_things_of_one_size_are_of_one_kind():
+    masks = [np.ones(size, bool) for size in ((60, 20), (62, 20), (58, 21), (30, 30))]
+    told = list(zip(masks, (0.0, 1.0, 0.1, 0.8), strict=True))
+    assert _shared(told) == [0.1, 0.1, 0.1, 0.8]

@@ -48,6 +48,8 @@ FLAT_BALL = 0.2, 0.15
 """A disc is a flat one where network and shading both show less than this of a ball."""
 HANDLE, WHOLE = 0.12, 0.95
 """Of the smaller side: half the width of a handle; of the area: what is left without handles where there are none."""
+ALIKE = 0.15
+"""By how much the sides of things may differ that are taken to be of one kind."""
 COLUMNS = 12
 RIM = 0.12
 """Of the smaller side, the width over which a flat face's edge is rounded."""
@@ -75,6 +77,7 @@ def _blended(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
     )
     level = np.log(luminance(decode(rgb)) + np.float32(2e-3))
     tilts = np.zeros((height, width, 2), np.float32)
+    forms = []
     for thing in things:
         own = labels == thing.id
         rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
@@ -83,7 +86,11 @@ def _blended(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
         here = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         corner = float(columns[0]), float(rows[0])
         part = own[here]
-        tilts[here][part] = _tilt(thing, part, corner, seen[here], level[here])[part]
+        forms.append((here, part, *_form(thing, part, corner, seen[here], level[here])))
+    bulges = _shared([(part, bulge) for _, part, _, bulge in forms])
+    for (here, part, field, _), bulge in zip(forms, bulges, strict=True):
+        tilt = field if bulge is None else bulge * field + (1 - bulge) * _edge(part)
+        tilts[here][part] = tilt[part]
     if setting.view is View.SIDE:
         _table(tilts, labels, seen, level, setting)
     length = np.linalg.norm(tilts, axis=2, keepdims=True)
@@ -92,17 +99,33 @@ def _blended(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
     return np.concatenate([tilts, z], axis=2).astype(np.float32)
 
 
-def _tilt(thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level: F32) -> F32:
-    """Tilts (h, w, 2) of one thing on its box, `own` (h, w) its mask; `seen` (h, w, 3) is the network's."""
+def _shared(found: Sequence[tuple[Mask, float | None]]) -> list[float | None]:
+    """Masks and how much each bulges -> the same, with things of one size alike: a row of dominoes, a pile of cans."""
+    sizes = np.array([own.shape for own, _ in found], np.float64).reshape(-1, 2)
+    shared: list[float | None] = []
+    for (_, bulge), size in zip(found, sizes, strict=True):
+        near = np.atleast_1d((np.abs(sizes / size - 1) < ALIKE).all(axis=1)).tolist()
+        same = [b for (_, b), k in zip(found, near, strict=True) if k and b is not None]
+        shared.append(None if bulge is None else float(np.median(same)))
+    return shared
+
+
+def _form(
+    thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level: F32
+) -> tuple[F32, float | None]:
+    """Tilts (h, w, 2) of one thing on its box, and how much it has of them and not of a flat face; None: it is sure.
+
+    `own` (h, w) is its mask; `seen` (h, w, 3) the network's normals.
+    """
     words = _nouns(thing.label)
     inner = _inner(own)
     if isinstance(thing.outline, Disc):
         center = float(thing.outline.center[0]) - corner[0], float(thing.outline.center[1]) - corner[1]
         field = ball(own.shape, center, float(thing.outline.radius))
         for word in words & set(DOMED):
-            return field * np.float32(DOMED[word])
+            return field * np.float32(DOMED[word]), None
         flat = _slope(seen, field, inner) < FLAT_BALL[0] and _explained(level, field, inner) < FLAT_BALL[1]
-        return _edge(own) if flat else field
+        return (_edge(own) if flat else field), None
     smaller = min(own.shape)
     body = opened(own, round(HANDLE * smaller)) if smaller > 12 else own
     body = own if body.sum() > WHOLE * own.sum() else body
@@ -110,16 +133,14 @@ def _tilt(thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level
         core = opened(own, 2)
         found = hidden_ball(core)
         if found is not None:
-            return np.where(core[..., None], ball(own.shape, *found), cushion(own))
+            return np.where(core[..., None], ball(own.shape, *found), cushion(own)), None
     square = _rectangular(own)
     hull = _solid(body)
     if hull > 0.94 and not square:  # as round as an egg or a pebble
         field = cushion(own)
-        bulge = 1.0 if words & ROUND else _bulge(seen, level, field, inner)
-        return _mixed(field, own, bulge)
-    field, axis = _lathed(own, body, level)
-    bulge = 1.0 if words & ROUND else _bulge(seen, level, field, inner, axis)
-    return _mixed(field, own, bulge)
+        return field, None if words & ROUND else _bulge(seen, level, field, inner)
+    field, axis = _lathed(own, body)
+    return field, None if words & ROUND else _bulge(seen, level, field, inner, axis)
 
 
 def _nouns(label: str) -> set[str]:
@@ -127,11 +148,7 @@ def _nouns(label: str) -> set[str]:
     return {part.split()[-1] for part in label.lower().replace("-", " ").split(" of ") if part.split()}
 
 
-def _mixed(field: F32, own: Mask, bulge: float) -> F32:
-    return np.asarray(bulge * field + (1 - bulge) * _edge(own), np.float32)
-
-
-def _lathed(own: Mask, body: Mask, level: F32) -> tuple[F32, int]:
+def _lathed(own: Mask, body: Mask) -> tuple[F32, int]:
     """A thing as turned on a lathe, its handles as cushions; and 0 for an upright axis, 1 for a lying one."""
     wide = own.shape[1] > 2 * own.shape[0]
     lying = wide and _alike(body, body[::-1]) >= _alike(body, body[:, ::-1])  # a pencil lies, a saucer stands
