@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import acos, cos, degrees, inf, pi, sin
+from math import acos, asin, atan2, cos, degrees, inf, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,12 +234,13 @@ def _starts(first: Place, guess: LightGuess) -> Iterator[Place]:
 
 
 def _turned(place: Place, step: float) -> Iterator[Place]:
+    """The light turned about the upright, and higher and lower, by so many radians."""
     x, y, z = place.light.direction
-    for dx, dy, dz in ((step, 0, 0), (0, step, 0), (0, 0, step)):
-        for sign in (1, -1):
-            new = np.array([x + sign * dx, y + sign * dy, z + sign * dz])
-            if -new[1] > 0.1:
-                yield replace(place, light=_towards(place.light, tuple(new / np.linalg.norm(new))))
+    turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
+    for around, up in ((step, 0), (-step, 0), (0, step), (0, -step), (step, -step), (-step, -step)):
+        a, e = turn + around / max(cos(rise), 0.3), rise + up
+        if sin(e) > 0.1 and e < pi / 2:
+            yield replace(place, light=_towards(place.light, (cos(e) * cos(a), -sin(e), cos(e) * sin(a))))
 
 
 def _steps(place: Place) -> Iterator[Place]:
