@@ -123,7 +123,9 @@ def contrary(light: DistantLight, guess: LightGuess) -> float:
 
 
 def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
-    """Smaller steps from a place, in px of `fine`."""
+    """Smaller steps from a place, in px of `fine`, by the largest things; how alike it is, by all."""
+
+    telling = replace(fine, joined=_largest(fine.joined))
 
     def odd(where: Place, factor: float) -> float:
         return _odd(where, factor) + contrary(where.light, guess)
@@ -131,7 +133,7 @@ def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
     def rated(where: Place) -> Fit:
         if contrary(where.light, guess) == inf:
             return Fit(where, -inf, 0.0)
-        likeness, factor = fine.likeness(where)
+        likeness, factor = telling.likeness(where)
         return Fit(where, likeness - odd(where, factor), factor)
 
     fit = rated(place)
@@ -141,7 +143,7 @@ def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
                 fit = other
     if fit.likeness == -inf:
         return fit
-    return replace(fit, likeness=fit.likeness + odd(fit.place, fit.factor))
+    return Fit(fit.place, *fine.likeness(fit.place))
 
 
 def before_wall(fine: Trace, fit: Fit, guess: LightGuess) -> Fit | None:
