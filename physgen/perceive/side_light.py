@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import acos, cos, degrees, inf, pi, sin
+from math import acos, asin, atan2, cos, degrees, inf, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,9 @@ F32 = NDArray[np.float32]
 
 COARSE, FINE = 192, 384
 """px: longer side of the pictures in which the light is looked for, first and then."""
-TOLD, WELL = 0.5, 0.75
-"""Confidences of a light that balls told: from the first on it counts, from the second on it counts most."""
-ASKEW = 35.0, 10.0
+TOLD, WELL = 0.3, 0.5
+"""Confidences of a light that shading told: from the first on it counts, from the second on it counts most."""
+ASKEW = 20.0, 7.0
 """degrees by which such lights are off, standard deviation (studio photos of the split `tune`)."""
 BEYOND = 40.0, 2.5
 """Farther from such a light none is looked for: degrees, and standard deviations."""
@@ -125,7 +125,9 @@ def contrary(light: DistantLight, guess: LightGuess) -> float:
 
 
 def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
-    """Smaller steps from a place, in px of `fine`."""
+    """Smaller steps from a place, in px of `fine`, by the largest things; how alike it is, by all."""
+
+    telling = replace(fine, joined=_largest(fine.joined))
 
     def odd(where: Place, factor: float) -> float:
         return _odd(where, factor) + contrary(where.light, guess)
@@ -133,7 +135,7 @@ def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
     def rated(where: Place) -> Fit:
         if contrary(where.light, guess) == inf:
             return Fit(where, -inf, 0.0)
-        likeness, factor = fine.likeness(where)
+        likeness, factor = telling.likeness(where)
         return Fit(where, likeness - odd(where, factor), factor)
 
     fit = rated(place)
@@ -143,7 +145,7 @@ def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
                 fit = other
     if fit.likeness == -inf:
         return fit
-    return replace(fit, likeness=fit.likeness + odd(fit.place, fit.factor))
+    return Fit(fit.place, *fine.likeness(fit.place))
 
 
 def before_wall(fine: Trace, fit: Fit, guess: LightGuess) -> Fit | None:
@@ -236,12 +238,13 @@ def _starts(first: Place, guess: LightGuess) -> Iterator[Place]:
 
 
 def _turned(place: Place, step: float) -> Iterator[Place]:
+    """The light turned about the upright, and higher and lower, by so many radians."""
     x, y, z = place.light.direction
-    for dx, dy, dz in ((step, 0, 0), (0, step, 0), (0, 0, step)):
-        for sign in (1, -1):
-            new = np.array([x + sign * dx, y + sign * dy, z + sign * dz])
-            if -new[1] > 0.1:
-                yield replace(place, light=_towards(place.light, tuple(new / np.linalg.norm(new))))
+    turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
+    for around, up in ((step, 0), (-step, 0), (0, step), (0, -step), (step, -step), (-step, -step)):
+        a, e = turn + around / max(cos(rise), 0.3), rise + up
+        if sin(e) > 0.1 and e < pi / 2:
+            yield replace(place, light=_towards(place.light, (cos(e) * cos(a), -sin(e), cos(e) * sin(a))))
 
 
 def _steps(place: Place) -> Iterator[Place]:

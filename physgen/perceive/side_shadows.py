@@ -190,7 +190,9 @@ def _sure(fine: Trace, fit: Fit) -> bool:
 def _full(fine: Trace, fit: Fit, size: tuple[int, int]) -> Fit:
     """The same in px of the photo, of `size` (W, H), and how dark each thing's own shadow is."""
     groups = zip(grouped(fine.silhouettes), fit.shifts, strict=True) if fit.shifts else ()
-    moved = {w.id: (round(dx * fine.scale), round(dy * fine.scale)) for group, (dx, dy) in groups for w in group}
+    moved = {
+        w.id: (round(dx * fine.scale), round(dy * fine.scale)) for group, (dx, dy) in groups for w in group
+    }
     each = fit.factor
     if len(fine.joined) < len(fine.silhouettes):
         _, each = fine.agreement(foretold(fine.silhouettes, fit.place))

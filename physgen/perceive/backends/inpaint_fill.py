@@ -65,7 +65,8 @@ def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:
         return borrowed
     grain = borrowed - cv2.GaussianBlur(borrowed, (0, 0), GRAIN)
     grain = np.clip(grain, -most[:, :, None], most[:, :, None])
-    return np.where(smooth[:, :, None], membrane(photo, hole, 0.1) + grain, borrowed)
+    film = membrane(np.where(hole[:, :, None], borrowed, photo), smooth, 0.1)
+    return np.where(smooth[:, :, None], film + grain, borrowed)
 
 
 def _roughness(photo: F32, around: Mask) -> float:
