@@ -17,7 +17,7 @@ from physgen.outline.outline import Disc, Outline, bounds, mass_properties
 
 TOUCH = 0.6
 """px between two surfaces that still count as touching: gaps that close unseen."""
-UNHELD = 0.03
+UNHELD = 0.004
 """Part of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
 INNER = 1.5
 """px, or a fifth of a face, by which its ends may be off: what stands only by them does not stand."""
