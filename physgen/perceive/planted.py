@@ -17,10 +17,10 @@ from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
 from physgen.perceive.rest import AGREE, STEEP, Foot, Line
 from physgen.perceive.roles import Thing
 
-TILT = 4.0
-"""degrees: the default of `world.tilt`."""
-LEAST_LIFT, MOST_LIFT = 1.0, 2.0
-"""px: less than the first is within what masks are off by."""
+TILT = 2.0
+"""degrees: half of what `world.tilt` is by default, since a camera may look along the floor as well."""
+MOST_LIFT = 2.0
+"""px."""
 ASKEW = 2.5
 """px by which the foot of a narrow thing may rise and be level."""
 BAND = 2.0
@@ -40,8 +40,7 @@ def lift(outline: Outline) -> float:
     if isinstance(outline, Disc):
         return 0.0
     x0, y0, x1, y1 = bounds(outline)
-    height = 0.5 * sin(radians(TILT)) * min(x1 - x0, y1 - y0)
-    return min(MOST_LIFT, height) if height >= LEAST_LIFT else 0.0
+    return min(MOST_LIFT, 0.5 * sin(radians(TILT)) * min(x1 - x0, y1 - y0))
 
 
 def flat(foot: Foot) -> bool:

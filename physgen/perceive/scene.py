@@ -28,6 +28,8 @@ HEADER = "A photo as physgen perceived it. Change any number and run: physgen re
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
 SMALLEST = 12
 """px: an id of fewer pixels is a speck, no object."""
+ROLLING = 0.01
+"""Rolling resistance of round things on a floor: rubber and wooden balls on hard ground have 0.005 to 0.02."""
 ROLES = (
     "segment",
     "label",
@@ -167,6 +169,9 @@ def perceive(
             "friction": max(it.friction, setting.grip.get(thing.id, 0.0)),
             "elasticity": it.elasticity,
         }
+        still = thing.cut or thing.id in setting.held
+        if isinstance(thing.outline, Disc) and setting.view is View.SIDE and not still:
+            one["rolling"] = ROLLING
         if thing.cut:
             one["motion"] = "static"
             comments[f"objects.{name}.motion"] = (
