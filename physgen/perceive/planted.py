@@ -27,6 +27,8 @@ BAND = 2.0
 """px over a foot within which the border is the foot's."""
 ALIKE = 1.5
 """px between feet up to which they stand on one straight line."""
+EVEN = 0.05
+"""px between feet at one height."""
 LEVEL = 0.08
 """Slope of a foot up to which it is level, and its slope an error of the mask."""
 SLOPED = 0.03
@@ -76,6 +78,14 @@ def planted(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
         up = max(BAND, abs(float(foot.right[1] - foot.left[1])) + 0.5)
         result[foot.thing.id] = straightened(foot.thing.outline, Line(0.0, round(height, 2)), up)
     return result
+
+
+def levelled(line: Line, group: Sequence[Foot]) -> Line:
+    """The line of a group, level where all of it stands at one height."""
+    heights = [float(y) for foot in group for y in (foot.left[1], foot.right[1])]
+    if max(heights) - min(heights) > EVEN:
+        return line
+    return Line(0.0, max(heights))
 
 
 def straightened(outline: Region, line: Line, band: float = BAND) -> Region:
