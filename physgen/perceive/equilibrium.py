@@ -13,14 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from physgen.geometry import Array, cross
-from physgen.outline.outline import Disc, Outline, bounds, mass_properties
+from physgen.outline.outline import Disc, MassProperties, Outline, bounds, mass_properties
 
 TOUCH = 0.6
 """px between two surfaces that still count as touching: gaps that close unseen."""
-UNHELD = 0.03
+UNHELD = 0.004
 """Part of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
 INNER = 1.5
 """px, or a fifth of a face, by which its ends may be off: what stands only by them does not stand."""
+TILTED = np.radians(1.0)
+"""By which the photo may be turned without anything falling."""
+SPOT = 0.04
+"""Of its radius: half of the spot on which a ball rests; more than the tangent of `TILTED`."""
 TURNED = np.cos(np.radians(12.0))
 """Contacts of two things whose normals differ by less are on one face: its two ends tell all."""
 
@@ -67,12 +71,13 @@ def unheld(
     """
     everyone = [i for i in range(len(outlines)) if i not in fixed]
     masses = {i: mass_properties(outlines[i]) for i in everyone}
+    discs = {i: o.radius for i in everyone if isinstance(o := outlines[i], Disc)}
     lost: list[int] = []
     for group in _groups(everyone, found):
         held: list[int] = []
         while True:
             free = [i for i in group if i not in held]
-            rest = _residual(free, masses, found, friction, default)
+            rest = _residual(free, masses, found, friction, default, discs)
             bad = [i for i in free if rest[i] > UNHELD]
             if not bad:
                 break
@@ -80,7 +85,7 @@ def unheld(
             held.append(max(bad, key=lambda i: float(masses[i].center[1]) + 4 * rest[i]))
         for i in list(held):
             free = [k for k in group if k not in held or k == i]
-            rest = _residual(free, masses, found, friction, default)
+            rest = _residual(free, masses, found, friction, default, discs)
             if len(held) > 1 and all(value <= UNHELD for value in rest.values()):
                 held.remove(i)
         lost += held
@@ -216,32 +221,44 @@ def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]
 
 def _residual(
     free: Sequence[int],
-    masses: Mapping[int, object],
+    masses: Mapping[int, MassProperties],
     found: Sequence[Contact],
     friction: Mapping[tuple[int, int], float],
     default: float,
+    discs: Mapping[int, float],
 ) -> dict[int, float]:
-    """Of each thing, what part of its weight (or of a torque of its weight and size) nothing balances."""
+    """Of each thing, what part of its weight (or of a torque of its weight and size) nothing balances.
+
+    The worst of a level photo and of one tilted a little either way: what only just stands does not stand for long.
+    """
     row = {i: 3 * k for k, i in enumerate(free)}
-    mine = [c for c in found if c.thing in row or c.other in row]
-    matrix = np.zeros((3 * len(free), 2 * len(mine)))
-    wanted = np.zeros(3 * len(free))
-    for i in free:
-        wanted[row[i] + 1] = -1.0
-    for k, contact in enumerate(mine):
+    columns = []
+    for contact in found:
+        if contact.thing not in row and contact.other not in row:
+            continue
         mu = friction.get((contact.thing, contact.other), default)
         along = np.array([-contact.normal[1], contact.normal[0]])
-        for way in (0, 1):
-            force = contact.normal + (mu if way else -mu) * along
-            for i, sign in ((contact.thing, 1.0), (contact.other, -1.0)):
-                if i in row:
-                    mass = masses[i]
-                    arm = (contact.point - mass.center) / np.sqrt(mass.area)  # type: ignore[attr-defined]
-                    column = sign * np.array([force[0], force[1], cross(arm, force)])
-                    matrix[row[i] : row[i] + 3, 2 * k + way] = column / mass.area  # type: ignore[attr-defined]
-    scale = np.maximum(np.abs(matrix).max(axis=0, initial=0.0), 1e-12)
-    rest = wanted - (matrix / scale) @ pushing(matrix / scale, wanted)
-    return {i: float(np.abs(rest[row[i] : row[i] + 3]).max()) for i in free}
+        # a round thing is held by a spot, not by a point
+        radius = min((discs[i] for i in (contact.thing, contact.other) if i in discs), default=0.0)
+        for aside in (-SPOT * radius, SPOT * radius) if radius else (0.0,):
+            for way in (-mu, mu):
+                force = contact.normal + way * along
+                column = np.zeros(3 * len(free))
+                for i, sign in ((contact.thing, 1.0), (contact.other, -1.0)):
+                    if i in row:
+                        mass = masses[i]
+                        arm = (contact.point + aside * along - mass.center) / np.sqrt(mass.area)
+                        part = np.array([force[0], force[1], cross(arm, force)])
+                        column[row[i] : row[i] + 3] = sign * part / mass.area
+                columns.append(column / max(np.abs(column).max(), 1e-12))
+    matrix = np.array(columns).reshape(len(columns), 3 * len(free)).T
+    worst = dict.fromkeys(free, 0.0)
+    for tilt in (0.0, -TILTED, TILTED):
+        wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], len(free))
+        rest = wanted - matrix @ pushing(matrix, wanted)
+        for i in free:
+            worst[i] = max(worst[i], float(np.abs(rest[row[i] : row[i] + 3]).max()))
+    return worst
 
 
 def pushing(matrix: Array, wanted: Array) -> Array:

@@ -17,16 +17,18 @@ from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
 from physgen.perceive.rest import AGREE, STEEP, Foot, Line
 from physgen.perceive.roles import Thing
 
-TILT = 4.0
-"""degrees: the default of `world.tilt`."""
-LEAST_LIFT, MOST_LIFT = 1.0, 2.0
-"""px: less than the first is within what masks are off by."""
+TILT = 2.0
+"""degrees: half of what `world.tilt` is by default, since a camera may look along the floor as well."""
+MOST_LIFT = 2.0
+"""px."""
 ASKEW = 2.5
 """px by which the foot of a narrow thing may rise and be level."""
 BAND = 2.0
 """px over a foot within which the border is the foot's."""
 ALIKE = 1.5
 """px between feet up to which they stand on one straight line."""
+EVEN = 0.05
+"""px between feet at one height."""
 LEVEL = 0.08
 """Slope of a foot up to which it is level, and its slope an error of the mask."""
 SLOPED = 0.03
@@ -40,8 +42,7 @@ def lift(outline: Outline) -> float:
     if isinstance(outline, Disc):
         return 0.0
     x0, y0, x1, y1 = bounds(outline)
-    height = 0.5 * sin(radians(TILT)) * min(x1 - x0, y1 - y0)
-    return min(MOST_LIFT, height) if height >= LEAST_LIFT else 0.0
+    return min(MOST_LIFT, 0.5 * sin(radians(TILT)) * min(x1 - x0, y1 - y0))
 
 
 def flat(foot: Foot) -> bool:
@@ -77,6 +78,14 @@ def planted(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
         up = max(BAND, abs(float(foot.right[1] - foot.left[1])) + 0.5)
         result[foot.thing.id] = straightened(foot.thing.outline, Line(0.0, round(height, 2)), up)
     return result
+
+
+def levelled(line: Line, group: Sequence[Foot]) -> Line:
+    """The line of a group, level where all of it stands at one height."""
+    heights = [float(y) for foot in group for y in (foot.left[1], foot.right[1])]
+    if max(heights) - min(heights) > EVEN:
+        return line
+    return Line(0.0, max(heights))
 
 
 def straightened(outline: Region, line: Line, band: float = BAND) -> Region:

@@ -22,6 +22,8 @@ STEEPEST = 0.75
 """Slope of an edge that friction may still hold a thing on: cardboard on wood slips at 0.5 to 0.8."""
 BROAD = 0.5
 """Of its width: what a steep edge under a thing has that it lies on a slope, not askew."""
+NEARLY = 0.06
+"""px by which points are off a line that stands for them: no eye sees the gap."""
 RAGGED = 1.5
 """px by which a mask's straight edge bulges."""
 AGREE = 0.12
@@ -222,7 +224,13 @@ def _clear(group: Sequence[Foot], start: tuple[float, float], x: float, slope: f
 
 
 def _straightened(chain: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Without the points that lie on the line between their neighbours, to 0.005 px."""
+    """Without the points that lie on the line between their neighbours, to 0.005 px; two where all nearly do."""
+    points = np.array(chain)
+    (x0, y0), (x1, y1) = points[0], points[-1]
+    off = points[:, 1] - (y0 + (y1 - y0) * (points[:, 0] - x0) / max(x1 - x0, 1e-9))
+    if np.ptp(off) <= NEARLY:
+        down = float(off.max())
+        return [(x, float(np.ceil((y + down) * 100 - 1e-6) / 100)) for x, y in (chain[0], chain[-1])]
     kept = [chain[0]]
     for i in range(1, len(chain) - 1):
         (x0, y0), (x, y), (x1, y1) = kept[-1], chain[i], chain[i + 1]

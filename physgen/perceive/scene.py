@@ -177,7 +177,8 @@ def perceive(
             "friction": max(it.friction, setting.grip.get(thing.id, 0.0)),
             "elasticity": it.elasticity,
         }
-        if words.rolls(thing, it.solid, setting.view):
+        still = thing.cut or thing.id in setting.held
+        if words.rolls(thing, it.solid, setting.view) and not still:
             one["rolling"] = it.rolling
             told["rolling"] = told["friction"]
         if it.surface:

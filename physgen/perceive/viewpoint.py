@@ -8,6 +8,7 @@ anywhere, upheld by nothing below them. Every cue adds to the odds; mirrored fro
 from __future__ import annotations
 
 from math import exp, log
+from typing import Any
 
 import cv2
 import numpy as np
@@ -88,7 +89,7 @@ def _cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
     return cues
 
 
-def _told_by(colour: F32, free: Mask, axis: int) -> float:
+def _told_by(colour: NDArray[Any], free: Mask, axis: int) -> float:
     """Part of the colours' variance that each row (`axis` 1) or column (0) of its own mean explains, 0..1."""
     count = free.sum(axis)
     known = count >= 5

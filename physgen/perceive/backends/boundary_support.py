@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from physgen.outline.outline import Outline, bounds
 from physgen.perceive.equilibrium import contacts
 from physgen.perceive.learned.network import see
-from physgen.perceive.planted import flat, planted
+from physgen.perceive.planted import flat, levelled, planted
 from physgen.perceive.rest import STEEP, Foot, Line, carried, clusters, floor, foot, free_ends
 from physgen.perceive.roles import Boundary, Labels, Rgb, Setting, Thing, Wall
 from physgen.perceive.upheld import free_parts, upheld
@@ -58,7 +58,8 @@ def _support(rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | Non
         outlines |= planted(line, group)
     things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
     now = {t.id: t for t in things}
-    groups = [(line, [foot(now[f.thing.id]) for f in group]) for line, group in groups]
+    stand = [(line, [foot(now[f.thing.id]) for f in group]) for line, group in groups]
+    groups = [(levelled(line, group), group) for line, group in stand]
     walls = [_frame(width, height, FRICTION, ELASTICITY)]
     walls += _floors(_lab(rgb), labels, things, groups)
     grip = _grip(things, groups)
