@@ -53,15 +53,22 @@ def owners(
 
 
 def seen(background: Rgb, clean: Rgb, coverage: F32) -> F32:
-    """(H, W) -log of light that was lifted, smooth; close to objects as it is a little farther off."""
+    """(H, W) -log of light that was lifted, smooth; close to objects, where nothing is, what is missing from there on.
+
+    Contact shadows lie there.
+    """
     logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)]
     side = 2 * MIXED + 1
     free = (cv2.dilate((coverage > 0).astype(np.uint8), np.ones((side, side), np.uint8)) == 0).astype(
         np.float32
     )
-    near = cv2.GaussianBlur(free, (0, 0), SMOOTH)
-    lifted = cv2.GaussianBlur((logs[0] - logs[1]).astype(np.float32) * free, (0, 0), SMOOTH)
-    return np.asarray(lifted / np.maximum(near, 1e-2), np.float32)
+    near = np.maximum(cv2.GaussianBlur(free, (0, 0), SMOOTH), 1e-2)
+    lifted, level = (
+        cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), SMOOTH) / near
+        for part in (logs[0] - logs[1], logs[0])
+    )
+    contact = np.where((free == 0) & (near > 0.05), level - cv2.GaussianBlur(logs[1], (0, 0), 0.7), 0)
+    return np.asarray(np.maximum(lifted, contact), np.float32)
 
 
 def assigned(dark: Mask, who: Labels) -> Labels | None:
