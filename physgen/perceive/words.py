@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import floor
+from math import atan2, degrees, floor
 from typing import Any
 
 import numpy as np
@@ -75,6 +75,8 @@ def shape(outline: Outline) -> dict[str, Any]:
         return {"circle": {"center": [x, y], "radius": max(0.01, floor(outline.radius * 100) / 100)}}
     rings = outline.rings
     if len(rings) == 1 and not rings[0].holes:
+        if (box := _box(rings[0].outer)) is not None:
+            return {"box": box}
         return {"polygon": corners(rings[0].outer)}
     pieces = []
     for ring in rings:
@@ -83,6 +85,20 @@ def shape(outline: Outline) -> dict[str, Any]:
             piece["holes"] = [corners(hole) for hole in ring.holes]
         pieces.append(piece)
     return {"polygons": pieces}
+
+
+def _box(points: Array) -> dict[str, Any] | None:
+    """`box:` of four corners at right angles; None where they are none."""
+    if len(points) != 4:
+        return None
+    sides = np.roll(points, -1, axis=0) - points
+    lengths = np.hypot(*sides.T)
+    if np.hypot(*(sides[0] + sides[2])) > 1e-6 or abs(sides[0] @ sides[1]) > 1e-6 * lengths.max() ** 2:
+        return None
+    x, y = (round(float(c), 2) for c in points.mean(axis=0))
+    angle = round(degrees(atan2(sides[0][1], sides[0][0])), 3) + 0.0
+    said: dict[str, Any] = {"center": [x, y], "size": [round(float(side), 2) for side in lengths[:2]]}
+    return said | ({"angle": angle} if angle else {})
 
 
 def corners(points: Array) -> list[list[float]]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.outline.outline import Outline, bounds
+from physgen.perceive.boxes import boxed
 from physgen.perceive.equilibrium import contacts
 from physgen.perceive.learned.network import see
 from physgen.perceive.planted import flat, levelled, planted
@@ -56,6 +57,8 @@ def _support(rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | Non
     outlines: dict[int, Outline] = {}
     for line, group in groups:
         outlines |= planted(line, group)
+    things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
+    outlines |= boxed(things)
     things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
     now = {t.id: t for t in things}
     stand = [(line, [foot(now[f.thing.id]) for f in group]) for line, group in groups]

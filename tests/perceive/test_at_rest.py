@@ -1,0 +1,229 @@
+"""Drawn photos with true masks: what perception makes of them stands still when nothing pushes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.compile.assemble import compile_scene
+from physgen.outline.outline import Disc, Region, Ring
+from physgen.perceive.backends.boundary_support import support
+from physgen.perceive.boxes import rectangle
+from physgen.perceive.equilibrium import contacts, pushing, unheld
+from physgen.perceive.given import from_masks
+from physgen.perceive.lay_out import lay_out
+from physgen.perceive.scene import _things, perceive
+from physgen.perceive.upheld import depth_within, free_parts
+
+W, H = 256, 192
+
+
+class Photo:
+    """A wall over a floor, and things drawn on it."""
+
+    def __init__(self, horizon: int = 130, top: bool = False) -> None:
+        self.rgb = np.full((H, W, 3), (90, 120, 160), np.uint8)
+        self.rgb[horizon:] = (150, 100, 60)
+        if top:
+            self.rgb[:] = (40, 120, 70)
+        self.labels = np.zeros((H, W), np.uint16)
+
+    def _draw(self, inside: np.ndarray) -> None:
+        number = int(self.labels.max()) + 1
+        self.labels[inside & (self.labels == 0)] = number
+        self.rgb[self.labels == number] = [(200, 60, 50), (60, 70, 200), (220, 200, 60)][number % 3]
+
+    def polygon(self, points: np.ndarray) -> None:
+        mask = np.zeros((H, W), np.uint8)
+        cv2.fillPoly(mask, [np.round(np.asarray(points) * 16).astype(np.int32)], 1, shift=4)
+        self._draw(mask > 0)
+
+    def box(self, x: float, y: float, w: float, h: float, degrees: float = 0.0) -> None:
+        """Its lower left corner at x, y; turned about it."""
+        a = np.radians(degrees)
+        along, up = np.array([np.cos(a), np.sin(a)]), np.array([np.sin(a), -np.cos(a)])
+        start = np.array([x, y])
+        self.polygon(np.array([start, start + w * along, start + w * along + h * up, start + h * up]))
+
+    def ball(self, x: float, y: float, r: float) -> None:
+        """Resting at height y."""
+        rows, columns = np.mgrid[:H, :W]
+        self._draw(np.hypot(columns - x, rows - y + r) <= r)
+
+
+def slope() -> Photo:
+    photo = Photo()
+    a = np.tan(np.radians(20))
+    photo.rgb[(np.mgrid[:H, :W][0] - 70) > a * np.mgrid[:H, :W][1]] = (120, 120, 120)
+    for x in (40, 110):
+        photo.box(x, 70 + a * x, 40, 26, 20)
+    return photo
+
+
+def corner() -> Photo:
+    photo = Photo()
+    photo.box(180, 165, 30, 90)
+    photo.ball(159, 165, 20)
+    return photo
+
+
+def stack() -> Photo:
+    photo = Photo()
+    for k, (x, w) in enumerate(((80, 70), (88, 52), (95, 40))):
+        photo.box(x, 165 - 31 * k, w, 30)
+    return photo
+
+
+def levels() -> Photo:
+    photo = Photo()
+    photo.rgb[80:86, 120:] = (240, 240, 230)
+    for x in (20, 60, 96):
+        photo.box(x, 165, 18, 40)
+    photo.box(140, 79, 24, 30)
+    photo.ball(210, 79, 14)
+    return photo
+
+
+def plank() -> Photo:
+    photo = Photo()
+    photo.rgb[:, 190:] = (60, 50, 50)
+    photo.polygon(np.array([[150, 165], [156, 165], [189, 70], [184, 68]]))
+    photo.box(30, 165, 40, 40)
+    return photo
+
+
+def from_above() -> Photo:
+    photo = Photo(top=True)
+    for x, y in ((40, 60), (90, 150), (150, 70), (200, 170), (220, 60), (120, 110)):
+        photo.ball(x, y, 14)
+    return photo
+
+
+DRAWN: list[Callable[[], Photo]] = [slope, corner, stack, levels, plank, from_above]
+
+
+@pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
+def test_what_nobody_pushes_stays(draw, tmp_path):
+    photo = draw()
+    perceived = perceive(photo.rgb, from_masks(photo.labels))
+    assert perceived.document["world"]["view"] == ("top" if draw is from_above else "side")
+    assert not any(one.get("motion") == "static" for one in perceived.document["objects"].values())
+    path = tmp_path / "scene.yaml"
+    lay_out(perceived, None, "photo", path)
+    scene = pipeline.load(path, ["forces=[]", "world.duration=2"])
+    poses = pipeline.simulate(compile_scene(scene, perceived.percepts.labels).world).poses
+    assert np.hypot(*np.moveaxis(poses[..., :2] - poses[:1, :, :2], -1, 0)).max() <= 1.0
+
+
+def perceived_walls(photo: Photo, labels: np.ndarray, rgb: np.ndarray):
+    things, _ = _things(rgb, from_masks(labels))
+    return things, support()(np.ascontiguousarray(rgb), np.ascontiguousarray(labels), things, None)
+
+
+@pytest.mark.parametrize("draw", DRAWN, ids=lambda draw: draw.__name__)
+def test_supports_enter_no_shape(draw):
+    photo = draw()
+    things, setting = perceived_walls(photo, photo.labels, photo.rgb)
+    for wall in setting.walls[1:]:
+        for a, b in zip(wall.points, wall.points[1:], strict=False):
+            along = np.linspace(a, b, 400)
+            for thing in things:
+                assert depth_within(setting.outlines.get(thing.id, thing.outline), along).max() <= 0.12, wall
+
+
+@pytest.mark.parametrize("draw", [slope, levels, stack], ids=lambda draw: draw.__name__)
+def test_a_mirrored_photo_has_mirrored_supports(draw):
+    photo = draw()
+    _, one = perceived_walls(photo, photo.labels, photo.rgb)
+    _, other = perceived_walls(photo, photo.labels[:, ::-1], photo.rgb[:, ::-1])
+    assert one.view is other.view
+    assert one.confidence == pytest.approx(other.confidence, abs=0.1)
+    assert len(one.walls) == len(other.walls)
+    for wall in one.walls[1:]:
+        points = np.array(wall.points)
+        middle = points[len(points) // 2]
+        mirrored = [
+            (W - 1 - np.array(w.points)[::-1, 0], np.array(w.points)[::-1, 1]) for w in other.walls[1:]
+        ]
+        gaps = [
+            abs(np.interp(middle[0], x, y) - middle[1])
+            for x, y in mirrored
+            if x[0] - 1 <= middle[0] <= x[-1] + 1
+        ]
+        assert min(gaps, default=99.0) <= 1.0, wall.name
+
+
+def test_a_slope_is_as_steep_as_it_is_and_holds_by_friction():
+    photo = slope()
+    things, setting = perceived_walls(photo, photo.labels, photo.rgb)
+    (wall,) = [w for w in setting.walls if w.name.startswith("slope")]
+    (x0, y0), (x1, y1) = wall.points[0], wall.points[-1]
+    assert np.degrees(np.arctan2(y1 - y0, x1 - x0)) == pytest.approx(20, abs=1)
+    least = np.tan(np.radians(20))
+    assert wall.friction > least
+    assert all(setting.grip[t.id] > least for t in things)
+
+
+def block(x: float, y: float, w: float, h: float) -> Region:
+    return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
+
+
+def test_friction_decides_whether_a_block_stays_on_a_slope():
+    a = np.radians(20)
+    turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+    outline = Region((Ring(block(0, 0, 40, 20).rings[0].outer @ turn),))
+    ground = np.array([[-50.0, 0], [100, 0]]) @ turn
+    found = contacts([outline], [ground])
+    assert unheld([outline], found, {}, default=np.tan(a) * 1.2) == []
+    assert unheld([outline], found, {}, default=np.tan(a) * 0.8) == [0]
+
+
+def test_what_overhangs_too_far_falls_and_a_counterweight_holds_it():
+    ground = np.array([[-100.0, 0], [300, 0]])
+    foot, beam = block(0, 0, 40, 40), block(22, -40, 100, 10)
+    found = contacts([foot, beam], [ground])
+    assert unheld([foot, beam], found, {}) == [1]
+    both = [foot, block(0, -40, 70, 10), block(0, -50, 30, 60)]
+    assert unheld(both, contacts(both, [ground]), {}) == []
+
+
+def test_three_balls_roll_apart_unless_something_is_beside_them():
+    ground = np.array([[-100.0, 0], [100, 0]])
+    balls = [
+        Disc(np.array([x, y]), 10.0) for x, y in ((-10.0, -10.0), (10.0, -10.0), (0.0, -10 - np.sqrt(300)))
+    ]
+    assert unheld(balls, contacts(balls, [ground]), {}, default=0.1) != []
+    beside = [np.array([[s * 20.0, -40], [s * 20.0, 0]]) for s in (-1, 1)]
+    assert unheld(balls, contacts(balls, [ground, *beside]), {}, default=0.1) == []
+
+
+def test_forces_only_push():
+    matrix = np.array([[1.0, -1.0], [0.0, 1.0]])
+    assert pushing(matrix, np.array([1.0, 2.0])) == pytest.approx([3.0, 2.0])
+    assert pushing(matrix, np.array([-1.0, 0.0])) == pytest.approx([0.0, 0.5])
+
+
+def test_a_chain_is_cut_where_it_would_enter_something():
+    parts = free_parts(
+        [(0.0, 10.0), (100.0, 10.0)], [block(40, 20, 20, 20), Disc(np.array([90.0, 10.0]), 5.0)]
+    )
+    assert [p[0][0] for p in parts] == pytest.approx([0, 60, 95], abs=0.6)
+    assert [p[-1][0] for p in parts] == pytest.approx([40, 85, 100], abs=0.6)
+
+
+def test_a_ragged_rectangle_is_a_box_and_a_trapezium_is_none():
+    rng = np.random.default_rng(1)
+    along = np.linspace(0, 1, 12)[:-1, None]
+    true = np.array([[20.0, 20], [44, 20], [44, 90], [20, 90]])
+    border = np.concatenate(
+        [a + along * (b - a) for a, b in zip(true, np.roll(true, -1, axis=0), strict=True)]
+    )
+    box = rectangle(Region((Ring(border + rng.uniform(-0.4, 0.4, border.shape)),)))
+    assert box is not None
+    assert np.abs(np.sort(box.rings[0].outer, axis=0) - np.sort(true, axis=0)).max() < 0.6
+    slanted = np.array([[24.0, 20], [40, 20], [44, 90], [20, 90]])
+    assert rectangle(Region((Ring(slanted),))) is None
