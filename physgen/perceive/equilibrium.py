@@ -21,6 +21,8 @@ UNHELD = 0.004
 """Part of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
 INNER = 1.5
 """px, or a fifth of a face, by which its ends may be off: what stands only by them does not stand."""
+OVERHEAD = 0.3
+"""Sine of the angle by which a surface faces down from which it lies above what it touches."""
 TILTED = np.radians(1.0)
 """By which the photo may be turned without anything falling."""
 SPOT = 0.04
@@ -70,6 +72,7 @@ def unheld(
     `friction` of pairs (thing, other) that is not `default`; `fixed` are held already.
     """
     everyone = [i for i in range(len(outlines)) if i not in fixed]
+    found = [c for c in found if not _from_above(c, fixed)]
     masses = {i: mass_properties(outlines[i]) for i in everyone}
     discs = {i: o.radius for i in everyone if isinstance(o := outlines[i], Disc)}
     lost: list[int] = []
@@ -90,6 +93,13 @@ def unheld(
                 held.remove(i)
         lost += held
     return sorted(lost, key=lambda i: -float(masses[i].center[1]))
+
+
+def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
+    """Whether what is fixed lies on top: it might jam a thing, but has no weight to press it down."""
+    if contact.other < 0 or contact.other in fixed:
+        return bool(contact.normal[1] > OVERHEAD)
+    return contact.thing in fixed and bool(-contact.normal[1] > OVERHEAD)
 
 
 def _near(a: Sequence[float], b: Sequence[float]) -> bool:

@@ -25,6 +25,8 @@ LEAST = 1.5
 """px: a piece of a chain shorter than this carries nothing."""
 AGAINST_WALL, BETWEEN = 0.4, 0.25
 """Coefficients of friction counted on; less than most things have, so that what stands so stands for sure."""
+SLENDER = 0.75
+"""Height over width from which a thing may be leaning, not lying askew."""
 LEAN = 0.35
 """Of its height, from the top, within which a thing leans against what is beside it."""
 
@@ -51,16 +53,21 @@ def upheld(
         others = [outline for i, outline in enumerate(outlines) if i != k]
         wall = None
         if tried[k] == 1:
-            wall = _to_lean_on(thing, found, k, others, len(added), friction, elasticity)
+            wall = _to_lean_on(thing, found, k, others, _next("wall", added), friction, elasticity)
         if wall is None and tried[k] <= 2:
             tried[k] = 2
-            wall = _nest(thing, others, len(added), friction, elasticity)
+            wall = _nest(thing, others, _next("nest", added), friction, elasticity)
         if wall is not None:
             added.append(wall)
         else:
             held.add(thing.id)
             fixed.add(k)
     return added, frozenset(held)
+
+
+def _next(kind: str, added: Sequence[Wall]) -> str:
+    """`kind-1`, `kind-2`, ..."""
+    return f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in added)}"
 
 
 def _friction(
@@ -75,7 +82,7 @@ def _friction(
 
 
 def _nest(
-    thing: Thing, others: Sequence[Outline], number: int, friction: float, elasticity: float
+    thing: Thing, others: Sequence[Outline], name: str, friction: float, elasticity: float
 ) -> Wall | None:
     """A short ledge under a thing, bent to its underside, between the others."""
     center = mass_properties(thing.outline).center
@@ -84,7 +91,7 @@ def _nest(
     if not parts:
         return None
     reason = "nothing seen holds what lies here, so a short ledge does; without it, it falls"
-    return Wall(f"nest-{number + 1}", tuple(parts[0]), friction, elasticity, 0.3, "what is at rest", reason)
+    return Wall(name, tuple(parts[0]), friction, elasticity, 0.3, "what is at rest", reason)
 
 
 def _to_lean_on(
@@ -92,7 +99,7 @@ def _to_lean_on(
     found: Sequence[Contact],
     k: int,
     others: Sequence[Outline],
-    number: int,
+    name: str,
     friction: float,
     elasticity: float,
 ) -> Wall | None:
@@ -102,7 +109,7 @@ def _to_lean_on(
     feet = [float(c.point[0]) for c in found if c.thing == k and c.other < 0 and c.normal[1] < -0.7]
     center = mass_properties(thing.outline).center
     x0, y0, x1, y1 = bounds(thing.outline)
-    if not feet or y1 - y0 < 1.5 * (x1 - x0) * 0.5:
+    if not feet or y1 - y0 < SLENDER * (x1 - x0):
         return None
     side = 1 if center[0] > max(feet) else -1 if center[0] < min(feet) else 0
     points = np.concatenate([ring.outer for ring in thing.outline.rings])
@@ -116,7 +123,7 @@ def _to_lean_on(
     if not parts:
         return None
     reason = "a thing leans to this side and would fall over: something upright is beside it"
-    return Wall(f"wall-{number + 1}", tuple(parts[0]), friction, elasticity, 0.4, "what is at rest", reason)
+    return Wall(name, tuple(parts[0]), friction, elasticity, 0.4, "what is at rest", reason)
 
 
 def free_parts(

@@ -91,10 +91,12 @@ def _floors(
             if not on:
                 continue
             kind = "slope" if sloped else "floor" if first else "ledge"
-            count = sum(w.name.split("-")[0] == kind for w in walls)
-            name = kind if kind == "floor" and not count else f"{kind}-{count + (kind != 'floor' or 1)}"
+            count = 1 + sum(w.name.split("-")[0] == kind for w in walls)
+            name = kind if kind == "floor" and count == 1 else f"{kind}-{count}"
             friction = max(FRICTION, round(GRIP * abs(line.slope), 2))
-            walls.append(Wall(name, tuple(part), friction, ELASTICITY, _sure(on), "lowest points", _told(on)))
+            walls.append(
+                Wall(name, tuple(part), friction, ELASTICITY, _sure(on), "lowest points", _told(on, sloped))
+            )
     return walls
 
 
@@ -186,7 +188,9 @@ def _sure(group: Sequence[Foot]) -> float:
     return {1: 0.4, 2: 0.6}.get(len(group), 0.8)
 
 
-def _told(group: Sequence[Foot]) -> str:
+def _told(group: Sequence[Foot], sloped: bool) -> str:
+    if sloped:
+        return "as steep as what lies on it; its friction is what holds that still"
     if len(group) == 1:
         return "laid under the one object that nothing else holds there"
     return f"through the lowest points of {len(group)} objects, touching the shape of each"
