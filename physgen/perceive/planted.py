@@ -14,6 +14,7 @@ import numpy as np
 
 from physgen.geometry import Array
 from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
+from physgen.outline.simplify import crossings
 from physgen.perceive.rest import AGREE, STEEP, Foot, Line
 from physgen.perceive.roles import Thing
 
@@ -89,7 +90,7 @@ def levelled(line: Line, group: Sequence[Foot]) -> Line:
 
 
 def straightened(outline: Region, line: Line, band: float = BAND) -> Region:
-    """Nothing of it below the line, and its border within `band` px above it on it."""
+    """Nothing of it below the line, and its border within `band` px above it on it; as it was where that would cross."""
     normal = np.array([-line.slope, 1.0]) / np.hypot(line.slope, 1.0)
     start = np.array([0.0, line.height])
     rings = []
@@ -100,7 +101,10 @@ def straightened(outline: Region, line: Line, band: float = BAND) -> Region:
         inner = low & np.roll(low, 1) & np.roll(low, -1)
         if np.ptp(off) > band and (~inner).sum() >= 3:
             rings.append(Ring(points[~inner], ring.holes))
-    return Region(tuple(rings)) if rings else outline
+    borders = [part for ring in rings for part in (ring.outer, *ring.holes)]
+    if not rings or len(crossings([np.round(part, 2) for part in borders])):  # a thin neck is pressed flat
+        return outline
+    return Region(tuple(rings))
 
 
 def cradle(thing: Thing, center: Array, hull: Array, reach: float = 0.3) -> list[tuple[float, float]]:

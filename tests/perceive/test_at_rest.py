@@ -16,7 +16,7 @@ from physgen.perceive.boxes import rectangle
 from physgen.perceive.equilibrium import contacts, pushing, unheld
 from physgen.perceive.given import from_masks
 from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import _things, perceive
+from physgen.perceive.scene import outlined, perceive
 from physgen.perceive.upheld import depth_within, free_parts
 
 W, H = 256, 192
@@ -120,7 +120,7 @@ def test_what_nobody_pushes_stays(draw, tmp_path):
 
 
 def perceived_walls(photo: Photo, labels: np.ndarray, rgb: np.ndarray):
-    things, _ = _things(rgb, from_masks(labels))
+    things, _ = outlined(rgb, from_masks(labels))
     return things, support()(np.ascontiguousarray(rgb), np.ascontiguousarray(labels), things, None)
 
 
