@@ -10,7 +10,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 import yaml
 
-from physgen import pipeline
+from physgen import backends, pipeline
 from physgen.compile.assemble import compile_scene
 from physgen.perceive.given import from_masks
 from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import Perceived, perceive
+from physgen.perceive.scene import Perceived, outlined, perceive
 from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_image
 from physgen.photometry import decode, luminance
@@ -235,11 +235,17 @@ def logs(rgb: np.ndarray) -> np.ndarray:
 
 def background(photo: Photo, perceived: Perceived) -> dict:
     """Behind removed things: low-pass PSNR in dB; texture there, said and true, against that around it."""
-    true = read_image(ROOT / "scenes" / photo.name / "photo.assets/background.png").astype(np.float32)
-    said = perceived.percepts.background.astype(np.float32)
+    assets, maps = ROOT / "scenes" / photo.name / "photo.assets", perceived.percepts
     hole = photo.labels > 0
-    low = [cv2.GaussianBlur(picture, (0, 0), COARSE) for picture in (true, said)]
-    mse = float(((low[0] - low[1])[hole] ** 2).mean())
+
+    def psnr(true: np.ndarray, said: np.ndarray) -> float:
+        low = [cv2.GaussianBlur(picture.astype(np.float32), (0, 0), COARSE) for picture in (true, said)]
+        return round(10 * np.log10(255**2 / max(float(((low[0] - low[1])[hole] ** 2).mean()), 1e-6)), 1)
+
+    true, said = read_image(assets / "background.png"), maps.background
+    clean = maps.background if maps.clean is None else maps.clean
+    decibels = {"psnr": psnr(true, said), "psnr_clean": psnr(read_image(assets / "clean.png"), clean)}
+    true, said = true.astype(np.float32), said.astype(np.float32)
     fine = [((p - cv2.GaussianBlur(p, (0, 0), FINE)) ** 2).mean(-1) for p in (true, said)]
     wide = cv2.dilate(hole.astype(np.uint8), np.ones((31, 31), np.uint8)) > 0
     near = cv2.dilate(hole.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
@@ -247,18 +253,29 @@ def background(photo: Photo, perceived: Perceived) -> dict:
     inside = cv2.erode(hole.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     spread = [float(np.sqrt(np.median(part))) for part in (fine[1][inside], fine[1][around], fine[0][inside])]
     return {
-        "psnr": round(10 * np.log10(255**2 / max(mse, 1e-6)), 1),
+        **decibels,
         "texture": round(spread[0] / max(spread[1], 1e-6), 2),
         "texture_true": round(spread[2] / max(spread[1], 1e-6), 2),
     }
 
 
 def masses(photo: Photo, perceived: Perceived) -> dict:
-    """How many objects weigh within a factor of 2 of the truth, told their labels."""
+    """How many objects weigh within a factor of 2 of the truth, told their labels; and told the scale, too."""
     true = {one["id"]: one["mass_g"] for one in photo.truth["objects"]}
     said = {one["mask"]: one["mass"] for one in perceived.document["objects"].values()}
-    both = [said[i] / true[i] for i in said if true.get(i)]
-    return {"weighed": len(both), "mass": sum(0.5 <= ratio <= 2 for ratio in both)}
+    labels = {one["id"]: one["label"] for one in photo.truth["objects"]}
+    things = [replace(t, label=labels[t.id]) for t in outlined(photo.rgb, from_masks(photo.labels))[0]]
+    scaled = backends.make("physics")(photo.rgb, things, photo.truth["pixels_per_meter"])
+    at_scale = {i: one.mass for i, one in scaled.items()}
+
+    def right(masses: dict) -> int:
+        return sum(0.5 <= masses[i] / true[i] <= 2 for i in masses if true.get(i))
+
+    return {
+        "weighed": sum(bool(true.get(i)) for i in said),
+        "mass": right(said),
+        "mass_scaled": right(at_scale),
+    }
 
 
 if __name__ == "__main__":

@@ -369,7 +369,7 @@ def _percepts(rows: list[dict]) -> list[str]:
         [
             r["photo"], r["half"], two(r, "still"), two(r, "view"),
             f"{r['supported']} of {r['standing']}" if r["standing"] else "-", two(r, "light"),
-            f"{r['mass']} of {r['weighed']}" if "mass" in r else "-",
+            f"{r['mass']} / {r['mass_scaled']} of {r['weighed']}" if "mass" in r else "-",
         ]
         for r in rows
     ]  # fmt: skip
@@ -384,7 +384,7 @@ def _percepts(rows: list[dict]) -> list[str]:
         [
             r["photo"], r["half"], beside(r, "normals", "normals_flat", 0), one(r, "balls", 0),
             beside(r, "albedo", "albedo_grey"), beside(r, "shading", "shading_grey"),
-            one(r, "shadow", 2), one(r, "psnr", 1), beside(r, "texture", "texture_true"),
+            one(r, "shadow", 2), one(r, "psnr", 1), one(r, "psnr_clean", 1), beside(r, "texture", "texture_true"),
         ]
         for r in with_truth
     ]  # fmt: skip
@@ -394,17 +394,19 @@ def _percepts(rows: list[dict]) -> list[str]:
         "Given the true masks / with those that it finds. Still: px by which anything moves in 2 s without a push.",
         "Stands: under how many of the things that stand on a true floor one was found within 3 px. Light: degrees",
         "between the told light and the true one. Mass: how many of the things weigh within a factor of 2 of the",
-        "truth, told their names.",
+        "truth, told their names / and the photo's scale, too.",
         "",
         *_table(["photo", "half", "still", "view", "stands", "light", "mass"], held),
         "",
         "Given the true masks. Normals: mean degrees off over things (were all to face the viewer), and over balls.",
         "Albedo, shading: root mean square error after the best factor, over the truth's (those of a grey albedo).",
-        "Shadow: intersection over union. PSNR: dB behind removed things, blurred by 6 px, shadows as in",
-        "`background.png`. Texture: in the fill over that around it (the truth's).",
+        "Shadow: intersection over union. PSNR: dB behind removed things, blurred by 6 px, of `background.png`, which",
+        "holds the darkness under things that touch the ground, and of `clean.png`. Texture: in the fill over that",
+        "around it (the truth's).",
         "",
         *_table(
-            ["photo", "half", "normals", "balls", "albedo", "shading", "shadow", "PSNR", "texture"], seen
+            ["photo", "half", "normals", "balls", "albedo", "shading", "shadow", "PSNR", "clean", "texture"],
+            seen,
         ),
     ]
 

@@ -90,7 +90,7 @@ def levelled(line: Line, group: Sequence[Foot]) -> Line:
 
 
 def straightened(outline: Region, line: Line, band: float = BAND) -> Region:
-    """Nothing of it below the line, and its border within `band` px above it on it; as it was where that would cross."""
+    """Nothing of it below the line, its border within `band` px above it on it; as it was where that would cross."""
     normal = np.array([-line.slope, 1.0]) / np.hypot(line.slope, 1.0)
     start = np.array([0.0, line.height])
     rings = []

@@ -14,7 +14,7 @@ from physgen import pipeline
 from physgen.cli import main
 from physgen.perceive.given import from_prompts, in_box
 from physgen.perceive.roles import Segments
-from physgen.scene.model import BoxPrompt, PointPrompt
+from physgen.scene.model import Box, BoxPrompt, PointPrompt
 
 Photo = tuple[NDArray[np.uint8], NDArray[np.uint16]]
 Sides = tuple[float, float, float, float]
@@ -132,10 +132,11 @@ def test_the_scene_says_where_a_person_pointed(tmp_path: Path) -> None:
 
 
 def overlap_of_shape(only: object, labels: NDArray[np.uint16]) -> float:
-    from physgen.scene.model import Polygon
-
-    assert isinstance(only.shape, Polygon)  # type: ignore[attr-defined]
-    points = np.array(only.shape.rings[0].outline) * 2 + 0.5  # type: ignore[attr-defined]
+    box = only.shape  # type: ignore[attr-defined]
+    assert isinstance(box, Box)
+    assert abs(box.angle) < 2
+    half = np.array(box.size) / 2
+    points = (box.center + half * [[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 2 + 0.5
     drawn = cv2.fillPoly(np.zeros(labels.shape, np.uint8), [np.rint(points).astype(np.int32)], 1) > 0
     return overlap(drawn, labels == 3)
 
