@@ -19,7 +19,8 @@ from physgen.perceive.rest import AGREE, STEEP, Foot, Line
 from physgen.perceive.roles import Thing
 
 TILT = 2.0
-"""degrees: half of what `world.tilt` is by default, since a camera may look along the floor as well."""
+"""degrees. Chosen on the studio's and the peers' photos: with the 4 of `world.tilt` one peer's floor is missed by
+3.3 px, with none the studio's by up to 4."""
 MOST_LIFT = 2.0
 """px."""
 ASKEW = 2.5

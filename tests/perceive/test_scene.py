@@ -15,7 +15,7 @@ from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_image
 from physgen.problems import InputError
 from physgen.scene.build import load
-from physgen.scene.model import Circle, Motion, Polygon, View
+from physgen.scene.model import Box, Circle, Motion, View
 
 
 def desk() -> tuple[np.ndarray, np.ndarray]:
@@ -65,7 +65,7 @@ def test_a_photo_becomes_a_valid_scene(tmp_path: Path):
     assert isinstance(ball.shape, Circle)
     assert ball.shape.center == pytest.approx((40, 99), abs=0.3)
     assert ball.shape.radius == pytest.approx(20, abs=0.4)
-    assert isinstance(first.shape, Polygon)
+    assert isinstance(first.shape, Box)
     assert last.motion is Motion.STATIC
     assert ball.motion is Motion.DYNAMIC
     assert ball.provenance["mask"] == "given 1"
