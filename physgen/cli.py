@@ -77,7 +77,11 @@ def perceive(options: argparse.Namespace) -> int:
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.refresh import refresh
 
-        told |= {"chosen": told.pop("backends"), "allow_outside": options.allow_outside}
+        told |= {
+            "chosen": told.pop("backends"),
+            "allow_outside": options.allow_outside,
+            "sheet": options.sheet,
+        }
         told["labels"] = options.label
         text = refresh(options.refresh, options.output, **told)
     elif options.image is None:
@@ -103,7 +107,6 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
         "--masks": options.masks,
         "--coco": options.coco,
         "--side": options.side,
-        "--sheet": options.sheet,
     }
     for flag, value in beside.items():
         if value is not None:

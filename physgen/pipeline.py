@@ -90,7 +90,9 @@ def perceive(
     from physgen.perceive.smaller import LONGEST_SIDE, fitted, smaller
     from physgen.percepts.maps import read_labels
     from physgen.percepts.photo import read_photo
+    from physgen.report.perceived import check_sheet, write_sheet
 
+    check_sheet(sheet, image)
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was told in more than one way where the objects are", fix)
@@ -121,12 +123,10 @@ def perceive(
     if found is not None:
         found = fitted(found, (width, height), rgb)
     perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
+    for problem in perceived.warnings:
+        warn(problem)
     if sheet is not None:
-        from physgen.percepts.maps import write_png
-        from physgen.report.perceived import sheet as drawn
-
-        sheet.parent.mkdir(parents=True, exist_ok=True)
-        write_png(sheet, drawn(perceived), keep)
+        write_sheet(sheet, perceived, keep)
     return lay_out(perceived, image if as_it_is else None, image.stem, output, assets, keep)
 
 

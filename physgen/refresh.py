@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from physgen import backends
 from physgen.compile.assemble import compile_scene
@@ -13,14 +14,17 @@ from physgen.perceive.again import again, doubts, merged
 from physgen.perceive.derived import derived
 from physgen.perceive.given import weak
 from physgen.perceive.lay_out import lay_out
+from physgen.perceive.relaid import laid, made_for, relaid
 from physgen.perceive.roles import Name
 from physgen.perceive.scale import DEFAULT
-from physgen.perceive.scene import Progress, outlined, perceive, renamed_things, silent
+from physgen.perceive.scene import Found, Progress, outlined, perceive, renamed_things, silent
 from physgen.perceive.words import DOUBTFUL
 from physgen.percepts.maps import Keep, read_percepts
 from physgen.percepts.photo import read_photo
 from physgen.problems import InputError, Place, Problem, Severity
+from physgen.report.perceived import check_sheet, write_sheet
 from physgen.scene.build import load, written
+from physgen.scene.model import View
 
 
 def refresh(
@@ -30,6 +34,7 @@ def refresh(
     boxes: Sequence[tuple[float, float, float, float]] = (),
     points: Sequence[tuple[float, float]] = (),
     labels: Sequence[str] = (),
+    sheet: Path | None = None,
     allow_outside: bool = False,
     assets: Path | None = None,
     chosen: Mapping[str, str] = MappingProxyType({}),
@@ -46,6 +51,7 @@ def refresh(
     scene = load(path, allow_outside=allow_outside)
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
+    check_sheet(sheet, scene.image)
     maps = read_percepts(scene.image, scene.assets, scene.maps)
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     kept_names = {item.name for item in scene.objects}
@@ -79,15 +85,27 @@ def refresh(
         progress=progress,
     )
     document = merged(old, perceived.document, told, ours, new_labels)
+    fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
+    walls = old.get("boundaries", {})
+    boundary = backends.make("boundary", chosen.get("boundary"))
+    before = outlined(photo.rgb, Found(kept, "kept", {}, {}))[0]
+    settings = [boundary(photo.rgb, kept, before, view) for view in View]
+    made = made_for(walls, settings)
+    turned = made is not None and made.view is not scene.world.view
+    if made is not None and (turned or fresh or told.gone):
+        document["boundaries"] = relaid(walls, laid(walls, made), perceived.document["boundaries"])
+    if turned and (table_of := perceived.document["world"].get("table")):
+        document["world"] = {"table": table_of, **document["world"]}
+    elif turned and document["world"].get("table") == {"friction": 0}:
+        document["world"] = {key: value for key, value in document["world"].items() if key != "table"}
     if maps is not None:
         # the scene's own light lifted shadows, or did not
         clean = None if maps.clean is None else perceived.percepts.clean
         perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=maps.depth))
-    fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
     comments = {
         key: text for key, text in perceived.comments.items()
-        if key.startswith("objects.")
-        and (key.split(".")[1] in fresh or key.split(".")[-1] in ours.keys.get(key.split(".")[1], ()))
+        if (key.split(".")[1] in fresh or key.split(".")[-1] in ours.keys.get(key.split(".")[1], ())
+            if key.startswith("objects.") else _at(document, key) == _at(perceived.document, key))
     }  # fmt: skip
     if ours.scale:
         comments["world.pixels_per_meter"] = perceived.comments["world.pixels_per_meter"]
@@ -101,5 +119,15 @@ def refresh(
         comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])
     header = "Perceived again: objects with a prompt were looked for anew, all else is as it was"
     perceived = replace(perceived, document=document, comments=comments, header=header)
+    if sheet is not None:
+        write_sheet(sheet, perceived, keep)
     image = scene.image if photo.plain else None
     return lay_out(perceived, image, scene.image.stem, output, assets, keep)
+
+
+def _at(document: Mapping[str, Any], key: str) -> object:
+    """What stands at a dotted key; None where nothing does."""
+    value: Any = document
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value

@@ -60,7 +60,7 @@ def turned(own: Mask) -> Turned:
     middle, half = (np.interp(every, rows, part).astype(np.float32) for part in (middle, half))
     sigma = max(1.0, 0.02 * own.shape[0])
     smooth = _blurred(half, sigma)
-    flare = np.gradient(smooth).astype(np.float32)
+    flare = np.gradient(smooth).astype(np.float32) if len(smooth) > 1 else np.zeros(1, np.float32)
     across = (np.arange(own.shape[1], dtype=np.float32)[None, :] - middle[:, None]) / np.maximum(
         half[:, None], 1
     )

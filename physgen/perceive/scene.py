@@ -214,8 +214,10 @@ def perceive(
         "light": _light(light, shadows),
     }
     comments |= _comments(found, things, left_out, setting, light, shadows)
-    comments["forces"] = _push(setting, things, called, matter, per_meter)
-    return Perceived(percepts, document, comments, HEADER)
+    comments["forces"] = _push(found, setting, things, called, matter, per_meter)
+    said = (words.unknown(t.label) for t in things if t.id in renamed)
+    warnings = tuple(dict.fromkeys(problem for problem in said if problem))
+    return Perceived(percepts, document, comments, HEADER, warnings)
 
 
 def _masked(found: Found, i: int) -> str:
@@ -363,14 +365,17 @@ def _comments(
 
 
 def _push(
+    found: Found,
     setting: Setting,
     things: Sequence[Thing],
     called: Mapping[int, str],
     matter: Mapping[int, Matter],
     pixels_per_meter: float,
 ) -> str:
-    """A force to try: the thing farthest from the others, pushed towards them as fast as it would fall its size."""
-    movable = [t for t in things if not t.cut] or list(things)
+    """A force to try: a sure thing far from the others, pushed towards them as fast as it would fall its size."""
+    loose = [t for t in things if not t.cut and t.id not in setting.held] or list(things)
+    sure = {t.id: found.confidence.get(t.id, 1.0) for t in loose}
+    movable = [t for t in loose if sure[t.id] >= 0.8 * max(sure.values())]
     centers = np.array([mass_properties(t.outline).center for t in movable])
     away = centers - centers.mean(0)
     if setting.view is View.SIDE:

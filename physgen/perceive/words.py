@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 from math import atan2, degrees, floor
@@ -10,11 +11,15 @@ from typing import Any
 import numpy as np
 
 from physgen.geometry import Array
+from physgen.materials import kind, nouns
 from physgen.outline.outline import Disc, Outline, mass_properties
 from physgen.perceive.roles import Doubt, Shadows, Thing, Wall
 from physgen.photometry import DistantLight
+from physgen.problems import Place, Problem, Severity
 from physgen.scene.model import Solid, View
 
+ANY = ("object", "thing")
+"""Labels that mean to tell nothing."""
 DOUBTFUL = "perhaps objects, too: to have one, take the # and the space behind it away"
 """Above things that are too doubtful to be objects."""
 
@@ -144,6 +149,26 @@ def rolls(thing: Thing, solid: Solid, view: View) -> bool:
     """Whether rolling resistance can act on it: circles roll seen from the side, spheres seen from above, too."""
     upright = view is View.SIDE or solid is Solid.SPHERE
     return isinstance(thing.outline, Disc) and not thing.cut and upright
+
+
+def unknown(label: str) -> Problem | None:
+    """A warning about a label that nobody knows the matter of; None for one that is known."""
+    what = kind(label)
+    if what.noun or what.material.name != "unknown" or label in ANY:
+        return None
+    known = sorted({word for _, every in nouns() for word in every})
+    close = difflib.get_close_matches(label.lower(), known, 1) or difflib.get_close_matches(
+        label.lower().split()[-1], known, 1
+    )
+    fix = f"did you mean {close[0]}?" if close else "name a material, too, as in: wooden spoon"
+    return Problem(
+        Place("--label"),
+        "",
+        f'"{label}"',
+        "is no thing or material that the table has",
+        fix,
+        Severity.WARNING,
+    )
 
 
 def doubts(doubtful: Sequence[Doubt], who: str) -> str:

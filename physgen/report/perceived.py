@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -11,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.scene import Perceived
+from physgen.percepts.maps import Keep, silent, write_png
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
+from physgen.problems import InputError
 from physgen.render.ink import Colour, Layer
 
 U8 = NDArray[np.uint8]
@@ -41,6 +44,28 @@ def sheet(perceived: Perceived) -> U8:
         words.words(caption, (x + width / 2, y + CAPTION / 2), 15)
     words.onto(page, WORDS, 0.0)
     return page
+
+
+def check_sheet(path: Path | None, photo: Path) -> None:
+    """Raises InputError where a sheet cannot go, before anything is done."""
+    if path is None:
+        return
+    if path.suffix.lower() != ".png":
+        raise InputError.of("--sheet", f'"{path}"', "is no PNG", "let its name end in .png")
+    if path.exists() and (path.is_dir() or (photo.exists() and path.samefile(photo))):
+        what = "is a folder" if path.is_dir() else "is the photo itself"
+        raise InputError.of("--sheet", f'"{path}"', what, "name another file")
+    above = next(part for part in (path.parent, *path.parent.parents) if part.exists())
+    if not above.is_dir():
+        raise InputError.of(
+            "--sheet", f'"{path}"', f'lies below "{above}", which is no folder', "name another file"
+        )
+
+
+def write_sheet(path: Path, perceived: Perceived, keep: Keep = silent) -> None:
+    """The sheet as a PNG; folders are created, a file in the way that differs is kept as `NAME~`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_png(path, sheet(perceived), keep)
 
 
 def _panels(perceived: Perceived) -> Sequence[tuple[str, U8]]:

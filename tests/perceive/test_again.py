@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -245,3 +246,55 @@ def test_neither_photo_nor_scene(capsys: pytest.CaptureFixture[str], tmp_path: P
     )
     assert main(["perceive", "--refresh", str(bare), "-o", str(tmp_path / "b.yaml")]) == 2
     assert "shows no photo" in capsys.readouterr().err
+
+
+def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand(scene: Path) -> None:
+    ramp = "  ramp: {segment: [[10, 20], [90, 40]], friction: 0.3, elasticity: 0.2}"
+    text = scene.read_text()
+    first = set(yaml.safe_load(text)["boundaries"])
+    other = "top" if "view: side" in text else "side"
+    lines = [re.sub(r"view: (side|top)", f"view: {other}", line) for line in text.splitlines()]
+    lines.insert(next(k for k, line in enumerate(lines) if line.startswith("boundaries:")) + 1, ramp)
+    scene.write_text("\n".join(lines) + "\n")
+    after, _ = refreshed(scene)
+    names = {wall.name for wall in after.boundaries}
+    assert "ramp" in names
+    assert after.world.view.value == other
+    side = names if other == "side" else first
+    top = names if other == "top" else first
+    assert len(side - {"frame", "ramp"}) > 0  # floors
+    assert top - {"ramp"} == {"frame"}
+    second = scene.with_name("again.yaml").read_text()
+    scene.write_text(second)
+    again, _ = refreshed(scene)
+    assert again.boundaries == after.boundaries
+    assert again.world == after.world
+
+
+def test_comments_stay_where_what_they_tell_of_is_as_it_was(scene: Path) -> None:
+    refreshed(scene)
+    text = scene.with_name("again.yaml").read_text()
+    assert "to set something going" in text
+    assert "side or top:" in text
+    assert "the photo's border" in text
+
+
+def test_a_sheet_is_drawn_beside_refresh_and_never_over_the_photo(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet = scene.with_name("sheet.png")
+    refreshed(scene, "--sheet", str(sheet))
+    assert cv2.imread(str(sheet)) is not None
+    photo = scene.with_name("photo.png")
+    before = photo.read_bytes()
+    for name, said in (
+        ("photo.png", "the photo itself"),
+        ("sheet.txt", "no PNG"),
+        ("sheet.png/x.png", "no folder"),
+    ):
+        options = ["--sheet", str(scene.parent / name), "-o", str(scene.with_name("new.yaml"))]
+        capsys.readouterr()
+        assert main(["perceive", str(photo), *options]) == 2
+        assert said in capsys.readouterr().err
+        assert not scene.with_name("new.yaml").exists()
+    assert photo.read_bytes() == before

@@ -88,11 +88,20 @@ def thin() -> NDArray[np.uint16]:
     labels = empty()
     box(labels, 1, 40, 60, 2, 80)
     box(labels, 2, 80, 138, 100, 2)
+    box(labels, 3, 200, 40, 1, 90)
+    box(labels, 4, 60, 20, 80, 1)
+    return labels
+
+
+def thin_frame() -> NDArray[np.uint16]:
+    labels = empty()
+    box(labels, 1, 60, 60, 80, 70)
+    box(labels, 0, 66, 66, 68, 63)
     return labels
 
 
 MASKS = (
-    at_the_border, all_over, with_holes, in_ten_parts, one_pixel, gaps_in_the_ids, one_in_another, thin,
+    at_the_border, all_over, with_holes, in_ten_parts, one_pixel, gaps_in_the_ids, one_in_another, thin, thin_frame,
 )  # fmt: skip
 
 
@@ -109,6 +118,7 @@ def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(shown, tmp_path: P
         == 0
     )
     scene = pipeline.load(path)
+    assert main(["check", str(path), "--strict"]) == 0
     large = [i for i in np.unique(labels[labels > 0]) if (labels == i).sum() >= 12]
     assert len(scene.objects) == len(large)
     compiled = pipeline.compile(scene, pipeline.percepts(scene))

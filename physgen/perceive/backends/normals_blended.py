@@ -232,12 +232,12 @@ def _solid(own: Mask) -> float:
 def _edge(own: Mask) -> F32:
     """A flat face whose edges are rounded a little."""
     h, w = own.shape
-    depth = cv2.distanceTransform(np.pad(own, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    depth = cv2.distanceTransform(np.pad(own, 1).astype(np.uint8), cv2.DIST_L2, 5)
     reach = max(2.0, RIM * min(h, w))
     depth = cv2.GaussianBlur(depth, (0, 0), 1.0)
-    gy, gx = np.gradient(depth)
+    gy, gx = np.gradient(depth)  # the pixel around it is still there: a thread is one pixel wide
     amount = EDGE * np.clip(1 - depth / reach, 0, 1) ** 2
-    return np.asarray(np.stack([-gx * amount, -gy * amount], -1), np.float32)
+    return np.asarray(np.stack([-gx * amount, -gy * amount], -1)[1:-1, 1:-1], np.float32)
 
 
 def _table(tilts: F32, labels: Labels, seen: F32, level: F32, setting: Setting) -> None:
