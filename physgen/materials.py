@@ -207,7 +207,12 @@ def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
     if not own:
         return general
     rest = [part for part in general.split("; ") if not part.startswith((*own, "estimate"))]
-    return "; ".join([*rest, f"{' and '.join(own)} of {noun}: {row.get('surface', 'estimate')}"])
+    ours = (
+        f"elasticity of {noun}: {row['surface']}"
+        if "surface" in row
+        else f"{', '.join(own)} of {noun}: estimate"
+    )
+    return "; ".join([*rest, ours])
 
 
 def _volume(what: Kind) -> float:
