@@ -46,7 +46,8 @@ one, the mean (geometric) with the ordinary mass; the ordinary mass alone where 
 ## Materials
 
 Density in g/cm³. Friction: of two surfaces, the geometric mean counts. Rolling: moment = rolling x normal force
-x radius. Gloss: share mirrored at 60°, against polished black glass (ISO 2813 gloss units / 100).
+x radius. Gloss: share mirrored at 60°, against polished black glass (ISO 2813 gloss units / 100). What no source
+is named for is an estimate: friction to a factor of about 1.5, rolling to a factor of 2.
 """
 """What docs/materials.md says above its tables."""
 
@@ -128,7 +129,7 @@ def fidelity_page() -> str:
 def materials_page() -> str:
     """docs/materials.md, from the material table itself."""
     rows = [
-        [row.name, row.density, row.friction, row.elasticity, row.rolling, row.gloss, row.source]
+        [row.name, row.density, row.friction, row.elasticity, row.rolling, row.gloss, row.source, row.surface]
         for row in materials()
     ]
     things = [
@@ -144,11 +145,21 @@ def materials_page() -> str:
         ]
         for what, words in nouns()
     ]
+    properties = [
+        "material",
+        "density",
+        "friction",
+        "elasticity",
+        "rolling",
+        "gloss",
+        "density from",
+        "the rest from",
+    ]
     head = ["noun", "also", "material", "form", "size, mm", "differs by, %", "mass, g", "source"]
     return "\n".join(
         [
             ABOUT_MATERIALS,
-            *_table(["material", "density", "friction", "elasticity", "rolling", "gloss", "source"], rows),
+            *_table(properties, rows),
             "",
             "## Things",
             "",

@@ -27,9 +27,12 @@ COLOURS = frozenset(
         "mushroom",
         "chocolate",
         "eggplant",
+        "chestnut",
     ]
 )
 """Words that name a thing at the end of a label, and a colour before another."""
+OWN = ("friction", "elasticity", "rolling", "gloss")
+"""What a noun may have of its own."""
 METAL = 6.0
 """g/cm³ from which a material is a heavy metal: there, silver is silver."""
 ALIKE = 1.12
@@ -57,6 +60,9 @@ class Material:
     walls: float
     """Thickness of a hollow thing's walls, against ceramic."""
     source: str
+    """Of the density."""
+    surface: str
+    """Source of friction, elasticity and rolling; `estimate` where there is none."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,7 @@ def kind(label: str) -> Kind:
     if (
         row.get("hollow")
         and "holds" not in row
-        and re.search(r"\b(?:full|filled)\b|\b(?:cup|mug|glass) of\b", text)
+        and re.search(r"\b(?:full|filled)\b|\b(?:cup|mug|glass|bowl|jug|bucket|saucepan) of\b", text)
     ):
         found = replace(found, holds=0.6, mass=None)
     return found
@@ -170,8 +176,8 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     ratio = material.density / own.density
     other = named is not None and (not noun or not 1 / ALIKE < ratio < ALIKE)
     if not other:
-        said = {key: row[key] for key in ("friction", "elasticity", "rolling", "gloss") if key in row}
-        material = replace(material, **said)
+        said = {key: row[key] for key in OWN if key in row}
+        material = replace(material, **said, surface=_surface(noun, material.surface, row))
     form, size, mass, holds = (
         row.get("form", ""),
         tuple(row.get("size", ())),
@@ -193,6 +199,20 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     source = row["source"] if noun and not other else material.source
     wall = None if other else row.get("wall")
     return replace(plain, filled=filled, holds=holds, mass=None if other else mass, wall=wall, source=source)
+
+
+def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
+    """The source of a material's surface, with that of what the noun has of its own."""
+    own = [key for key in OWN if key in row and key != "gloss"]
+    if not own:
+        return general
+    rest = [part for part in general.split("; ") if not part.startswith((*own, "estimate"))]
+    ours = (
+        f"elasticity of {noun}: {row['surface']}"
+        if "surface" in row
+        else f"{', '.join(own)} of {noun}: estimate"
+    )
+    return "; ".join([*rest, ours])
 
 
 def _volume(what: Kind) -> float:
@@ -260,6 +280,7 @@ def _material(name: str) -> Material:
         row["gloss"],
         row["walls"],
         row["source"],
+        row["surface"],
     )
 
 
@@ -296,5 +317,5 @@ def _phrases() -> tuple[dict[str, str], dict[str, str]]:
 @cache
 def _table() -> tuple[dict[str, Any], dict[str, Any]]:
     text = Path(__file__).with_name("materials.yaml").read_text(encoding="utf-8")
-    table = yaml.safe_load(text)
+    table = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     return table["materials"], table["nouns"]

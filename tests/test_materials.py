@@ -7,7 +7,7 @@ from physgen.materials import kind, materials, nouns
 
 def test_rows_are_physical_and_sourced():
     rows = list(materials())
-    assert len(rows) >= 40
+    assert len(rows) >= 70
     for row in rows:
         assert 0.005 < row.density < 25
         assert 0 < row.friction <= 1.5
@@ -15,12 +15,13 @@ def test_rows_are_physical_and_sourced():
         assert 0 < row.rolling <= 0.1
         assert 0 <= row.gloss <= 1
         assert row.source
+        assert row.surface
 
 
 def test_nouns_are_physical_and_sourced():
     """A thing's mass is its material's density times a share of its volume that can be."""
     rows = list(nouns())
-    assert len(rows) >= 150
+    assert len(rows) >= 340
     for what, words in rows:
         assert what.source, what.noun
         assert words, what.noun
@@ -84,6 +85,19 @@ def test_densities_are_those_of_textbooks(name: str, low: float, high: float):
         ("silver fork", "fork", "silver"),
         ("paper clip", "paper clip", "steel"),
         ("contraption", "", "unknown"),
+        ("iron", "iron", "plastic"),
+        ("iron ball", "iron ball", "iron"),
+        ("cannonball", "iron ball", "iron"),
+        ("stainless steel ball", "steel ball", "stainless steel"),
+        ("wheel of cheese", "wheel of cheese", "cheese"),
+        ("wheel", "wheel", "rubber"),
+        ("apricot", "apricot", "fruit"),
+        ("plum tomatoes", "plum tomato", "vegetable"),
+        ("barbell", "barbell", "steel"),
+        ("duplo brick", "duplo brick", "abs"),
+        ("chestnuts", "chestnut", "vegetable"),
+        ("tv", "tv", "plastic"),
+        ("tv remote", "remote control", "plastic"),
     ],
 )
 def test_words_find_their_rows(label: str, noun: str, material: str):
@@ -114,8 +128,36 @@ def test_empty_and_full():
     assert empty.mass is None
     assert 8 < empty.density / can.density * can.mass < 25  # an aluminium can weighs 14 g
     assert kind("cup of coffee").density > kind("cup").density + 0.4
+    assert kind("bowl of soup").density > kind("bowl").density + 0.4
 
 
 def test_part_of_a_thing_has_no_ordinary_weight():
     assert (kind("slice of melon").noun, kind("slice of melon").mass) == ("melon", None)
     assert kind("half a lemon").size == ()
+
+
+@pytest.mark.parametrize("label", ["marble", "glass ball", "steel ball", "ball bearing"])
+def test_hard_polished_balls_bounce_well_and_vessels_do_not(label: str):
+    assert kind(label).material.elasticity == 0.9
+    assert kind("drinking glass").material.elasticity < 0.7
+    assert kind("wooden marble").material.elasticity < 0.6
+
+
+def test_a_surface_has_a_source_of_its_own():
+    mug, tennis, steel = (kind(label).material.surface for label in ("mug", "tennis ball", "steel ball"))
+    assert mug == "estimate"
+    assert "ITF" in tennis
+    assert "Newton" not in steel
+    assert "friction: ETB" in steel
+    assert "CRC" not in mug + tennis + steel
+
+
+def test_a_shot_is_solid_iron():
+    shot = kind("shot put")
+    assert shot.density == pytest.approx(kind("iron ball").density, rel=0.01)
+    assert (shot.size, shot.mass) == ((124,), 7260)
+
+
+def test_things_that_differ_tell_little_of_the_scale():
+    assert min(kind(label).spread for label in ("tv", "lego", "battery", "card")) >= 0.3
+    assert kind("duplo").size == tuple(2 * side for side in kind("lego brick").size)

@@ -15,6 +15,7 @@ from physgen.materials import kind
 from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
 from physgen.perceive.extent import extent, revolved
 from physgen.perceive.roles import Thing
+from physgen.perceive.scale import scale
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -120,19 +121,32 @@ def weighed(scenes: list[str], *, true_scale: bool) -> tuple[int, int]:
             x0, y0, x1, y1 = bounds(outline)
             cut = min(x0, y0) < -0.5 or x1 > width - 0.5 or y1 > height - 0.5
             things.append(Thing(item["id"], outline, item["label"], cut))
-        scale = truth["pixels_per_meter"] if true_scale else None
-        matter = backends.make("physics")(np.zeros((height, width, 3), np.uint8), things, scale)
+        told = scale(things, {thing.id: kind(thing.label) for thing in things})
+        per_meter = truth["pixels_per_meter"] if true_scale else told and told.pixels_per_meter
+        matter = backends.make("physics")(np.zeros((height, width, 3), np.uint8), things, per_meter)
         ratios = [matter[item["id"]].mass / item["mass_g"] for item in truth["objects"]]
         right += sum(0.5 <= ratio <= 2 for ratio in ratios)
         count += len(ratios)
     return right, count
 
 
-@pytest.mark.parametrize("half", ["tune", "test"])
-def test_masses_of_the_studio(half: str):
-    """At the true scale 8 of 10 are within a factor of 2; more than half where the labels must tell the scale, too."""
+@pytest.mark.parametrize(("half", "given", "labels"), [("tune", 0.92, 0.57), ("test", 0.84, 0.65)])
+def test_masses_of_the_studio(half: str, given: float, labels: float):
+    """Within a factor of 2: shares at the true scale, and where the labels must tell the scale, too."""
     scenes = json.loads((ROOT / "studio" / "split.json").read_text())[half]
     right, count = weighed(scenes, true_scale=True)
-    assert right >= 0.8 * count
+    assert right >= given * count
     alone, count = weighed(scenes, true_scale=False)
-    assert alone >= 0.5 * count
+    assert alone >= labels * count
+
+
+def test_an_unknown_scale_is_taken_to_be_half_a_metre_and_hardly_believed():
+    """Two labels that may be guesses tell no scale: who knows it says so."""
+    cups = [Thing(k, region([[0, 0], [94, 0], [94, 82], [0, 82]]), "cup") for k in (1, 2)]
+    physics = backends.make("physics")
+    found = physics(np.zeros((400, 600, 3), np.uint8), cups, None)
+    assert "taking the photo to show 0.5 m" in found[1].reason
+    assert found[1].confidence <= 0.3
+    assert found[1].mass == physics(np.zeros((400, 600, 3), np.uint8), cups, 1200)[1].mass
+    ball = [Thing(1, Disc(np.zeros(2), 30), "golf ball")]
+    assert physics(np.zeros((400, 600, 3), np.uint8), ball, None)[1].confidence <= 0.3

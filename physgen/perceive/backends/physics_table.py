@@ -2,8 +2,7 @@
 
 A thing of a standard weight (a billiard ball) gets it. Anything else is weighed: its outline's area, the depth that its
 form implies, its material's density, at the photo's scale; where there is an ordinary thing of its kind and about its
-size, the two are averaged. Where nobody gave the scale, things of known size tell it; failing that, the photo is taken
-to show half a metre.
+size, the two are averaged. Where nobody knows the scale, the photo is taken to show half a metre.
 """
 
 from __future__ import annotations
@@ -11,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import log, pi, sqrt
 
-from physgen.materials import Kind, kind
+from physgen.materials import Kind, Material, kind
 from physgen.outline.outline import Disc, Outline
 from physgen.perceive.extent import Extent, extent
 from physgen.perceive.roles import Matter, Physics, Rgb, Thing
-from physgen.perceive.scale import scale
 from physgen.scene.model import Solid
 
 ASSUMED_WIDTH = 0.5
 """m that a photo shows along its longer side when nothing in it tells."""
+UNSCALED = 0.3
+"""Confidence of a mass at most, where the scale is assumed."""
 STANDARD = 0.05
 """Spread of sizes up to which there is one weight for all."""
 LIKE = 0.4
@@ -36,33 +36,25 @@ def table() -> Physics:
 def _table(rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None) -> Mapping[int, Matter]:
     kinds = {thing.id: kind(thing.label) for thing in things}
     if pixels_per_meter is not None:
-        value, why, sure = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
-    elif (found := scale(things, kinds)) is not None:
-        value, why, sure = found.pixels_per_meter, f"at {found.pixels_per_meter:g} px/m", 1.0
+        value, why, most = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
     else:
-        value, why, sure = (
-            max(rgb.shape[:2]) / ASSUMED_WIDTH,
-            f"taking the photo to show {ASSUMED_WIDTH:g} m",
-            0.6,
-        )
-    return {thing.id: _matter(thing, kinds[thing.id], value, why, sure) for thing in things}
+        value, why = max(rgb.shape[:2]) / ASSUMED_WIDTH, f"taking the photo to show {ASSUMED_WIDTH:g} m"
+        most = UNSCALED
+    return {thing.id: _matter(thing, kinds[thing.id], value, why, most) for thing in things}
 
 
-def _matter(thing: Thing, what: Kind, pixels_per_meter: float, why: str, sure: float) -> Matter:
+def _matter(thing: Thing, what: Kind, pixels_per_meter: float, why: str, most: float) -> Matter:
     solid, material = _solid(thing.outline, what), what.material
     mass, confidence, reason = _mass(extent(thing.outline, what), what, pixels_per_meter, why)
-    surface = f"friction, elasticity and rolling of {material.name}: {material.source}"
     return Matter(
         mass=float(f"{max(mass, LIGHTEST):.3g}"),
         friction=material.friction,
         elasticity=material.elasticity,
         rolling=material.rolling,
         solid=solid,
-        confidence=confidence * sure,
+        confidence=min(confidence, most),
         reason=reason,
-        surface=surface
-        if material.name != "unknown"
-        else "ordinary friction, elasticity and rolling: nothing tells the material",
+        surface=_surface(material),
     )
 
 
@@ -99,6 +91,18 @@ def _stuff(what: Kind) -> str:
     if what.filled > 1:
         return f"{name}, {what.density:.3g} g/cm³ in all"
     return f"{name}, {solid:g} g/cm³ and {100 * what.filled:.2g} % of the volume"
+
+
+def _surface(material: Material) -> str:
+    """Where friction, elasticity and rolling come from, in words.
+
+    >>> from physgen.materials import kind
+    >>> _surface(kind("mug").material)
+    'friction, elasticity and rolling of ceramic: estimate'
+    """
+    if material.name == "unknown":
+        return "ordinary friction, elasticity and rolling: nothing tells the material"
+    return f"friction, elasticity and rolling of {material.name}: {material.surface}"
 
 
 def _name(material: str) -> str:
