@@ -78,15 +78,15 @@ def stated(given: float | None, found: Scale | None) -> tuple[float, str]:
         return given, "as given; masses and gravity (9.8 m/s² x this) follow from it"
     if found is not None and found.confidence >= ENOUGH:
         follows = "masses and gravity (9.8 m/s² x this) follow from it"
-        return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g}); {follows}"
+        return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g});\n{follows}"
     sentence = (
-        "1 px = 1 cm, as in the paper: things look large and fall slowly; masses do not follow from it. A larger "
-        "number makes things fall faster: gravity is 9.8 m/s² x this"
+        "1 px = 1 cm, as in the paper: things look large and fall slowly; masses do not follow from it.\n"
+        "A larger number makes things fall faster: gravity is 9.8 m/s² x this"
     )
     if found is None:
         return DEFAULT, sentence
     guess = f"{found.pixels_per_meter:g}, {found.reason}, is unsure (confidence {found.confidence:g})"
-    return DEFAULT, f"{sentence}. {guess}"
+    return DEFAULT, f"{sentence}.\n{guess}"
 
 
 def _middle(values: Array, weights: Array) -> float:

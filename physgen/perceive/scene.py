@@ -19,7 +19,7 @@ from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
 from physgen.perceive.lifted import refilled
 from physgen.perceive.roles import Doubt, Intrinsics, LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
-from physgen.perceive.scale import scale, stated
+from physgen.perceive.scale import ENOUGH, scale, stated
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import View
@@ -135,7 +135,7 @@ def perceive(
     things, renamed = renamed_things(things, renames, before)
     label_source |= dict.fromkeys(renamed, "")
     told_scale = scale(things, {t.id: kind(t.label) for t in things}, _sure(found, named, guessed, renamed))
-    if pixels_per_meter is None and told_scale is not None:
+    if pixels_per_meter is None and told_scale is not None and told_scale.confidence >= ENOUGH:
         measured: float | None = told_scale.pixels_per_meter
     else:
         measured = pixels_per_meter
