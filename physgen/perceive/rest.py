@@ -23,6 +23,8 @@ STEEPEST = 0.75
 """Slope of an edge that friction may still hold a thing on: cardboard on wood slips at 0.5 to 0.8."""
 BROAD = 0.5
 """Of its width: what a steep edge under a thing has that it lies on a slope, not askew."""
+SHORT = 8.0
+"""px: an edge shorter than this is steep by the raggedness of its mask, and level as far as anyone can tell."""
 NEARLY = 0.06
 """px by which points are off a line that stands for them: no eye sees the gap."""
 RAGGED = 1.5
@@ -71,7 +73,7 @@ def foot(thing: Thing) -> Foot:
         return Foot(thing, left, right, hull)
     first, last = _straight(hull, k)
     run, rise = hull[last] - hull[first]
-    if run >= BROAD * (hull[-1, 0] - hull[0, 0]) and abs(rise) <= STEEPEST * run:
+    if run >= max(SHORT, BROAD * (hull[-1, 0] - hull[0, 0])) and abs(rise) <= STEEPEST * run:
         return Foot(thing, hull[first], hull[last], hull)
     x, y = hull[int(np.argmax(hull[:, 1]))]
     aside = 0.1 * (hull[-1, 0] - hull[0, 0])
