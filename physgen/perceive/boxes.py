@@ -33,12 +33,15 @@ def boxed(things: Sequence[Thing]) -> dict[int, Outline]:
     outlines = [thing.outline for thing in things]
     touching = {k for contact in contacts(outlines, []) for k in (contact.thing, contact.other)}
     result: dict[int, Outline] = {}
+    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     for k, thing in enumerate(things):
         box = None if k in touching or thing.cut else rectangle(thing.outline)
-        if box is not None and all(
-            overlap_depth(box, other) <= SUNK for i, other in enumerate(outlines) if i != k
-        ):
-            result[thing.id] = box
+        if box is not None:
+            x0, y0, x1, y1 = bounds(box)
+            apart = (boxes[:, :2] > (x1, y1)).any(axis=1) | (boxes[:, 2:] < (x0, y0)).any(axis=1)
+            near = [outlines[i] for i in np.flatnonzero(~apart).tolist() if i != k]
+            if all(overlap_depth(box, other) <= SUNK for other in near):
+                result[thing.id] = box
     return result
 
 

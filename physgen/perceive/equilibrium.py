@@ -2,7 +2,8 @@
 
 A thing stands where forces at its contacts, each within its cone of Coulomb friction, can balance its weight and its
 neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-squares problem
-with forces that only push (Lawson and Hanson 1974, chapter 23). Image axes, px; weight goes by area.
+with forces that only push (Lawson and Hanson 1974, chapter 23; of many things an interior point method, Wright 1997).
+Image axes, px; weight goes by area.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry import Array, cross
 from physgen.outline.outline import Disc, MassProperties, Outline, bounds, mass_properties
+from physgen.perceive.interior import unbalanced
 
 TOUCH = 0.6
 """px between two surfaces that still count as touching: gaps that close unseen."""
@@ -29,6 +32,10 @@ SPOT = 0.04
 """Of its radius: half of the spot on which a ball rests; more than the tangent of `TILTED`."""
 TURNED = np.cos(np.radians(12.0))
 """Contacts of two things whose normals differ by less are on one face: its two ends tell all."""
+MANY = 32
+"""Things in one pile, beyond which several of them are held at a time, and for good."""
+TIMES = 8
+"""Times that some of such a pile are held, after which all are that do not stand yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,16 +54,21 @@ class Contact:
 
 def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contact]:
     """Of every two outlines, and of outlines with walls, each `(K, 2)` px."""
-    boxes = [bounds(outline) for outline in outlines]
+    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     found: list[Contact] = []
+    on = [on_wall(outlines, boxes, wall) for wall in walls]
     for i, outline in enumerate(outlines):
-        for j in range(i + 1, len(outlines)):
-            if _near(boxes[i], boxes[j]):
-                found += _ends(i, j, _touches(outline, outlines[j]))
-        for wall in walls:
-            low, high = wall.min(axis=0), wall.max(axis=0)
-            if _near(boxes[i], (low[0], low[1], high[0], high[1])):
-                found += _ends(i, -1, _on_chain(outline, wall, mass_properties(outline).center))
+        for j in _near(boxes[i + 1 :], boxes[i]):
+            found += _ends(i, i + 1 + j, _touches(outline, outlines[i + 1 + j]))
+        found += [contact for wall in on for contact in wall if contact.thing == i]
+    return found
+
+
+def on_wall(outlines: Sequence[Outline], boxes: Array, wall: Array) -> list[Contact]:
+    """Of outlines, whose `bounds` are `boxes` (N, 4), with one wall `(K, 2)` px."""
+    found: list[Contact] = []
+    for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
+        found += _ends(i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center))
     return found
 
 
@@ -66,33 +78,86 @@ def unheld(
     friction: Mapping[tuple[int, int], float],
     fixed: Collection[int] = (),
     default: float = 0.3,
+    known: dict[tuple[object, ...], list[int]] | None = None,
 ) -> list[int]:
     """The things that cannot stand still, places in the list, lowest first: hold them and all else stands.
 
-    `friction` of pairs (thing, other) that is not `default`; `fixed` are held already.
+    `friction` of pairs (thing, other) that is not `default`; `fixed` are held already. `known` remembers what is
+    found of each group of things that touch, for a call with some of the same contacts and the same friction.
     """
     everyone = [i for i in range(len(outlines)) if i not in fixed]
     found = [c for c in found if not _from_above(c, fixed)]
     masses = {i: mass_properties(outlines[i]) for i in everyone}
     discs = {i: o.radius for i in everyone if isinstance(o := outlines[i], Disc)}
+    known = {} if known is None else known
     lost: list[int] = []
-    for group in _groups(everyone, found):
-        held: list[int] = []
-        while True:
-            free = [i for i in group if i not in held]
-            rest = _residual(free, masses, found, friction, default, discs)
-            bad = [i for i in free if rest[i] > UNHELD]
-            if not bad:
-                break
-            # what is most at a loss among the lowest: what stands on it may only lack it
-            held.append(max(bad, key=lambda i: float(masses[i].center[1]) + 4 * rest[i]))
-        for i in list(held):
-            free = [k for k in group if k not in held or k == i]
-            rest = _residual(free, masses, found, friction, default, discs)
-            if len(held) > 1 and all(value <= UNHELD for value in rest.values()):
-                held.remove(i)
-        lost += held
+    groups = _groups(everyone, found)
+    within = {i: k for k, group in enumerate(groups) for i in group}
+    parts: list[list[Contact]] = [[] for _ in groups]
+    for contact in found:
+        k = within.get(contact.thing, within.get(contact.other))
+        if k is not None:
+            parts[k].append(contact)
+    for group, part in zip(groups, parts, strict=True):
+        key = (*group, *part)
+        if key not in known:
+            forces = _Forces(masses, part, friction, default, discs)
+            known[key] = _held(group, forces) if len(group) <= MANY else _held_of_many(group, forces)
+        lost += known[key]
     return sorted(lost, key=lambda i: -float(masses[i].center[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """What may act within a group."""
+
+    masses: Mapping[int, MassProperties]
+    found: Sequence[Contact]
+    friction: Mapping[tuple[int, int], float]
+    default: float
+    discs: Mapping[int, float]
+
+    def residual(self, free: Sequence[int]) -> dict[int, float]:
+        return _residual(free, self.masses, self.found, self.friction, self.default, self.discs)
+
+    def first(self, rest: Mapping[int, float]) -> list[int]:
+        """What does not stand, first what is most at a loss among the lowest: what stands on it may only lack it."""
+        bad = [i for i in rest if rest[i] > UNHELD]
+        return sorted(bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i]))
+
+
+def _held(group: Sequence[int], forces: _Forces) -> list[int]:
+    """The fewest of a group that must be held, found one by one."""
+    held: list[int] = []
+    while bad := forces.first(forces.residual([i for i in group if i not in held])):
+        held.append(bad[0])
+    for i in list(held):
+        if len(held) > 1:
+            rest = forces.residual([k for k in group if k not in held or k == i])
+            if all(value <= UNHELD for value in rest.values()):
+                held.remove(i)
+    return held
+
+
+def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
+    """Some of a group that must be held: each time all that do not touch each other."""
+    beside: dict[int, set[int]] = {i: set() for i in group}
+    for contact in forces.found:
+        if contact.thing in beside and contact.other in beside:
+            beside[contact.thing].add(contact.other)
+            beside[contact.other].add(contact.thing)
+    held: set[int] = set()
+    for _ in range(TIMES):
+        bad = forces.first(forces.residual([i for i in group if i not in held]))
+        if not bad:
+            return [i for i in group if i in held]
+        new: set[int] = set()
+        for i in bad:
+            if not beside[i] & new:
+                new.add(i)
+        held |= new
+    rest = forces.residual([i for i in group if i not in held])
+    return [i for i in group if i in held or rest[i] > UNHELD]
 
 
 def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
@@ -102,8 +167,10 @@ def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
     return contact.thing in fixed and bool(-contact.normal[1] > OVERHEAD)
 
 
-def _near(a: Sequence[float], b: Sequence[float]) -> bool:
-    return a[0] < b[2] + TOUCH and b[0] < a[2] + TOUCH and a[1] < b[3] + TOUCH and b[1] < a[3] + TOUCH
+def _near(boxes: Array, box: Array) -> list[int]:
+    """Which of the boxes `(N, 4)` may touch one."""
+    apart = (boxes[:, :2] >= box[2:] + TOUCH) | (box[:2] >= boxes[:, 2:] + TOUCH)
+    return [int(i) for i in np.flatnonzero(~apart.any(axis=1))]
 
 
 def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
@@ -241,10 +308,10 @@ def _residual(
 
     The worst of a level photo and of one tilted a little either way: what only just stands does not stand for long.
     """
-    row = {i: 3 * k for k, i in enumerate(free)}
-    columns = []
+    place = {i: k for k, i in enumerate(free)}
+    pairs, parts = [], []
     for contact in found:
-        if contact.thing not in row and contact.other not in row:
+        if contact.thing not in place and contact.other not in place:
             continue
         mu = friction.get((contact.thing, contact.other), default)
         along = np.array([-contact.normal[1], contact.normal[0]])
@@ -253,22 +320,34 @@ def _residual(
         for aside in (-SPOT * radius, SPOT * radius) if radius else (0.0,):
             for way in (-mu, mu):
                 force = contact.normal + way * along
-                column = np.zeros(3 * len(free))
-                for i, sign in ((contact.thing, 1.0), (contact.other, -1.0)):
-                    if i in row:
+                column = np.zeros((2, 3))
+                for k, (i, sign) in enumerate(((contact.thing, 1.0), (contact.other, -1.0))):
+                    if i in place:
                         mass = masses[i]
                         arm = (contact.point + aside * along - mass.center) / np.sqrt(mass.area)
                         part = np.array([force[0], force[1], cross(arm, force)])
-                        column[row[i] : row[i] + 3] = sign * part / mass.area
-                columns.append(column / max(np.abs(column).max(), 1e-12))
-    matrix = np.array(columns).reshape(len(columns), 3 * len(free)).T
-    worst = dict.fromkeys(free, 0.0)
+                        column[k] = sign * part / mass.area
+                pairs.append([place.get(contact.thing, -1), place.get(contact.other, -1)])
+                parts.append(column / max(np.abs(column).max(), 1e-12))
+    columns = np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(-1, 2, 3)
+    matrix = _dense(len(free), *columns) if len(free) <= MANY else None
+    worst = np.zeros(len(free))
     for tilt in (0.0, -TILTED, TILTED):
-        wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], len(free))
-        rest = wanted - matrix @ pushing(matrix, wanted)
-        for i in free:
-            worst[i] = max(worst[i], float(np.abs(rest[row[i] : row[i] + 3]).max()))
-    return worst
+        wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], (len(free), 1))
+        if matrix is None:
+            rest = unbalanced(*columns, wanted)
+        else:
+            rest = (wanted.ravel() - matrix @ pushing(matrix, wanted.ravel())).reshape(-1, 3)
+        worst = np.maximum(worst, np.abs(rest).max(axis=1))
+    return dict(zip(free, worst.tolist(), strict=True))
+
+
+def _dense(count: int, pairs: NDArray[np.int64], parts: Array) -> Array:
+    """`(3 count, M)`: the columns as `unbalanced` takes them, written out."""
+    columns = np.zeros((len(pairs), count + 1, 3))
+    for k in (0, 1):
+        columns[np.arange(len(pairs)), pairs[:, k]] += parts[:, k]
+    return columns[:, :count].reshape(len(pairs), 3 * count).T
 
 
 def pushing(matrix: Array, wanted: Array) -> Array:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry import Array, cross
 from physgen.outline.outline import Disc, Outline, bounds, mass_properties
@@ -22,6 +23,8 @@ STEEPEST = 0.75
 """Slope of an edge that friction may still hold a thing on: cardboard on wood slips at 0.5 to 0.8."""
 BROAD = 0.5
 """Of its width: what a steep edge under a thing has that it lies on a slope, not askew."""
+SHORT = 8.0
+"""px: an edge shorter than this is steep by the raggedness of its mask, and level as far as anyone can tell."""
 NEARLY = 0.06
 """px by which points are off a line that stands for them: no eye sees the gap."""
 RAGGED = 1.5
@@ -44,12 +47,12 @@ class Foot:
     hull: Array
     """(K, 2) px: its lower side, left to right, none of it under the line `left` to `right`."""
 
-    @property
+    @cached_property
     def slope(self) -> float:
         """Of the edge that it stands on."""
         return float((self.right[1] - self.left[1]) / max(self.right[0] - self.left[0], 1e-9))
 
-    @property
+    @cached_property
     def lowest(self) -> Array:
         """(2,) px: the middle of where it stands."""
         return np.asarray((self.left + self.right) / 2)
@@ -70,7 +73,7 @@ def foot(thing: Thing) -> Foot:
         return Foot(thing, left, right, hull)
     first, last = _straight(hull, k)
     run, rise = hull[last] - hull[first]
-    if run >= BROAD * (hull[-1, 0] - hull[0, 0]) and abs(rise) <= STEEPEST * run:
+    if run >= max(SHORT, BROAD * (hull[-1, 0] - hull[0, 0])) and abs(rise) <= STEEPEST * run:
         return Foot(thing, hull[first], hull[last], hull)
     x, y = hull[int(np.argmax(hull[:, 1]))]
     aside = 0.1 * (hull[-1, 0] - hull[0, 0])
@@ -116,11 +119,12 @@ def carried(thing: Thing, labels: Labels, things: Sequence[Thing]) -> bool:
     here = np.flatnonzero(bottom >= 0)
     gap = int(max(3, 0.06 * (rows.max() - rows.min() + 1)))
     center = mass_properties(thing.outline).center
-    holders = [t.id for t in things if t.id != thing.id and bounds(t.outline)[3] > bounds(thing.outline)[3]]
-    held = np.zeros(len(here), bool)
-    for down in range(1, gap + 1):
-        below = np.minimum(bottom[here] + down, labels.shape[0] - 1)
-        held |= np.isin(labels[below, here + left], holders)
+    rows_below = np.minimum(bottom[here] + np.arange(1, gap + 1)[:, None], labels.shape[0] - 1)
+    below = labels[rows_below, here + left]
+    seen = set(np.unique(below).tolist()) - {0, thing.id}
+    lowest = bounds(thing.outline)[3]
+    holders = [t.id for t in things if t.id in seen and bounds(t.outline)[3] > lowest]
+    held = np.isin(below, holders).any(axis=0)
     if not held.any():
         return False
     x = here[held] + left
@@ -145,43 +149,72 @@ def clusters(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[Fo
     left = list(feet)
     groups: list[tuple[Line, list[Foot]]] = []
     while left:
-        line, group = max((_line(left, pair, tolerance) for pair in _pairs(left)), key=lambda g: _worth(*g))
-        groups.append((line, group))
-        left = [f for f in left if all(f is not other for other in group)]
+        points, slopes = np.array([f.lowest for f in left]), np.array([f.slope for f in left])
+        pairs = _largest(points, slopes, _pairs(points), tolerance)
+        lines = [_line(points, slopes, pair, tolerance) for pair in pairs]
+        line, group = max(lines, key=lambda found: _worth(*found, points))
+        groups.append((line, [left[i] for i in group]))
+        taken = set(group)
+        left = [f for i, f in enumerate(left) if i not in taken]
     return groups
 
 
-def _pairs(feet: Sequence[Foot]) -> list[tuple[Foot, Foot]]:
-    pairs = [(f, f) for f in feet]
-    ordered = sorted(feet, key=lambda f: float(f.lowest[0]))
+def _pairs(points: Array) -> NDArray[np.int64]:
+    """`(P, 2)`: each of the points `(N, 2)` with itself, then two and two."""
+    ordered = np.argsort(points[:, 0], kind="stable")
+    count = len(ordered)
     # of very many, neighbours and those across the photo are enough to find a line
-    near = 400 // max(len(ordered), 1) + 1
-    return pairs + [
-        (a, b) for (i, a), (j, b) in combinations(enumerate(ordered), 2) if j - i <= near or i < near
-    ]
+    near = 400 // max(count, 1) + 1
+    i, j = np.triu_indices(count, 1)
+    kept = (j - i <= near) | (i < near)
+    alone = np.arange(count)
+    return np.concatenate([np.stack([alone, alone], 1), np.stack([ordered[i[kept]], ordered[j[kept]]], 1)])
 
 
-def _line(feet: Sequence[Foot], pair: tuple[Foot, Foot], tolerance: float) -> tuple[Line, list[Foot]]:
-    (x0, y0), (x1, y1) = pair[0].lowest, pair[1].lowest
+def _largest(points: Array, slopes: Array, pairs: NDArray[np.int64], tolerance: float) -> NDArray[np.int64]:
+    """Those pairs, in their order, whose lines take most feet: as many as `_line` says."""
+    (x0, y0), (x1, y1) = points[pairs[:, 0]].T, points[pairs[:, 1]].T
+    apart = np.abs(x1 - x0) > 1
+    slope = np.where(apart, (y1 - y0) / np.where(apart, x1 - x0, 1.0), 0.0)
+    steep = np.abs(slope)
+    count = np.zeros(len(pairs), np.int64)
+    for start in range(0, len(pairs), 4096):
+        some = slice(start, start + 4096)
+        height = (y0 - slope * x0)[some, None]
+        near = np.abs(points[:, 1] - (slope[some, None] * points[:, 0] + height)) <= tolerance
+        near &= (steep[some, None] <= STEEP) | (np.abs(slopes - slope[some, None]) <= AGREE)
+        count[some] = near.sum(axis=1)
+    alone = (count < 2) | (steep > STEEPEST) | ((count < 3) & (MOST_TILT < steep) & (steep <= STEEP))
+    count[alone] = 1
+    return pairs[count == count.max()]
+
+
+def _line(
+    points: Array, slopes: Array, pair: NDArray[np.int64], tolerance: float
+) -> tuple[Line, list[int]]:
+    """Through the lowest points of two feet, and the places of all that it takes."""
+    first, second = pair.tolist()
+    (x0, y0), (x1, y1) = points[first], points[second]
     slope = float((y1 - y0) / (x1 - x0)) if abs(x1 - x0) > 1 else 0.0
     line = Line(slope, float(y0 - slope * x0))
-    group = [f for f in feet if abs(float(f.lowest[1]) - line.at(float(f.lowest[0]))) <= tolerance]
+    near = np.abs(points[:, 1] - (line.slope * points[:, 0] + line.height)) <= tolerance
     if abs(slope) > STEEP:
-        group = [f for f in group if abs(f.slope - slope) <= AGREE]
+        near &= np.abs(slopes - slope) <= AGREE
+    group = np.flatnonzero(near)
     if len(group) < 2 or abs(slope) > STEEPEST or (len(group) < 3 and MOST_TILT < abs(slope) <= STEEP):
-        own = pair[0].slope if abs(pair[0].slope) > STEEP else 0.0
-        return Line(own, float(y0 - own * x0)), [pair[0]]
+        own = float(slopes[first]) if abs(slopes[first]) > STEEP else 0.0
+        return Line(own, float(y0 - own * x0)), [first]
     if len(group) > 2:
-        points = np.array([f.lowest for f in group])
-        fitted, height = np.polyfit(points[:, 0], points[:, 1], 1)
+        fitted, height = np.polyfit(points[group, 0], points[group, 1], 1)
         line = Line(float(fitted), float(height))
-    return line, group
+    return line, group.tolist()
 
 
-def _worth(line: Line, group: Sequence[Foot]) -> tuple[int, float, float]:
+def _worth(line: Line, group: Sequence[int], points: Array) -> tuple[int, float, float]:
     """Many feet first, then a close fit, then the lower place."""
-    rest = [abs(float(f.lowest[1]) - line.at(float(f.lowest[0]))) for f in group]
-    return len(group), -round(sum(rest) + 100 * abs(line.slope), 6), max(float(f.lowest[1]) for f in group)
+    x, y = points[list(group)].T
+    rest = np.abs(y - (line.slope * x + line.height)).tolist()
+    return len(group), -round(sum(rest) + 100 * abs(line.slope), 6), float(y.max())
 
 
 def floor(line: Line, group: Sequence[Foot], ends: tuple[float, float]) -> list[tuple[float, float]]:

@@ -22,6 +22,8 @@ Mask = NDArray[np.bool_]
 
 LEAST = 30
 """Pixels of background from which a part of the photo tells anything."""
+FEWEST, MOST_NEEDED = 2, 5
+"""Pixels of background that a row or column must show for its mean to tell anything."""
 SPREAD = 12.0
 """CIE 1976 Lab: standard deviation of a background from which its layers count in full."""
 PRIOR = 0.5
@@ -91,9 +93,14 @@ def _cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
 
 
 def _told_by(colour: NDArray[Any], free: Mask, axis: int) -> float:
-    """Part of the colours' variance that each row (`axis` 1) or column (0) of its own mean explains, 0..1."""
+    """Part of the colours' variance that each row (`axis` 1) or column (0) of its own mean explains, 0..1.
+
+    0 where no row, or column, shows enough of the background to have a mean: a twentieth of it, 2 px to 5 px.
+    """
     count = free.sum(axis)
-    known = count >= 5
+    known = count >= np.clip(free.shape[axis] / 20, FEWEST, MOST_NEEDED)
+    if np.count_nonzero(known) < 2:
+        return 0.0
     mean = (colour * free[..., None]).sum(axis)[known] / count[known, None]
     middle, total = colour[free].mean(0), colour[free].var(0).sum()
     between = (((mean - middle) ** 2).sum(1) * count[known]).sum() / count[known].sum()
