@@ -27,16 +27,24 @@ RADIUS = 3
 """px: patches are 7 px wide."""
 EVERY = 4_000_000
 """Most pairs of patches that are all compared."""
+MOST = 20_000_000
+"""Where nothing is known yet, as many at most: of more sources some are taken, evenly spread."""
+AT_ONCE = 1_000_000
+"""Pairs that are held in memory."""
 LOOSE = 1
 """Scales above this one hold on to the borders that were carried on."""
 DEPTH = 4.5
 """px that the hole may be deep at the coarsest scale."""
+WIDE = 30_000
+"""px: a coarsest scale with more of them is halved once more; photos more than three times as wide as high have it."""
 ROUNDS = (1, 2, 3, 6)
 """Rounds of search and vote: at the finest scale, the two above it, and all others."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
 STRATA = 4.0
 """Of that, at most so many times (before it is squared) where the picture lies in layers, for crossing them."""
+GOLDEN = (5**0.5 - 1) / 2
+"""Steps of this part of a circle spread evenly over it."""
 AWAY = 60.0
 """Penalty, in squared levels a pixel (of 128), for borrowing from as far as the picture is wide."""
 
@@ -62,7 +70,8 @@ def borrow(picture: F32, hole: Mask) -> F32:
     last = levels[-1]
     open_ = last.hole & ~last.drawn
     strata = _strata(last)
-    guess = peel(last.picture, open_, _sources(last.hole, RADIUS), RADIUS, AWAY * strata)
+    centres = fewer(np.argwhere(_sources(last.hole, RADIUS)), MOST // 1000)
+    guess = peel(last.picture, open_, centres, RADIUS, AWAY * strata)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
@@ -116,7 +125,7 @@ def _pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Lev
         drawn = now & (part > 0.35)
         yield Level(np.where(drawn[:, :, None], line, mean).astype(np.float32), now, drawn)
         depth = cv2.distanceTransform(now.astype(np.uint8), cv2.DIST_L2, 3).max()
-        if depth < DEPTH or min(now.shape) < 96:
+        if depth < DEPTH or min(now.shape) < (96 if now.size < WIDE else 48):
             return
         size = (now.shape[1] + 1) // 2, (now.shape[0] + 1) // 2
         value, known, strip, part = (
@@ -131,6 +140,14 @@ def _sources(hole: Mask, radius: int) -> Mask:
     width = 2 * radius + 1
     blocked = cv2.dilate(blocked, np.ones((width, width), np.uint8)).astype(np.uint8)
     return np.asarray(blocked[radius:-radius, radius:-radius] == 0)
+
+
+def fewer(places: Places, most: int) -> Places:
+    """About `most` of them, evenly spread."""
+    part = most / max(len(places), 1)
+    if part >= 1:
+        return places
+    return places[np.arange(len(places)) * GOLDEN % 1 < part]
 
 
 def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int64]:
@@ -149,7 +166,7 @@ class _Search:
         self.level, self.radius = level, radius
         self.away = (away / np.hypot(*level.hole.shape)).astype(np.float32)
         width = 2 * radius + 1
-        self.every: tuple[F32, F32] | None = None
+        self.every: tuple[Places, F32, F32] | None = None
         self.sources = _sources(level.hole, radius)
         self.source_at: Places = np.argwhere(self.sources)
         touching = cv2.dilate(level.hole.astype(np.uint8), np.ones((width, width), np.uint8)) > 0
@@ -193,22 +210,32 @@ class _Search:
     def _all(self, target: F32, total: F32) -> tuple[Places, F32]:
         n = len(self.at)
         if self.every is None:
-            there = self.known[self.source_at[:, 0], self.source_at[:, 1]].astype(np.float32)
+            places = fewer(self.source_at, max(MOST // max(n, 1), 64))
+            there = self.known[places[:, 0], places[:, 1]]
             square = (there**2).sum(-1)
             down, right = (
-                np.subtract.outer(self.at[:, k], self.source_at[:, k]).astype(np.float32) for k in (0, 1)
+                np.subtract.outer(self.at[:, k].astype(np.float32), places[:, k].astype(np.float32))
+                for k in (0, 1)
             )
+            down *= self.away[0]
+            right *= self.away[1]
             flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
-            self.every = flat, np.hypot(down * self.away[0], right * self.away[1])
-        flat, far = self.every
-        weighted = target * self.mask[..., None]
-        own = (weighted * target).sum((1, 2, 3)) / total
-        both = np.concatenate([-2 * weighted.reshape(n, -1), self.mask.reshape(n, -1)], 1)
-        gap = both @ flat.T
-        gap /= total[:, None]
-        gap += far
-        best = gap.argmin(1)
-        return self.source_at[best], gap[np.arange(n), best] + own
+            self.every = places, flat, np.hypot(down, right, out=down)
+        places, flat, far = self.every
+        best, cost = np.zeros(n, np.int64), np.zeros(n, np.float32)
+        step = max(AT_ONCE // max(len(places), 1), 16)
+        for k in range(0, n, step):
+            part = slice(k, k + step)
+            weighted = target[part] * self.mask[part][..., None]
+            rows = len(weighted)
+            own = (weighted * target[part]).sum((1, 2, 3)) / total[part]
+            both = np.concatenate([-2 * weighted.reshape(rows, -1), self.mask[part].reshape(rows, -1)], 1)
+            gap = both @ flat.T
+            gap /= total[part, None]
+            gap += far[part]
+            best[part] = gap.argmin(1)
+            cost[part] = gap[np.arange(rows), best[part]] + own
+        return places[best], cost
 
     def _near(self, target: F32, mask: F32, field: NDArray[np.int64]) -> tuple[Places, F32]:
         total = mask.sum((1, 2))

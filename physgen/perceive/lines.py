@@ -34,6 +34,8 @@ ALIKE = 25.0
 """Levels that the side of a border which is more alike may differ by from end to end."""
 BULGE = 0.1
 """Bending from which a border that only runs along the hole's is not drawn."""
+AT_ONCE = 500_000
+"""Pairs of a pixel and a point of a line that are held in memory."""
 DOUBT = 0.75
 """Most doubt that two ends are one border's: colours that differ, turns that are no arc's, long bends."""
 
@@ -273,19 +275,23 @@ def _strip(result: F32, where: Mask, piece: Mask, line: Line) -> None:
     x1, y1 = np.ceil(line.points.max(0)).astype(int) + STRIP + 1
     inside = piece[y0:y1, x0:x1] & ~where[y0:y1, x0:x1]
     y, x = np.nonzero(inside)
-    gap = (x[:, None] + x0 - line.points[:, 0]) ** 2 + (y[:, None] + y0 - line.points[:, 1]) ** 2
-    near = gap.argmin(1)
+    near, away = np.zeros(len(x), np.int64), np.zeros(len(x))
+    step = max(AT_ONCE // len(line.points), 1)
+    for k in range(0, len(x), step):
+        part = slice(k, k + step)
+        gap = (x[part, None] + x0 - line.points[:, 0]) ** 2 + (y[part, None] + y0 - line.points[:, 1]) ** 2
+        near[part], away[part] = gap.argmin(1), gap.min(1)
     along = np.gradient(line.points, axis=0)[near]
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]
     off = np.stack([x + x0, y + y0], 1) - line.points[near]
     side = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
-    keep = np.sqrt(gap.min(1)) <= STRIP
-    part = (near / max(1, len(line.points) - 1))[:, None]
+    keep = np.sqrt(away) <= STRIP
+    along_it = (near / max(1, len(line.points) - 1))[:, None]
     place = np.clip(side + STRIP, 0, 2 * STRIP - 1e-6)
     low = place.astype(int)
     share = (place - low)[:, None]
     start, end = ((1 - share) * p[low] + share * p[low + 1] for p in (first, last))
-    colour = (1 - part) * start + part * end
+    colour = (1 - along_it) * start + along_it * end
     keep &= ~np.isnan(colour).any(1)
     result[y[keep] + y0, x[keep] + x0] = colour[keep]
     where[y[keep] + y0, x[keep] + x0] = True

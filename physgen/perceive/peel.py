@@ -16,8 +16,8 @@ EDGE = 0.02
 """Part of the data term that a place without edges has, of 1."""
 
 
-def peel(picture: F32, hole: Mask, sources: Mask, radius: int, away: NDArray[np.float64]) -> F32:
-    """`(H, W, 3)` with `hole` filled by patches of 2 radius + 1 px around `sources`; `away` see borrow."""
+def peel(picture: F32, hole: Mask, centres: NDArray[np.int64], radius: int, away: NDArray[np.float64]) -> F32:
+    """`(H, W, 3)` with `hole` filled by patches of 2 radius + 1 px around `centres` (n, 2); `away` see borrow."""
     h, w = hole.shape
     width, r = 2 * radius + 1, radius
     sides = ((r, r), (r, r))
@@ -25,9 +25,8 @@ def peel(picture: F32, hole: Mask, sources: Mask, radius: int, away: NDArray[np.
     open_ = np.pad(hole, sides)
     within = np.pad(np.ones_like(hole), sides)
     sure = np.where(open_, np.float32(0), within.astype(np.float32))
-    centres = np.argwhere(sources)
     view = np.lib.stride_tricks.sliding_window_view(now, (width, width), (0, 1))
-    patches = np.moveaxis(view, 2, -1)[centres[:, 0], centres[:, 1]].copy()
+    patches = np.ascontiguousarray(np.moveaxis(view, 2, -1)[centres[:, 0], centres[:, 1]])
     flat = patches.reshape(len(centres), -1)
     square = (patches**2).sum(-1).reshape(len(centres), -1)
     size = float(np.hypot(h, w))
