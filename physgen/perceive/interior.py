@@ -35,7 +35,7 @@ def unbalanced(pairs: Indices, parts: Array, wanted: Array) -> Array:
 
     def times(x: Array) -> Array:
         weighed = (parts * x[:, None, None]).ravel()
-        return np.bincount(spread.ravel(), weighed, 3 * count + 3)[:-3]
+        return np.asarray(np.bincount(spread.ravel(), weighed, 3 * count + 3)[:-3], np.float64)
 
     def turned(y: Array) -> Array:
         return np.asarray((parts * np.append(y, np.zeros(3))[spread]).sum((1, 2)))
@@ -101,7 +101,7 @@ class _System:
         ends = self.ends.tolist()
         left = matrix[: ends[1], : ends[1]]
         for k in range(len(ends) - 1):
-            inverse = np.linalg.inv(left)
+            inverse = np.asarray(np.linalg.inv(left), np.float64)
             if k == len(ends) - 2:
                 self.steps.append((inverse, np.zeros((len(inverse), 0))))
                 break
@@ -124,7 +124,7 @@ class _System:
 
 
 def _layers(count: int, pairs: Indices) -> list[Indices]:
-    """Things by how many others lie between them and one at the end of their group: each touches the next layer only."""
+    """Things by how many others lie between them and an end of their group: each touches the next layer only."""
     beside: list[set[int]] = [set() for _ in range(count)]
     for a, b in np.unique(pairs, axis=0).tolist():
         if a >= 0 and b >= 0:
