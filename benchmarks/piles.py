@@ -1,8 +1,8 @@
 """Label maps with many things, and how long the role `boundary` takes to find what holds them: s of CPU.
 
-    python benchmarks/piles.py                  # all of them
-    python benchmarks/piles.py wall specks      # some
-    python benchmarks/piles.py heap -o FOLDER   # heap.png and heap-masks.png, too, for physgen perceive --masks
+python benchmarks/piles.py                  # all of them
+python benchmarks/piles.py wall specks      # some
+python benchmarks/piles.py heap -o FOLDER   # heap.png and heap-masks.png, too, for physgen perceive --masks
 """
 
 from __future__ import annotations

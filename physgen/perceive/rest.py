@@ -152,7 +152,7 @@ def clusters(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[Fo
         points, slopes = np.array([f.lowest for f in left]), np.array([f.slope for f in left])
         pairs = _largest(points, slopes, _pairs(points), tolerance)
         lines = [_line(points, slopes, pair, tolerance) for pair in pairs]
-        line, group = max(lines, key=lambda found: _worth(*found, points))
+        line, group = max(lines, key=lambda found: _worth(found[0], found[1], points))
         groups.append((line, [left[i] for i in group]))
         taken = set(group)
         left = [f for i, f in enumerate(left) if i not in taken]
@@ -184,14 +184,12 @@ def _largest(points: Array, slopes: Array, pairs: NDArray[np.int64], tolerance: 
         near = np.abs(points[:, 1] - (slope[some, None] * points[:, 0] + height)) <= tolerance
         near &= (steep[some, None] <= STEEP) | (np.abs(slopes - slope[some, None]) <= AGREE)
         count[some] = near.sum(axis=1)
-    alone = (count < 2) | (steep > STEEPEST) | ((count < 3) & (MOST_TILT < steep) & (steep <= STEEP))
+    alone = (count < 2) | (steep > STEEPEST) | ((count < 3) & (steep > MOST_TILT) & (steep <= STEEP))
     count[alone] = 1
-    return pairs[count == count.max()]
+    return np.asarray(pairs[count == count.max()])
 
 
-def _line(
-    points: Array, slopes: Array, pair: NDArray[np.int64], tolerance: float
-) -> tuple[Line, list[int]]:
+def _line(points: Array, slopes: Array, pair: NDArray[np.int64], tolerance: float) -> tuple[Line, list[int]]:
     """Through the lowest points of two feet, and the places of all that it takes."""
     first, second = pair.tolist()
     (x0, y0), (x1, y1) = points[first], points[second]
