@@ -18,6 +18,8 @@ Indices = NDArray[np.int64]
 PASSES = 60
 ENOUGH = 1e-7
 """Of complementarity, and of the gradient: far below what counts as unbalanced."""
+LOST = 1e3
+"""Times the least error so far: rounding has taken over."""
 SHORT = 0.99
 """Of the way to the border of what is allowed."""
 
@@ -41,13 +43,20 @@ def unbalanced(pairs: Indices, parts: Array, wanted: Array) -> Array:
         return np.asarray((parts * np.append(y, np.zeros(3))[spread]).sum((1, 2)))
 
     def towards(right: Array) -> Array:
-        return scale * (right - turned(system.solve(times(scale * right))))
+        way = scale * (right - turned(system.solve(times(scale * right))))
+        # what large weights round off
+        off = right - turned(times(way)) - way / scale
+        return way + scale * (off - turned(system.solve(times(scale * off))))
 
     x, s = np.ones(len(pairs)), np.ones(len(pairs))
-    left = wanted.ravel() - times(x)
+    best = left = wanted.ravel() - times(x)
+    least = np.inf
     for _ in range(PASSES):
         slope, gap = -turned(left) - s, float((x * s).mean())
-        if gap < ENOUGH and np.abs(slope).max() < ENOUGH:
+        error = max(gap, float(np.abs(slope).max()))
+        if error < least:
+            best, least = left, error
+        if least < ENOUGH or error > LOST * least:
             break
         scale = x / s
         system.weigh(scale)
@@ -55,14 +64,14 @@ def unbalanced(pairs: Indices, parts: Array, wanted: Array) -> Array:
         ds = -s - dx / scale
         a, b = _far(x, dx), _far(s, ds)
         middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
-        right = middle - x * s - dx * ds
+        right = middle - x * s - a * b * dx * ds
         dx = towards(-slope + right / x)
         ds = (right - s * dx) / x
         # one step for both: the gradient depends on x as well
         step = min(1.0, SHORT * min(_far(x, dx), _far(s, ds)))
         x, s = x + step * dx, s + step * ds
         left = wanted.ravel() - times(x)
-    return left.reshape(-1, 3)
+    return best.reshape(-1, 3)
 
 
 def _far(x: Array, way: Array) -> float:

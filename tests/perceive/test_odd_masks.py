@@ -143,3 +143,17 @@ def test_masks_of_another_size_are_refused_with_both_sizes(
     assert "240 x 100 px" in said
     assert "240 x 160 px" in said
     assert not path.exists()
+
+
+@pytest.mark.parametrize("size", [(3, 4), (4, 3), (6, 2), (4, 4)], ids=lambda size: f"{size[0]}x{size[1]}")
+def test_a_few_px_stand_on_a_level_floor(size: tuple[int, int], tmp_path: Path) -> None:
+    labels = empty()
+    box(labels, 1, 60, 90, 40, 50)
+    box(labels, 2, 150, 100, *size)
+    cv2.imwrite(str(tmp_path / "photo.png"), drawn(labels)[..., ::-1])
+    cv2.imwrite(str(tmp_path / "masks.png"), labels)
+    path = tmp_path / "scene.yaml"
+    given = ["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png"), "-o", str(path)]
+    assert main(given) == 0
+    assert main(["check", "--strict", str(path)]) == 0
+    assert not any(wall.name.startswith("slope") for wall in pipeline.load(path).boundaries)

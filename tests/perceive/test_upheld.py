@@ -1,0 +1,72 @@
+"""Walls for what would fall: few, only where they are needed, and found for large piles as well."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from physgen.outline.outline import Disc, Outline, Region, Ring
+from physgen.perceive.equilibrium import contacts, unheld
+from physgen.perceive.rest import foot
+from physgen.perceive.roles import Thing, Wall
+from physgen.perceive.upheld import upheld
+
+FLOOR = Wall("floor", ((-100.0, 0.0), (900.0, 0.0)), 0.6, 0.4, 1.0, "", "")
+
+
+def block(x: float, y: float, w: float, h: float) -> Region:
+    """Its lower left corner at x, y."""
+    return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
+
+
+def upholding(outlines: list[Outline]) -> tuple[list[Wall], frozenset[int]]:
+    things = [Thing(k + 1, outline) for k, outline in enumerate(outlines)]
+    walls, held = upheld(things, [FLOOR], {}, 0.6, 0.4)
+    chains = [np.array(wall.points) for wall in (FLOOR, *walls)]
+    fixed = [i - 1 for i in held]
+    assert unheld(outlines, contacts(outlines, chains), {}, fixed, default=0.4) == []
+    return walls, held
+
+
+def test_what_stands_needs_nothing():
+    assert upholding([block(0, 0, 40, 40), block(10, -40, 40, 30), block(200, 0, 20, 80)]) == (
+        [],
+        frozenset(),
+    )
+
+
+def test_what_hangs_gets_a_ledge():
+    walls, held = upholding([block(0, 0, 40, 40), Disc(np.array([300.0, -90.0]), 15.0)])
+    assert [wall.name for wall in walls] == ["nest-1"]
+    assert not held
+    x = [p[0] for p in walls[0].points]
+    assert min(x) < 300 < max(x)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_leaning_plank_gets_its_wall(side):
+    a = np.radians(15)
+    turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+    points = block(-4, 0, 8, 120).rings[0].outer @ turn * (side, 1)
+    points = points - (0, points[:, 1].max()) + (200, 0)
+    walls, held = upholding([Region((Ring(points if side > 0 else points[::-1]),))])
+    (wall,) = walls
+    assert wall.name == "wall-1"
+    assert not held
+    x = wall.points[0][0]
+    assert x == pytest.approx(points[:, 0].max() if side > 0 else points[:, 0].min(), abs=0.05)
+
+
+def test_a_pile_of_a_hundred_blocks_ends():
+    rng = np.random.default_rng(5)
+    pile = [
+        block(24 * k + 12 * (row % 2), -12 * row, 24, 12) for row in range(10) for k in range(10)
+        if row == 0 or rng.random() < 0.93
+    ]  # fmt: skip
+    upholding(pile)  # with gaps: some hang, some tip
+
+
+def test_a_few_px_are_level():
+    points = np.array([[149.5, 99.33], [152.5, 99.8], [152.5, 103.67], [149.5, 103.2]])
+    assert foot(Thing(1, Region((Ring(points),)))).slope == 0
+    assert foot(Thing(1, Region((Ring(points * 10),)))).slope == pytest.approx(0.157, abs=0.01)
