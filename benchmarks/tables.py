@@ -362,7 +362,7 @@ def _percepts(rows: list[dict]) -> list[str]:
     def two(row: dict, key: str) -> str:
         values = [row.get(key), row.get(f"{key}_found")]
         said = [
-            {True: "yes", False: "NO", None: "-"}[v] if v in (True, False, None) else f"{v:g}" for v in values
+            ("yes" if v else "NO") if isinstance(v, bool) else "-" if v is None else f"{v:g}" for v in values
         ]
         return " / ".join(said)
 
