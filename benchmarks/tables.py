@@ -346,7 +346,7 @@ def _perceive(rows: list[dict]) -> list[str]:
     return [
         "## Perceiving",
         "",
-        "`perceive` on a photo stretched to a size, with nothing told: wall seconds, and MiB of memory at the peak.",
+        "`perceive --side 4096` on a photo stretched to a size: wall seconds, and MiB of memory at the peak.",
         "",
         *_table(
             ["photo", "px", "objects", "finding objects", "all the rest", "memory"],
