@@ -17,6 +17,7 @@ from physgen.whole import meant, write_whole
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Job
+    from physgen.crew import Plan
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -57,15 +58,18 @@ def _stop(number: int, frame: object) -> None:
 
 
 def perceive(options: argparse.Namespace) -> int:
-    from physgen import backends, pipeline
+    from physgen import pipeline
+    from physgen.crew import Crew
 
+    if options.refresh is None and len(options.image) > 1:
+        return _perceive_many(options)
     scene_name(options.output)
     bar = Bar()
     told: dict[str, Any] = {
         "boxes": [four("--box", text) for text in options.box],
         "points": [two("--point", text) for text in options.point],
         "assets": options.assets,
-        "backends": backends.chosen(options.backend),
+        "crew": Crew(_plan(options)),
         "progress": bar.show,
         "warn": tell_one,
         "keep": tell_kept,
@@ -77,14 +81,10 @@ def perceive(options: argparse.Namespace) -> int:
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.refresh import refresh
 
-        told |= {
-            "chosen": told.pop("backends"),
-            "allow_outside": options.allow_outside,
-            "sheet": options.sheet,
-        }
+        told |= {"allow_outside": options.allow_outside, "sheet": options.sheet}
         told["labels"] = options.label
         text = refresh(options.refresh, options.output, **told)
-    elif options.image is None:
+    elif not options.image:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:
         told |= {
@@ -93,17 +93,78 @@ def perceive(options: argparse.Namespace) -> int:
             "side": options.side,
             "sheet": options.sheet,
             "labels": options.label,
+            "asked": options.find,
         }
-        text = pipeline.perceive(options.image, options.output, **told)
+        text = pipeline.perceive(options.image[0], options.output, **told)
     bar.clear()
     _hand_over(text, options.output)
     return OK
 
 
+def _perceive_many(options: argparse.Namespace) -> int:
+    """Several photos into one folder, with models loaded once; what is wrong with one leaves the others be."""
+    from physgen import pipeline
+    from physgen.crew import Crew
+
+    alone = {"--masks": options.masks, "--coco": options.coco, "--box": options.box, "--point": options.point,
+             "--label": options.label, "--assets": options.assets, "--sheet": options.sheet}  # fmt: skip
+    fix = "leave it out, or name one photo"
+    said = [
+        InputError.of("perceive", flag, "tells of one photo", fix) for flag, value in alone.items() if value
+    ]
+    problems = [problem for error in said for problem in error.problems]
+    if options.output is None or options.output.suffix in (".yaml", ".yml"):
+        fix = "say where: -o FOLDER"
+        problems += InputError.of(
+            "perceive", f"{len(options.image)} photos", "go into a folder", fix
+        ).problems
+    stems = [image.stem for image in options.image]
+    for twin in sorted({stem for stem in stems if stems.count(stem) > 1}):
+        problems += InputError.of("perceive", f'"{twin}"', "is the name of two photos", "rename one").problems
+    if problems:
+        raise InputError(problems)
+    crew = Crew(_plan(options, keep=True))
+    failed: list[Problem] = []
+    bar = Bar()
+    for k, image in enumerate(options.image):
+        output = options.output / f"{image.stem}.yaml"
+
+        def step(stage: str, done: int, total: int, k: int = k, name: str = image.name) -> None:
+            bar.show(f"{name}: {stage}", k * total + done, len(options.image) * total)
+
+        try:
+            pipeline.perceive(
+                image, output, crew=crew, asked=options.find, side=options.side,
+                progress=step, warn=tell_one, keep=tell_kept,
+            )  # fmt: skip
+            _hand_over("", output)
+        except InputError as error:
+            failed += error.problems
+    bar.clear()
+    if failed:
+        raise InputError(failed)
+    return OK
+
+
+def _plan(options: argparse.Namespace, keep: bool | None = None) -> Plan:
+    from physgen.configured import plan
+
+    kept = getattr(options, "keep_models", None)
+    return plan(
+        options.backend,
+        profile=options.profile,
+        config=options.config,
+        device=options.device,
+        dtype=options.dtype,
+        fallback=options.fallback,
+        keep=kept if kept is not None else keep,
+    )
+
+
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     """A scene tells its photo and its masks."""
     beside = {
-        "IMAGE": options.image,
+        "IMAGE": options.image[0] if options.image else None,
         "--masks": options.masks,
         "--coco": options.coco,
         "--side": options.side,
@@ -307,12 +368,12 @@ def _fidelity(options: argparse.Namespace) -> int:
 
 
 def _segmentation(options: argparse.Namespace) -> int:
-    from physgen import backends
+    from physgen.crew import Crew, Plan, choices
     from physgen.evaluate import segmentation, segmentation_table
     from physgen.evaluate.photos import pairs
     from physgen.evaluate.shown import Shown
 
-    chosen = backends.chosen(options.backend)
+    chosen = choices(options.backend)
     if set(chosen) - {"segment"}:
         role = f'"{", ".join(sorted(set(chosen) - {"segment"}))}"'
         raise InputError.of("--backend", role, "has no part in this", "write segment=NAME")
@@ -322,7 +383,7 @@ def _segmentation(options: argparse.Namespace) -> int:
     shown = None if options.output is None else Shown(options.output, found)
     bar = Bar()
     result = segmentation.evaluate(
-        found, chosen.get("segment"), shown.photo if shown else lambda photo: None, bar.show
+        found, Crew(Plan(chosen)).get("segment"), shown.photo if shown else lambda photo: None, bar.show
     )
     bar.clear()
     record = result.as_dict(bars)

@@ -58,7 +58,9 @@ def build_parser() -> argparse.ArgumentParser:
         return sub
 
     sub = command("perceive", "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml")
-    sub.add_argument("image", metavar="IMAGE", type=Path, nargs="?", help="the photo")
+    sub.add_argument(
+        "image", metavar="IMAGE", type=Path, nargs="*", help="the photo; several go into the folder -o"
+    )
     sub.add_argument(
         "--refresh",
         metavar="SCENE",
@@ -116,11 +118,18 @@ def build_parser() -> argparse.ArgumentParser:
         help="draw all that was perceived on one picture, to look at",
     )
     sub.add_argument(
-        "--backend",
-        metavar="ROLE=NAME",
-        action="append",
+        "--find",
+        metavar="NOUN,...",
+        type=_nouns,
         default=[],
-        help="who does a step; see physgen backends",
+        help='what to look for, for backends that find what they are told to: "ball, wooden block"',
+    )
+    _who(sub)
+    sub.add_argument(
+        "--keep-models",
+        action="store_true",
+        default=None,
+        help="keep models in memory after their step; without it, only where there are several photos",
     )
 
     sub = command(
@@ -213,11 +222,40 @@ def build_parser() -> argparse.ArgumentParser:
     _measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
 
     sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
+    _who(sub)
     sub.add_argument("--json", action="store_true", help="print as JSON")
 
     sub = command("schema", "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
     sub.add_argument("--markdown", action="store_true", help="the reference page instead")
     return parser
+
+
+def _who(sub: argparse.ArgumentParser) -> None:
+    """Flags that say who perceives, and where."""
+    sub.add_argument(
+        "--backend",
+        metavar="ROLE=NAME[:WEIGHTS]",
+        action="append",
+        default=[],
+        help="who does a step, and the hub id or path of what it loads; see physgen backends",
+    )
+    sub.add_argument(
+        "--profile", metavar="NAME", help="a set of backends: offline, models, best, or one of physgen.toml"
+    )
+    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
+    sub.add_argument("--device", metavar="DEVICE", help="where models run: auto, cpu, cuda, cuda:1 or mps")
+    sub.add_argument("--dtype", metavar="TYPE", help="their numbers: auto, float32, float16 or bfloat16")
+    sub.add_argument(
+        "--fallback",
+        action="store_true",
+        default=None,
+        help="where a backend fails, let the offline one take over, and say so",
+    )
+
+
+def _nouns(text: str) -> list[str]:
+    """`a red ball, cup` -> its nouns."""
+    return [noun for part in text.split(",") if (noun := part.strip())]
 
 
 def _measures(measures: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -9,12 +9,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +24,7 @@ from physgen.problems import InputError, Place, Problem, Severity
 if TYPE_CHECKING:
     from physgen.compile.assemble import Compiled
     from physgen.compile.world import World
+    from physgen.crew import Crew
     from physgen.percepts.maps import Percepts
     from physgen.render.shot import Shot
     from physgen.render.stage import Frame, Stage
@@ -68,7 +68,8 @@ def perceive(
     points: Sequence[tuple[float, float]] = (),
     labels: Sequence[str] = (),
     assets: Path | None = None,
-    backends: Mapping[str, str] = MappingProxyType({}),
+    crew: Crew | None = None,
+    asked: Sequence[str] = (),
     side: int | None = None,
     sheet: Path | None = None,
     progress: Progress = silent,
@@ -78,11 +79,12 @@ def perceive(
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
     Objects come from `masks` (a label map), `coco` (annotations), `boxes` (x, y, w, h px) and `points` (x, y px), or
-    from the segment backend. `labels` are `NAME=TEXT`. A photo whose longer side is over `side` px (1600 unless given)
+    from the segment backend, told to find `asked`. `labels` are `NAME=TEXT`. `crew` fills the roles, the offline one
+    unless given; it may serve photo after photo. A photo whose longer side is over `side` px (1600 unless given)
     is made smaller, and `warn` told; masks, boxes and points are those of the photo as given. All that was perceived is
     drawn on one `sheet`, a PNG. `keep` is told of files that stood in the way and were kept.
     """
-    from physgen import backends as table
+    from physgen.crew import Crew
     from physgen.perceive.given import from_masks, from_prompts, weak
     from physgen.perceive.import_coco import coco_objects, read_coco
     from physgen.perceive.lay_out import lay_out
@@ -92,6 +94,8 @@ def perceive(
     from physgen.percepts.photo import read_photo
     from physgen.report.perceived import check_sheet, write_sheet
 
+    crew = crew or Crew()
+    crew.begin(warn)
     check_sheet(sheet, image)
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
@@ -117,12 +121,12 @@ def perceive(
         x, y = rgb.shape[1] / width, rgb.shape[0] / height
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
-        found = from_prompts(rgb, boxes, points, table.make("segment", backends.get("segment")))
+        found = from_prompts(rgb, boxes, points, crew.get("segment"))
         for problem in weak(found):
             warn(problem)
     if found is not None:
         found = fitted(found, (width, height), rgb)
-    perceived = run(rgb, found, renames=labels, chosen=backends, progress=progress)
+    perceived = run(rgb, found, renames=labels, crew=crew, asked=asked, progress=progress)
     for problem in perceived.warnings:
         warn(problem)
     if sheet is not None:

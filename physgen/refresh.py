@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from physgen import backends
 from physgen.compile.assemble import compile_scene
+from physgen.crew import Crew
 from physgen.perceive.again import again, doubts, merged
 from physgen.perceive.derived import derived
 from physgen.perceive.given import weak
@@ -37,7 +37,7 @@ def refresh(
     sheet: Path | None = None,
     allow_outside: bool = False,
     assets: Path | None = None,
-    chosen: Mapping[str, str] = MappingProxyType({}),
+    crew: Crew | None = None,
     progress: Progress = silent,
     warn: Callable[[Problem], None] = lambda problem: None,
     keep: Keep = lambda kept: None,
@@ -48,6 +48,8 @@ def refresh(
     take the place of what they cover, and `warn` is told of objects that they swallow. Numbers that nobody has set
     follow the labels, those in the file and the new `labels`, which are `NAME=TEXT`.
     """
+    crew = crew or Crew()
+    crew.begin(warn)
     scene = load(path, allow_outside=allow_outside)
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
@@ -56,7 +58,7 @@ def refresh(
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     kept_names = {item.name for item in scene.objects}
     photo = read_photo(scene.image)
-    segment = backends.make("segment", chosen.get("segment"))
+    segment = crew.get("segment")
     told = again(photo.rgb, scene.objects, kept, boxes, points, segment)
     for problem in weak(told.found):
         warn(problem)
@@ -68,10 +70,10 @@ def refresh(
     things = outlined(photo.rgb, told.found)[0]
     called = {i: name for i, name in told.found.called.items() if name in old["objects"]}
     named, renamed = renamed_things(things, labels, called)
-    physics = backends.make("physics", chosen.get("physics"))
-    guessed = backends.make("label", chosen.get("label"))(photo.rgb, told.found.labels, things)
+    # only what the table gives can be told from what a person wrote
+    physics, guessed = backends.make("physics"), backends.make("label")(photo.rgb, told.found.labels, things)
     known = {called[thing.id]: thing for thing in things if thing.id in called}
-    table = backends.find("physics", chosen.get("physics")).name
+    table = backends.find("physics").name
     ours = derived(old, photo.rgb, known, guessed, physics, table)
     new_labels = {called[thing.id]: thing.label for thing in named if thing.id in renamed}
     names = {**told.found.names, **{t.id: Name(t.label, 1.0) for t in named if t.id in renamed}}
@@ -79,7 +81,7 @@ def refresh(
     perceived = perceive(
         photo.rgb,
         replace(told.found, names=names),
-        chosen=chosen,
+        crew=crew,
         view=scene.world.view,
         pixels_per_meter=None if ours.scale or per_meter == DEFAULT else per_meter,
         progress=progress,
@@ -87,7 +89,7 @@ def refresh(
     document = merged(old, perceived.document, told, ours, new_labels)
     fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
     walls = old.get("boundaries", {})
-    boundary = backends.make("boundary", chosen.get("boundary"))
+    boundary = backends.make("boundary")
     before = outlined(photo.rgb, Found(kept, "kept", {}, {}))[0]
     settings = [boundary(photo.rgb, kept, before, view) for view in View]
     made = made_for(walls, settings)

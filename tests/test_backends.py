@@ -7,6 +7,7 @@ import pytest
 
 from physgen import backends
 from physgen.backends import Backend
+from physgen.crew import Choice, choices
 from physgen.problems import InputError
 
 
@@ -47,7 +48,7 @@ def test_a_missing_extra_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_settings_collect_every_mistake():
-    assert backends.chosen(["inpaint=fill", "matte=edge"]) == {"inpaint": "fill", "matte": "edge"}
+    assert choices(["inpaint=fill", "matte=edge"]) == {"inpaint": Choice("fill"), "matte": Choice("edge")}
     with pytest.raises(InputError) as error:
-        backends.chosen(["inpaint", "mate=edge", "matte=edg"])
+        choices(["inpaint", "mate=edge", "matte=edg"])
     assert len(error.value.problems) == 3

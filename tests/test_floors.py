@@ -16,6 +16,8 @@ FLOORS = {
         "geometry",
         "problems",
         "backends",
+        "crew",
+        "configured",
         "photometry",
         "materials",
         "resources",

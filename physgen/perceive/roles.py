@@ -30,6 +30,43 @@ class Doubt:
 
 
 @dataclass(frozen=True)
+class Name:
+    """What an object is called."""
+
+    label: str
+    confidence: float
+    """0..1."""
+
+
+@dataclass(frozen=True)
+class Category:
+    """A kind of thing, or of stuff, that a photo shows."""
+
+    noun: str
+    """Singular."""
+    movable: bool
+    """Whether its instances are whole things that could be moved; walls, floors, skies are not."""
+
+
+class Categories(Protocol):
+    """Names what a photo shows, before anything is found in it."""
+
+    def __call__(self, rgb: Rgb) -> Sequence[Category]:
+        """Each noun once; the most striking first."""
+        ...
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What does not move: walls, tables, floors."""
+
+    labels: Labels
+    """(H, W), 0 = nothing that was named."""
+    nouns: Mapping[int, str]
+    """By id."""
+
+
+@dataclass(frozen=True)
 class Segments:
     """Objects found in a photo."""
 
@@ -39,6 +76,10 @@ class Segments:
     """(N,) in 0..1, that id k + 1 is a complete movable object."""
     doubtful: Sequence[Doubt] = ()
     """What is more likely none; the surest first."""
+    names: Mapping[int, Name] = field(default_factory=dict)
+    """What finding them told them to be, by id."""
+    scenery: Scenery | None = None
+    """What stands still, where finding told that too."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +93,10 @@ class Meant:
 
 
 class Segment(Protocol):
-    """Finds the movable objects of a photo."""
+    """Finds the movable objects of a photo.
+
+    Those that find what they are told to take `categories: Sequence[Category]`, too (`uses` in the table).
+    """
 
     def __call__(self, rgb: NDArray[np.uint8]) -> Segments:
         """`rgb` is (H, W, 3) uint8 sRGB."""
@@ -70,15 +114,6 @@ class Thing:
     """`""` while nobody has named it."""
     cut: bool = False
     """Whether the photo's border cuts it off."""
-
-
-@dataclass(frozen=True)
-class Name:
-    """What an object is called."""
-
-    label: str
-    confidence: float
-    """0..1."""
 
 
 class Label(Protocol):
@@ -106,6 +141,10 @@ class Matter:
     """Where the mass comes from, a sentence for the scene's comments."""
     surface: str = ""
     """Where friction, elasticity and rolling come from, likewise."""
+    size: float | None = None
+    """m: the longest side of what is seen of it, where the backend judges that; it sets the scene's scale."""
+    material: str = ""
+    """What it is made of, as `materials.yaml` or the backend calls it."""
 
 
 class Physics(Protocol):
@@ -130,13 +169,24 @@ class LightGuess:
     """Lights from elsewhere, and how much of what this one explains they do, 0..1; the best first."""
 
 
+class Depth(Protocol):
+    """Tells how far away everything is."""
+
+    def __call__(self, rgb: Rgb) -> NDArray[np.float32]:
+        """(H, W), finite, larger = farther; in m where the backend knows, else up to scale and shift."""
+        ...
+
+
 class Normals(Protocol):
     """Tells which way every surface faces."""
 
     def __call__(
         self, rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
     ) -> NDArray[np.float32]:
-        """(H, W, 3) unit: +x right, +y down, +z to the viewer."""
+        """(H, W, 3) unit: +x right, +y down, +z to the viewer.
+
+        Boundaries that are found by normals are asked after them: `setting` then knows nothing (confidence 0).
+        """
         ...
 
 
@@ -260,7 +310,10 @@ class Setting:
 
 
 class Boundary(Protocol):
-    """Tells the view and finds floors, shelves and walls."""
+    """Tells the view and finds floors, shelves and walls.
+
+    Some take `depth` (H, W), `normals` (H, W, 3) and `scenery: Scenery | None`, too (`uses` in the table).
+    """
 
     def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
         """`view` is what a person said, None to find out.

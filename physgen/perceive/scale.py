@@ -10,8 +10,8 @@ import numpy as np
 
 from physgen.geometry import Array
 from physgen.materials import Kind
-from physgen.perceive.extent import extent
-from physgen.perceive.roles import Thing
+from physgen.perceive.extent import extent, sides
+from physgen.perceive.roles import Matter, Thing
 
 SURE = 0.7
 """A label counts from this confidence on: a guess from a shape tells no size."""
@@ -23,6 +23,8 @@ VAGUE = 0.3
 """Standard deviation of log scale at which the confidence has fallen to 1 / e."""
 DEFAULT = 100
 """px/m of a scene where nothing tells: the paper's 1 px = 1 cm."""
+JUDGED = 0.1
+"""Standard deviation of the log of a size that somebody judges by eye, at the least."""
 ENOUGH = 0.5
 """Confidence from which a scene takes the scale."""
 
@@ -70,6 +72,28 @@ def scale(
     digits = 3 if spread < 0.05 else 2
     value = float(f"{exp(middle) * 1000:.{digits}g}")
     return Scale(value, round(confidence, 2), _reason(seen, kinds, spread))
+
+
+def judged(things: Sequence[Thing], matter: Mapping[int, Matter], who: str) -> Scale | None:
+    """The photo's scale by how long each thing is judged to be (`Matter.size`), None where nobody judged.
+
+    The median counts; how far the judgements are from each other, weighted by nothing, says how sure that is.
+    """
+    found = [
+        (sides(thing.outline)[0] / size, matter[thing.id].confidence)
+        for thing in things
+        if not thing.cut and (size := matter[thing.id].size)
+    ]
+    if not found:
+        return None
+    logs = np.log([per_meter for per_meter, _ in found])
+    middle = float(np.median(logs))
+    spread = max(float(np.median(np.abs(logs - middle))) * 1.48, JUDGED) if len(logs) > 1 else 2 * JUDGED
+    sure = float(np.median([confidence for _, confidence in found])) ** 0.5
+    value = float(f"{exp(middle):.2g}")
+    count = f"{len(found)} objects" if len(found) > 1 else "one object"
+    reason = f"{who} judged the size of {count}, which agree to about {100 * spread:.0f} %"
+    return Scale(value, round(0.95 * sure * exp(-((spread / VAGUE) ** 2)), 2), reason)
 
 
 def stated(given: float | None, found: Scale | None) -> tuple[float, str]:

@@ -11,15 +11,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen import backends
+from physgen.crew import Crew
 from physgen.materials import kind
 from physgen.outline import raster
 from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import words
 from physgen.perceive.lifted import refilled
-from physgen.perceive.roles import Doubt, Intrinsics, LightGuess, Matter, Name, Rgb, Setting, Shadows, Thing
-from physgen.perceive.scale import ENOUGH, scale, stated
+from physgen.perceive.roles import (
+    Category,
+    Doubt,
+    Intrinsics,
+    LightGuess,
+    Matter,
+    Name,
+    Rgb,
+    Scenery,
+    Setting,
+    Shadows,
+    Thing,
+)
+from physgen.perceive.scale import ENOUGH, judged, scale, stated
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import View
@@ -27,15 +39,19 @@ from physgen.scene.model import View
 Progress = Callable[[str, int, int], None]
 """Told the stage that begins, how much of it is done, and of how much."""
 HEADER = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
+UNKNOWN = Setting(View.SIDE, 0.0, "", ())
+"""What holds the objects, before anybody has looked."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
 GRAVITY = 9.8
 """m/s², as a scene has it unless it says something else."""
 SMALLEST = 12
 """px: an id of fewer pixels is a speck, no object."""
 ROLES = (
+    "categories",
     "segment",
     "label",
     "physics",
+    "depth",
     "boundary",
     "normals",
     "intrinsic",
@@ -66,6 +82,8 @@ class Found:
     """What objects are named in the scene already, by id."""
     said: Mapping[int, str] = field(default_factory=dict)
     """Who found single masks, by id, as the scene's `from` has it; `source` found the others."""
+    named_by: str = "given"
+    """Who said `names`, for `from`."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +112,8 @@ def perceive(
     image: str = "photo.png",
     assets: str = "photo.assets",
     renames: Sequence[str] = (),
-    chosen: Mapping[str, str] | None = None,
+    crew: Crew | None = None,
+    asked: Sequence[str] = (),
     view: View | None = None,
     pixels_per_meter: float | None = None,
     progress: Progress = silent,
@@ -102,22 +121,29 @@ def perceive(
     """The whole of perception. `found` None: segment the photo.
 
     `renames` are `NAME=TEXT`: NAME is the name of an object as it would be called without, its mask id, or a pattern
-    (`ball-*`). `chosen` maps role -> backend. `pixels_per_meter` is the photo's true scale, where somebody knows it.
-    Raises InputError where there is nothing to make a scene of.
+    (`ball-*`). `crew` fills the roles; `asked` are the nouns to find, for those that find what they are told to.
+    `pixels_per_meter` is the photo's true scale, where somebody knows it. Raises InputError where there is nothing
+    to make a scene of.
     """
-    who = dict(chosen or {})
-    for asked in who:
-        backends.find(asked, who[asked])
+    crew = crew or Crew()
 
-    def role(name: str) -> Any:
+    def role(name: str, *arguments: Any, **extra: Any) -> Any:
         progress(name, ROLES.index(name), len(ROLES))
-        return backends.make(name, who.get(name))
+        result = crew.call(name, *arguments, **extra)
+        if name not in ("inpaint", "normals"):  # asked again later
+            crew.release(name)
+        return result
 
+    scenery: Scenery | None = None
     if found is None:
-        segments = role("segment")(rgb)
+        categories: Sequence[Category] = [Category(noun, True) for noun in asked]
+        if "categories" in crew.row("segment").uses and not asked:
+            categories = role("categories", rgb)
+        segments = role("segment", rgb, categories=categories)
+        scenery = segments.scenery
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
-        source = backends.find("segment", who.get("segment")).name
-        found = Found(segments.labels, source, sure, {}, doubtful=segments.doubtful)
+        found = Found(segments.labels, crew.name("segment"), sure, segments.names, doubtful=segments.doubtful)
+        found = replace(found, named_by=crew.name("segment"))
     things, left_out = outlined(rgb, found)
     if not things:
         renamed_things(things, renames, {})
@@ -125,9 +151,9 @@ def perceive(
     if found.source not in ("given", "coco"):
         new = [thing for thing in things if thing.id not in found.said]
         found = replace(found, labels=_rounded(found.labels, new))
-    guessed: Mapping[int, Name] = role("label")(rgb, found.labels, things)
+    guessed: Mapping[int, Name] = role("label", rgb, found.labels, things)
     named = {**guessed, **found.names}
-    label_source = {t.id: "given" if t.id in found.names else _name(who, "label") for t in things}
+    label_source = {t.id: found.named_by if t.id in found.names else crew.name("label") for t in things}
     if found.called:  # the scene knows who said them
         label_source |= dict.fromkeys(found.names, "")
     things = [replace(t, label=named[t.id].label) for t in things]
@@ -139,21 +165,32 @@ def perceive(
         measured: float | None = told_scale.pixels_per_meter
     else:
         measured = pixels_per_meter
-    matter: Mapping[int, Matter] = role("physics")(rgb, things, measured)
-    setting: Setting = role("boundary")(rgb, found.labels, things, view)
+    matter: Mapping[int, Matter] = role("physics", rgb, things, measured)
+    told_scale = judged(things, matter, crew.name("physics")) or told_scale
+    surroundings: dict[str, Any] = {"scenery": scenery}
+    wanted = crew.row("boundary").uses
+    if "depth" in wanted or "depth" in crew.plan.choices:
+        surroundings["depth"] = role("depth", rgb)
+    if "normals" in wanted:
+        surroundings["normals"] = role("normals", rgb, found.labels, things, UNKNOWN)
+    setting: Setting = role("boundary", rgb, found.labels, things, view, **surroundings)
     things = [replace(t, outline=setting.outlines.get(t.id, t.outline)) for t in things]
-    normals = role("normals")(rgb, found.labels, things, setting)
-    intrinsics: Intrinsics = role("intrinsic")(rgb, found.labels, normals)
-    light: LightGuess = role("light")(rgb, found.labels, things, normals, intrinsics)
-    coverage = role("matte")(rgb, found.labels)
-    background = role("inpaint")(rgb, coverage > 0)
-    shadows: Shadows = role("shadow")(background, coverage, found.labels, things, matter, setting, light)
+    normals = surroundings.get("normals")
+    if normals is None or crew.row("normals").extra is None:  # our own go by what holds the things
+        normals = role("normals", rgb, found.labels, things, setting)
+    crew.release("normals")
+    intrinsics: Intrinsics = role("intrinsic", rgb, found.labels, normals)
+    light: LightGuess = role("light", rgb, found.labels, things, normals, intrinsics)
+    coverage = role("matte", rgb, found.labels)
+    background = role("inpaint", rgb, coverage > 0)
+    shadows: Shadows = role("shadow", background, coverage, found.labels, things, matter, setting, light)
     clean = shadows.clean
     if clean is not None:
-        clean = refilled(clean, background, coverage, backends.make("inpaint", who.get("inpaint")))
+        clean = refilled(clean, background, coverage, crew.get("inpaint"))
+    crew.release("inpaint")
     percepts = Percepts(
         rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
-        normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
+        depth=surroundings.get("depth"), normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
     )  # fmt: skip
 
     called = words.names(things, {i: name for i, name in before.items() if i not in renamed})
@@ -164,7 +201,7 @@ def perceive(
         told = {"mask": _masked(found, thing.id)}
         if label_source[thing.id]:
             told["label"] = words.source(label_source[thing.id], named[thing.id].confidence)
-        table = _name(who, "physics")
+        table = crew.name("physics")
         told |= {
             "mass": words.source(table, it.confidence),
             "friction": words.source(table, 0.5 * it.confidence + 0.2),
@@ -224,10 +261,6 @@ def _masked(found: Found, i: int) -> str:
     """Who found an object's mask, and how sure."""
     source = "pointed at" if i in found.prompts else found.source
     return found.said.get(i) or words.source(source, found.confidence.get(i, 1.0))
-
-
-def _name(chosen: Mapping[str, str], role: str) -> str:
-    return backends.find(role, chosen.get(role)).name
 
 
 def outlined(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:

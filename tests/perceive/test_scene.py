@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from physgen.crew import Crew, Plan, choices
 from physgen.perceive import words
 from physgen.perceive.given import at_point, from_masks, from_prompts, in_box
 from physgen.perceive.lay_out import lay_out
@@ -157,7 +158,7 @@ def test_specks_are_no_objects():
 def test_an_unknown_backend_is_refused_before_any_work():
     rgb, labels = desk()
     with pytest.raises(InputError, match="did you mean fill"):
-        perceive(rgb, from_masks(labels), chosen={"inpaint": "fil"})
+        perceive(rgb, from_masks(labels), crew=Crew(Plan(choices(["inpaint=fil"]))))
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
