@@ -10,7 +10,7 @@ import difflib
 import importlib
 import importlib.util
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from physgen.problems import InputError, Place, Problem
@@ -64,6 +64,8 @@ class Backend:
     """What it loads unless told otherwise, the one that a `NAME:WEIGHTS` replaces first."""
     told: bool = False
     """Whether the factory takes a `Setup` though it loads no weights: a file's name, a server."""
+    settings: tuple[str, ...] = ()
+    """Environment variables without which it does not run, where its weights are not named after a colon."""
     uses: tuple[str, ...] = ()
     """What its callable takes by keyword beyond the Protocol's own: `categories`; `depth`, `normals`, `scenery`."""
 
@@ -76,7 +78,12 @@ _HERE = "physgen.perceive.backends"
 
 _TRANSFORMERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "transformers")}
 _DIFFUSERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "diffusers", "transformers")}
-_VLM: dict[str, Any] = {"extra": "models", "needs": ("openai",), "told": True}
+_VLM: dict[str, Any] = {
+    "extra": "models",
+    "needs": ("openai",),
+    "told": True,
+    "settings": ("PHYSGEN_VLM_URL", "PHYSGEN_VLM_MODEL"),
+}
 _GROUNDING = Weights("IDEA-Research/grounding-dino-tiny", "0.7 GB", "Apache-2.0")
 _MAPS = ("depth", "normals", "scenery")
 
@@ -212,23 +219,6 @@ def unmet(row: Backend) -> Problem | None:
 def install(row: Backend) -> str | None:
     """The command that brings what a row imports; None: it is in the core."""
     return f'pip install "physgen[{row.extra}]"' if row.extra else None
-
-
-def listing() -> list[Mapping[str, Any]]:
-    """One mapping a row for `physgen backends`: role, name, default, installed, missing, install, about."""
-    return [
-        {
-            "role": row.role,
-            "name": row.name,
-            "default": row.name == names(row.role)[0],
-            "installed": not row.missing(),
-            "missing": list(row.missing()),
-            "install": install(row),
-            "weights": [asdict(weights) for weights in row.weights],
-            "about": row.about,
-        }
-        for row in BACKENDS
-    ]
 
 
 def choose(found: str, known: Iterable[str]) -> str:

@@ -398,17 +398,15 @@ def _segmentation(options: argparse.Namespace) -> int:
 
 
 def list_backends(options: argparse.Namespace) -> int:
-    from physgen import backends
+    from physgen import roster
 
-    rows = backends.listing()
+    rows = roster.listing(_plan(options))
     if options.json:
         _print_json({"backends": rows})
         return OK
-    wide = max(len(f"{row['role']}={row['name']}") for row in rows)
-    for row in rows:
-        state = "" if row["installed"] else f"  [missing: {', '.join(row['missing'])}; {row['install']}]"
-        mark = "*" if row["default"] else " "
-        print(f"{mark} {row['role'] + '=' + row['name']:<{wide}}  {row['about']}{state}")
+    for line in roster.text(rows):
+        print(line)
+    print("\n* does its step unless --backend, --profile or physgen.toml says otherwise", file=sys.stderr)
     return OK
 
 

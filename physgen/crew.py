@@ -82,9 +82,7 @@ def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
     return result
 
 
-def choice(
-    role: str, name: str, weights: str = "", place: Place = FLAG, colon: bool = False
-) -> Choice:
+def choice(role: str, name: str, weights: str = "", place: Place = FLAG, colon: bool = False) -> Choice:
     """A choice that the table knows. Raises InputError."""
     try:
         row = backends.find(role, name)
@@ -226,10 +224,8 @@ class Crew:
         return [step for step in self.steps if step.instead_of]
 
     def models(self) -> bool:
-        """Whether any step was not the core's own."""
-        return bool(self.plan.choices) and any(
-            step.backend != backends.find(step.role).name for step in self.steps
-        )
+        """Whether others than the core's own had a part, or were to have one."""
+        return any(step.instead_of or step.backend != backends.find(step.role).name for step in self.steps)
 
     def record(self) -> list[dict[str, Any]]:
         """Every step as JSON."""

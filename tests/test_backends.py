@@ -9,6 +9,7 @@ from physgen import backends
 from physgen.backends import Backend
 from physgen.crew import Choice, choices
 from physgen.problems import InputError
+from physgen.roster import listing
 
 
 def test_rows_are_unique_and_every_role_has_a_default_in_the_core():
@@ -19,7 +20,7 @@ def test_rows_are_unique_and_every_role_has_a_default_in_the_core():
 
 
 def test_asking_imports_nothing():
-    code = "import sys, physgen.backends as b; b.listing(); sys.exit('numpy' in sys.modules or 'cv2' in sys.modules)"
+    code = "import sys, physgen.roster as r; r.listing(); sys.exit('numpy' in sys.modules or 'cv2' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -42,7 +43,7 @@ def test_a_missing_extra_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(InputError) as error:
         backends.make("segment", "sam")
     assert 'needs no_such_module, which is not installed; pip install "physgen[models]"' in str(error.value)
-    listed = backends.listing()[-1]
+    listed = listing()[-1]
     assert listed["installed"] is False
     assert listed["missing"] == ["no_such_module"]
 

@@ -17,6 +17,7 @@ FLOORS = {
         "problems",
         "backends",
         "crew",
+        "roster",
         "configured",
         "photometry",
         "materials",

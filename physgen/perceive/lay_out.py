@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Any
 
+from physgen import __version__
 from physgen.perceive.scene import Perceived
 from physgen.percepts.maps import Keep, silent, write_assets, write_png
 from physgen.problems import InputError
 from physgen.resources import resource
 from physgen.scene.files import MAPS
 from physgen.scene.write import scene_text
-from physgen.whole import write_kept
+from physgen.whole import write_kept, write_whole
 
+RECORD = "perceived.json"
+"""Who did each step of perceiving, with what, how long it took and what it cost."""
 SCHEMA = "scene-1.schema.json"
 """Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 
@@ -66,6 +70,9 @@ def lay_out(
         placed["maps"] = {name: list(bounds) for name, bounds in ranges.items()}
     schema = assets / SCHEMA
     write_kept(schema, resource("schemas", SCHEMA).read_bytes(), keep)
+    if perceived.record:  # it tells of this run: an earlier one's is not worth keeping
+        told = {"physgen": __version__, "steps": list(perceived.record)}
+        write_whole(assets / RECORD, json.dumps(told, indent=1, ensure_ascii=False).encode() + b"\n")
     text = scene_text(placed, perceived.comments, perceived.header, _relative(schema, folder))
     if output is not None:
         write_kept(output, text.encode("utf-8"), keep)

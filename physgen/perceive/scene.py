@@ -99,6 +99,8 @@ class Perceived:
     """What to say at the top of the file."""
     warnings: tuple[Problem, ...] = ()
     """What was strange in the input and could be passed over."""
+    record: Sequence[Mapping[str, Any]] = ()
+    """How each role went, where others than the core's own had a part."""
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -147,7 +149,7 @@ def perceive(
     things, left_out = outlined(rgb, found)
     if not things:
         renamed_things(things, renames, {})
-        return _empty(rgb, found, image, assets, pixels_per_meter)
+        return _signed(_empty(rgb, found, image, assets, pixels_per_meter), crew)
     if found.source not in ("given", "coco"):
         new = [thing for thing in things if thing.id not in found.said]
         found = replace(found, labels=_rounded(found.labels, new))
@@ -254,7 +256,15 @@ def perceive(
     comments["forces"] = _push(found, setting, things, called, matter, per_meter)
     said = (words.unknown(t.label) for t in things if t.id in renamed)
     warnings = tuple(dict.fromkeys(problem for problem in said if problem))
-    return Perceived(percepts, document, comments, HEADER, warnings)
+    return _signed(Perceived(percepts, document, comments, HEADER, warnings), crew)
+
+
+def _signed(made: Perceived, crew: Crew) -> Perceived:
+    """With what the crew says of itself: the record, and who took over from whom."""
+    if not crew.models():
+        return made
+    fell = [f"{step.role}={step.instead_of} failed ({step.because}): {step.backend} took over" for step in crew.fell()]
+    return replace(made, header="\n".join([made.header, *fell]), record=crew.record())
 
 
 def _masked(found: Found, i: int) -> str:
