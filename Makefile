@@ -23,7 +23,7 @@ demo: .venv/.demo
 test: .venv/.test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto
 
 docs: .venv/.demo
 	$(BIN)/physgen schema --markdown > docs/scene.md

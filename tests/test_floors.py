@@ -133,8 +133,8 @@ def test_one_engine_module_and_one_encoder_module() -> None:
 
 def test_only_the_command_line_prints() -> None:
     for path in modules():
-        if dotted(path) in ("cli", "scene.reference"):  # reference is a page's generator, run as a module
-            continue
+        if dotted(path).startswith("cli") or dotted(path) == "scene.reference":
+            continue  # reference is a page's generator, run as a module
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             is_print = (
                 isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"

@@ -29,7 +29,10 @@ ASKEW = 0.02
 def segment(setup: Setup) -> roles.Segment:
     """The backend `segment=file`: a label map, sure of all that it shows."""
     path = _path(setup, "segment")
-    labels = np.asarray(_numbers(path, "segment")) if path.suffix == ".npy" else read_labels(path)
+    labels = _numbers(path, "a label map") if path.suffix == ".npy" else read_labels(path)
+    if labels.ndim != 2 or not np.issubdtype(labels.dtype, np.integer):
+        found = f"{labels.shape} {labels.dtype}"
+        raise InputError.of(str(path), found, "is no label map", "save (H, W) whole numbers, 0 = background")
 
     def run(rgb: Rgb) -> Segments:
         fitted = _fit(labels, rgb, path, cv2.INTER_NEAREST_EXACT)
@@ -149,10 +152,9 @@ def _picture(path: Path, what: str) -> Map:
 def _grey(path: Path, what: str) -> NDArray[np.float32]:
     """One number a pixel; integers of pictures become 0..1, numbers of arrays stay."""
     raw = _numbers(path, what) if path.suffix == ".npy" else _picture(path, what)
-    values = np.squeeze(raw)
-    if values.ndim == 3:
-        values = values.mean(axis=2)
-    if values.ndim != 2 or not np.issubdtype(raw.dtype, np.number) or not np.isfinite(values).all():
+    number = np.issubdtype(raw.dtype, np.number)
+    values = np.squeeze(raw).mean(axis=2) if number and np.squeeze(raw).ndim == 3 else np.squeeze(raw)
+    if values.ndim != 2 or not number or not np.isfinite(values).all():
         raise InputError.of(
             str(path), f"{raw.shape} {raw.dtype}", f"is no map of {what}", "save (H, W) finite numbers"
         )

@@ -1,0 +1,74 @@
+"""Command line -> exit code. The only room that prints: results to stdout, everything else to stderr."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from physgen.cli.evaluating import evaluate
+from physgen.cli.moving import check, render, simulate
+from physgen.cli.perceiving import import_, list_backends, perceive
+from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
+from physgen.flags import WRONG_INPUT, build_parser, joined
+from physgen.problems import InputError
+from physgen.whole import meant
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `physgen`."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
+            stream.reconfigure(errors="backslashreplace")
+    options = build_parser().parse_args(joined(given))
+    options.command_line = ["physgen", *given]
+    with suppress(ValueError):  # not the main thread: then nobody stops us that way
+        signal.signal(signal.SIGTERM, _stop)
+    try:
+        return COMMANDS[options.command](options)
+    except InputError as error:
+        tell_problems(error.problems)
+        return WRONG_INPUT
+    except KeyboardInterrupt:
+        tell("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()
+        return OK
+    except OSError as error:
+        where = f"{meant(str(error.filename))}: " if error.filename else ""
+        tell(f"{where}{error.strerror or error}")
+        return FAILED
+
+
+def _stop(number: int, frame: object) -> None:
+    """Ended from outside: leave as by Ctrl-C, with nothing half-written."""
+    raise KeyboardInterrupt
+
+
+def schema(options: argparse.Namespace) -> int:
+    if options.markdown:
+        from physgen.scene.reference import markdown
+
+        sys.stdout.write(markdown())
+    else:
+        from physgen.resources import resource
+
+        sys.stdout.write(resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8"))
+    return OK
+
+
+COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
+    "perceive": perceive,
+    "import": import_,
+    "check": check,
+    "simulate": simulate,
+    "render": render,
+    "evaluate": evaluate,
+    "backends": list_backends,
+    "schema": schema,
+}

@@ -1,0 +1,8 @@
+"""`python -m physgen.cli`."""
+
+import sys
+
+from physgen.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

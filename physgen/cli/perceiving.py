@@ -1,0 +1,159 @@
+"""`perceive`, `import` and `backends`: photos, or somebody else's files, to scenes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+from physgen.cli.printing import OK, Bar, hand_over, print_json, tell_kept, tell_one
+from physgen.flags import four, scene_name, two
+from physgen.problems import InputError, Problem
+
+if TYPE_CHECKING:
+    from physgen.crew import Plan
+
+
+def perceive(options: argparse.Namespace) -> int:
+    from physgen import pipeline
+    from physgen.crew import Crew
+
+    if options.refresh is None and len(options.image) > 1:
+        return _perceive_many(options)
+    scene_name(options.output)
+    bar = Bar()
+    told: dict[str, Any] = {
+        "boxes": [four("--box", text) for text in options.box],
+        "points": [two("--point", text) for text in options.point],
+        "assets": options.assets,
+        "crew": Crew(_plan(options)),
+        "progress": bar.show,
+        "warn": tell_one,
+        "keep": tell_kept,
+    }
+    if options.refresh:
+        _refuse_beside_refresh(options)
+        if options.output is None:
+            fix = "say where the new scene goes, with its maps beside it: -o NEW.yaml"
+            raise InputError.of("perceive", "--refresh", "needs -o", fix)
+        from physgen.refresh import refresh
+
+        told |= {"allow_outside": options.allow_outside, "sheet": options.sheet}
+        told["labels"] = options.label
+        text = refresh(options.refresh, options.output, **told)
+    elif not options.image:
+        raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
+    else:
+        told |= {
+            "masks": options.masks,
+            "coco": options.coco,
+            "side": options.side,
+            "sheet": options.sheet,
+            "labels": options.label,
+            "asked": options.find,
+        }
+        text = pipeline.perceive(options.image[0], options.output, **told)
+    bar.clear()
+    hand_over(text, options.output)
+    return OK
+
+
+def _perceive_many(options: argparse.Namespace) -> int:
+    """Several photos into one folder, with models loaded once; what is wrong with one leaves the others be."""
+    from physgen import pipeline
+    from physgen.crew import Crew
+
+    alone = {"--masks": options.masks, "--coco": options.coco, "--box": options.box, "--point": options.point,
+             "--label": options.label, "--assets": options.assets, "--sheet": options.sheet}  # fmt: skip
+    fix = "leave it out, or name one photo"
+    said = [
+        InputError.of("perceive", flag, "tells of one photo", fix) for flag, value in alone.items() if value
+    ]
+    problems = [problem for error in said for problem in error.problems]
+    if options.output is None or options.output.suffix in (".yaml", ".yml"):
+        fix = "say where: -o FOLDER"
+        problems += InputError.of(
+            "perceive", f"{len(options.image)} photos", "go into a folder", fix
+        ).problems
+    stems = [image.stem for image in options.image]
+    for twin in sorted({stem for stem in stems if stems.count(stem) > 1}):
+        problems += InputError.of("perceive", f'"{twin}"', "is the name of two photos", "rename one").problems
+    if problems:
+        raise InputError(problems)
+    crew = Crew(_plan(options, keep=True))
+    failed: list[Problem] = []
+    bar = Bar()
+    for k, image in enumerate(options.image):
+        output = options.output / f"{image.stem}.yaml"
+
+        def step(stage: str, done: int, total: int, k: int = k, name: str = image.name) -> None:
+            bar.show(f"{name}: {stage}", k * total + done, len(options.image) * total)
+
+        try:
+            pipeline.perceive(
+                image, output, crew=crew, asked=options.find, side=options.side,
+                progress=step, warn=tell_one, keep=tell_kept,
+            )  # fmt: skip
+            hand_over("", output)
+        except InputError as error:
+            failed += error.problems
+    bar.clear()
+    if failed:
+        raise InputError(failed)
+    return OK
+
+
+def _plan(options: argparse.Namespace, keep: bool | None = None) -> Plan:
+    from physgen.configured import plan
+
+    kept = getattr(options, "keep_models", None)
+    return plan(
+        options.backend,
+        profile=options.profile,
+        config=options.config,
+        device=options.device,
+        dtype=options.dtype,
+        fallback=options.fallback,
+        keep=kept if kept is not None else keep,
+    )
+
+
+def _refuse_beside_refresh(options: argparse.Namespace) -> None:
+    """A scene tells its photo and its masks."""
+    beside = {
+        "IMAGE": options.image[0] if options.image else None,
+        "--masks": options.masks,
+        "--coco": options.coco,
+        "--side": options.side,
+    }
+    for flag, value in beside.items():
+        if value is not None:
+            fix = f"leave {flag} or --refresh out"
+            raise InputError.of("perceive", f'"{value}"', "cannot be told beside --refresh", fix)
+
+
+def import_(options: argparse.Namespace) -> int:
+    from physgen import pipeline
+
+    scene_name(options.output)
+    bar = Bar()
+    if options.kind == "physgen":
+        text = pipeline.import_physgen(options.path, options.output, bar.show, tell_one, tell_kept)
+    else:
+        text = pipeline.import_coco(options.path, options.image, options.output, bar.show, tell_kept)
+    bar.clear()
+    hand_over(text, options.output)
+    return OK
+
+
+def list_backends(options: argparse.Namespace) -> int:
+    from physgen import roster
+
+    rows = roster.listing(_plan(options))
+    if options.json:
+        print_json({"backends": rows})
+        return OK
+    for line in roster.text(rows):
+        print(line)
+    print("\n* does its step unless --backend, --profile or physgen.toml says otherwise", file=sys.stderr)
+    return OK

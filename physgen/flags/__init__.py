@@ -1,0 +1,175 @@
+"""Command line -> parsed options: every command's flags, with an example each."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NoReturn
+
+from physgen import __version__
+from physgen.flags.measures import measures
+from physgen.flags.perceiving import perceive, who
+from physgen.flags.values import count, formats, four, positive, scene_name, two
+
+__all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
+
+WRONG_INPUT = 2
+DEVICES = ("cpu", "cuda")
+
+
+class Parser(argparse.ArgumentParser):
+    """Wrong flags: one line that says what to do, exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message and a hint."""
+        self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def joined(arguments: list[str]) -> list[str]:
+    """`--point -1,3` as `--point=-1,3`: argparse takes a value that begins with - for a flag.
+
+    >>> joined(["perceive", "a.png", "--point", "-1,3"])
+    ['perceive', 'a.png', '--point=-1,3']
+    """
+    result: list[str] = []
+    for argument in arguments:
+        if (
+            result
+            and result[-1] in ("--box", "--point")
+            and argument[:1] == "-"
+            and argument[1:2].isdecimal()
+        ):
+            result[-1] += f"={argument}"
+        else:
+            result.append(argument)
+    return result
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Every command with its flags and an example."""
+    parser = Parser(
+        prog="physgen",
+        description="One photo becomes an editable scene file; the scene file becomes a physically true video.",
+        epilog="example: physgen perceive photo.png > scene.yaml && physgen render scene.yaml",
+    )
+    parser.add_argument("--version", action="version", version=f"physgen {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def command(name: str, about: str, example: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=about, description=about, epilog=f"example: {example}")
+        sub.set_defaults(command=name)
+        return sub
+
+    sub = command("perceive", "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml")
+    perceive(sub)
+
+    sub = command(
+        "import",
+        "Somebody else's files to a scene.",
+        "physgen import physgen data/pool -o pool.yaml",
+    )
+    sub.add_argument(
+        "kind", choices=("physgen", "coco"), help="physgen: a folder of the paper's code; coco: annotations"
+    )
+    sub.add_argument("path", metavar="PATH", type=Path, help="the folder or file")
+    sub.add_argument(
+        "--image", type=Path, help="coco: the photo; default: the file that the annotations name"
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="SCENE",
+        type=Path,
+        help="write the scene here (assets beside it); default: stdout",
+    )
+
+    sub = command(
+        "check", "Problems and warnings of scene files.", "physgen check scenes/*/scene.yaml --strict"
+    )
+    sub.add_argument("scenes", metavar="SCENE", nargs="+")
+    sub.add_argument("--strict", action="store_true", help="warnings count as errors")
+    sub.add_argument(
+        "--resolved", action="store_true", help="print the scene with overlays applied and defaults filled in"
+    )
+    sub.add_argument("--json", action="store_true", help="print problems as JSON")
+    _overlays(sub)
+
+    sub = command("simulate", "Scene to trajectory.", "physgen simulate scene.yaml -o trajectory.npz")
+    sub.add_argument("scene", metavar="SCENE")
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=Path,
+        help="write here; .npz, .csv or .json; default: CSV on stdout",
+    )
+    sub.add_argument(
+        "--chaos",
+        action="store_true",
+        help="run it again a hair apart, with half the step and other sweeps: when do the runs part by a pixel?",
+    )
+    sub.add_argument("--rate", metavar="HZ", type=positive, help="samples a second; default: the video's")
+    sub.add_argument("--json", action="store_true", help="print everything as JSON")
+    _overlays(sub)
+
+    sub = command(
+        "render",
+        "Scenes to videos, reports and manifests.",
+        "physgen render scene.yaml -o out --format mp4,gif",
+    )
+    sub.add_argument("scenes", metavar="SCENE", nargs="+")
+    sub.add_argument(
+        "-o", "--output", metavar="DIR", default="out", help="folder of the results; default: out"
+    )
+    sub.add_argument(
+        "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
+    )
+    sub.add_argument(
+        "--format",
+        metavar="LIST",
+        type=formats,
+        default=["mp4"],
+        help="any of mp4,gif,webp,png; default: mp4",
+    )
+    sub.add_argument(
+        "--chaos",
+        action="store_true",
+        help="tell in the report how long the motion can be foretold; see simulate",
+    )
+    sub.add_argument(
+        "--device",
+        choices=DEVICES,
+        default="cpu",
+        help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
+    )
+    sub.add_argument("--json", action="store_true", help="print the folders as JSON")
+    _overlays(sub)
+
+    sub = command(
+        "evaluate",
+        "Scorecards: how far physgen is from what is known. Exit code 1 when a bar is missed.",
+        "physgen evaluate physics --rows 1,5,12",
+    )
+    measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
+
+    sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
+    who(sub)
+    sub.add_argument("--json", action="store_true", help="print as JSON")
+
+    sub = command("schema", "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
+    sub.add_argument("--markdown", action="store_true", help="the reference page instead")
+    return parser
+
+
+def _overlays(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="edit a key: objects.ball-1.mass=200; * stands for every object",
+    )
+    sub.add_argument("--variant", metavar="NAME", help="apply a named variant of the file, or all")
+    sub.add_argument(
+        "--allow-outside", action="store_true", help="let the scene read files outside its folder"
+    )

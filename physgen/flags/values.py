@@ -1,0 +1,102 @@
+"""Texts of flags -> values, or what is wrong with them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from physgen.problems import InputError
+
+FORMATS = ("mp4", "gif", "webp", "png")
+
+
+def positive(text: str) -> float:
+    """A number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0 and up to 1000000")
+    return value
+
+
+def part(text: str) -> float:
+    """A number in 0..1."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 to 1")
+    return value
+
+
+def side(text: str) -> int:
+    """px of a photo's side."""
+    if not text.isdecimal() or not 16 <= int(text) <= 100_000:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 16 to 100000")
+    return int(text)
+
+
+def count(text: str) -> int:
+    """A number of things."""
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 1024")
+    return int(text)
+
+
+def rows(text: str) -> list[int]:
+    """`1,5,12` -> numbers of rows."""
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() and len(part) < 6 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers, e.g. 1,5,12")
+    return [int(part) for part in parts]
+
+
+def nouns(text: str) -> list[str]:
+    """`a red ball, cup` -> its nouns."""
+    return [noun for part in text.split(",") if (noun := part.strip())]
+
+
+def formats(text: str) -> list[str]:
+    """`mp4,gif` -> kinds of video."""
+    names = [name.strip() for name in text.split(",")]
+    wrong = [name for name in names if name not in FORMATS]
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{', '.join(wrong)} is not among {', '.join(FORMATS)}")
+    return list(dict.fromkeys(names))
+
+
+def _numbers(flag: str, text: str, count: int) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(abs(v) < 1e6 for v in values):
+        form = ",".join(("120", "80", "60", "60")[:count])
+        raise InputError.of(flag, f'"{text}"', f"is not {count} numbers", f"write e.g. {form}")
+    return values
+
+
+def four(flag: str, text: str) -> tuple[float, float, float, float]:
+    """`x,y,w,h` px; raises InputError."""
+    a, b, c, d = _numbers(flag, text, 4)
+    return a, b, c, d
+
+
+def two(flag: str, text: str) -> tuple[float, float]:
+    """`x,y` px; raises InputError."""
+    a, b = _numbers(flag, text, 2)
+    return a, b
+
+
+def scene_name(output: Path | None) -> None:
+    """Refuses what would overwrite a photo, or leave a scene that no command reads."""
+    if output is not None and (output.suffix not in (".yaml", ".yml") or output.is_dir()):
+        raise InputError.of(
+            "-o",
+            f'"{output}"',
+            "is no name for a scene file",
+            "end it in .yaml; without -o it goes to stdout",
+        )

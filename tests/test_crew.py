@@ -1,0 +1,202 @@
+"""Plans, their files and crews: what is chosen where, what is refused, and who takes over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physgen import backends
+from physgen.backends import Backend, Weights
+from physgen.configured import plan
+from physgen.crew import Crew, Plan, choices
+from physgen.problems import InputError
+
+RGB = np.zeros((8, 8, 3), np.uint8)
+
+
+@pytest.fixture(autouse=True)
+def nobodys_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """No configuration but the test's own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    return tmp_path
+
+
+def settle(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def said(told: Plan) -> dict[str, str]:
+    return {role: str(choice) for role, choice in told.choices.items()}
+
+
+def test_nothing_said_is_the_offline_line():
+    assert plan() == Plan()
+    assert {plan().row(role).name for role in backends.roles()} == {
+        backends.names(r)[0] for r in backends.roles()
+    }
+
+
+def test_flags_stand_over_the_folder_over_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    settle(
+        tmp_path / "home/physgen/physgen.toml",
+        'device = "cuda:1"\nkeep = true\n[backend]\nsegment = "classical"\ninpaint = "lama:/models/big-lama.pt"\n',
+    )
+    settle(tmp_path / "physgen.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n')
+    below = tmp_path / "photos/new"
+    below.mkdir(parents=True)
+    monkeypatch.chdir(below)  # found from below, like a project's other files
+    told = plan(["physics=table"], device="cpu")
+    assert said(told) == {"segment": "sam3", "inpaint": "lama:/models/big-lama.pt", "physics": "table"}
+    assert (told.device, told.keep, told.fallback) == ("cpu", True, False)
+
+
+def test_a_profile_on_the_command_line_stands_over_the_files_one_in_them_below(tmp_path: Path):
+    settle(
+        tmp_path / "physgen.toml",
+        'profile = "mine"\n[backend]\nsegment = "classical"\n'
+        '[profiles.mine]\nsegment = "sam3"\nnormals = "marigold"\n[vlm]\nsamples = 3\n',
+    )
+    assert said(plan()) == {"segment": "classical", "normals": "marigold"}
+    assert said(plan(profile="mine")) == {"segment": "sam3", "normals": "marigold"}
+    assert said(plan(["segment=learned"], profile="mine"))["segment"] == "learned"
+    assert plan(["physics=vlm"]).setup("physics").options == {"samples": 3}
+    assert plan(profile="models").row("segment").name == "grounding-dino+sam"
+
+
+def test_paths_in_a_file_are_those_beside_it(tmp_path: Path):
+    file = settle(
+        tmp_path / "set/up.toml", '[backend]\nnormals = "file:maps/n.npy"\nsegment = "sam3:facebook/sam3"\n'
+    )
+    settle(tmp_path / "set/maps/n.npy", "")
+    told = said(plan(config=file))
+    assert told == {"normals": f"file:{tmp_path / 'set/maps/n.npy'}", "segment": "sam3:facebook/sam3"}
+
+
+def test_every_mistake_in_a_file_is_told_by_its_line(tmp_path: Path):
+    file = settle(
+        tmp_path / "physgen.toml",
+        'device = "gpu"\nkeep = "yes"\n[backend]\nsegmnt = "sam3"\nsegment = "sam4"\n  inpaint = "fill:x"\n'
+        '[profiles.a]\ndepth = 3\n[vln]\nurl = "x"\n',
+    )
+    with pytest.raises(InputError) as error:
+        plan()
+    lines = sorted(str(problem).removeprefix(f"{file}:") for problem in error.value.problems)
+    assert lines == [
+        '1:1: "gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
+        "2:1: keep: 'yes' is not true or false; write true or false",
+        lines[2],
+        lines[3],
+        '6:3: "inpaint=fill:x" names weights for what has none; write inpaint=fill',
+        '8:1: depth: 3 is not text; write e.g. "sam3"',
+        lines[6],
+    ]
+    assert lines[2].startswith('4:1: "segmnt" is not a role; did you mean segment?')
+    assert lines[3].startswith('5:1: segment="sam4" is not a backend; did you mean sam3?')
+    assert lines[6].startswith('9:1: vln: "vln" means nothing here; did you mean vlm?')
+
+
+@pytest.mark.parametrize(
+    ("settings", "told", "message"),
+    [
+        (["segment=sam3:"], {}, 'segment=sam3:" names nothing after the colon; write segment=sam3:PATH'),
+        (
+            ["segment=learned:x"],
+            {},
+            'segment=learned:x" names weights for what has none; write segment=learned',
+        ),
+        ([], {"profile": "modls"}, '--profile: "modls" is no profile; did you mean models?'),
+        ([], {"device": "tpu"}, '--device: "tpu" is no device'),
+        ([], {"dtype": "float8"}, '--dtype: "float8" is no number format; did you mean float'),
+        ([], {"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read (No such file or directory)"),
+    ],
+)
+def test_wrong_flags_are_answered(settings, told, message: str):
+    with pytest.raises(InputError) as error:
+        plan(settings, **told)
+    assert message in str(error.value)
+
+
+class Odd:
+    """A segmenter that counts its lives."""
+
+    made = closed = 0
+    fails = False
+
+    def __init__(self, setup) -> None:
+        Odd.made += 1
+        self.setup = setup
+
+    def __call__(self, rgb, categories=None):
+        if Odd.fails:
+            raise RuntimeError("out of memory\nat 0x123")
+        return categories
+
+    def note(self):
+        return {"weights": self.setup.weights}
+
+    def close(self) -> None:
+        Odd.closed += 1
+
+
+@pytest.fixture
+def odd(monkeypatch: pytest.MonkeyPatch) -> type[Odd]:
+    row = Backend(
+        "segment", "odd", f"{__name__}:Odd", "", weights=(Weights("a/b", "", ""),), uses=("categories",)
+    )
+    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, row))
+    monkeypatch.setitem(__import__("sys").modules, __name__, __import__("sys").modules[Odd.__module__])
+    Odd.made = Odd.closed = 0
+    Odd.fails = False
+    return Odd
+
+
+def test_models_are_let_go_after_their_role_unless_kept(odd: type[Odd]):
+    for keep, lives in ((False, 3), (True, 1)):
+        odd.made = odd.closed = 0
+        crew = Crew(Plan(choices(["segment=odd"]), keep=keep))
+        for _ in range(3):
+            crew.begin()
+            assert crew.call("segment", RGB, categories=[1], depth=2) == [1]  # only what the row uses
+            crew.release("segment")
+        assert (odd.made, odd.closed) == (lives, 0 if keep else lives)
+        crew.close()
+        assert odd.closed == lives
+        assert [(step["backend"], step["weights"]) for step in crew.record()] == [("odd", "a/b")]
+
+
+def test_a_failure_is_an_error_unless_the_default_may_take_over(odd: type[Odd]):
+    odd.fails = True
+    with pytest.raises(RuntimeError):
+        Crew(Plan(choices(["segment=odd:c/d"]))).call("segment", RGB, categories=[])
+    heard = []
+    crew = Crew(Plan(choices(["segment=odd:c/d"]), fallback=True), heard.append)
+    crew.call("segment", RGB, categories=[])
+    assert crew.name("segment") == "learned"
+    (step,) = crew.record()
+    assert (step["backend"], step["instead_of"], step["because"]) == (
+        "learned", "odd:c/d", "RuntimeError: out of memory",
+    )  # fmt: skip
+    assert "segment=odd:c/d failed (RuntimeError: out of memory); learned took over" in str(heard[0])
+    assert crew.models()
+    crew.begin()  # the next photo: tried again
+    assert crew.name("segment") == "odd"
+
+
+def test_what_is_not_installed_is_told_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
+    rows = (
+        Backend("segment", "far", "nowhere:far", "", extra="models", needs=("no_such_module",)),
+        Backend("depth", "far", "nowhere:far", "", extra="models", needs=("no_such_module",)),
+    )
+    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, *rows))
+    with pytest.raises(InputError) as error:
+        Crew(Plan(choices(["segment=far", "depth=far"])))
+    assert len(error.value.problems) == 2
+    assert 'pip install "physgen[models]"' in str(error.value)
+    crew = Crew(Plan(choices(["depth=far"]), fallback=True))
+    assert not crew.call("depth", RGB).any()
+    assert crew.name("depth") == "none"
