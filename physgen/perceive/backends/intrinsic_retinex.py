@@ -4,7 +4,9 @@ Where colour changes, paint does (Land & McCann 1971; Funt, Drew & Brockington 1
 albedo's, the rest is mostly shading's. What lies far apart but has one colour has mostly one albedo (Garces et al.
 2012), so that differences of light within a colour are shading's, and those between colours mostly are not. The
 normals and the light that explains them (`lambert`) tell the shading of things; a screened Poisson equation, solved by
-cosine transforms, holds all of it together. After Barron & Malik 2015 in what is taken to be likely, not in how.
+cosine transforms, holds all of it together. What no gradient tells, how much light whole surfaces get beside each
+other, follows from how they stand: tables, what lies behind them, things. After Barron & Malik 2015 in what is taken to
+be likely, not in how.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ WITHIN, BETWEEN = 0.7, 0.3
 """Shares of the differences of light that are shading's: of those within one colour, of those between colours."""
 COLOURS = 64
 """Bins a side of the table of colours, over ratios of e^-3 to e^3."""
-REACH = 4.0
+REACH = 3.0
 """px of the grid over which those differences are taken together."""
 HOLD = 0.03
 """1/px²: how strongly differences far apart count beside gradients."""
@@ -45,13 +47,13 @@ THING = 0.6
 """How much of Lambert's shading is believed, on things; around them normals are known too little."""
 UPWARDS = -0.5
 """y of the normals of tables."""
-LIFT, KEPT = 0.5, 0.55
+LIFT, KEPT = 0.55, 0.55
 """How much more light (logarithm) a table gets than what lies behind it: lamps are above, and it faces them; and the
 share of how much lighter it looks that is shading's, too."""
-STOOD, FLAT = -0.2, -0.15
+STOOD, FLAT = -0.15, -0.15
 """Light (logarithm) on things beside that on the table they stand on, and on what lies behind them without a table."""
 OWN = 0.15
-"""Share of how much lighter a thing looks that is shading's: things beside each other are lit alike, and painted not."""
+"""Share of how much lighter a thing looks that is shading's: neighbours are lit alike, and painted not."""
 EVEN = 0.5
 """The least share of ambient light: rooms are bright in the shade."""
 LIKELY = DistantLight((0.0, -0.6, 0.8), 0.5, 0.5)
