@@ -37,8 +37,8 @@ DEPTH = 4.5
 """px that the hole may be deep at the coarsest scale."""
 WIDE = 30_000
 """px: a coarsest scale with more of them is halved once more; photos more than three times as wide as high have it."""
-ROUNDS = (1, 2, 3, 6)
-"""Rounds of search and vote: at the finest scale, the two above it, and all others."""
+ROUNDS = (1, 1, 3, 6)
+"""Rounds of search and vote: at the finest scale (a vote alone), the two above it, and all others."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
 STRATA = 4.0
@@ -82,7 +82,7 @@ def borrow(picture: F32, hole: Mask) -> F32:
             field = _doubled(field, (h, w))
         search = _Search(level, RADIUS if k else 2, AWAY * strata)
         for _ in range(ROUNDS[min(k, 3)]):
-            field, cost = search.nearest(guess, field)
+            field, cost = search.nearest(guess, field) if k or field is None else search.same(field)
             weight = search.weights(cost)
             guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
             if k > LOOSE:
@@ -206,6 +206,19 @@ class _Search:
         result = np.moveaxis(np.indices(self.level.hole.shape), 0, -1)
         result[self.at[:, 0], self.at[:, 1]] = best
         return result, cost
+
+    def same(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
+        """The centres in `field`, or where these are no whole patches, the nearest that are; all cost the same.
+
+        The finest scale only copies grain: pieces that stay as they were found keep more of it than smaller ones.
+        """
+        h, w = self.level.hole.shape
+        place = field[self.at[:, 0], self.at[:, 1]]
+        result = np.moveaxis(np.indices((h, w)), 0, -1)
+        result[self.at[:, 0], self.at[:, 1]] = self.snap[
+            np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)
+        ]
+        return result, np.zeros(len(place), np.float32)
 
     def _all(self, target: F32, total: F32) -> tuple[Places, F32]:
         n = len(self.at)
