@@ -17,7 +17,7 @@ ALIKE = 25.0
 """Levels that the side of a border which is more alike may differ by from end to end."""
 DOUBT = 0.75
 """Most doubt that two ends are one border's: colours that differ, turns that are no arc's, long bends."""
-BEYOND = 8, 14, 20
+BEYOND = 8, 14, 20, 30, 40
 """px beyond the hole at which a border that leaves it is looked for."""
 DRIFT = 0.06
 """By how much of its length a border that goes straight through may miss, since its direction is not exact."""

@@ -19,7 +19,7 @@ NEAR = 8
 """px from an object within which shadows have been taken up by the first fill."""
 DEEP = 0.45
 """Share of its light: where a shadow leaves less, and an object is near, nobody sees what is there."""
-FADE = 0.06
+FADE = 0.03
 """Of the photo's longer side: how far into a hole from the nearest lifted shadow it is filled anew; then it fades."""
 LIFTED = 3
 """Grey levels: less is no shadow."""
