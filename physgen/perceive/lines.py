@@ -89,9 +89,9 @@ def _lines(ends: list[End], piece: Mask, ring: Ring) -> Iterator[Line]:
             yield Line(path, end.profile, end.profile)
         for a, b, place in [] if last or met else corners(alone, piece, drawn):
             alone = [end for end in alone if end is not a and end is not b]
-            for end in (a, b):
-                _draw(drawn, segment(end.at, place))
-                yield Line(segment(end.at, place), end.profile, end.profile)
+            bent = np.concatenate([segment(a.at, place), segment(place, b.at)[1:]])
+            _draw(drawn, bent)
+            yield Line(bent, a.profile, b.profile[::-1])
 
 
 def _turn(a: F64, b: F64) -> float:

@@ -7,7 +7,9 @@ from physgen.perceive.lifted import refilled
 
 rng = np.random.default_rng(0)
 y, x = np.mgrid[:120, :200]
-FLOOR = np.clip(np.where((y < 60)[..., None], [150, 120, 90], [200, 180, 160]) + rng.normal(0, 3, (120, 200, 1)), 0, 255)
+FLOOR = np.clip(
+    np.where((y < 60)[..., None], [150, 120, 90], [200, 180, 160]) + rng.normal(0, 3, (120, 200, 1)), 0, 255
+)
 FLOOR = FLOOR.astype(np.uint8)
 LEFT, RIGHT = np.hypot(x - 50, y - 70) < 14, np.hypot(x - 150, y - 70) < 14
 SHADOW = (np.hypot((x - 172) / 2, y - 84) < 6) & ~RIGHT
