@@ -18,6 +18,8 @@ from physgen.perceive.membrane import F32, Mask, grown
 
 ALONE = 40.0
 """The same for a border that goes on alone."""
+PAD = 12
+"""px by which the photo is held to go on beyond its border, so that what enters a hole close to it is seen."""
 BULGE = 0.1
 """Bending from which a border that only runs along the hole's is not drawn."""
 AT_ONCE = 500_000
@@ -26,6 +28,10 @@ AT_ONCE = 500_000
 
 def carried(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     """`(H, W, 3)` with strips along the borders carried on through `hole` (H, W), and where these strips are."""
+    height, width = hole.shape
+    edges = (PAD,) * 4
+    picture = np.asarray(cv2.copyMakeBorder(picture, *edges, cv2.BORDER_REPLICATE), np.float32)
+    hole = cv2.copyMakeBorder(hole.astype(np.uint8), *edges, cv2.BORDER_REPLICATE) > 0
     result, where = picture.copy(), np.zeros_like(hole)
     ring = Ring.of(picture, grown(hole, 1))
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
@@ -33,7 +39,8 @@ def carried(picture: F32, hole: Mask) -> tuple[F32, Mask]:
         piece = ids == k
         for line in _lines(list(ends(ring, piece)), piece, ring):
             _strip(result, where, piece, line)
-    return result, where
+    inner = slice(PAD, PAD + height), slice(PAD, PAD + width)
+    return result[inner], where[inner]
 
 
 def _lines(ends: list[End], piece: Mask, ring: Ring) -> Iterator[Line]:

@@ -25,37 +25,34 @@ def off(filled: NDArray[np.uint8], truth: NDArray[np.uint8], hole: NDArray[np.bo
     return float(abs(filled[hole].astype(float) - truth[hole]).mean())
 
 
-@pytest.mark.parametrize("slope", [-0.15, 0.15])
+@pytest.mark.parametrize("slope", [-0.2, 0.2])
 def test_an_edge_goes_on_behind_a_plank_that_lies_nearly_along_it(slope: float) -> None:
-    """Where the plank ends, the edge leaves the hole so flat that only what goes straight through finds it."""
+    """The edge leaves the hole so flat that only what goes straight through finds it."""
     truth = table()
     y, x = np.mgrid[:SIZE, :SIZE]
-    hole = (abs(y - EDGE - slope * (x - SIZE / 2)) < 12) & (abs(x - SIZE / 2) < 60)
+    hole = (abs(y - EDGE - slope * (x - 34)) < 12) & (x > 22) & (x < 135)
     photo = truth.copy()
     photo[hole] = [120, 60, 30]
-    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 10
+    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 4
 
 
 def test_an_edge_seen_at_the_photos_borders_alone_goes_on_between() -> None:
     truth = table()
     y, x = np.mgrid[:SIZE, :SIZE]
-    hole = (abs(x - SIZE / 2) < SIZE / 2 - 24) & (abs(y - EDGE) < 20 + 8 * np.sin(x / 9))
+    hole = (abs(x - SIZE / 2) < SIZE / 2 - 10) & (abs(y - EDGE) < 20 + 8 * np.sin(x / 9))
     photo = truth.copy()
     photo[hole] = [30, 60, 120]
-    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 10
+    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 6
 
 
 def test_a_hidden_corner_of_a_box_is_a_corner() -> None:
-    truth = table(0.0)
-    truth[:] = [90, 110, 90]
-    truth[60:100, 80:] = [200, 190, 170]
+    truth = np.full((SIZE, SIZE, 3), [90, 110, 90], np.uint8)
+    truth[40:100, 80:] = [200, 190, 170]
     y, x = np.mgrid[:SIZE, :SIZE]
-    hole = np.hypot(x - 80, y - 100) < 26
+    hole = np.hypot(x - 80, y - 100) < 42
     photo = truth.copy()
     photo[hole] = [120, 60, 30]
-    filled = backends.make("inpaint")(photo, hole)
-    assert off(filled, truth, hole) < 12
-    assert filled[92, 92, 0] > 180 and filled[92, 68, 0] < 110 and filled[108, 92, 0] < 110
+    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 3
 
 
 def test_nothing_is_carried_on_where_there_is_no_border() -> None:

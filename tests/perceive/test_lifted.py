@@ -38,4 +38,5 @@ def test_only_the_fill_near_a_lifted_shadow_changes() -> None:
     clean = refilled(lifted, background, coverage, inpaint)
     assert np.array_equal(clean[LEFT], background[LEFT])
     before, after = (abs(p[RIGHT].astype(float) - FLOOR[RIGHT]).mean() for p in (background, clean))
-    assert after <= before and after < 8
+    assert after <= before
+    assert after < 8
