@@ -149,7 +149,7 @@ def perceive(
     background = role("inpaint")(rgb, coverage > 0)
     shadows: Shadows = role("shadow")(background, coverage, found.labels, things, matter, setting, light)
     clean = shadows.clean
-    if clean is not None:
+    if clean is not None and not shadows.faint:
         clean = refilled(clean, background, coverage, backends.make("inpaint", who.get("inpaint")))
     percepts = Percepts(
         rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,

@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.outline.outline import bounds
 from physgen.perceive import wall_shadow
+from physgen.perceive.contact import contact
 from physgen.perceive.owned import owners
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadows, Thing
 from physgen.perceive.side_light import (
@@ -106,7 +108,29 @@ def side_shadows(
             tilt, softness = round(degrees(atan(place.tilt)), 1), round(place.softness, 1)
             sure = round(min(0.9, sure), 2)
             return Shadows(clean, nothing.owners, place.light, softness, tilt, back, sure, reason)
-    return nothing
+    return _soft(photo, guess) or nothing
+
+
+def _soft(photo: _Photo, guess: LightGuess) -> Shadows | None:
+    """The shade of soft light on a floor under the lowest thing; None where the photo does not tell of it."""
+    H, W = photo.labels.shape
+    bottom = max(bounds(thing.outline)[3] for thing in photo.things)
+    if bottom >= H - 1:
+        return None
+    shade = contact(photo.background, photo.coverage, lambda scale: photo.at(scale, bottom), from_above=False)
+    if shade is None:
+        return None
+    fit = Fit(shade.place, 0.0, shade.factor, shade.factor)
+    things = photo.at(1.0, bottom)
+    dark = _foretold(things, fit, None, (H, W))
+    clean = lifted(photo.background, photo.coverage, dark, typical(things))
+    if roughness(photo.background, clean, photo.coverage) > SEEN:
+        return None
+    whose = owners(photo.background, clean, photo.coverage, _casts(things, fit, None, (H, W)))
+    tilt = round(degrees(atan(shade.place.tilt)), 1)
+    return Shadows(
+        clean, whose, guess.light, shade.place.softness, tilt, None, shade.confidence, shade.reason
+    )
 
 
 def _foretold(
