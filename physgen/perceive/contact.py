@@ -61,6 +61,8 @@ class Contact:
     """By how much more is dark than foretold, as a logarithm."""
     sure: float
     """Times what chance gives."""
+    missing: F32
+    """(H, W) -log of the light that the photo misses, smooth."""
 
     @property
     def confidence(self) -> float:
@@ -104,7 +106,8 @@ def contact(
             continue
         told = float(np.median(model[deep]) - np.median(model[beside & free]))
         factor = min(max(contrast / max(told, 1e-3), STRENGTHS[0]), STRENGTHS[1])
-        best = Contact(_sky(direct, down, (W, H), from_above), factor, sure)
+        full = np.asarray(cv2.resize(dark, (W, H), interpolation=cv2.INTER_LINEAR), np.float32)
+        best = Contact(_sky(direct, down, (W, H), from_above), factor, sure, full)
     return best
 
 

@@ -27,7 +27,7 @@ SHARE = 0.3
 """How much of that is geometry's say: the photo alone leaves the soft ends of shadows to its grain."""
 SMOOTH = 2.0
 """px: standard deviation of the blur; finer is grain."""
-TOLD = 0.02
+FORETOLD = 0.02
 """-log of light from which geometry says that a thing keeps light from a place."""
 SPECK = 16
 """px: a patch of fewer is none."""
@@ -58,7 +58,7 @@ def _told(casts: Iterable[tuple[int, Box, F32]], shape: tuple[int, ...]) -> tupl
     who, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
         part = np.s_[y0:y1, x0:x1]
-        more = values > np.maximum(most[part], TOLD)
+        more = values > np.maximum(most[part], FORETOLD)
         who[part][more] = number
         most[part][more] = values[more]
     return who, most

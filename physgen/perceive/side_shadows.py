@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physgen.outline.outline import bounds
 from physgen.perceive import wall_shadow
 from physgen.perceive.contact import contact
-from physgen.perceive.owned import owners
+from physgen.perceive.owned import FAINT, FORETOLD, owners, told
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadows, Thing
 from physgen.perceive.side_light import (
     BY_A_WALL,
@@ -123,10 +123,13 @@ def _soft(photo: _Photo, guess: LightGuess) -> Shadows | None:
     fit = Fit(shade.place, 0.0, shade.factor, shade.factor)
     things = photo.at(1.0, bottom)
     dark = _foretold(things, fit, None, (H, W))
-    clean = lifted(photo.background, photo.coverage, dark, typical(things))
+    # what stands where the shade is foretold, and is no darker there, lies in none
+    there = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
+    clean = lifted(photo.background, photo.coverage, np.asarray(dark * there, np.float32), typical(things))
     if roughness(photo.background, clean, photo.coverage) > SEEN:
         return None
-    whose = owners(photo.background, clean, photo.coverage, _casts(things, fit, None, (H, W)))
+    seen = np.where(dark > FORETOLD, shade.missing, 0).astype(np.float32)
+    whose = told(photo.coverage, _casts(things, fit, None, (H, W)), seen)
     tilt = round(degrees(atan(shade.place.tilt)), 1)
     return Shadows(
         clean, whose, guess.light, shade.place.softness, tilt, None, shade.confidence, shade.reason
