@@ -42,7 +42,7 @@ BESIDE = (0.4, 0.15), (0.3, 0.3)
 """Of an object's size, across and down: how far from there; seen from the side, and from above."""
 NEAR_BY = (0.5, 1.0, 1.5, 2.0)
 """Of an object's size: how far off shadows might lie as well, if they were chance."""
-SURE = 4.0
+SURE = 6.0
 """Times what chance gives, from which on it is believed (studio photos of the split `tune`)."""
 SEEN = 0.025
 """-log of light: less is not believed."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import atan, degrees, hypot, inf
 
 import cv2
@@ -67,12 +67,17 @@ class _Photo:
     things: Sequence[Thing]
     matter: Mapping[int, Matter]
     setting: Setting
+    traces: dict[tuple[int, float | None], Trace | None] = field(default_factory=dict)
 
     def at(self, scale: float, floor: float | None = None) -> list[Silhouette]:
         return silhouettes(self.labels, self.things, self.matter, self.setting, scale, floor)
 
     def trace(self, longest: int, floor: float | None = None) -> Trace | None:
-        return trace(self.background, self.coverage, longest, lambda scale: self.at(scale, floor))
+        """Made once."""
+        if (longest, floor) not in self.traces:
+            made = trace(self.background, self.coverage, longest, lambda scale: self.at(scale, floor))
+            self.traces[longest, floor] = made
+        return self.traces[longest, floor]
 
 
 def side_shadows(
