@@ -71,6 +71,7 @@ class Contact:
 
     @property
     def reason(self) -> str:
+        """A sentence for the scene's comments."""
         return f"soft light from all sides: dark about feet and rims, {self.sure:.0f} times what chance gives"
 
 

@@ -7,6 +7,7 @@ lying in shadow. Paint is dark as well; but it does not lie just where a thing's
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -76,7 +77,8 @@ def standing_out(
     others = np.array([one for one in moved if one is not None])
     if own is None or len(others) < len(shifts) // 4 or own <= others.max():
         return own or 0.0, 0.0
-    chance = float(np.sqrt(np.mean(np.maximum(others, 0) ** 2)))  # lighter than around: paint, that hides no shadow
+    # what is lighter than around is paint, and hides no shadow
+    chance = float(np.sqrt(np.mean(np.maximum(others, 0) ** 2)))
     return own, own / max(chance, QUIET)
 
 
@@ -116,7 +118,7 @@ def _blurred(picture: F32, across: float, down: float) -> F32:
     """Gaussian blur of two widths, px; wide ones on a coarser grid."""
     h, w = picture.shape
     right, lower = max(1, min(int(across / 3), w // 8)), max(1, min(int(down / 3), h // 8))
-    small = picture
+    small: NDArray[Any] = picture
     if right > 1 or lower > 1:
         small = cv2.resize(picture, (-(-w // right), -(-h // lower)), interpolation=cv2.INTER_AREA)
     sigmas = max(across / right, 0.3), max(down / lower, 0.3)
