@@ -79,10 +79,10 @@ def import_physgen(
     if (light := _light(normals, shading, labels)) is not None:
         document["light"], comments["light"] = light
     shadows = _shadows(percepts, things, sim)
-    if shadows.clean is not None:
-        percepts = replace(
-            percepts, clean=refilled(shadows.clean, background, coverage, backends.make("inpaint"))
-        )
+    if (clean := shadows.clean) is not None:
+        if not shadows.faint:
+            clean = refilled(clean, background, coverage, backends.make("inpaint"))
+        percepts = replace(percepts, clean=clean)
         document["light"] = words.light(shadows.light) | {"softness": shadows.softness}
         comments["light"] = f"{shadows.reason} (confidence {shadows.confidence:g})"
         document["world"] |= words.view(shadows, bool(sim.gravity))

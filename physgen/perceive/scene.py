@@ -6,6 +6,7 @@ import difflib
 import fnmatch
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -187,8 +188,8 @@ def perceive(
     background = role("inpaint", rgb, coverage > 0)
     shadows: Shadows = role("shadow", background, coverage, found.labels, things, matter, setting, light)
     clean = shadows.clean
-    if clean is not None:
-        clean = refilled(clean, background, coverage, crew.get("inpaint"))
+    if clean is not None and not shadows.faint:
+        clean = refilled(clean, background, coverage, partial(crew.call, "inpaint"))
     crew.release("inpaint")
     percepts = Percepts(
         rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
