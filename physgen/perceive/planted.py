@@ -121,6 +121,11 @@ def cradle(thing: Thing, center: Array, hull: Array, reach: float = 0.3) -> list
         ends = np.clip(
             [center[0] - reach * (x1 - x0), center[0] + reach * (x1 - x0)], hull[0, 0], hull[-1, 0]
         )
+        # it lies on corners of its hull: without one on either side of its centre it would tip
+        k = int(np.clip(np.searchsorted(hull[:, 0], center[0]), 1, len(hull) - 1))
+        ends = np.clip(
+            [min(ends[0], hull[k - 1, 0] - 0.5), max(ends[1], hull[k, 0] + 0.5)], hull[0, 0], hull[-1, 0]
+        )
         inner = hull[(hull[:, 0] > ends[0]) & (hull[:, 0] < ends[1])]
         xs = [ends[0], *inner[:, 0], ends[1]]
         chain = [(float(px), float(np.interp(px, hull[:, 0], hull[:, 1]))) for px in xs]
