@@ -25,7 +25,7 @@ APPEARANCE = {
     "metallicity": {"prediction_space": "linear", "up_to_scale": False},
 }
 OPTIONS: Mapping[str, Mapping[str, Any]] = {"diffusion": {"steps": 2}, "depth-anything": {"resolution": 70}}
-"""What their factories are told beside their path, by name: full schedules and sizes would take the time of all else."""
+"""What their factories are told beside their path, by name: full schedules and sizes would take long."""
 
 
 def depth_anything(folder: Path, kind: str = "relative") -> Path:
