@@ -80,6 +80,7 @@ def answers(run, raw: np.ndarray) -> None:
         size = tuple(pixels.shape[-2:])
         return SimpleNamespace(predicted_depth=torch.from_numpy(cv2.resize(raw, size[::-1]))[None])
 
+    assert run._model is not None  # the real one is loaded, and tells its kind
     run._model = network
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import pickle
 import weakref
@@ -70,9 +71,9 @@ def test_steps_and_ensembles_are_options(row, tiny):
     plain = backends.make(*row, tiny.setup(*row))
     run = backends.make(*row, tiny.setup(*row, steps=1, ensemble=3, resolution=48))
     assert {"steps": 1, "ensemble": 3, "resolution": 48, "seed": 0}.items() <= dict(run.note()).items()
-    assert dict(plain.note())["steps"] == 2  # as the weights' configuration says
     assert asked(row[0], run, rgb).tobytes() == asked(row[0], run, rgb).tobytes()
     assert not np.array_equal(asked(row[0], run, rgb), asked(row[0], plain, rgb))
+    assert dict(plain.note())["steps"] == 2  # as the weights' configuration says
 
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
@@ -96,12 +97,13 @@ def test_a_closed_model_is_gone(row, tiny):
     run.close()
     gc.collect()
     assert gone() is None
+    assert asked(row[0], run, photo()[0]).shape[:2] == photo()[0].shape[:2]  # and comes back when it is asked
 
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_missing_weights_are_named(row):
     with pytest.raises(InputError) as caught:
-        backends.make(*row, Setup("nobody/no-such-weights"))
+        backends.make(*row, Setup("nobody/no-such-weights"))  # before any work
     (problem,) = caught.value.problems
     assert problem.found == '"nobody/no-such-weights"'
     assert "hf download nobody/no-such-weights" in problem.fix
@@ -115,7 +117,7 @@ def test_missing_weights_are_named(row):
 def test_a_folder_of_something_else_is_refused(row, tmp_path):
     (tmp_path / "notes.txt").write_text("no weights")
     with pytest.raises(InputError, match="does not load as"):
-        backends.make(*row, Setup(str(tmp_path), "cpu"))
+        asked(row[0], backends.make(*row, Setup(str(tmp_path), "cpu")), photo()[0])
 
 
 def test_marigolds_weights_for_another_role_are_refused(tiny):
@@ -123,7 +125,7 @@ def test_marigolds_weights_for_another_role_are_refused(tiny):
     with pytest.raises(
         InputError, match=r"is a MarigoldNormalsPipeline: not for depth; write normals=marigold:"
     ):
-        backends.make("depth", "marigold", Setup(str(path), "cpu"))
+        backends.make("depth", "marigold", Setup(str(path), "cpu"))(photo()[0])
 
 
 def test_pickled_weights_are_not_opened(tmp_path, tiny):
@@ -131,7 +133,7 @@ def test_pickled_weights_are_not_opened(tmp_path, tiny):
     (path / "unet" / "diffusion_pytorch_model.safetensors").rename(path / "unet" / "elsewhere.safetensors")
     (path / "unet" / "diffusion_pytorch_model.bin").write_bytes(pickle.dumps(Trap(str(tmp_path / "ran"))))
     with pytest.raises(InputError, match="safetensors"):
-        backends.make("inpaint", "diffusion", Setup(str(path), "cpu"))
+        asked("inpaint", backends.make("inpaint", "diffusion", Setup(str(path), "cpu")), photo()[0])
     assert not (tmp_path / "ran").exists()
 
 
@@ -201,29 +203,31 @@ def test_what_answers_no_picture_is_no_lama(tmp_path):
         asked("inpaint", run, photo()[0])
 
 
-def test_what_the_safety_checker_withholds_is_painted_anew(tiny):
+def test_what_the_safety_checker_withholds_is_painted_anew(tiny, monkeypatch):
     run = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
-    real, seeds = run._pipe, []
+    kind, seeds = type(run._pipe), []
+    real = kind.__call__
 
-    def strict(**said):
+    @functools.wraps(real)
+    def strict(pipe, **said):
         seeds.append(said["generator"].initial_seed())
-        found = real(**said)
+        found = real(pipe, **said)
         found.nsfw_content_detected = [len(seeds) == 1]
         return found
 
-    strict.vae_scale_factor = real.vae_scale_factor
-    run._pipe = strict
+    monkeypatch.setattr(kind, "__call__", strict)
     rgb, labels, _ = photo()
     run(rgb, labels == 1)
     assert seeds[:2] == [0, 1]
     assert run.note()["withheld"] == 1
 
-    def never(**said):
-        found = real(**said)
+    @functools.wraps(real)
+    def never(pipe, **said):
+        found = real(pipe, **said)
         found.nsfw_content_detected = [True]
         return found
 
-    run._pipe = never
+    monkeypatch.setattr(kind, "__call__", never)
     with pytest.raises(InputError, match="safety checker withholds"):
         run(rgb, labels == 1)
 
@@ -232,10 +236,12 @@ def test_without_a_prompt_nothing_guides_and_nothing_is_lost(tiny):
     rgb, labels, _ = photo()
     free = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
     bound = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion", guidance=7.5))
-    assert (free.note()["guidance"], bound.note()["guidance"]) == (1.0, 7.5)
     found, same = free(rgb, labels == 1), bound(rgb, labels == 1)
+    assert (free.note()["guidance"], bound.note()["guidance"]) == (1.0, 7.5)
     assert np.abs(found.astype(int) - same).max() <= 1
-    told = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion", prompt="a table", guidance=7.5))
+    told = backends.make(
+        "inpaint", "diffusion", tiny.setup("inpaint", "diffusion", prompt="a table", guidance=7.5)
+    )
     assert np.abs(found.astype(int) - told(rgb, labels == 1)).max() > 1
 
 
