@@ -255,4 +255,4 @@ def _union(one: Cut, other: Cut) -> float:
 
 
 def _union_share(one: Mask, other: Mask) -> float:
-    return float(np.count_nonzero(one & other) / max(np.count_nonzero(one | other), 1))
+    return int(np.count_nonzero(one & other)) / max(int(np.count_nonzero(one | other)), 1)

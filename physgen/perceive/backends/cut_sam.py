@@ -54,7 +54,6 @@ class Cutter:
 
         return SamModel.from_pretrained(weights, dtype=torch.float32)
 
-    @torch.inference_mode()
     def look(self, rgb: Rgb) -> None:
         """Take in a photo; prompts are about it from here on."""
         self._photo = height, width = rgb.shape[0], rgb.shape[1]
@@ -62,7 +61,7 @@ class Cutter:
         ready = pixels(rgb, self._inner)
         ready = torch.nn.functional.pad(ready, (0, self.side - self._inner[1], 0, self.side - self._inner[0]))
         half = self.dtype != torch.float32
-        with torch.autocast(self.device.partition(":")[0], self.dtype, enabled=half):
+        with torch.inference_mode(), torch.autocast(self.device.partition(":")[0], self.dtype, enabled=half):
             seen = self.model.get_image_embeddings(ready.to(self.device))
         self._seen = [part.float() for part in seen] if isinstance(seen, list | tuple) else seen.float()
 
@@ -89,10 +88,10 @@ class Cutter:
         self.model = self._seen = None
         freed()
 
-    @torch.inference_mode()
     def _answers(self, **prompts: torch.Tensor) -> list[tuple[Mask, float]]:
         """Of three masks a prompt, whole, part and part of a part, the one that the model finds best."""
-        told = self.model(image_embeddings=self._seen, multimask_output=True, **prompts)
+        with torch.inference_mode():
+            told = self.model(image_embeddings=self._seen, multimask_output=True, **prompts)
         fits = told.iou_scores[0].float()
         best = fits.argmax(-1)
         return [

@@ -78,7 +78,6 @@ class GroundingDino:
         self.model = None
         freed()
 
-    @torch.inference_mode()
     def _asked(
         self, ready: Any, nouns: Sequence[str], of: Sequence[int], size: tuple[int, ...]
     ) -> list[Boxed]:
@@ -86,7 +85,8 @@ class GroundingDino:
         text = self.tokens(
             " ".join(f"{noun}." for noun in nouns), return_tensors="pt", return_token_type_ids=True
         )
-        told = self.model(**ready, **text.to(self.device))
+        with torch.inference_mode():
+            told = self.model(**ready, **text.to(self.device))
         spans = _spans(text.input_ids[0].tolist(), self.dot)
         if len(spans) != len(nouns):
             raise ValueError(

@@ -81,7 +81,6 @@ class Sam3:
         self._made = None
         freed()
 
-    @torch.inference_mode()
     def _instances(self, rgb: Rgb, nouns: Sequence[str]) -> list[tuple[str, float, torch.Tensor]]:
         """Noun, score and mask, (h, w) logits on the CPU, of all that is worth a comment."""
         tokens, model = self._model()
@@ -90,7 +89,7 @@ class Sam3:
         words = min(WORDS, int(model.config.text_config.max_position_embeddings))
         half = self.dtype != torch.float32
         found: list[tuple[str, float, torch.Tensor]] = []
-        with torch.autocast(self.device.partition(":")[0], self.dtype, enabled=half):
+        with torch.inference_mode(), torch.autocast(self.device.partition(":")[0], self.dtype, enabled=half):
             seen = model.get_vision_features(ready)
             for noun in nouns:
                 text = tokens(
