@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 WORDS = ("a", "ball", "block", "book", "cup", "domino", "red", "table", "wall", "floor", "toy", "car", "mug")
@@ -139,3 +140,15 @@ def sam3(folder: Path) -> Path:
     )  # fmt: skip
     Sam3Model(config).save_pretrained(folder)
     return folder
+
+
+def both(cutter: Callable[[Path], Path]) -> Callable[[Path], str]:
+    """Weights of a detector and of what cuts out, as a choice names them."""
+    return lambda folder: f"{grounding_dino(folder / 'dino')},{cutter(folder / 'sam')}"
+
+
+MODELS = {
+    ("segment", "grounding-dino+sam"): both(sam),
+    ("segment", "grounding-dino+sam2"): both(sam2),
+    ("segment", "sam3"): sam3,
+}

@@ -52,7 +52,7 @@ class Cutter:
     def _load(self, weights: str) -> Any:
         from transformers import SamModel
 
-        return SamModel.from_pretrained(weights, dtype=torch.float32)
+        return SamModel.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)
 
     def look(self, rgb: Rgb) -> None:
         """Take in a photo; prompts are about it from here on."""
@@ -130,7 +130,7 @@ class Sam2(Cutter):
     def _load(self, weights: str) -> Any:
         from transformers import Sam2Model
 
-        return Sam2Model.from_pretrained(weights, dtype=torch.float32)
+        return Sam2Model.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)
 
     def _fitted(self, height: int, width: int) -> tuple[int, int]:
         return self.side, self.side

@@ -130,4 +130,8 @@ def _load(weights: str) -> tuple[Any, Any, Any]:
 
     tokens = AutoTokenizer.from_pretrained(weights)
     images = GroundingDinoImageProcessorPil.from_pretrained(weights)
-    return tokens, images, GroundingDinoForObjectDetection.from_pretrained(weights, dtype=torch.float32)
+    return (
+        tokens,
+        images,
+        GroundingDinoForObjectDetection.from_pretrained(weights, dtype=torch.float32, use_safetensors=True),
+    )

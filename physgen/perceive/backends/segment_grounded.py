@@ -79,7 +79,7 @@ class Grounded:
         return {
             "device": self.device,
             "dtype": str(self.dtype).removeprefix("torch."),
-            "weights": list(self.weights),
+            "weights": ",".join(self.weights),
             **self._told,
         }
 

@@ -72,7 +72,7 @@ class Sam3:
         return {
             "device": self.device,
             "dtype": str(self.dtype).removeprefix("torch."),
-            "weights": [self.weights],
+            "weights": self.weights,
             **self._told,
         }
 
@@ -117,4 +117,6 @@ def _restored(logits: torch.Tensor, size: tuple[int, int]) -> Mask:
 def _load(weights: str) -> tuple[Any, Any]:
     from transformers import AutoTokenizer, Sam3Model
 
-    return AutoTokenizer.from_pretrained(weights), Sam3Model.from_pretrained(weights, dtype=torch.float32)
+    return AutoTokenizer.from_pretrained(weights), Sam3Model.from_pretrained(
+        weights, dtype=torch.float32, use_safetensors=True
+    )
