@@ -70,6 +70,7 @@ def sam(folder: Path) -> Path:
         vision_config={
             "hidden_size": 32, "num_hidden_layers": 1, "num_attention_heads": 2, "image_size": 64, "patch_size": 8,
             "output_channels": 32, "mlp_dim": 32, "window_size": 4, "global_attn_indexes": [0],
+            "num_pos_feats": 16,
         },
         prompt_encoder_config={
             "hidden_size": 32, "image_size": 64, "patch_size": 8, "image_embedding_size": 8, "mask_input_channels": 8,
