@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from physgen.perceive.roles import Doubt, Name, Scenery, Segments
 
 Mask = NDArray[np.bool_]
 """(H, W)."""
+T = TypeVar("T", bound=np.generic)
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom px; 0 and the photo's width are its borders."""
 Again = Callable[[Sequence[Box]], Sequence[tuple[Mask, float]]]
@@ -45,9 +47,13 @@ STRAIGHT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """One mask, and what it is said to be."""
+    """One mask, kept as its own window: a large photo's many masks would fill the memory. And what it is said to be."""
 
-    mask: Mask
+    piece: Mask
+    """(h, w): the window's."""
+    x: int
+    y: int
+    """Column and row of the window's first pixel."""
     noun: str
     movable: bool
     score: float
@@ -55,25 +61,49 @@ class Cut:
     fit: float
     """0..1, that this is its mask: the intersection over union that the model expects."""
 
-    @property
+    @classmethod
+    def of(cls, mask: Mask, noun: str, movable: bool, score: float, fit: float) -> Cut:
+        """From a mask of the photo (H, W)."""
+        x0, y0, x1, y1 = window(mask)
+        return cls(mask[y0:y1, x0:x1].copy(), x0, y0, noun, movable, score, fit)
+
+    def with_piece(self, piece: Mask) -> Cut:
+        """With some of its pixels; `piece` is of its window."""
+        x0, y0, x1, y1 = window(piece)
+        return replace(self, piece=piece[y0:y1, x0:x1].copy(), x=self.x + x0, y=self.y + y0)
+
+    @cached_property
     def confidence(self) -> float:
         """0..1, that it is there and that this is its mask."""
-        return float(np.clip(self.score, 0, 1) * np.clip(self.fit, 0, 1))
+        return min(max(self.score, 0.0), 1.0) * min(max(self.fit, 0.0), 1.0)
 
     @cached_property
     def area(self) -> int:
         """px."""
-        return int(np.count_nonzero(self.mask))
+        return int(np.count_nonzero(self.piece))
 
     @cached_property
     def window(self) -> tuple[int, int, int, int]:
         """Left, top, right, bottom px of its pixels, the last two just outside."""
-        return window(self.mask)
+        return self.x, self.y, self.x + self.piece.shape[1], self.y + self.piece.shape[0]
+
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """x, y px."""
+        rows, columns = np.nonzero(self.piece)
+        return self.x + float(columns.mean()), self.y + float(rows.mean())
+
+    def seen_in(self, photo: NDArray[T]) -> NDArray[T]:
+        """Its window of something of the photo's size: a view."""
+        x0, y0, x1, y1 = self.window
+        return photo[y0:y1, x0:x1]
 
 
 def window(mask: Mask) -> tuple[int, int, int, int]:
     """Left, top, right, bottom of a mask's pixels, the last two just outside; zeros where it is empty."""
-    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    x, y, width, height = (
+        cv2.boundingRect(np.ascontiguousarray(mask).view(np.uint8)) if mask.size else (0, 0, 0, 0)
+    )
     return int(x), int(y), int(x + width), int(y + height)
 
 
@@ -110,6 +140,8 @@ def smoothed(mask: Mask) -> Mask:
 
 def parts(mask: Mask) -> list[Mask]:
     """The pieces of a mask that are large enough to be things, the largest first; gaps of 2 px part nothing."""
+    if not mask.size:
+        return []
     near = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))
     count, pieces = cv2.connectedComponents(near, connectivity=8)
     areas = np.bincount(pieces[mask], minlength=count)
@@ -120,20 +152,19 @@ def parts(mask: Mask) -> list[Mask]:
 def split(cuts: Sequence[Cut], again: Again) -> list[Cut]:
     """Movable things in one piece each: of masks in more, the pieces' boxes are asked for `again` (section 3.1)."""
     whole: list[Cut] = []
-    pieces: list[tuple[Cut, Mask]] = []
+    pieces: list[Cut] = []
     for cut in cuts:
-        found = parts(cut.mask) if cut.movable else []
+        found = parts(cut.piece) if cut.movable else []
         if len(found) > 1:
-            pieces += [(cut, part) for part in found]
+            pieces += [cut.with_piece(part) for part in found]
         else:
             whole.append(cut)
-    answers = again([window(part) for _, part in pieces]) if pieces else []
-    for (cut, part), (mask, fit) in zip(pieces, answers, strict=True):
-        better = max(parts(smoothed(mask)), key=lambda one: int((one & part).sum()), default=part)
-        if _union_share(part, better) >= FOUND_AGAIN:
-            whole.append(replace(cut, mask=better, fit=fit))
-        else:
-            whole.append(replace(cut, mask=part))
+    answers = again([part.window for part in pieces]) if pieces else []
+    for part, (mask, fit) in zip(pieces, answers, strict=True):
+        answer = Cut.of(smoothed(mask), part.noun, part.movable, part.score, fit)
+        ones = [answer.with_piece(one) for one in parts(answer.piece)]
+        better = max(ones, key=lambda one: _shared(one, part), default=part)
+        whole.append(better if _union(part, better) >= FOUND_AGAIN else part)
     return whole
 
 
@@ -162,29 +193,34 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
     rest = list(cuts)
     while True:
         left = [_behind(cut, [other for other in rest if other is not cut]) for cut in rest]
-        shares = [np.count_nonzero(mask) / max(cut.area, 1) for mask, cut in zip(left, rest, strict=True)]
+        shares = [int(np.count_nonzero(piece)) / cut.area for piece, cut in zip(left, rest, strict=True)]
         if not shares or min(shares) >= LEFT:
-            return [replace(cut, mask=smoothed(mask)) for cut, mask in zip(rest, left, strict=True)]
+            return [cut.with_piece(smoothed(piece)) for cut, piece in zip(rest, left, strict=True)]
         del rest[int(np.argmin(shares))]
 
 
-def segments(cuts: Sequence[Cut], size: tuple[int, int], again: Again, sure: float = SURE) -> Segments:
+def segments(cuts: Iterable[Cut], size: tuple[int, int], again: Again, sure: float = SURE) -> Segments:
     """All of it: masks cleaned, split, each thing once, no overlaps; `size` is the photo's (H, W).
 
-    Ids run left to right by centroid. What is less than `sure` is doubtful; what is not movable is scenery.
+    `cuts` may come one at a time. Ids run left to right by centroid. What is less than `sure` is doubtful; what is
+    not movable is scenery.
     """
     least = max(SMALLEST * size[0] * size[1], LEAST)
-    cuts = split([replace(cut, mask=smoothed(cut.mask)) for cut in cuts], again)
-    cuts = distinct([cut for cut in cuts if cut.area >= least and cut.confidence >= DOUBTFUL])
+    smooth = [cut.with_piece(smoothed(cut.piece)) for cut in cuts if cut.confidence >= DOUBTFUL]
+    whole = split(smooth, again)
+    cuts = distinct([cut for cut in whole if cut.area >= least and cut.confidence >= DOUBTFUL])
     things = resolved([cut for cut in cuts if cut.movable and cut.confidence >= sure])
     things = [cut for cut in things if cut.area >= least]
-    things.sort(key=lambda cut: tuple(float(axis.mean()) for axis in np.nonzero(cut.mask)[::-1]))
+    things.sort(key=lambda cut: cut.centroid)
     labels = np.zeros(size, np.uint16)
     for k, cut in enumerate(things, 1):
-        labels[cut.mask] = k
+        cut.seen_in(labels)[cut.piece] = k
     weak = [cut for cut in cuts if cut.movable and cut.confidence < sure]
     doubts = [
-        doubt for cut in weak if np.count_nonzero(labels[cut.mask]) <= 0.5 * cut.area for doubt in _doubt(cut)
+        doubt
+        for cut in weak
+        if np.count_nonzero(cut.seen_in(labels)[cut.piece]) <= 0.5 * cut.area
+        for doubt in _doubt(cut)
     ]
     return Segments(
         labels,
@@ -200,28 +236,29 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
     cuts = sorted(cuts, key=lambda cut: -cut.area)
     seen = np.zeros(labels.shape, np.uint16)
     for k, cut in enumerate(cuts, 1):
-        seen[cut.mask] = k
+        cut.seen_in(seen)[cut.piece] = k
     seen[labels > 0] = 0
     return Scenery(seen, {k: cut.noun for k, cut in enumerate(cuts, 1) if (seen == k).any()})
 
 
 def _doubt(cut: Cut) -> list[Doubt]:
     """Its outline in few corners; none for what is too thin to have one."""
-    found, _ = cv2.findContours(cut.mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    found, _ = cv2.findContours(cut.piece.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     contour = max(found, key=len)
     corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[:, 0]
     if len(corners) < 3:
         return []
-    return [Doubt([(float(x), float(y)) for x, y in corners], round(cut.confidence, 3))]
+    return [Doubt([(float(cut.x + x), float(cut.y + y)) for x, y in corners], round(cut.confidence, 3))]
 
 
 def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
-    """What is left of a mask where others lie before it."""
-    left = cut.mask.copy()
+    """What is left of its piece where others lie before it."""
+    left = cut.piece.copy()
     for other in others:
-        if _before(other, cut) and _shared(other, cut):
-            x0, y0, x1, y1 = other.window
-            left[y0:y1, x0:x1] &= ~other.mask[y0:y1, x0:x1]
+        common = _common(cut, other)
+        if common and _before(other, cut):
+            mine, its = common
+            left[mine] &= ~other.piece[its]
     return left
 
 
@@ -239,20 +276,23 @@ def _holds(one: Cut, other: Cut) -> bool:
     return kind and _shared(one, other) >= WITHIN * other.area
 
 
+def _common(one: Cut, other: Cut) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
+    """Where two windows overlap, in the piece of each; None where they do not."""
+    x0, y0 = max(one.x, other.x), max(one.y, other.y)
+    x1, y1 = min(one.window[2], other.window[2]), min(one.window[3], other.window[3])
+    if x1 <= x0 or y1 <= y0:
+        return None
+    mine, its = ((slice(y0 - cut.y, y1 - cut.y), slice(x0 - cut.x, x1 - cut.x)) for cut in (one, other))
+    return mine, its
+
+
 def _shared(one: Cut, other: Cut) -> int:
     """px that are in both."""
-    x0, y0 = (max(a, b) for a, b in zip(one.window[:2], other.window[:2], strict=True))
-    x1, y1 = (min(a, b) for a, b in zip(one.window[2:], other.window[2:], strict=True))
-    if x1 <= x0 or y1 <= y0:
-        return 0
-    return int(np.count_nonzero(one.mask[y0:y1, x0:x1] & other.mask[y0:y1, x0:x1]))
+    common = _common(one, other)
+    return int(np.count_nonzero(one.piece[common[0]] & other.piece[common[1]])) if common else 0
 
 
 def _union(one: Cut, other: Cut) -> float:
     """Intersection over union, 0..1."""
     both = _shared(one, other)
     return both / max(one.area + other.area - both, 1)
-
-
-def _union_share(one: Mask, other: Mask) -> float:
-    return int(np.count_nonzero(one & other)) / max(int(np.count_nonzero(one | other)), 1)

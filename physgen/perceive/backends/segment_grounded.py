@@ -49,10 +49,10 @@ class Grounded:
         cutter = self._cutting()
         cutter.look(rgb)
         masks = cutter.boxes([one.box for one in found])
-        cuts = [
-            Cut(mask, kinds[one.noun].noun, kinds[one.noun].movable, one.score, fit)
+        cuts = (  # one at a time: a large photo's masks are large
+            Cut.of(mask, kinds[one.noun].noun, kinds[one.noun].movable, one.score, fit)
             for one, (mask, fit) in zip(found, masks, strict=True)
-        ]
+        )
         result = segments(
             cuts, (rgb.shape[0], rgb.shape[1]), lambda boxes: list(cutter.boxes(boxes)), self.sure
         )

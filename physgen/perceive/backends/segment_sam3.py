@@ -56,10 +56,10 @@ class Sam3:
         kinds.pop("", None)
         found = sorted(self._instances(rgb, list(kinds)), key=lambda one: -one[1])[:MOST]
         size = rgb.shape[0], rgb.shape[1]
-        cuts = [
-            Cut(_restored(logits, size), kinds[noun].noun, kinds[noun].movable, score, 1.0)
+        cuts = (
+            Cut.of(_restored(logits, size), kinds[noun].noun, kinds[noun].movable, score, 1.0)
             for noun, score, logits in found
-        ]
+        )
         self._told = {"asked": len(kinds), "masks": len(found)}
 
         def nothing(boxes: Sequence[Box]) -> list[tuple[Mask, float]]:
