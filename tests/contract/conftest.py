@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,4 +41,8 @@ class Tiny:
 
 @pytest.fixture(scope="session")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Tiny:
+    if importlib.util.find_spec("torch"):
+        import torch
+
+        torch.set_num_threads(1)  # handing out such small work costs more than the work
     return Tiny(tmp_path_factory.mktemp("tiny"))

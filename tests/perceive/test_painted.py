@@ -44,7 +44,7 @@ def test_a_painters_shift_of_colour_is_taken_away():
     photo = np.where(hole[..., None], 0, ramp()).astype(np.uint8)
 
     def tinted(part, wanted):  # knows the wall, and paints all of it in a tint of its own
-        return np.clip(ramp().astype(int) + (9, -6, 4), 0, 255).astype(np.uint8)
+        return np.clip(ramp().astype(int) + np.array([9, -6, 4]), 0, 255).astype(np.uint8)
 
     filled = painted(photo, hole, tinted, max(H, W))
     assert np.abs(filled.astype(int) - ramp())[hole].max() <= 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -26,7 +27,10 @@ LONGEST = 3.0
 
 
 class Depth:
-    """The backend `depth-anything`; `resolution` is the shorter side that the network sees, px."""
+    """The backend `depth-anything`; `resolution` is the shorter side that the network sees, px.
+
+    The model is loaded when first needed.
+    """
 
     def __init__(self, setup: Setup) -> None:
         options = read(setup, "depth-anything", {"resolution": Whole(518, PATCH)})
@@ -35,33 +39,44 @@ class Depth:
         # a small model: nothing is won by half the digits, and depth would have steps
         self._dtype = torch.float32 if setup.dtype == "auto" else dtype_of(setup, self._device)
         self._resolution = options["resolution"]
-        self._processor, self._model = loaded(self._load, self._weights, "Depth Anything")
-        self._metric = self._model.config.depth_estimation_type == "metric"
+        loaded(lambda _: None, self._weights, "Depth Anything")  # is it here, or to be had
+        self._unit = ""
 
-    def _load(self, weights: str) -> tuple[Any, Any]:
-        processor = DPTImageProcessorPil.from_pretrained(weights)
+    @cached_property
+    def _processor(self) -> Any:
+        return loaded(DPTImageProcessorPil.from_pretrained, self._weights, "Depth Anything")
+
+    @cached_property
+    def _model(self) -> Any:
+        model = loaded(self._load, self._weights, "Depth Anything")
+        self._unit = "m" if model.config.depth_estimation_type == "metric" else "relative"
+        return model
+
+    def _load(self, weights: str) -> Any:
         model = DepthAnythingForDepthEstimation.from_pretrained(
             weights, dtype=self._dtype, use_safetensors=True
         )
-        return processor, model.to(self._device).eval()
+        return model.to(self._device).eval()
 
     def __call__(self, rgb: Rgb) -> NDArray[np.float32]:
         """(H, W) float32, larger = farther: m if the weights are metric, else 1 = nearest, as `receding` says."""
+        model = self._model
         height, width = seen(rgb.shape[:2], self._resolution)
         how = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC
         small = cv2.resize(rgb, (width, height), interpolation=how)
         inputs = self._processor(images=small, do_resize=False, return_tensors="pt")
         with torch.inference_mode():
-            found = self._model(inputs["pixel_values"].to(self._device, self._dtype)).predicted_depth
+            found = model(inputs["pixel_values"].to(self._device, self._dtype)).predicted_depth
         raw = found[0].float().cpu().numpy()
         if not np.isfinite(raw).all():
             raise InputError.of("--dtype", str(self._dtype), "gives no finite depth", "write --dtype float32")
-        depth = raw if self._metric else receding(raw)
+        depth = raw if self._unit == "m" else receding(raw)
         return np.asarray(cv2.resize(depth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
     def close(self) -> None:
         """The model goes."""
-        del self._model, self._processor
+        for part in ("_model", "_processor"):
+            self.__dict__.pop(part, None)
         freed()
 
     def note(self) -> Mapping[str, Any]:
@@ -71,7 +86,7 @@ class Depth:
             "dtype": str(self._dtype).removeprefix("torch."),
             "weights": self._weights,
             "resolution": self._resolution,
-            "unit": "m" if self._metric else "relative",
+            "unit": self._unit,
         }
 
 

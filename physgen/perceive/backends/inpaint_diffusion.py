@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,17 +39,39 @@ TRIES = 3
 
 
 class Diffusion:
-    """The backend `diffusion`."""
+    """The backend `diffusion`; the model is loaded when first needed."""
 
     def __init__(self, setup: Setup) -> None:
         self._options = read(setup, "diffusion", OPTIONS)
         self._weights = setup.weights or find("inpaint", "diffusion").weights[0].id
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        self._pipe = loaded(self._load, self._weights, "a diffusion model that inpaints")
-        takes = inspect.signature(type(self._pipe).__call__).parameters
-        self._step = 2 * int(getattr(self._pipe, "vae_scale_factor", 8))
-        self._options["resolution"] = self._options["resolution"] or _native(self._pipe)
+        loaded(lambda _: None, self._weights, "a diffusion model that inpaints")  # is it here, or to be had
+        self._withheld = 0
+
+    @cached_property
+    def _pipe(self) -> Any:
+        pipe = loaded(self._load, self._weights, "a diffusion model that inpaints")
+        self._options["resolution"] = self._options["resolution"] or _native(pipe)
+        if self._options["guidance"] is None and _says_nothing(pipe, self._options):
+            self._options["guidance"] = 1.0  # guided by nothing: the same picture for half the work
+        return pipe
+
+    def _load(self, weights: str) -> Any:
+        return opened(AutoPipelineForInpainting, weights, self._device, self._dtype)
+
+    def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
+        """(H, W, 3) uint8; `rgb` outside the hole."""
+        if not hole.any():
+            return rgb.copy()
+        pipe, self._withheld = self._pipe, 0
+        return painted(
+            rgb, hole, lambda part, wanted: self._paint(pipe, part, wanted), self._options["resolution"]
+        )
+
+    def _said(self, pipe: Any) -> dict[str, Any]:
+        """What there is to say of the picture, as far as this pipeline listens."""
+        takes = inspect.signature(type(pipe).__call__).parameters
         said = {
             "prompt": self._options["prompt"],
             "negative_prompt": self._options["negative"] or None,
@@ -56,31 +79,25 @@ class Diffusion:
             "guidance_scale": self._options["guidance"],
             "strength": 1.0,  # nothing of the objects is to be kept
         }
-        self._said = {key: value for key, value in said.items() if value is not None and key in takes}
-        self._withheld = 0
+        return {key: value for key, value in said.items() if value is not None and key in takes}
 
-    def _load(self, weights: str) -> Any:
-        return opened(AutoPipelineForInpainting, weights, self._device, self._dtype)
-
-    def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
-        """(H, W, 3) uint8; `rgb` outside the hole."""
-        return painted(rgb, hole, self._paint, self._options["resolution"])
-
-    def _paint(self, rgb: Rgb, wanted: Mask) -> Rgb:
-        height, width = frame(rgb.shape, self._options["resolution"], self._step)
+    def _paint(self, pipe: Any, rgb: Rgb, wanted: Mask) -> Rgb:
+        step = 2 * int(getattr(pipe, "vae_scale_factor", 8))
+        height, width = frame(rgb.shape, self._options["resolution"], step)
         small, mask = shown(rgb, wanted, (height, width))
+        said = self._said(pipe)
         where = Image.fromarray(mask.astype(np.uint8) * 255)
         for k in range(TRIES):
             generator = torch.Generator("cpu").manual_seed(self._options["seed"] + k)
             with torch.inference_mode():
-                found = self._pipe(
+                found = pipe(
                     image=Image.fromarray(small),
                     mask_image=where,
                     height=height,
                     width=width,
                     generator=generator,
                     output_type="np",
-                    **self._said,
+                    **said,
                 )
             if not any(getattr(found, "nsfw_content_detected", None) or ()):
                 picture = np.asarray(found.images[0], np.float32)
@@ -99,7 +116,7 @@ class Diffusion:
 
     def close(self) -> None:
         """The model goes."""
-        del self._pipe
+        self.__dict__.pop("_pipe", None)
         freed()
 
     def note(self) -> Mapping[str, Any]:
@@ -120,3 +137,9 @@ def _native(pipe: Any) -> int:
     side = network.config.sample_size if network is not None else getattr(pipe, "default_sample_size", 128)
     side = side if isinstance(side, int) else max(side)
     return side * int(getattr(pipe, "vae_scale_factor", 8))
+
+
+def _says_nothing(pipe: Any, options: Mapping[str, Any]) -> bool:
+    """Whether the model would be guided from one empty prompt to another that it reads alike."""
+    alike = getattr(pipe, "unet", None) is not None and not pipe.config.get("force_zeros_for_empty_prompt")
+    return alike and not options["prompt"] and not options["negative"]

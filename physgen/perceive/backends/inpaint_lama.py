@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,10 @@ GET = "write inpaint=lama:PATH, the path of big-lama.pt"
 
 
 class Lama:
-    """The backend `lama`; windows of more than `resolution` px squared are shrunk for it."""
+    """The backend `lama`; windows of more than `resolution` px squared are shrunk for it.
+
+    The file is looked at when it is named, and loaded when first needed.
+    """
 
     def __init__(self, setup: Setup) -> None:
         self._resolution = read(setup, "lama", {"resolution": Whole(1024, SMALLEST)})["resolution"]
@@ -38,10 +42,13 @@ class Lama:
             raise InputError.of("--backend", '"inpaint=lama"', "names no file of weights", GET)
         self._weights = setup.weights
         self._device = device_of(setup)
-        self._model = loaded(self._load, self._weights, "LaMa")
+        loaded(lambda path: scripted(Path(path)), self._weights, "LaMa")
+
+    @cached_property
+    def _model(self) -> Any:
+        return loaded(self._load, self._weights, "LaMa")
 
     def _load(self, weights: str) -> Any:
-        scripted(Path(weights))
         # always float32: Fourier transforms in half precision know powers of two only
         return torch.jit.load(weights, map_location=self._device).eval()
 
@@ -71,7 +78,7 @@ class Lama:
 
     def close(self) -> None:
         """The model goes."""
-        del self._model
+        self.__dict__.pop("_model", None)
         freed()
 
     def note(self) -> Mapping[str, Any]:

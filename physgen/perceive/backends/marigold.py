@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -39,7 +40,7 @@ PIPELINES = {
 
 
 class _Marigold:
-    """One of the pipelines, and what it was told."""
+    """One of the pipelines, and what it was told; the model is loaded when first needed."""
 
     def __init__(self, setup: Setup, role: str) -> None:
         self._role = role
@@ -49,16 +50,21 @@ class _Marigold:
         half = setup.dtype == "auto" and self._device.startswith("cuda")
         # bfloat16 has 8 bits of mantissa: maps of it would have steps
         self._dtype = torch.float16 if half else dtype_of(setup, self._device)
+        loaded(lambda _: None, self._weights, f"Marigold's {role}")  # is it here, or to be had
         if role == "depth" and self._options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
             found = str(self._options["ensemble"])
             raise InputError.of(
                 "physgen.toml", f"marigold.ensemble: {found}", "needs scipy for depth", "pip install scipy"
             )
-        self._pipe = loaded(self._load, self._weights, f"Marigold's {role}")
+
+    @cached_property
+    def _pipe(self) -> Any:
+        pipe = loaded(self._load, self._weights, f"Marigold's {self._role}")
         if self._options["steps"] is None:
-            self._options["steps"] = self._pipe.default_denoising_steps
+            self._options["steps"] = pipe.default_denoising_steps
         if self._options["resolution"] is None:
-            self._options["resolution"] = self._pipe.default_processing_resolution or 768
+            self._options["resolution"] = pipe.default_processing_resolution or 768
+        return pipe
 
     def _load(self, weights: str) -> Any:
         pipe = opened(diffusers.DiffusionPipeline, weights, self._device, self._dtype)
@@ -72,10 +78,11 @@ class _Marigold:
 
     def predicted(self, rgb: Rgb) -> tuple[F32, Rgb]:
         """What the pipeline says, (N, h, w, C) in its own conventions, and the photo as it saw it, (h, w, 3)."""
+        pipe = self._pipe
         small = shrunk(rgb, self._options["resolution"])
         generator = torch.Generator("cpu").manual_seed(self._options["seed"])
         with torch.inference_mode():
-            found = self._pipe(
+            found = pipe(
                 small,
                 num_inference_steps=self._options["steps"],
                 ensemble_size=self._options["ensemble"],
@@ -92,7 +99,7 @@ class _Marigold:
 
     def close(self) -> None:
         """The model goes."""
-        del self._pipe
+        self.__dict__.pop("_pipe", None)
         freed()
 
     def note(self) -> Mapping[str, Any]:
