@@ -13,6 +13,7 @@ from physgen.perceive.backends.categories_everyday import everyday
 from physgen.perceive.backends.cut_sam import Cutter, Sam, Sam2
 from physgen.perceive.backends.detect_grounding_dino import GroundingDino
 from physgen.perceive.backends.models import device_of, dtype_of, freed
+from physgen.perceive.backends.options import Real, read
 from physgen.perceive.cleaned import SURE, Cut, segments
 from physgen.perceive.roles import Category, Meant, Rgb, Segments
 from physgen.problems import InputError
@@ -114,10 +115,5 @@ def weights_of(name: str, setup: Setup) -> tuple[str, ...]:
 
 
 def surely(name: str, setup: Setup, default: float = SURE) -> float:
-    """The option `threshold`: confidence from which a mask is an object. Raises InputError."""
-    said = setup.options.get("threshold", default)
-    if isinstance(said, bool) or not isinstance(said, int | float) or not 0 <= said <= 1:
-        raise InputError.of(
-            f"[{name}]", f"threshold = {said!r}", "is no confidence", "write 0 to 1, e.g. 0.25"
-        )
-    return float(said)
+    """The option `threshold`: confidence, 0..1, from which a mask is an object. Raises InputError."""
+    return float(read(setup, name, {"threshold": Real(default)})["threshold"])
