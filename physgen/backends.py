@@ -61,7 +61,7 @@ class Backend:
     needs: tuple[str, ...] = ()
     """Modules that it imports beyond the core."""
     weights: tuple[Weights, ...] = ()
-    """What it loads unless told otherwise, the one that a `NAME:WEIGHTS` replaces first."""
+    """What it loads unless told otherwise, the one that a `NAME:WEIGHTS` replaces first; `NAME:A,B` replaces two."""
     told: bool = False
     """Whether the factory takes a `Setup` though it loads no weights: a file's name, a server."""
     settings: tuple[str, ...] = ()
@@ -97,10 +97,12 @@ BACKENDS: tuple[Backend, ...] = (
     Backend("segment", "classical", f"{_HERE}.segment_classical:classical",
             "Finds objects by edges, circles and colour; no model."),
     Backend("segment", "grounding-dino+sam", f"{_HERE}.segment_grounded:with_sam",
-            "Grounding DINO boxes what it is told to find, SAM cuts it out.", uses=("categories",),
+            "Grounding DINO boxes what it is told to find, SAM cuts it out; NAME:DINO,SAM names both weights.",
+            uses=("categories",),
             weights=(_GROUNDING, Weights("facebook/sam-vit-huge", "2.6 GB", "Apache-2.0")), **_TRANSFORMERS),
     Backend("segment", "grounding-dino+sam2", f"{_HERE}.segment_grounded:with_sam2",
-            "Grounding DINO boxes what it is told to find, SAM 2 cuts it out.", uses=("categories",),
+            "Grounding DINO boxes what it is told to find, SAM 2 cuts it out; NAME:DINO,SAM2 names both weights.",
+            uses=("categories",),
             weights=(_GROUNDING, Weights("facebook/sam2.1-hiera-tiny", "0.2 GB", "Apache-2.0")), **_TRANSFORMERS),
     Backend("segment", "sam3", f"{_HERE}.segment_sam3:sam3",
             "SAM 3 cuts out every instance of what it is told to find.", uses=("categories",),

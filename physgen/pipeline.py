@@ -122,6 +122,7 @@ def perceive(
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
         found = from_prompts(rgb, boxes, points, crew.get("segment"))
+        crew.release("segment")
         for problem in weak(found):
             warn(problem)
     if found is not None:

@@ -62,6 +62,7 @@ def refresh(
     photo = read_photo(scene.image)
     segment = crew.get("segment")
     told = again(photo.rgb, scene.objects, kept, boxes, points, segment)
+    crew.release("segment")
     for problem in weak(told.found):
         warn(problem)
     for name in told.gone:

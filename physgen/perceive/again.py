@@ -17,7 +17,7 @@ import numpy as np
 from physgen.perceive.derived import Derived, anew, relayered
 from physgen.perceive.found import Found
 from physgen.perceive.given import Box, Point, from_prompts
-from physgen.perceive.roles import Labels, Name, Rgb, Segment
+from physgen.perceive.roles import Labels, Name, Prompted, Rgb, Segment
 from physgen.perceive.scale import DEFAULT
 from physgen.scene.model import BoxPrompt, MaskId, Object
 
@@ -63,8 +63,9 @@ def again(
     old_boxes = [one.box for one in prompts if isinstance(one, BoxPrompt)]
     old_points = [one.point for one in prompts if one is not None and not isinstance(one, BoxPrompt)]
     segmented = cache(lambda: segment(rgb))
-    new = from_prompts(rgb, boxes, points, lambda rgb: segmented())
-    repeated = from_prompts(rgb, old_boxes, old_points, lambda rgb: segmented())
+    once = segment if isinstance(segment, Prompted) else lambda rgb: segmented()
+    new = from_prompts(rgb, boxes, points, once)
+    repeated = from_prompts(rgb, old_boxes, old_points, once)
 
     result = np.zeros(labels.shape, np.uint16)
     owner: dict[int, int] = {}  # id -> which of the objects

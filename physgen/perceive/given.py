@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.boxed import boxed
-from physgen.perceive.found import Found
+from physgen.perceive.found import SMALLEST, Found
 from physgen.perceive.pointed import Proposed, pointed, proposed
-from physgen.perceive.roles import Labels, Meant, Name, Rgb, Segment, Segments
+from physgen.perceive.roles import Labels, Meant, Name, Prompted, Rgb, Segment, Segments
 from physgen.problems import InputError, Place, Problem, Severity
 
 Box = tuple[float, float, float, float]
@@ -41,22 +41,24 @@ def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = Non
 def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segment) -> Found:
     """One object a box and one a point, in that order: ids 1, 2, ...
 
-    In a box, `boxed` tells the object from what is around it. A point takes what `segment` finds there, else
+    A `segment` that takes boxes and points answers them. What it does not know, and all without it, is found so:
+    in a box, `boxed` tells the object from what is around it. A point takes what `segment` finds there, else
     what looks most like an object that it lies in, else what is of one colour around it. Raises InputError with every
     box or point that is off the photo or shows nothing.
     """
     meant: list[Meant] = []
     problems = []
-    found = segment(rgb) if points else None
     known = cache(lambda: proposed(rgb))
-    for box in boxes:
+    found = cache(lambda: segment(rgb))
+    answers = answered(rgb, boxes, points, segment)
+    for k, box in enumerate(boxes):
         try:
-            meant.append(in_box(rgb, box))
+            meant.append(answers.get(k) or in_box(rgb, box))
         except InputError as error:
             problems += error.problems
-    for point in points:
+    for k, point in enumerate(points, len(boxes)):
         try:
-            meant.append(at_point(rgb, point, found, known))
+            meant.append(answers.get(k) or at_point(rgb, point, found(), known))
         except InputError as error:
             problems += error.problems
     if problems:
@@ -80,6 +82,24 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
     return Found(labels, "pointed at", sure, {}, prompts)
 
 
+def answered(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segment) -> dict[int, Meant]:
+    """What a segmenter that takes prompts says to boxes and points, by their place in the order of both.
+
+    Nothing where one is off the photo: that is told first.
+    """
+    if not isinstance(segment, Prompted) or not (boxes or points):
+        return {}
+    try:
+        for box in boxes:
+            corners(rgb, box)
+        for point in points:
+            pixel(rgb, point)
+    except InputError:
+        return {}
+    said = segment.meant(rgb, boxes, points)
+    return {k: one for k, one in enumerate(said) if np.count_nonzero(one.mask) >= SMALLEST}
+
+
 def weak(found: Found) -> Iterator[Problem]:
     """What was pointed at and stands out so little that it may be nothing."""
     for i, prompt in found.prompts.items():
@@ -101,6 +121,11 @@ def likely(segments: Segments) -> Labels:
 
 def in_box(rgb: Rgb, box: Box) -> Meant:
     """The object in a box, in one piece."""
+    return boxed(rgb, corners(rgb, box))
+
+
+def corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom px of what the photo shows of a box. Raises InputError where that is too little."""
     height, width = rgb.shape[:2]
     x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
@@ -109,7 +134,17 @@ def in_box(rgb: Rgb, box: Box) -> Meant:
         raise InputError.of(
             flag, "", f"leaves under 4 px of the {width} x {height} photo", "write x,y,width,height in px"
         )
-    return boxed(rgb, (x0, y0, x1, y1))
+    return x0, y0, x1, y1
+
+
+def pixel(rgb: Rgb, point: Point) -> tuple[int, int]:
+    """Column and row of a point. Raises InputError where it is off the photo."""
+    height, width = rgb.shape[:2]
+    x, y = round(point[0]), round(point[1])
+    if not (0 <= x < width and 0 <= y < height):
+        flag = f"--point {point[0]:g},{point[1]:g}"
+        raise InputError.of(flag, "", f"is off the {width} x {height} photo", "write x,y in px")
+    return x, y
 
 
 def at_point(
@@ -120,10 +155,8 @@ def at_point(
     `known` gives what the photo proposes, worked out once for many points.
     """
     height, width = rgb.shape[:2]
-    x, y = round(point[0]), round(point[1])
+    x, y = pixel(rgb, point)
     flag = f"--point {point[0]:g},{point[1]:g}"
-    if not (0 <= x < width and 0 <= y < height):
-        raise InputError.of(flag, "", f"is off the {width} x {height} photo", "write x,y in px")
     if segments is not None and (i := int(likely(segments)[y, x])):
         return Meant(segments.labels == i, float(segments.confidence[i - 1]))
     best = pointed(known() if known else proposed(rgb), x, y)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,23 @@ class Segment(Protocol):
 
     def __call__(self, rgb: NDArray[np.uint8]) -> Segments:
         """`rgb` is (H, W, 3) uint8 sRGB."""
+        ...
+
+
+@runtime_checkable
+class Prompted(Segment, Protocol):
+    """A segmenter that takes boxes and points, too."""
+
+    def meant(
+        self,
+        rgb: Rgb,
+        boxes: Sequence[tuple[float, float, float, float]],
+        points: Sequence[tuple[float, float]],
+    ) -> Sequence[Meant]:
+        """What each box (left, top, width, height px), then each point (x, y px) means; all lie on the photo.
+
+        An empty mask says that it does not know.
+        """
         ...
 
 

@@ -6,6 +6,7 @@ Every model backend loads through `loaded`, so that weights that are not here ar
 from __future__ import annotations
 
 import gc
+import importlib.util
 import os
 import re
 import socket
@@ -87,6 +88,7 @@ def loaded(load: Callable[[str], T], weights: str, what: str) -> T:
         raise InputError.of(
             "--backend", f'"{weights}"', f"{_absent(what)}, nor can the hub be asked", _get(weights)
         )
+    _quiet(path.is_dir() or (not local and cached(weights)))
     try:
         return load(str(path) if local else weights)
     except InputError:
@@ -126,6 +128,14 @@ def freed() -> None:
         torch.cuda.empty_cache()
     elif torch.backends.mps.is_available():
         torch.mps.empty_cache()
+
+
+def _quiet(here: bool) -> None:
+    """No bars while weights that are here are read; fetching gigabytes is worth one."""
+    if here and importlib.util.find_spec("transformers"):
+        from transformers.utils import logging
+
+        logging.disable_progress_bar()
 
 
 def _absent(what: str) -> str:
