@@ -29,6 +29,8 @@ SOFT = 1.5
 """px: standard deviation of the blur that takes the raggedness from a border."""
 NEAR = 1.0
 """Of the foreground's depth, by which something may lie before all things and still be among them."""
+THIN, DEEP = 0.05, 0.2
+"""Of the photo's depth, that the foreground has at least: where its things stand, and where its shelves reach to."""
 LEAST_FACING = 0.85
 """Cosine from which a surface faces the viewer."""
 
@@ -43,8 +45,10 @@ class Section:
     """(H, W)."""
     known: Mask
     """(H, W): False where things, or what their depth bleeds into, hide it."""
+    plane: float
+    """Depth of the plane."""
     limit: float
-    """Depth up to which it is solid."""
+    """Depth up to which it is solid: a little more, since flat things stand in the plane, too."""
     nearest: float
     """Depth before which nothing is among the things."""
 
@@ -80,7 +84,7 @@ def behind(depth: F32, away: Mask) -> F32:
 
 
 def above_below(depth: F32, labels: Labels, things: Sequence[Thing], away: Mask) -> float:
-    """-1..1: by how much what is seen above things is farther than below them, against how they stand out."""
+    """-1..1: by how much what is seen above things is farther than below them, against how they stand out; their mean."""
     told = []
     for x0, y0, x1, y1, own in _boxes(labels, things):
         reach = max(6, (y1 - y0) // 3)
@@ -93,7 +97,7 @@ def above_below(depth: F32, labels: Labels, things: Sequence[Thing], away: Mask)
         above, below = (float(np.median(part)) for part in parts)
         out = max(above, below) - float(np.median(depth[own]))
         told.append(np.clip((above - below) / max(out, 0.05), -1, 1))
-    return float(np.median(told)) if told else 0.0
+    return float(np.mean(told)) if told else 0.0
 
 
 def _boxes(labels: Labels, things: Sequence[Thing]) -> list[tuple[int, int, int, int, tuple[NDArray[np.int64], ...]]]:
@@ -115,10 +119,11 @@ def seen_from_the_side(
     nearest, farthest = min(float(o[0]) for o in own), max(float(o[1]) for o in own)
     stands = [d for line, group in groups if (d := _at(full, away, line, group)) is not None]
     # what is seen under something in the air is no floor
-    spread = max(farthest - nearest, 0.05)
-    stands = [d for d in stands if nearest - NEAR * spread <= d <= farthest + spread]
-    limit = max(stands) if stands else farthest
-    return _section(depth, full, away, limit + SLACK, nearest - NEAR * spread, scenery)
+    around = max(farthest - nearest, THIN)
+    stands = [d for d in stands if nearest - around <= d <= farthest + around]
+    plane = max(stands) if stands else farthest
+    before = NEAR * max(farthest - nearest, DEEP)
+    return _section(full, away, plane, SLACK, nearest - before, scenery)
 
 
 def _at(depth: F32, away: Mask, line: Line, group: Sequence[Foot]) -> float | None:
@@ -143,7 +148,7 @@ def seen_from_above(
     full = behind(flat, away)
     heights = [float(np.median(flat[part])) for *_, part in _boxes(labels, things)]
     top = min(float(np.median(heights)), -SLACK)
-    return _section(depth, full, away, 0.5 * top, top * (1.5 + NEAR), scenery)
+    return _section(full, away, 0.5 * top, 0.0, top * (1.5 + NEAR), scenery)
 
 
 def _table(depth: F32, normals: F32, away: Mask) -> F32:
@@ -166,8 +171,9 @@ def _table(depth: F32, normals: F32, away: Mask) -> F32:
 
 
 def _section(
-    depth: F32, full: F32, away: Mask, limit: float, nearest: float, scenery: Scenery | None
+    full: F32, away: Mask, plane: float, slack: float, nearest: float, scenery: Scenery | None
 ) -> Section:
+    limit = plane + slack
     solid = (full < limit).astype(np.float32)
     if scenery is not None:  # the paper's choice: what reaches as far back as the foreground and as far forward
         ids = np.where(away, 0, scenery.labels)
@@ -176,4 +182,4 @@ def _section(
             if low > limit or high < nearest:
                 solid[scenery.labels == i] = 0.0
     smooth = cv2.GaussianBlur(solid, (0, 0), SOFT) > 0.5
-    return Section(full, smooth, ~away, limit, nearest)
+    return Section(full, smooth, ~away, plane, limit, nearest)

@@ -72,10 +72,11 @@ def _ended(wall: Wall, own: Sequence[Edge], section: Section, things: Sequence[T
     for edge in own:
         start, end = min(start, float(edge.start[0])), max(end, float(edge.end[0]))
     start, end = _seen(points, (start, end), inner, section)
-    for edge in own:  # its own ends are finer than what is sampled under it
-        near = 2 * NOTHING * max(section.solid.shape)
-        start = float(edge.start[0]) if first < edge.start[0] <= inner[0] and abs(edge.start[0] - start) < near else start
-        end = float(edge.end[0]) if last > edge.end[0] >= inner[1] and abs(edge.end[0] - end) < near else end
+    near = 2 * NOTHING * max(section.solid.shape)
+    for edge in own:  # what was found there is there, and its ends are finer than what is sampled under it
+        left, right = float(edge.start[0]), float(edge.end[0])
+        start = left if left < start or (left <= inner[0] and left - start < near) else start
+        end = right if right > end or (right >= inner[1] and end - right < near) else end
     if abs(start - first) < 1 and abs(end - last) < 1:
         return wall
     kept = points[(points[:, 0] > start) & (points[:, 0] < end)]

@@ -30,6 +30,10 @@ FLAT = 0.85
 """Length of the mean of unit normals from which they are a plane's: all within about 30 degrees."""
 STRIP = (2, 4, 6)
 """px from an edge at which normals and depth are read on its solid side."""
+ACROSS = 0.5
+"""Part of a normal that is in the photo's plane and away from the solid, from which the surface runs back into it."""
+DEEPEST = 24
+"""px that it is followed."""
 TURN = 5.0
 """degrees between pieces of one edge."""
 LEVEL = 1.5
@@ -158,7 +162,40 @@ def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
     if not lengths or max(lengths) < FLAT:
         return None
     best = int(np.argmax(lengths))
-    return replace(edge, plane=lengths[best], facing=facings[best].astype(np.float64))
+    return _into_plane(replace(edge, plane=lengths[best], facing=facings[best].astype(np.float64)), section)
+
+
+def _into_plane(edge: Edge, section: Section) -> Edge:
+    """The edge of a surface that passes through the plane, where it does so: what is solid begins a little behind."""
+    if edge.facing[:2] @ edge.out < ACROSS:
+        return edge
+    ways = np.arange(0, DEEPEST)
+    profile = np.full(len(ways), np.inf)
+    for k, way in enumerate(ways.tolist()):
+        at = _sampled(edge, section.solid.shape, -way)
+        if (use := section.known[at]).sum() >= 5:
+            profile[k] = np.median(section.depth[at][use])
+    before = np.flatnonzero(profile <= section.plane)
+    if not len(before) or before[0] == 0 or not np.isfinite(profile[before[0] - 1]):
+        return edge
+    k = int(before[0])
+    share = (profile[k - 1] - section.plane) / max(profile[k - 1] - profile[k], 1e-9)
+    inwards = -(k - 1 + float(share)) * edge.out
+    return _lengthened(replace(edge, start=edge.start + inwards, end=edge.end + inwards), section)
+
+
+def _lengthened(edge: Edge, section: Section) -> Edge:
+    """As far as it goes on in the plane: nearer than where it was found, more of it is seen."""
+    height, width = section.solid.shape
+    ends = []
+    for point, way in ((edge.start, -edge.along), (edge.end, edge.along)):
+        steps = point - 1.5 * edge.out + np.arange(1, DEEPEST)[:, None] * way
+        columns, rows = np.rint(steps).astype(int).T
+        inside = (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
+        columns, rows = np.clip(columns, 0, width - 1), np.clip(rows, 0, height - 1)
+        on = inside & section.solid[rows, columns] & section.known[rows, columns]
+        ends.append(point + way * (len(on) if on.all() else int(np.argmin(on))))
+    return replace(edge, start=ends[0], end=ends[1])
 
 
 def _merged(found: list[Edge], section: Section) -> list[Edge]:

@@ -49,6 +49,8 @@ Mask = NDArray[np.bool_]
 DEEPER, FLOOR, FACING = 2.5, 2.0, 1.5
 """Log odds at most, that it is seen from the side: what is above things is farther than below; something faces up;
 from above: all faces the viewer."""
+EVEN = 0.25
+"""Of how far things stand out: up to so much farther above than below is as far, from a rim or a tilted camera."""
 UP = 0.6
 """-y of a normal from which a surface faces up."""
 ENOUGH = 0.02
@@ -57,8 +59,10 @@ THROUGH = 2.0
 """px that an edge may run within an outline: an error of the mask, or of the depth beside it."""
 CLEAR = 0.5
 """px between what is laid by depth and the things: it holds none of them."""
-SLOPE = 20.0
-"""degrees from level and from upright where slopes begin."""
+ASIDE = 0.9
+"""Cosine between the way an edge's surface faces and the way out of it, from which it is the end of that surface's section."""
+SLOPE = 8.0
+"""degrees from level where slopes begin."""
 
 
 def depth_normals() -> Boundary:
@@ -118,10 +122,10 @@ def _view(
     said = {reason: odds}
     deeper = above_below(depth, labels, things, away)
     if len(things):
-        told = "what is above things is farther away than what is below" if deeper > 0.3 else (
+        told = "what is above things is farther away than what is below" if deeper > EVEN else (
             "what is above things is as far away as what is below"
         )  # fmt: skip
-        said[told] = float(np.clip(2 * DEEPER * (deeper - 0.3), -DEEPER, DEEPER))
+        said[told] = float(np.clip(2 * DEEPER * (deeper - EVEN), -DEEPER, DEEPER))
     if not away.all():
         up = float((normals[..., 1] < -UP)[~away].mean())
         if up >= ENOUGH:
@@ -150,6 +154,8 @@ def _walls(
         within = max((float(depth_within(o, along).max()) for o in outlines), default=0.0)
         if view is View.SIDE and edge.out[1] < -0.7 and within > THROUGH:
             continue  # things stand lower than this: it is behind them
+        if view is View.SIDE and _rim(edge):
+            continue
         chain = [(round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)]
         noun = _noun(edge, scenery)
         for part in free_parts(chain, outlines):
@@ -163,13 +169,18 @@ def _walls(
     return walls
 
 
+def _rim(edge: Edge) -> bool:
+    """Whether it ends a plane that is before the things' and faces elsewhere, as the side rim of a table's top."""
+    across = edge.facing[:2]
+    return bool(np.hypot(*across) > UP and across @ edge.out < ASIDE * np.hypot(*across))
+
+
 def _kind(edge: Edge, view: View) -> str:
     if view is View.TOP:
         return "cushion"
-    steep = abs(edge.angle)
-    if SLOPE < steep < 90 - SLOPE:
-        return "slope"
-    return "ledge" if steep <= SLOPE else "side" if steep < 180 - SLOPE else "underside"
+    if abs(edge.angle) <= SLOPE:
+        return "ledge"
+    return "slope" if edge.out[1] < -0.35 else "underside" if edge.out[1] > 0.35 else "side"
 
 
 def _why(edge: Edge, view: View) -> str:
