@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -58,7 +59,8 @@ def evened(depth: F32 | None) -> F32:
     if depth is None or not np.isfinite(depth).all() or np.ptp(depth) <= 1e-6 * np.abs(depth).max():
         found = "no depth" if depth is None else "depth that is the same everywhere, or not finite"
         raise InputError.of(
-            "--backend", found, "is nothing that boundary=depth-normals can work on", "add --backend depth=depth-anything"
+            "--backend", found, "is nothing that boundary=depth-normals can work on",
+            "add --backend depth=depth-anything"
         )  # fmt: skip
     low, high = np.percentile(depth[::3, ::3], (0.5, 99.5))
     if high - low <= 1e-6 * max(abs(low), abs(high)):
@@ -84,13 +86,12 @@ def behind(depth: F32, away: Mask) -> F32:
 
 
 def above_below(depth: F32, labels: Labels, things: Sequence[Thing], away: Mask) -> float:
-    """-1..1: by how much what is seen above things is farther than below them, against how they stand out; their mean."""
+    """-1..1, mean: by how much what is seen above things is farther than below them, against how they stand out."""
     told = []
     for x0, y0, x1, y1, own in _boxes(labels, things):
         reach = max(6, (y1 - y0) // 3)
         parts = [
-            depth[a:b, x0:x1][~away[a:b, x0:x1]]
-            for a, b in ((max(0, y0 - reach), y0), (y1, y1 + reach))
+            depth[a:b, x0:x1][~away[a:b, x0:x1]] for a, b in ((max(0, y0 - reach), y0), (y1, y1 + reach))
         ]
         if min(map(len, parts)) < 10:
             continue
@@ -100,17 +101,31 @@ def above_below(depth: F32, labels: Labels, things: Sequence[Thing], away: Mask)
     return float(np.mean(told)) if told else 0.0
 
 
-def _boxes(labels: Labels, things: Sequence[Thing]) -> list[tuple[int, int, int, int, tuple[NDArray[np.int64], ...]]]:
+def _boxes(
+    labels: Labels, things: Sequence[Thing]
+) -> list[tuple[int, int, int, int, tuple[NDArray[Any], ...]]]:
     result = []
     for thing in things:
         rows, columns = np.nonzero(labels == thing.id)
         if len(rows):
-            result.append((int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1, (rows, columns)))
+            result.append(
+                (
+                    int(columns.min()),
+                    int(rows.min()),
+                    int(columns.max()) + 1,
+                    int(rows.max()) + 1,
+                    (rows, columns),
+                )
+            )
     return result
 
 
 def seen_from_the_side(
-    depth: F32, labels: Labels, things: Sequence[Thing], groups: Sequence[tuple[Line, list[Foot]]], scenery: Scenery | None
+    depth: F32,
+    labels: Labels,
+    things: Sequence[Thing],
+    groups: Sequence[tuple[Line, list[Foot]]],
+    scenery: Scenery | None,
 ) -> Section:
     """The section where things stand upright: their plane is as far as what they stand on, where they stand."""
     away = hidden(labels)
@@ -175,7 +190,9 @@ def _section(
 ) -> Section:
     limit = plane + slack
     solid = (full < limit).astype(np.float32)
-    if scenery is not None:  # the paper's choice: what reaches as far back as the foreground and as far forward
+    if (
+        scenery is not None
+    ):  # the paper's choice: what reaches as far back as the foreground and as far forward
         ids = np.where(away, 0, scenery.labels)
         for i in np.unique(ids[ids > 0]).tolist():
             low, high = np.percentile(full[ids == i], (5, 95))

@@ -87,7 +87,12 @@ def _ended(wall: Wall, own: Sequence[Edge], section: Section, things: Sequence[T
     part = min(parts, key=lambda p: max(p[0][0] - middle, middle - p[-1][0], 0.0), default=None)
     if part is None or part[0][0] > inner[0] + 1 or part[-1][0] < inner[1] - 1:
         return wall
-    return replace(wall, points=tuple(part), source="depth and lowest points", reason=wall.reason + "; depth tells its ends")
+    return replace(
+        wall,
+        points=tuple(part),
+        source="depth and lowest points",
+        reason=wall.reason + "; depth tells its ends",
+    )
 
 
 def _on(points: np.ndarray, x: float) -> tuple[float, float]:
@@ -132,7 +137,9 @@ def _seen(
     beside = (columns >= inner[0] - margin) & (columns <= inner[1] + margin)
     if not beside.any() or solid[beside].mean() < BACKED:
         return wish
-    return _first(columns[::-1], empty[::-1], inner[0], wish[0], margin), _first(columns, empty, inner[1], wish[1], margin)
+    return _first(columns[::-1], empty[::-1], inner[0], wish[0], margin), _first(
+        columns, empty, inner[1], wish[1], margin
+    )
 
 
 def _first(columns: np.ndarray, empty: np.ndarray, inner: float, wish: float, least: float) -> float:

@@ -132,9 +132,7 @@ def _line(points: Array, towards: Array) -> tuple[Array, Array]:
 
 def _outwards(edge: Edge, section: Section) -> Edge:
     """The solid to its right, and half a pixel out: a contour runs through the middles of the outermost pixels."""
-    right, left = (
-        section.solid[_sampled(edge, section.solid.shape, k * 3.0)].mean() for k in (-1, 1)
-    )
+    right, left = (section.solid[_sampled(edge, section.solid.shape, k * 3.0)].mean() for k in (-1, 1))
     if left > right:
         edge = replace(edge, start=edge.end, end=edge.start)
     return replace(edge, start=edge.start + 0.5 * edge.out, end=edge.end + 0.5 * edge.out)
@@ -225,7 +223,11 @@ def _joined(a: Edge, b: Edge, section: Section) -> Edge | None:
     points = (a.start, a.end, b.start, b.end)
     gap = max(float((b.start - a.end) @ a.along), float((a.start - b.end) @ a.along))
     if gap > 0:
-        between = replace(a, start=a.end, end=b.start) if (b.start - a.end) @ a.along > 0 else replace(a, start=b.end, end=a.start)
+        between = (
+            replace(a, start=a.end, end=b.start)
+            if (b.start - a.end) @ a.along > 0
+            else replace(a, start=b.end, end=a.start)
+        )
         at = _sampled(between, section.solid.shape, 0.0)
         if gap > SHORTEST * max(section.solid.shape) and section.known[at].mean() > 0.5:
             return None

@@ -275,7 +275,9 @@ def peer(name: str):
 
 
 @pytest.mark.peer_scenes
-@pytest.mark.parametrize(("name", "view"), [("pool", View.TOP), ("domino", View.SIDE), ("pig_ball", View.SIDE)])
+@pytest.mark.parametrize(
+    ("name", "view"), [("pool", View.TOP), ("domino", View.SIDE), ("pig_ball", View.SIDE)]
+)
 def test_peers_edges_are_found(name, view):
     rgb, labels, depth, normals, sim = peer(name)
     things, _ = outlined(rgb, from_masks(labels))

@@ -1,4 +1,4 @@
-"""Photo, labels, depth and normals -> the view, and as walls what stands still where the things are: the paper's recipe.
+"""Photo, labels, depth and normals -> the view, and walls where what stands still is as far away as the things.
 
 The paper (its appendix, "Boundary extraction") takes background objects within the foreground's range of depth, asks
 normals which of them are planes, and fits level and upright edges to their borders. Here the supports come first, as
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from math import exp, log
 
 import cv2
@@ -29,7 +28,6 @@ from physgen.perceive.backends.boundary_support import (
 )
 from physgen.perceive.motion_plane import (
     LEAST_FACING,
-    Section,
     above_below,
     evened,
     hidden,
@@ -57,10 +55,8 @@ ENOUGH = 0.02
 """Of the background that faces up, from which there is a floor."""
 THROUGH = 2.0
 """px that an edge may run within an outline: an error of the mask, or of the depth beside it."""
-CLEAR = 0.5
-"""px between what is laid by depth and the things: it holds none of them."""
 ASIDE = 0.9
-"""Cosine between the way an edge's surface faces and the way out of it, from which it is the end of that surface's section."""
+"""Cosine between the way an edge's surface faces and the way out of it, from which it is that surface's section."""
 SLOPE = 8.0
 """degrees from level where slopes begin."""
 
@@ -80,8 +76,10 @@ def _found(
     normals: F32 | None = None,
     scenery: Scenery | None = None,
 ) -> Setting:
-    """`depth` (H, W) up to scale and shift. Raises InputError where there is none. Without `normals`, those of the depth
-    are not guessed: everything counts as a plane."""
+    """`depth` (H, W) up to scale and shift; without `normals`, everything counts as a plane that faces the viewer.
+
+    Raises InputError where there is no depth.
+    """
     even = evened(depth)
     if normals is None:
         facing = np.zeros((*labels.shape, 3), np.float32)
@@ -165,7 +163,17 @@ def _walls(
             k = next(k for k in range(1, 1000) if f"{kind}-{k}" not in names)
             names.add(f"{kind}-{k}")
             sure = round(min(0.9, 0.3 + 0.6 * edge.seen * edge.plane**2), 2)
-            walls.append(Wall(f"{kind}-{k}", tuple(part), friction, elasticity, sure, "depth and normals", _why(edge, view)))
+            walls.append(
+                Wall(
+                    f"{kind}-{k}",
+                    tuple(part),
+                    friction,
+                    elasticity,
+                    sure,
+                    "depth and normals",
+                    _why(edge, view),
+                )
+            )
     return walls
 
 
@@ -187,7 +195,9 @@ def _why(edge: Edge, view: View) -> str:
     if view is View.TOP:
         return "what is beyond rises above the table, as high as the things"
     facing = np.abs(edge.facing)
-    plane = "upright face" if facing[2] >= max(facing[:2]) else "level face" if facing[1] > facing[0] else "side"
+    plane = (
+        "upright face" if facing[2] >= max(facing[:2]) else "level face" if facing[1] > facing[0] else "side"
+    )
     return f"the end of a flat {plane} that is as near as the things; what is beyond is farther away"
 
 
