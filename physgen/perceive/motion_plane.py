@@ -104,7 +104,7 @@ def above_below(depth: F32, labels: Labels, things: Sequence[Thing], away: Mask)
 def _boxes(
     labels: Labels, things: Sequence[Thing]
 ) -> list[tuple[int, int, int, int, tuple[NDArray[Any], ...]]]:
-    result = []
+    result: list[tuple[int, int, int, int, tuple[NDArray[Any], ...]]] = []
     for thing in things:
         rows, columns = np.nonzero(labels == thing.id)
         if len(rows):

@@ -195,7 +195,9 @@ def check_shadow(run, rgb, labels, things):
 
 def maps(rgb, labels):
     """Depth and normals of the photo: a table that runs back to a wall, things in front of it."""
-    depth = np.repeat(np.interp(np.arange(labels.shape[0]), (89, 119), (2, 1))[:, None], labels.shape[1], axis=1)
+    depth = np.repeat(
+        np.interp(np.arange(labels.shape[0]), (89, 119), (2, 1))[:, None], labels.shape[1], axis=1
+    )
     normals = np.zeros((*labels.shape, 3), np.float32)
     normals[:90, :, 2] = normals[labels > 0, 2] = 1
     normals[90:, :, 1] = -1
@@ -204,7 +206,9 @@ def maps(rgb, labels):
 
 
 def check_boundary(run, rgb, labels, things):
-    given = {key: value for key, value in maps(rgb, labels).items() if key in inspect.signature(run).parameters}
+    given = {
+        key: value for key, value in maps(rgb, labels).items() if key in inspect.signature(run).parameters
+    }
     for view in (None, View.SIDE, View.TOP):
         setting = run(rgb, labels, things, view, **given)
         assert isinstance(setting, Setting)
