@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Mapping
 
@@ -205,9 +206,24 @@ def check_shadow(run, rgb, labels, things):
     assert after < 0.35 * before
 
 
+def maps(rgb, labels):
+    """Depth and normals of the photo: a table that runs back to a wall, things in front of it."""
+    depth = np.repeat(
+        np.interp(np.arange(labels.shape[0]), (89, 119), (2, 1))[:, None], labels.shape[1], axis=1
+    )
+    normals = np.zeros((*labels.shape, 3), np.float32)
+    normals[:90, :, 2] = normals[labels > 0, 2] = 1
+    normals[90:, :, 1] = -1
+    depth[labels > 0] = 1.8
+    return {"depth": depth.astype(np.float32), "normals": normals, "scenery": None}
+
+
 def check_boundary(run, rgb, labels, things):
+    given = {
+        key: value for key, value in maps(rgb, labels).items() if key in inspect.signature(run).parameters
+    }
     for view in (None, View.SIDE, View.TOP):
-        setting = run(rgb, labels, things, view)
+        setting = run(rgb, labels, things, view, **given)
         assert isinstance(setting, Setting)
         assert view is None or setting.view is view
         assert len({wall.name for wall in setting.walls}) == len(setting.walls)
@@ -216,7 +232,7 @@ def check_boundary(run, rgb, labels, things):
             assert np.isfinite(wall.points).all()
             assert wall.friction >= 0
             assert 0 <= wall.elasticity <= 1
-    assert run(rgb, labels, [], None).view in View
+    assert run(rgb, labels, [], None, **given).view in View
 
 
 CHECKS = {

@@ -6,8 +6,8 @@ From above, the same surface is on all sides of things, and no line explains whe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -25,6 +25,7 @@ from physgen.perceive.viewpoint import seen_from
 from physgen.scene.model import View
 
 F32 = NDArray[np.float32]
+Groups = Sequence[tuple[Line, list[Foot]]]
 
 ALIKE = 10.0
 """CIE 1976 Lab distance up to which two strips are the same surface."""
@@ -43,19 +44,52 @@ def support() -> Boundary:
 
 
 def _support(rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
-    height, width = labels.shape
-    on_things = {t.id for t in things if not t.cut and carried(t, labels, things)}
-    standing = [foot(t) for t in things if not t.cut and t.id not in on_things]
-    tolerance = max(2.5, 0.012 * height)
-    groups = clusters(standing, tolerance)
+    groups = standing(labels, things)
     if view is None:
-        alone = sum(len(group) for _, group in groups if len(group) == 1 and len(standing) > 1)
-        upright = sum(flat(foot(t)) for t in things if not t.cut)
+        alone, upright = footing(things, groups)
         found, sure, reason = seen_from(rgb, labels, see(rgb).normals, alone, upright)
     else:
         found, sure, reason = view, 1.0, "as told"
     if found is View.TOP:
-        return Setting(found, sure, reason, (_frame(width, height, 0.2, CUSHION),))
+        return Setting(found, sure, reason, (frame(labels, found),))
+    stood = supported(rgb, labels, things, groups)
+    walls = [frame(labels, found), *stood.walls]
+    more, held = upheld(stood.things, walls, stood.grip, FRICTION, ELASTICITY)
+    return Setting(found, sure, reason, (*walls, *more), stood.outlines, held, stood.grip)
+
+
+def standing(labels: Labels, things: Sequence[Thing]) -> Groups:
+    """Feet on common lines, of all things that no other things carry."""
+    feet = [foot(t) for t in things if not t.cut and not carried(t, labels, things)]
+    return clusters(feet, near(labels))
+
+
+def near(labels: Labels) -> float:
+    """px by which feet on one line may be off it."""
+    return max(2.5, 0.012 * labels.shape[0])
+
+
+def footing(things: Sequence[Thing], groups: Groups) -> tuple[int, int]:
+    """How many things share their line with nothing, and how many stand upright: what tells the view."""
+    count = sum(len(group) for _, group in groups)
+    alone = sum(len(group) for _, group in groups if len(group) == 1 and count > 1)
+    return alone, sum(flat(foot(t)) for t in things if not t.cut)
+
+
+@dataclass(frozen=True)
+class Stood:
+    """Things as they stand on what is laid under them, seen from the side."""
+
+    things: Sequence[Thing]
+    outlines: Mapping[int, Outline]
+    """Of those that stand better than their masks tell."""
+    walls: Sequence[Wall]
+    grip: dict[int, float]
+    """Least friction, by id."""
+
+
+def supported(rgb: Rgb, labels: Labels, things: Sequence[Thing], groups: Groups) -> Stood:
+    """Things with level feet, and floors that touch them."""
     outlines: dict[int, Outline] = {}
     groups = [part for line, group in groups for part in parted(line, group)]
     for line, group in groups:
@@ -68,28 +102,19 @@ def _support(rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | Non
     now = {t.id: t for t in things}
     stand = [(line, [foot(now[f.thing.id]) for f in group]) for line, group in groups]
     groups = [(levelled(line, group), group) for line, group in stand]
-    walls = [_frame(width, height, FRICTION, ELASTICITY)]
-    walls += _floors(_lab(rgb), labels, things, groups, 2 * tolerance)
-    grip = _grip(things, groups)
-    more, held = upheld(things, walls, grip, FRICTION, ELASTICITY)
-    return Setting(found, sure, reason, (*walls, *more), outlines, held, grip)
+    walls = _floors(_lab(rgb), labels, things, groups, 2 * near(labels))
+    return Stood(things, outlines, walls, _grip(things, groups))
 
 
-def _floors(
-    lab: F32,
-    labels: Labels,
-    things: Sequence[Thing],
-    groups: Sequence[tuple[Line, list[Foot]]],
-    near: float,
-) -> list[Wall]:
+def _floors(lab: F32, labels: Labels, things: Sequence[Thing], groups: Groups, close: float) -> list[Wall]:
     """Under every group of feet a wall, in pieces where it would enter something.
 
-    The floor is under the lowest group, or a larger one that is lower than `near` px above it.
+    The floor is under the lowest group, or a larger one that is lower than `close` px above it.
     """
     width = labels.shape[1]
     groups = sorted(groups, key=lambda g: -_lowest(g[1]))
     level = [g for g in groups if abs(g[0].slope) <= STEEP]
-    low = [g for g in level if _lowest(g[1]) >= _lowest(level[0][1]) - near]
+    low = [g for g in level if _lowest(g[1]) >= _lowest(level[0][1]) - close]
     ground = max(low, key=lambda g: len(g[1]))[1] if low else []
     walls: list[Wall] = []
     for line, group in groups:
@@ -119,7 +144,7 @@ def _lowest(group: Sequence[Foot]) -> float:
     return max(float(f.lowest[1]) for f in group)
 
 
-def _grip(things: Sequence[Thing], groups: Sequence[tuple[Line, list[Foot]]]) -> dict[int, float]:
+def _grip(things: Sequence[Thing], groups: Groups) -> dict[int, float]:
     """The least friction of what lies on a slope, and of all that leans or lies on it there."""
     outlines = [t.outline for t in things]
     pairs = {(c.thing, c.other) for c in contacts(outlines, [])}
@@ -138,8 +163,10 @@ def _grip(things: Sequence[Thing], groups: Sequence[tuple[Line, list[Foot]]]) ->
     return grip
 
 
-def _frame(width: int, height: int, friction: float, elasticity: float) -> Wall:
-    right, bottom = width - 0.5, height - 0.5
+def frame(labels: Labels, view: View) -> Wall:
+    """The photo's border, a cushion where it is seen from above."""
+    friction, elasticity = (0.2, CUSHION) if view is View.TOP else (FRICTION, ELASTICITY)
+    right, bottom = labels.shape[1] - 0.5, labels.shape[0] - 0.5
     points = ((-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom), (-0.5, -0.5))
     return Wall(
         "frame", points, friction, elasticity, 1.0, "photo", "the photo's border, so that nothing leaves"
