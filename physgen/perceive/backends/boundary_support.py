@@ -66,7 +66,7 @@ def standing(labels: Labels, things: Sequence[Thing]) -> Groups:
 
 def near(labels: Labels) -> float:
     """px by which feet on one line may be off it."""
-    return max(2.5, 0.012 * labels.shape[0])
+    return max(2.5, 0.012 * float(labels.shape[0]))
 
 
 def footing(things: Sequence[Thing], groups: Groups) -> tuple[int, int]:
