@@ -1,0 +1,165 @@
+"""What a model is told -> its device, its numbers' type, and the model itself; or one message of what is missing.
+
+Every model backend loads through `loaded`, so that weights that are not here are named the same way, and soon.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import re
+import socket
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+from urllib.parse import urlsplit
+
+import torch
+
+from physgen.backends import Setup
+from physgen.problems import InputError
+
+T = TypeVar("T")
+
+DTYPES = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}
+HUB = "https://huggingface.co"
+PATIENCE = 3.0
+"""s to wait for the hub's first word; the library itself would try for some 20."""
+ID = re.compile(r"[\w.-]+/[\w.-]+")
+"""An id on the hub: OWNER/NAME."""
+
+
+def device_of(setup: Setup) -> str:
+    """Where to run: what the setup says, else the best that is here. Raises InputError for what is not.
+
+    >>> device_of(Setup(device="cpu"))
+    'cpu'
+    """
+    said = setup.device
+    here = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
+    best = next(kind for kind in ("cuda", "mps", "cpu") if here[kind])
+    if said == "auto":
+        return best
+    kind, _, number = said.partition(":")
+    if not here.get(kind, False) or (number and not number.isdigit()):
+        lacks = f"is not here: torch {torch.__version__} finds none" if kind in here else "is no device"
+        raise InputError.of("--device", f'"{said}"', lacks, f"choose auto or {best}")
+    if kind == "cuda" and number and int(number) >= torch.cuda.device_count():
+        last = torch.cuda.device_count() - 1
+        raise InputError.of("--device", f'"{said}"', "is not here", f"the last one is cuda:{last}")
+    return said
+
+
+def dtype_of(setup: Setup, device: str) -> torch.dtype:
+    """The type of the weights: what the setup says; else half as long on a GPU, where nothing is lost by it.
+
+    >>> dtype_of(Setup(), "cpu")
+    torch.float32
+    """
+    if setup.dtype == "auto":
+        if not device.startswith("cuda"):
+            return torch.float32
+        return torch.bfloat16 if torch.cuda.is_bf16_supported() else torch.float16
+    if setup.dtype not in DTYPES:
+        raise InputError.of(
+            "--dtype", f'"{setup.dtype}"', "is no type of numbers", f"choose from auto, {', '.join(DTYPES)}"
+        )
+    return DTYPES[setup.dtype]
+
+
+def loaded(load: Callable[[str], T], weights: str, what: str) -> T:
+    """`load(weights)`: a hub id or a folder or file, `~` allowed. `what` names the model in messages: `SAM`.
+
+    Raises InputError that says which id or path was wanted and how to get it: where it is not here, where it is
+    broken, where it is another model's, where the memory does not suffice.
+    """
+    path = Path(weights).expanduser()
+    local = path.exists()
+    if not local and not ID.fullmatch(weights):
+        raise InputError.of(
+            "--backend",
+            f'"{weights}"',
+            f"is not there: the weights of {what}",
+            "write ROLE=NAME:PATH, or OWNER/NAME as the hub has it",
+        )
+    if not local and _stop_asking() and not cached(weights):
+        raise InputError.of(
+            "--backend", f'"{weights}"', f"{_absent(what)}, nor can the hub be asked", _get(weights)
+        )
+    try:
+        return load(str(path) if local else weights)
+    except InputError:
+        raise
+    except torch.cuda.OutOfMemoryError as error:
+        raise InputError.of(
+            "--backend", f'"{weights}"', f"does not fit into the GPU: {_line(error)}", "write --device cpu"
+        ) from error
+    except Exception as error:  # what a library says of files that are no model is of every type
+        if local:
+            raise InputError.of(
+                "--backend", f'"{weights}"', f"does not load as {what} ({_line(error)})", "fetch it again"
+            ) from error
+        if isinstance(error, OSError):
+            raise InputError.of(
+                "--backend", f'"{weights}"', f"{_absent(what)} ({_line(error)})", _get(weights)
+            ) from error
+        raise InputError.of(
+            "--backend",
+            f'"{weights}"',
+            f"does not load as {what} ({_line(error)})",
+            f"is it {what}? {_get(weights)}",
+        ) from error
+
+
+def cached(weights: str) -> bool:
+    """Whether anything of a hub id has been fetched before."""
+    from huggingface_hub import constants
+
+    return Path(constants.HF_HUB_CACHE, f"models--{weights.replace('/', '--')}", "snapshots").is_dir()
+
+
+def freed() -> None:
+    """What a model held is given back; call it once nothing refers to the model."""
+    gc.collect()
+    if torch.cuda.is_available():
+        torch.cuda.empty_cache()
+    elif torch.backends.mps.is_available():
+        torch.mps.empty_cache()
+
+
+def _absent(what: str) -> str:
+    return f"holds the weights of {what} and is not on this machine"
+
+
+def _get(weights: str) -> str:
+    return f"run hf download {weights}, or write ROLE=NAME:PATH"
+
+
+def _line(error: Exception) -> str:
+    """The first sentence of an error."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return f"{type(error).__name__}: {lines[0][:160]}" if lines else type(error).__name__
+
+
+@cache
+def _stop_asking() -> bool:
+    """Whether the hub cannot be asked; its library then looks at what is here only, at once and without trying."""
+    from huggingface_hub import constants
+
+    if not constants.HF_HUB_OFFLINE and not _reachable():
+        constants.HF_HUB_OFFLINE = True
+    return bool(constants.HF_HUB_OFFLINE)
+
+
+def _reachable() -> bool:
+    """Whether something answers where the hub is; behind a proxy nobody can tell, and it is tried."""
+    if any(os.environ.get(name) for name in ("HTTPS_PROXY", "https_proxy", "ALL_PROXY", "all_proxy")):
+        return True
+    hub = urlsplit(os.environ.get("HF_ENDPOINT") or HUB)
+    port = hub.port or (80 if hub.scheme == "http" else 443)
+    try:
+        with socket.create_connection((hub.hostname or "", port), PATIENCE):
+            return True
+    except OSError:
+        return False
