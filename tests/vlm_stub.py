@@ -21,7 +21,11 @@ BALL = {
     "rolling": 0.02,
 }
 """What a good model says of any object."""
-KINDS = [{"noun": "ball", "movable": True}, {"noun": "block", "movable": True}, {"noun": "wall", "movable": False}]
+KINDS = [
+    {"noun": "ball", "movable": True},
+    {"noun": "block", "movable": True},
+    {"noun": "wall", "movable": False},
+]
 
 
 def asked(body: dict[str, Any]) -> str:
@@ -66,7 +70,9 @@ def changed(**keys: Any) -> Callable[[Any, dict[str, Any]], None]:
 
 def prose(http: Any, body: dict[str, Any]) -> None:
     answer = json.dumps(good(body), indent=1)
-    http.say(f"Sure! Here [1] is {{my}} analysis:\n```json\n{answer}\n```\nLet me know if you need more {{detail}}.")
+    http.say(
+        f"Sure! Here [1] is {{my}} analysis:\n```json\n{answer}\n```\nLet me know if you need more {{detail}}."
+    )
 
 
 def status(code: int, message: str, **headers: str) -> Callable[[Any, dict[str, Any]], None]:
@@ -117,7 +123,9 @@ class _Handler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         self.server.requests.append(body)
-        self.server.heads.append((self.path, dict(self.headers), time.monotonic()))
+        self.server.heads.append(
+            (self.path, {name.lower(): value for name, value in self.headers.items()}, time.monotonic())
+        )
         self.server.act(self, body)
 
     def say(self, text: str, finish: str = "stop") -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from PIL import Image
 from transformers import AutoModelForImageTextToText, AutoProcessor
+from transformers.utils import logging
 
 from physgen.backends import Setup
 from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
@@ -47,6 +48,8 @@ def local(settings: Settings, setup: Setup) -> Local:
     if key not in _HELD:
 
         def load(weights: str) -> _Held:
+            logging.disable_progress_bar()  # what is shown is the command line's say
+            logging.set_verbosity_error()
             processor = AutoProcessor.from_pretrained(weights)
             model = AutoModelForImageTextToText.from_pretrained(weights, dtype=dtype).to(device).eval()
             return _Held(model, processor, device)

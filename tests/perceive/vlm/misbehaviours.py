@@ -87,10 +87,10 @@ class Seen:
 
 def photo(folder: Path) -> tuple[Path, Path]:
     """A drawn photo of a ball on a floor, and its label map."""
-    picture = np.full((120, 160, 3), 90, np.uint8)
-    picture[95:] = (60, 80, 100)
-    cv2.circle(picture, (72, 81), 14, (40, 60, 200), -1, cv2.LINE_AA)
-    labels = (np.hypot(*(np.mgrid[:120, :160] - np.array([81, 72])[:, None, None])) <= 14).astype(np.uint16)
+    picture = np.full((48, 64, 3), 90, np.uint8)
+    picture[38:] = (60, 80, 100)
+    cv2.circle(picture, (30, 30), 8, (40, 60, 200), -1, cv2.LINE_AA)
+    labels = (np.hypot(*(np.mgrid[:48, :64] - np.array([30, 30])[:, None, None])) <= 8).astype(np.uint16)
     for name, pixels in (("photo.png", picture), ("masks.png", labels)):
         cv2.imwrite(str(folder / name), pixels)
     return folder / "photo.png", folder / "masks.png"
@@ -108,7 +108,10 @@ def play(case: Case, folder: Path) -> Seen:
     with stub.Stub(case.act or stub.well) as server:
         url = server.url if case.act else f"http://127.0.0.1:{_closed()}/v1"
         told_to = {"PHYSGEN_VLM_URL": url, "PHYSGEN_VLM_MODEL": "stub", "PHYSGEN_VLM_KEY": stub.KEY}
-        with _environment(told_to | {"XDG_CACHE_HOME": str(folder / "cache")}), contextlib.redirect_stderr(told):
+        with (
+            _environment(told_to | {"XDG_CACHE_HOME": str(folder / "cache")}),
+            contextlib.redirect_stderr(told),
+        ):
             code = main(words)
         count = len(server.requests)
     text = scene.read_text() if scene.exists() else ""
