@@ -11,8 +11,10 @@ from typing import Any
 from jsonschema import Draft202012Validator
 
 Schema = Mapping[str, Any]
-LONGEST = 100_000
+LONGEST = 50_000
 """Characters of an answer that are read."""
+TRIES = 200
+"""Places where JSON may begin that are tried."""
 LOCAL = frozenset(["minimum", "maximum", "exclusiveMinimum", "minLength", "minItems", "maxItems"])
 """Keywords that are held to here and not sent: many servers refuse a strict schema that has them."""
 _START = re.compile(r"[\[{]")
@@ -84,10 +86,14 @@ def fits(value: Any, query: Query) -> bool:
 def _values(text: str) -> Iterator[Any]:
     """Every JSON object and array in a text, not those inside others."""
     at = 0
-    while found := _START.search(text, at):
+    for _ in range(TRIES):
+        if not (found := _START.search(text, at)):
+            return
         try:
             value, at = _DECODER.raw_decode(text, found.start())
-        except (ValueError, RecursionError):
+        except RecursionError:  # and it would be so from the next bracket on, too
+            return
+        except ValueError:
             at = found.end()
         else:
             yield value
