@@ -99,6 +99,22 @@ def closes(http: Any, body: dict[str, Any]) -> None:
     http.close_connection = True
 
 
+def page(http: Any, body: dict[str, Any]) -> None:
+    http.give(200, b"<html>Welcome to our <b>gateway</b></html>", {}, "text/html")
+
+
+def demanding(http: Any, body: dict[str, Any]) -> None:
+    """A server that wants neither temperature nor seed, and lengths by their newer name."""
+    for name, wanted in (
+        ("temperature", "1 only"),
+        ("seed", "none"),
+        ("max_tokens", "max_completion_tokens"),
+    ):
+        if name in body:
+            return status(400, f"Unsupported parameter: '{name}'; use {wanted}.")(http, body)
+    return well(http, body)
+
+
 def schemaless(http: Any, body: dict[str, Any]) -> None:
     """A server of before there were schemas."""
     if "response_format" in body:
@@ -134,9 +150,9 @@ class _Handler(BaseHTTPRequestHandler):
         whole = {"id": "x", "object": "chat.completion", "created": 0, "model": "stub", "choices": [choice]}
         self.give(200, json.dumps(whole | {"usage": usage}).encode(), {})
 
-    def give(self, code: int, data: bytes, headers: dict[str, str]) -> None:
+    def give(self, code: int, data: bytes, headers: dict[str, str], kind: str = "application/json") -> None:
         self.send_response(code)
-        self.send_header("Content-Type", "application/json")
+        self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(data)))
         for name, value in headers.items():
             self.send_header(name.replace("_", "-"), value)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, fields
-from threading import Lock
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any
 
 from physgen.backends import Setup
@@ -55,16 +57,7 @@ class Asker:
         asked = [(query, sample) for query in queries for sample in range(told.samples)]
         threads = min(told.parallel, len(asked)) if told.url else 1
         try:
-            if threads > 1:
-                with ThreadPoolExecutor(threads) as pool:
-                    waiting = [pool.submit(self._sample, *one) for one in asked]
-                    try:
-                        found = [each.result() for each in waiting]
-                    except BaseException:  # the first failure is told; what has not begun never does
-                        pool.shutdown(wait=False, cancel_futures=True)
-                        raise
-            else:
-                found = [self._sample(*one) for one in asked]
+            found = self._together(asked, threads) if threads > 1 else [self._sample(*one) for one in asked]
         finally:
             self._seconds = time.perf_counter() - started
         return [found[k : k + told.samples] for k in range(0, len(found), told.samples)]
@@ -87,6 +80,33 @@ class Asker:
         model, self._model = self._model, None
         if model is not None:
             model.close()
+
+    def _together(self, asked: Sequence[tuple[Query, int]], threads: int) -> list[Any]:
+        """As `_sample` for each. After a failure, or Ctrl-C, nobody waits for what is still under way."""
+        work, done = deque(enumerate(asked)), SimpleQueue[tuple[int, Any, BaseException | None]]()
+
+        def serve() -> None:
+            with suppress(IndexError):
+                while True:
+                    k, one = work.popleft()
+                    try:
+                        done.put((k, self._sample(*one), None))
+                    except BaseException as error:
+                        done.put((k, None, error))
+                        return
+
+        for _ in range(threads):
+            Thread(target=serve, daemon=True).start()
+        found: dict[int, Any] = {}
+        try:
+            while len(found) < len(asked):
+                k, value, error = done.get()
+                if error is not None:
+                    raise error
+                found[k] = value
+        finally:
+            work.clear()
+        return [found[k] for k in range(len(asked))]
 
     def _sample(self, query: Query, sample: int) -> Any:
         told = self.settings

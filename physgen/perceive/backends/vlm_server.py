@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import openai
@@ -16,6 +17,7 @@ from physgen.problems import InputError
 
 OPTIONAL = ("response_format", "seed", "temperature")
 """What some servers do not know: left away, in this order, when a request is refused."""
+LENGTH, NEWER_LENGTH = "max_tokens", "max_completion_tokens"
 
 
 class Server:
@@ -40,15 +42,17 @@ class Server:
                 raw = self._client.chat.completions.with_raw_response.create(
                     **self._request(query, turns, seed, unknown)
                 )
-                reply = _reply(raw)
-                return Reply(
-                    reply.text, reply.tokens_in, reply.tokens_out, retries + raw.retries_taken, reply.cut
-                )
+                if (reply := _reply(raw)) is None:
+                    raise openai.OpenAIError(f"no chat completion: {raw.text}")
+                return replace(reply, retries=retries + raw.retries_taken)
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
-                if not (left := [name for name in OPTIONAL if name not in unknown]):
-                    self._fail(query, error)
+                left = [name for name in OPTIONAL if name not in unknown]
                 named = [name for name in left if name in error.message]
-                self._unknown |= set(named or ([left[0]]))
+                if NEWER_LENGTH in error.message and LENGTH not in unknown:
+                    named = [LENGTH]
+                if not named and not left:
+                    self._fail(query, error)
+                self._unknown |= set(named or left[:1])
                 retries += 1
             except openai.OpenAIError as error:
                 self._fail(query, error)
@@ -80,7 +84,7 @@ class Server:
         messages += [{"role": turn.who, "content": turn.text} for turn in turns]
         request: dict[str, Any] = {"model": self._settings.model, "messages": messages}
         if self._settings.max_tokens is not None:
-            request["max_tokens"] = self._settings.max_tokens
+            request[NEWER_LENGTH if LENGTH in unknown else LENGTH] = self._settings.max_tokens
         return request | {name: value for name, value in optional.items() if name not in unknown}
 
     def _fail(self, query: Query, error: openai.OpenAIError) -> NoReturn:
@@ -113,8 +117,8 @@ class Server:
             what = f"refuses the question ({error.status_code}: {self._said(error)})"
             fix = "see whether that model takes pictures, or choose another"
         else:
-            what = f"gave an answer that cannot be read ({self._said(error)})"
-            fix = f"see whether {URL} is that of an OpenAI-compatible server"
+            what = f"gave what cannot be read ({self._said(error)})"
+            fix = f"check that {URL} is that of an OpenAI-compatible server, mostly ending in /v1"
         raise InputError.of("--backend", found, what, fix) from None
 
     def _said(self, error: BaseException) -> str:
@@ -126,16 +130,17 @@ class Server:
         return plain(line, 160)
 
 
-def _reply(raw: Any) -> Reply:
-    """What a response says; `""` where it is no chat completion, which the asker takes for an empty answer."""
+def _reply(raw: Any) -> Reply | None:
+    """What a response says; None where it is no chat completion, as a web page is none."""
     try:
         completion = raw.parse()
-        choice = completion.choices[0]
-        text = choice.message.content
-    except (ValueError, AttributeError, IndexError, TypeError, openai.APIResponseValidationError):
-        return Reply("")
-    usage = completion.usage
-    refusal = getattr(choice.message, "refusal", None)
-    said = text if isinstance(text, str) else (refusal or "")
+        choices, usage = completion.choices, completion.usage
+    except (ValueError, AttributeError, openai.APIResponseValidationError):
+        return None
+    if choices is None:
+        return None
+    message = choices[0].message if choices else None
+    text, refusal = (getattr(message, name, None) for name in ("content", "refusal"))
+    said = next((part for part in (text, refusal) if isinstance(part, str)), "")
     asked, answered = (getattr(usage, key, None) or 0 for key in ("prompt_tokens", "completion_tokens"))
-    return Reply(said, asked, answered, cut=choice.finish_reason == "length")
+    return Reply(said, asked, answered, cut=bool(choices) and choices[0].finish_reason == "length")

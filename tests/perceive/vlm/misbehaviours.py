@@ -70,6 +70,7 @@ CASES = (
     Case("does not know `json_schema`", stub.schemaless, 0, 2),
     Case("refuses the key, and says it aloud", REFUSED, 2, 1),
     Case("does not know the model", UNKNOWN, 2, 1),
+    Case("gives a web page", stub.page, 2, 1),
     Case("is not there", None, 2, 0),
     Case("503, always, with `--fallback`", DOWN, 0, 2, fallback=True),
 )

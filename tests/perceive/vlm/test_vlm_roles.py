@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from base64 import b64decode
 from pathlib import Path
 
@@ -279,3 +280,30 @@ def test_questions_are_put_at_the_same_time_and_answers_keep_their_order(vlm_stu
     things = [Thing(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball number {k}") for k in range(1, 9)]
     found = backends.make("physics", "vlm")(drawn(things)[0], things, None)
     assert [found[k].mass for k in range(1, 9)] == [10.0 * k for k in range(1, 9)]
+
+
+def test_a_server_that_knows_less_is_asked_so_from_then_on(vlm_stub: Stub):
+    vlm_stub.act = stubs.demanding
+    things = balls((50, 60, 20), (130, 60, 10))
+    run = backends.make("physics", "vlm", Setup(options={"max_tokens": 500, "parallel": 1}))
+    assert run(drawn(things)[0], things, None)[2].mass == 72
+    assert len(vlm_stub.requests) == 5  # three refused, then one for each
+    last = vlm_stub.requests[-1]
+    assert last["max_completion_tokens"] == 500
+    assert not {"temperature", "seed", "max_tokens"} & set(last)
+    assert "response_format" in last
+
+
+def test_a_failure_breaks_off_what_is_under_way(vlm_stub: Stub):
+    def act(http, body):
+        refuse = '"ball 1"' in said(body)
+        (stubs.status(401, "no") if refuse else stubs.hang)(http, body)
+
+    vlm_stub.act = act
+    things = [Thing(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball {k}") for k in range(1, 9)]
+    run = backends.make("physics", "vlm", Setup(options={"timeout": 30, "retries": 0}))
+    started = time.monotonic()
+    with pytest.raises(InputError, match="refuses the key"):
+        run(drawn(things)[0], things, None)
+    assert time.monotonic() - started < 10
+    assert len(vlm_stub.requests) <= 5
