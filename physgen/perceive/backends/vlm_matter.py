@@ -18,6 +18,8 @@ UNSEEN = 0.6
 """Spread of the log of a mass that somebody judges by eye: what one sample is held for, and what more add to."""
 SUREST = 0.9
 """How sure the best agreement is: who agrees with himself may still be wrong."""
+SAME = 0.05
+"""Difference in length up to which two that are alike are taken to be the same: masks are no truer."""
 DENSEST = 23.0
 """g/cm³: osmium, of all that there is (CRC)."""
 RANGES: Mapping[str, tuple[float, float, str]] = {
@@ -78,6 +80,7 @@ def matter(
     result = {}
     for thing in things:
         larger = sides(thing.outline)[0] / sides(asked.outline)[0]
+        larger = larger if abs(larger - 1) > SAME else 1.0
         result[thing.id] = Matter(
             mass=float(f"{value['mass'] * larger**3:.3g}"),
             friction=round(value["friction"], 3),
