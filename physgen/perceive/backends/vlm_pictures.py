@@ -117,7 +117,8 @@ def _numbered(picture: Rgb, number: int, at: tuple[int, int]) -> None:
     text, font, size = str(number), cv2.FONT_HERSHEY_SIMPLEX, 0.6
     (wide, tall), _ = cv2.getTextSize(text, font, size, 2)
     corner = at[0] - wide // 2, at[1] + tall // 2
-    cv2.putText(picture, text, corner, font, size, (255, 255, 255), 5, cv2.LINE_AA)
+    far = corner[0] + wide + 2, corner[1] + 3
+    cv2.rectangle(picture, (corner[0] - 3, corner[1] - tall - 3), far, (255, 255, 255), -1)
     cv2.putText(picture, text, corner, font, size, INK, 2, cv2.LINE_AA)
 
 
