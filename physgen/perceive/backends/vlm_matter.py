@@ -101,7 +101,7 @@ def sureness(masses: Sequence[float]) -> float:
     """0..1 from how far samples of a mass are from each other; one alone tells little.
 
     >>> sureness([170]), sureness([170, 170, 170]), sureness([100, 170, 300])
-    (0.49, 0.64, 0.5)
+    (0.49, 0.64, 0.51)
     """
     logs = np.log(masses)
     scatter = float(((logs - logs.mean()) ** 2).sum())
