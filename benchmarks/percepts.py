@@ -20,9 +20,10 @@ import yaml
 
 from physgen import backends, pipeline
 from physgen.compile.assemble import compile_scene
+from physgen.perceive.found import Perceived
 from physgen.perceive.given import from_masks
 from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import Perceived, outlined, perceive
+from physgen.perceive.scene import outlined, perceive
 from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_image
 from physgen.photometry import decode, luminance

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from physgen import backends
@@ -134,11 +133,18 @@ class Crew:
         self._warn = warn
         self._made: dict[str, Any] = {}
         self._fallen: set[str] = set()
-        problems = []
+        problems: list[Problem] = []
         for role, said in self.plan.choices.items():
-            problem = backends.unmet(self.plan.row(role))
-            if problem is not None and not self.plan.fallback:
-                problems.append(Problem(said.place, "", problem.found, problem.expected, problem.fix))
+            missing = backends.unmet(self.plan.row(role))
+            if self.plan.fallback:
+                continue  # what fails is told when its turn comes
+            if missing is not None:
+                problems.append(replace(missing, place=said.place))
+                continue
+            try:
+                self.get(role)  # no weights are loaded yet
+            except InputError as error:
+                problems += [p if p.place != FLAG else replace(p, place=said.place) for p in error.problems]
         if problems:
             raise InputError(problems)
 
@@ -245,14 +251,3 @@ def why(error: Exception) -> str:
         return "; ".join(" ".join(part for part in (p.found, p.expected) if part) for p in error.problems)
     lines = [line for line in str(error).splitlines() if line.strip()]
     return f"{type(error).__name__}: {lines[0][:200]}" if lines else type(error).__name__
-
-
-def file_of(setup: Setup, what: str) -> Path:
-    """The file that a choice names after its colon. Raises InputError where there is none."""
-    path = Path(setup.weights).expanduser()
-    if not setup.weights or not path.exists():
-        found = f'"{setup.weights}"' if setup.weights else ""
-        raise InputError.of(
-            "--backend", found, f"is no file of {what}", "write ROLE=NAME:PATH, the path of a file"
-        )
-    return path

@@ -11,13 +11,15 @@ from physgen import backends
 from physgen.compile.assemble import compile_scene
 from physgen.crew import Crew
 from physgen.perceive.again import again, doubts, merged
-from physgen.perceive.derived import derived
+from physgen.perceive.derived import derived, set_layers
+from physgen.perceive.found import Found
 from physgen.perceive.given import weak
 from physgen.perceive.lay_out import lay_out
 from physgen.perceive.relaid import laid, made_for, relaid
+from physgen.perceive.renaming import renamed_things
 from physgen.perceive.roles import Name
 from physgen.perceive.scale import DEFAULT
-from physgen.perceive.scene import Found, Progress, outlined, perceive, renamed_things, silent
+from physgen.perceive.scene import Progress, outlined, perceive, silent
 from physgen.perceive.words import DOUBTFUL
 from physgen.percepts.maps import Keep, read_percepts
 from physgen.percepts.photo import read_photo
@@ -77,16 +79,18 @@ def refresh(
     ours = derived(old, photo.rgb, known, guessed, physics, table)
     new_labels = {called[thing.id]: thing.label for thing in named if thing.id in renamed}
     names = {**told.found.names, **{t.id: Name(t.label, 1.0) for t in named if t.id in renamed}}
+    layered = set_layers(old, kept, {item.name: k for k, item in enumerate(scene.objects, 1)})
+    layer_of = {i: layered[name] for i, name in called.items() if name in layered}
     per_meter = scene.world.pixels_per_meter
     perceived = perceive(
         photo.rgb,
-        replace(told.found, names=names),
+        replace(told.found, names=names, layers=layer_of),
         crew=crew,
         view=scene.world.view,
         pixels_per_meter=None if ours.scale or per_meter == DEFAULT else per_meter,
         progress=progress,
     )
-    document = merged(old, perceived.document, told, ours, new_labels)
+    document = merged(old, perceived.document, told, ours, new_labels, layered)
     fresh = {name for name in document["objects"] if name not in kept_names} | told.corrected
     walls = old.get("boundaries", {})
     boundary = backends.make("boundary")
@@ -104,9 +108,11 @@ def refresh(
         # the scene's own light lifted shadows, or did not
         clean = None if maps.clean is None else perceived.percepts.clean
         perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=maps.depth))
+    table_said = {f"objects.{name}.{key}" for name, keys in ours.keys.items() for key in keys}
+    layers_said = {f"objects.{name}.layer" for name in document["objects"] if name not in layered}
     comments = {
         key: text for key, text in perceived.comments.items()
-        if (key.split(".")[1] in fresh or key.split(".")[-1] in ours.keys.get(key.split(".")[1], ())
+        if (key.split(".")[1] in fresh or key in table_said | layers_said
             if key.startswith("objects.") else _at(document, key) == _at(perceived.document, key))
     }  # fmt: skip
     if ours.scale:

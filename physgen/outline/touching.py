@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry import Array
 from physgen.outline.discs import RoughDisc, fit_discs
-from physgen.outline.fit import clean, disc_of, long_border
+from physgen.outline.fit import clean, disc_of, long_border, stands_flat
 from physgen.outline.outline import Disc, Outline, Region
 from physgen.outline.raster import coverage
 from physgen.outline.shared import close_gaps, fit_regions
@@ -31,14 +31,14 @@ def fit_outlines(
     """Outlines of the objects `ids` of a label map `(H, W)`; ValueError where an id has no pixels.
 
     Discs as in `fit_outline`, then moved together; the other objects share their borders. Those of `never_discs` are
-    regions, however round.
+    regions, however round, and so is what stands on a flat foot.
     """
     owned = _owned(labels, ids)
     views = _views(owned, ids)
     rough = {}
     for i, view in views.items():
         disc = None if i in never_discs else disc_of(owned[view] == i)
-        if disc is not None:
+        if disc is not None and not stands_flat(owned[view], i, disc):
             rough[i] = Disc(disc.center + _corner(view), disc.radius)
     while True:
         regions = fit_regions(close_gaps(np.where(np.isin(owned, list(rough)), 0, owned)))

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from physgen.perceive.derived import Derived, anew
+from physgen.perceive.derived import Derived, anew, relayered
+from physgen.perceive.found import Found
 from physgen.perceive.given import Box, Point, from_prompts
 from physgen.perceive.roles import Labels, Name, Rgb, Segment
 from physgen.perceive.scale import DEFAULT
-from physgen.perceive.scene import Found
 from physgen.scene.model import BoxPrompt, MaskId, Object
 
 SAME = 0.5, 0.3
@@ -124,12 +124,14 @@ def merged(
     told: Again,
     ours: Derived,
     labels: Mapping[str, str],
+    layered: Collection[str] = (),
 ) -> dict[str, Any]:
     """The old scene as it was written, with objects as they were found anew, and new ones, of the `new` scene.
 
     A repeated prompt gives a mask and a shape. One that is corrected gets new numbers, too, where its `from` names who
     said the old ones. An object of nothing but a mask is filled in. What is `ours`, the table's, follows the labels,
-    those in the file and the new `labels`, by name.
+    those in the file and the new `labels`, by name. Layers are as they are now, but for the
+    objects `layered` by a person.
     """
     objects: dict[str, Any] = {}
     for name, was in old["objects"].items():
@@ -156,6 +158,8 @@ def merged(
         if name in ours.keys:
             known = labels.get(name)
             objects[name] = anew(objects[name], new["objects"][name], ours.keys[name], known)
+        if name not in layered and "from" in objects[name]:
+            objects[name] = relayered(objects[name], new["objects"][name])
     objects |= {name: now for name, now in new["objects"].items() if name not in old["objects"]}
     result = {**old, "objects": objects}
     per_meter = new["world"]["pixels_per_meter"]

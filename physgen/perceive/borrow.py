@@ -8,14 +8,12 @@ Comparisons are sums of whole numbers below 2^24, so that their order, and the m
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.grain import grained
+from physgen.perceive.levels import RADIUS, Level, pyramid, sources, strata
 from physgen.perceive.lines import carried
 from physgen.perceive.membrane import F32, Mask, membrane
 from physgen.perceive.peel import peel
@@ -23,8 +21,6 @@ from physgen.perceive.peel import peel
 Places = NDArray[np.int64]
 """(n, 2): rows and columns."""
 
-RADIUS = 3
-"""px: patches are 7 px wide."""
 EVERY = 4_000_000
 """Most pairs of patches that are all compared."""
 MOST = 20_000_000
@@ -33,45 +29,27 @@ AT_ONCE = 1_000_000
 """Pairs that are held in memory."""
 LOOSE = 1
 """Scales above this one hold on to the borders that were carried on."""
-DEPTH = 4.5
-"""px that the hole may be deep at the coarsest scale."""
-WIDE = 30_000
-"""px: a coarsest scale with more of them is halved once more; photos more than three times as wide as high have it."""
-ROUNDS = (1, 2, 3, 6)
-"""Rounds of search and vote: at the finest scale, the two above it, and all others."""
+ROUNDS = (1, 1, 3, 6)
+"""Rounds of search and vote: at the finest scale (a vote alone), the two above it, and all others."""
 GAMMA = 1.3
 """What is this many times less trusted a px deeper in the hole."""
-STRATA = 4.0
-"""Of that, at most so many times (before it is squared) where the picture lies in layers, for crossing them."""
 GOLDEN = (5**0.5 - 1) / 2
 """Steps of this part of a circle spread evenly over it."""
 AWAY = 60.0
 """Penalty, in squared levels a pixel (of 128), for borrowing from as far as the picture is wide."""
 
 
-@dataclass(frozen=True)
-class Level:
-    """The picture at one scale."""
-
-    picture: F32
-    """(H, W, 3); what is in the hole means nothing."""
-    hole: Mask
-    """(H, W)."""
-    drawn: Mask
-    """(H, W): where, in the hole, the picture holds a border carried on."""
-
-
 def borrow(picture: F32, hole: Mask) -> F32:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
     start, strips = carried(picture, hole)
-    levels = list(_pyramid(picture, hole, start, strips))
+    levels = list(pyramid(picture, hole, start, strips))
     if not hole.any() or not levels:
         return membrane(picture, hole)
     last = levels[-1]
     open_ = last.hole & ~last.drawn
-    strata = _strata(last)
-    centres = fewer(np.argwhere(_sources(last.hole, RADIUS)), MOST // 1000)
-    guess = peel(last.picture, open_, centres, RADIUS, AWAY * strata)
+    layers = strata(last)
+    centres = fewer(np.argwhere(sources(last.hole, RADIUS)), MOST // 1000)
+    guess = peel(last.picture, open_, centres, RADIUS, AWAY * layers)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
@@ -80,66 +58,15 @@ def borrow(picture: F32, hole: Mask) -> F32:
             larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
             guess = np.where((level.hole & ~(level.drawn & (k > LOOSE)))[:, :, None], larger, level.picture)
             field = _doubled(field, (h, w))
-        search = _Search(level, RADIUS if k else 2, AWAY * strata)
+        search = _Search(level, RADIUS if k else 2, AWAY * layers)
         for _ in range(ROUNDS[min(k, 3)]):
-            field, cost = search.nearest(guess, field)
+            field, cost = search.nearest(guess, field) if k or field is None else search.same(field)
             weight = search.weights(cost)
             guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
             if k > LOOSE:
                 guess = np.where(level.drawn[:, :, None], level.picture, guess)
     assert field is not None
     return grained(guess, levels[0].picture, levels[0].hole, field)
-
-
-def _strata(level: Level) -> NDArray[np.float64]:
-    """(2,): by how much more it costs to borrow from other rows, and from other columns, than from one's own.
-
-    A floor, a shelf, a horizon lie along the rows: there the picture is more like itself to the side than up or down.
-    """
-    reach = max(min(level.hole.shape) // 8, 2)
-    unlike = []
-    for axis in (0, 1):
-        before, after = (
-            tuple(part if a == axis else slice(None) for a in (0, 1))
-            for part in (slice(None, -reach), slice(reach, None))
-        )
-        both = ~(level.hole[before] | level.hole[after])
-        gap = np.abs(level.picture[before] - level.picture[after]).mean(axis=2)[both]
-        unlike.append(float(gap.mean()) if gap.size else 1.0)
-    ratio = np.clip((unlike[0] + 1) / (unlike[1] + 1), 1 / STRATA, STRATA)
-    return np.array([max(ratio, 1.0), max(1 / ratio, 1.0)]) ** 2
-
-
-def _pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
-    """From the finest to the coarsest scale that still knows something."""
-    known = (~hole).astype(np.float32)
-    value = picture * known[:, :, None]
-    part = strips.astype(np.float32)
-    strip = start * part[:, :, None]
-    for k in range(12):
-        now = known < (0.999 if k == 0 else 0.5)
-        radius = RADIUS if k else 2
-        if _sources(now, radius).sum() < 64:
-            return
-        mean, line = (v / np.maximum(p, 1e-6)[:, :, None] for v, p in ((value, known), (strip, part)))
-        drawn = now & (part > 0.35)
-        yield Level(np.where(drawn[:, :, None], line, mean).astype(np.float32), now, drawn)
-        depth = cv2.distanceTransform(now.astype(np.uint8), cv2.DIST_L2, 3).max()
-        if depth < DEPTH or min(now.shape) < (96 if now.size < WIDE else 48):
-            return
-        size = (now.shape[1] + 1) // 2, (now.shape[0] + 1) // 2
-        value, known, strip, part = (
-            np.asarray(cv2.resize(a, size, interpolation=cv2.INTER_AREA), np.float32)
-            for a in (value, known, strip, part)
-        )
-
-
-def _sources(hole: Mask, radius: int) -> Mask:
-    """Centres of patches that are known as a whole."""
-    blocked = np.pad(hole, radius, constant_values=True).astype(np.uint8)
-    width = 2 * radius + 1
-    blocked = cv2.dilate(blocked, np.ones((width, width), np.uint8)).astype(np.uint8)
-    return np.asarray(blocked[radius:-radius, radius:-radius] == 0)
 
 
 def fewer(places: Places, most: int) -> Places:
@@ -167,7 +94,7 @@ class _Search:
         self.away = (away / np.hypot(*level.hole.shape)).astype(np.float32)
         width = 2 * radius + 1
         self.every: tuple[Places, F32, F32] | None = None
-        self.sources = _sources(level.hole, radius)
+        self.sources = sources(level.hole, radius)
         self.source_at: Places = np.argwhere(self.sources)
         touching = cv2.dilate(level.hole.astype(np.uint8), np.ones((width, width), np.uint8)) > 0
         self.at: Places = np.argwhere(touching)
@@ -206,6 +133,19 @@ class _Search:
         result = np.moveaxis(np.indices(self.level.hole.shape), 0, -1)
         result[self.at[:, 0], self.at[:, 1]] = best
         return result, cost
+
+    def same(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
+        """The centres in `field`, or where these are no whole patches, the nearest that are; all cost the same.
+
+        The finest scale only copies grain: pieces that stay as they were found keep more of it than smaller ones.
+        """
+        h, w = self.level.hole.shape
+        place = field[self.at[:, 0], self.at[:, 1]]
+        result = np.moveaxis(np.indices((h, w)), 0, -1)
+        result[self.at[:, 0], self.at[:, 1]] = self.snap[
+            np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)
+        ]
+        return result, np.zeros(len(place), np.float32)
 
     def _all(self, target: F32, total: F32) -> tuple[Places, F32]:
         n = len(self.at)
@@ -287,8 +227,9 @@ class _Search:
         votes = np.zeros((h + 2 * reach, wide, 4), np.float32)
         flat, by = votes.reshape(-1, 4), weight[:, None]
         to, source = self.at[:, 0] * wide + self.at[:, 1], there[:, 0] * w + there[:, 1]
-        for down in range(-reach, reach + 1):
-            for right in range(-reach, reach + 1):
+        stride = 2 if reach > 2 else 1  # one in four is enough, where so many overlap
+        for down in range(-reach, reach + 1, stride):
+            for right in range(-reach, reach + 1, stride):
                 place = to + ((down + reach) * wide + right + reach)
                 flat[place] += by * weighed.take(source + (down * w + right), axis=0)
         inside = (slice(reach, h + reach), slice(reach, w + reach))

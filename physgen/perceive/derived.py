@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from physgen.materials import kind
-from physgen.perceive.roles import Matter, Name, Physics, Rgb, Thing
+from physgen.perceive.occlusion import layers, orders
+from physgen.perceive.roles import Labels, Matter, Name, Physics, Rgb, Thing
 from physgen.perceive.scale import DEFAULT, ENOUGH, scale
 
 KEYS = ("mass", "friction", "elasticity", "rolling")
@@ -66,6 +67,40 @@ def derived(
             own.add("solid")
         keys[name] = frozenset(own)
     return Derived(keys, ours and not _tuned(scene))
+
+
+def set_layers(scene: Mapping[str, Any], labels: Labels, ids: Mapping[str, int]) -> dict[str, int]:
+    """Layers that a person set, by name; `labels` (H, W) shows the scene's objects by `ids`.
+
+    One is ours where `from` says so and where it is what `labels` tell; where an object has no `from`, all of it is a
+    person's.
+    """
+    written = {name: was for name, was in scene["objects"].items() if name in ids}
+    sure = {name: int(was.get("layer", 0)) for name, was in written.items() if not _layered(was)}
+    found = orders(labels, list(ids.values()))
+    # as they were told at first, or when the scene was last refreshed
+    told = [layers(found)[0], layers(found, {ids[name]: layer for name, layer in sure.items()})[0]]
+    moved = {
+        name: int(was.get("layer", 0)) for name, was in written.items()
+        if name not in sure and "layer" in was and all(was["layer"] != of.get(ids[name], 0) for of in told)
+    }  # fmt: skip
+    return sure | moved
+
+
+def relayered(was: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, Any]:
+    """An object as it `was`, in the layer that it has `now`."""
+    if was.get("layer", 0) == now.get("layer", 0):
+        return dict(was)
+    said = {key: who for key, who in was["from"].items() if key != "layer"}
+    before = {key: value for key, value in was.items() if key not in ("layer", "from", "prompt")}
+    if "layer" in now:
+        before["layer"], said["layer"] = now["layer"], now["from"]["layer"]
+    return {**before, "from": said} | {key: was[key] for key in ("prompt",) if key in was}
+
+
+def _layered(was: Mapping[str, Any]) -> bool:
+    """Whether its layer may be ours: `from` names it, or none is written where `from` names other keys."""
+    return "from" in was and ("layer" in was["from"] or "layer" not in was)
 
 
 def anew(

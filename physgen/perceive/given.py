@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.boxed import boxed
+from physgen.perceive.found import Found
 from physgen.perceive.pointed import Proposed, pointed, proposed
 from physgen.perceive.roles import Labels, Meant, Name, Rgb, Segment, Segments
-from physgen.perceive.scene import Found
 from physgen.problems import InputError, Place, Problem, Severity
 
 Box = tuple[float, float, float, float]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from physgen.outline.outline import Region, Ring
 from physgen.outline.raster import coverage
+from physgen.perceive.found import Found
 from physgen.perceive.roles import Name
-from physgen.perceive.scene import Found
 from physgen.problems import InputError, Place, Problem
 
 MOST_OBJECTS = 10_000

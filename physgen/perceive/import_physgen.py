@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from physgen import backends
 from physgen.outline.outline import Disc, mass_properties
 from physgen.perceive import words
+from physgen.perceive.found import Perceived
 from physgen.perceive.lifted import refilled
 from physgen.perceive.membrane import seamless
 from physgen.perceive.primitives import outlines_of
 from physgen.perceive.roles import Intrinsics, LightGuess, Rgb, Setting, Shadows, Thing, Wall
-from physgen.perceive.scene import Perceived, Progress, silent
+from physgen.perceive.scene import Progress, silent
 from physgen.perceive.sim_yaml import Body, Sim, read_sim
 from physgen.percepts.maps import Percepts, read_labels
 from physgen.percepts.photo import read_image
@@ -79,10 +80,10 @@ def import_physgen(
     if (light := _light(normals, shading, labels)) is not None:
         document["light"], comments["light"] = light
     shadows = _shadows(percepts, things, sim)
-    if shadows.clean is not None:
-        percepts = replace(
-            percepts, clean=refilled(shadows.clean, background, coverage, backends.make("inpaint"))
-        )
+    if (clean := shadows.clean) is not None:
+        if not shadows.faint:
+            clean = refilled(clean, background, coverage, backends.make("inpaint"))
+        percepts = replace(percepts, clean=clean)
         document["light"] = words.light(shadows.light) | {"softness": shadows.softness}
         comments["light"] = f"{shadows.reason} (confidence {shadows.confidence:g})"
         document["world"] |= words.view(shadows, bool(sim.gravity))

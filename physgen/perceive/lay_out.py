@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen import __version__
-from physgen.perceive.scene import Perceived
+from physgen.perceive.found import Perceived
 from physgen.percepts.maps import Keep, silent, write_assets, write_png
 from physgen.problems import InputError
 from physgen.resources import resource

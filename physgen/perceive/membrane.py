@@ -64,7 +64,7 @@ def meet(filled: F32, photo: NDArray[np.uint8], hole: Mask) -> NDArray[np.uint8]
     dimmed = ((photo.astype(np.float32) + 1) / (np.maximum(filled, 0) + 1)).max(axis=2, keepdims=True)
     loss = np.where(hole[:, :, None], np.float32(0), np.minimum(dimmed, 1) - 1).astype(np.float32)
     depth = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, 5)[:, :, None]
-    kept = 1 + membrane(loss, hole, tolerance=2e-3) * np.exp(-((depth / FADE) ** 2))
+    kept = 1 + membrane(loss, hole, tolerance=8e-3) * np.exp(-((depth / FADE) ** 2))
     return np.where(hole[:, :, None], np.clip(filled * kept + 0.5, 0, 255).astype(np.uint8), photo)
 
 
@@ -168,16 +168,20 @@ def _cycle(grids: list[_Grid], level: int, right: F32) -> F32:
     if level == len(grids) - 1:
         return x
     rest = right - _apply(grid, x)
-    h, w, c = rest.shape
+    h, w, _ = rest.shape
     rest = np.pad(rest, ((0, h % 2), (0, w % 2), (0, 0)))
-    H, W = rest.shape[:2]
     coarse = grids[level + 1]
-    down = rest.reshape(H // 2, 2, W // 2, 2, c).sum((1, 3)) * coarse.free
+    down = (rest[::2, ::2] + rest[::2, 1::2] + rest[1::2, ::2] + rest[1::2, 1::2]) * coarse.free
     up = np.repeat(np.repeat(_cycle(grids, level + 1, down), 2, axis=0), 2, axis=1)
     x += up[:h, :w] * grid.free
     for _ in range(rounds + 1):
         x += damp * (right - _apply(grid, x))
     return x
+
+
+def _products(a: F32, b: F32) -> NDArray[np.float64]:
+    """(C,): the sum of products over the picture, channel by channel."""
+    return np.asarray([np.multiply(a[..., k], b[..., k]).sum(dtype=np.float64) for k in range(a.shape[2])])
 
 
 def _solve(start: F32, hole: Mask, tolerance: float, most: int = 60) -> F32:
@@ -188,17 +192,17 @@ def _solve(start: F32, hole: Mask, tolerance: float, most: int = 60) -> F32:
     rest = -_apply(_Grid(np.ones_like(fine.free), fine.degree), values) * fine.free
     z = _cycle(grids, 0, rest)
     p = z.copy()
-    rz = (rest * z).sum((0, 1), dtype=np.float64)
+    rz = _products(rest, z)
     for _ in range(most):
         if float(np.abs(z).max()) <= tolerance:  # z estimates the error
             break
         q = _apply(fine, p)
-        pq = (p * q).sum((0, 1), dtype=np.float64)
+        pq = _products(p, q)
         step = np.where(pq > 0, rz / np.where(pq > 0, pq, 1), 0).astype(np.float32)
         values += step * p
         rest -= step * q
         z = _cycle(grids, 0, rest)
-        new = (rest * z).sum((0, 1), dtype=np.float64)
+        new = _products(rest, z)
         p = z + np.where(rz > 0, new / np.where(rz > 0, rz, 1), 0).astype(np.float32) * p
         rz = new
     return np.where(hole[:, :, None], values, start)

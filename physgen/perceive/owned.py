@@ -27,7 +27,7 @@ SHARE = 0.3
 """How much of that is geometry's say: the photo alone leaves the soft ends of shadows to its grain."""
 SMOOTH = 2.0
 """px: standard deviation of the blur; finer is grain."""
-TOLD = 0.02
+FORETOLD = 0.02
 """-log of light from which geometry says that a thing keeps light from a place."""
 SPECK = 16
 """px: a patch of fewer is none."""
@@ -42,14 +42,26 @@ def owners(
 
     `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
     """
-    who, most = np.zeros(coverage.shape, np.uint16), np.zeros(coverage.shape, np.float32)
-    for number, (x0, y0, x1, y1), values in casts:
-        part = np.s_[y0:y1, x0:x1]
-        more = values > np.maximum(most[part], TOLD)
-        who[part][more] = number
-        most[part][more] = values[more]
+    who, most = _told(casts, coverage.shape)
     dark = (1 - SHARE) * seen(background, clean, coverage) + SHARE * most > FAINT
     return assigned(dark & (coverage < 0.5), who)
+
+
+def told(coverage: F32, casts: Iterable[tuple[int, Box, F32]], dark: F32) -> Labels | None:
+    """The same where `dark` (H, W), -log of light, is known, and the photo too coarse to say more."""
+    who, _ = _told(casts, coverage.shape)
+    return assigned((dark > FAINT) & (coverage < 0.5), who)
+
+
+def _told(casts: Iterable[tuple[int, Box, F32]], shape: tuple[int, ...]) -> tuple[Labels, F32]:
+    """(H, W) who keeps most light away, and -log of what is left."""
+    who, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
+    for number, (x0, y0, x1, y1), values in casts:
+        part = np.s_[y0:y1, x0:x1]
+        more = values > np.maximum(most[part], FORETOLD)
+        who[part][more] = number
+        most[part][more] = values[more]
+    return who, most
 
 
 def seen(background: Rgb, clean: Rgb, coverage: F32) -> F32:

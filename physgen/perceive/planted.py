@@ -25,6 +25,8 @@ MOST_LIFT = 2.0
 """px."""
 ASKEW = 2.5
 """px by which the foot of a narrow thing may rise and be level."""
+NEARER = 4.0
+"""px by which a flat foot may be lower than those of most and be lifted to their line."""
 BAND = 2.0
 """px over a foot within which the border is the foot's."""
 ALIKE = 1.5
@@ -58,6 +60,44 @@ def flat(foot: Foot) -> bool:
     return level and float(np.ptp(low[:, 0])) >= WIDE * (x1 - x0)
 
 
+def parted(line: Line, group: Sequence[Foot]) -> list[tuple[Line, list[Foot]]]:
+    """A group of three or more on a level line without what stands higher or lower than most, which stands alone.
+
+    One floor for all of them would be a chain of humps: as the floor is flat, the masks are wrong, or those things
+    stand nearer or farther.
+    """
+    if len(group) < 3 or abs(line.slope) >= SLOPED:
+        return [(line, list(group))]
+    level, tilted = (_alike(group, slope, ALIKE)[1] for slope in (0.0, line.slope))
+    # one thing alone tells no slope
+    stood, kept = _alike(group, line.slope if len(tilted) >= len(level) + 2 else 0.0, ASKEW, NEARER)
+    if len(kept) < 2 or len(kept) == len(group):
+        return [(line, list(group))]
+    return [(stood, kept), *((Line(0.0, float(f.lowest[1])), [f]) for f in group if f not in kept)]
+
+
+def _alike(
+    group: Sequence[Foot], slope: float, within: float, lower: float | None = None
+) -> tuple[Line, list[Foot]]:
+    """The line of a slope through most of a group, and those that stand `within` px of it, or flat and `lower`."""
+    off = np.array([_height(foot) - slope * float(foot.lowest[0]) for foot in group])
+    line = Line(slope, float(np.median(off)))
+    # a flat foot nearer to the camera is lower, and can be lifted; what is round stands where it is
+    most = np.array([lower if lower is not None and flat(foot) else within for foot in group])
+    near = (off - line.height >= -within) & (off - line.height <= most)
+    # what is not flat cannot be made to follow the line
+    ends = np.array(
+        [[foot.left[1] - line.at(foot.left[0]), foot.right[1] - line.at(foot.right[0])] for foot in group]
+    )
+    near &= np.array([flat(foot) for foot in group]) | (np.abs(ends).max(axis=1) <= ALIKE)
+    return line, [foot for foot, here in zip(group, near, strict=True) if here]
+
+
+def _height(foot: Foot) -> float:
+    """y at which a thing stands."""
+    return float(foot.hull[:, 1].max()) - (lift(foot.thing.outline) if flat(foot) else 0.0)
+
+
 def planted(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
     """Outlines with straight feet, by id, of those in a group that stand flat: on one line where they nearly do."""
     result: dict[int, Outline] = {}
@@ -70,15 +110,27 @@ def planted(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
     feet = [foot for foot in group if flat(foot)]
     if not feet or (len(group) > 2 and abs(line.slope) >= SLOPED):
         return {}
-    heights = np.array([float(f.hull[:, 1].max()) - lift(f.thing.outline) for f in feet])
+    heights = np.array([_height(foot) for foot in feet])
+    slope = 0.0
+    if len(group) > 2:
+        rest = heights - line.slope * np.array([foot.lowest[0] for foot in feet])
+        if np.ptp(heights) > 2 * ALIKE and np.ptp(rest) < np.ptp(heights):
+            slope, heights = line.slope, rest
+        low, high = np.array([heights.min(), heights.max()]) - np.median(heights)
+        if low >= -ASKEW and high <= NEARER:
+            heights = np.full(len(feet), np.median(heights))
     for k in range(len(feet)):
         near = np.abs(heights - heights[k]) <= ALIKE
         if near.sum() > 1 and np.ptp(heights) <= 2 * ALIKE:
             heights = np.where(near, np.median(heights[near]), heights)
     for foot, height in zip(feet, heights.tolist(), strict=True):
         assert isinstance(foot.thing.outline, Region)
-        up = max(BAND, abs(float(foot.right[1] - foot.left[1])) + 0.5)
-        result[foot.thing.id] = straightened(foot.thing.outline, Line(0.0, round(height, 2)), up)
+        stood = Line(slope, round(height, 2))
+        low = float(foot.hull[:, 1].max())
+        up = max(
+            BAND, abs(float(foot.right[1] - foot.left[1])) + 0.5, stood.at(float(foot.lowest[0])) - low + 0.5
+        )
+        result[foot.thing.id] = straightened(foot.thing.outline, stood, up)
     return result
 
 
@@ -120,6 +172,11 @@ def cradle(thing: Thing, center: Array, hull: Array, reach: float = 0.3) -> list
         x0, _, x1, _ = bounds(outline)
         ends = np.clip(
             [center[0] - reach * (x1 - x0), center[0] + reach * (x1 - x0)], hull[0, 0], hull[-1, 0]
+        )
+        # it lies on corners of its hull: without one on either side of its centre it would tip
+        k = int(np.clip(np.searchsorted(hull[:, 0], center[0]), 1, len(hull) - 1))
+        ends = np.clip(
+            [min(ends[0], hull[k - 1, 0] - 0.5), max(ends[1], hull[k, 0] + 0.5)], hull[0, 0], hull[-1, 0]
         )
         inner = hull[(hull[:, 0] > ends[0]) & (hull[:, 0] < ends[1])]
         xs = [ends[0], *inner[:, 0], ends[1]]

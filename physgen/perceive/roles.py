@@ -249,6 +249,8 @@ class Shadows:
     confidence: float
     """0..1."""
     reason: str
+    faint: bool = False
+    """Whether `clean` is as it should be behind objects, too: so little was lifted that nothing else shows there."""
 
 
 class Shadow(Protocol):

@@ -28,7 +28,7 @@ BEYOND = 40.0, 2.5
 """Farther from such a light none is looked for: degrees, and standard deviations."""
 PULL = 0.02
 """What a fit must explain more for lying one standard deviation from such a light."""
-TELLING = 5
+TELLING = 3
 """Things, or groups of them, that the light is looked for by at first; the largest."""
 TILT = 0.1
 """Rise over run of the floor where nothing tells."""
@@ -139,10 +139,14 @@ def refined(fine: Trace, place: Place, guess: LightGuess) -> Fit:
         return Fit(where, likeness - odd(where, factor), factor)
 
     fit = rated(place)
-    for step in (0.12, 0.06, 0.06, 0.03):
-        for where in list(_near(fit.place, step)):
-            if (other := rated(where)).likeness > fit.likeness and other.factor > 0:
-                fit = other
+    for step, times in ((0.12, 1), (0.06, 2), (0.03, 1)):
+        for _ in range(times):
+            before = fit
+            for where in list(_near(fit.place, step)):
+                if (other := rated(where)).likeness > fit.likeness and other.factor > 0:
+                    fit = other
+            if fit is before:  # the same steps again would lead nowhere either
+                break
     if fit.likeness == -inf:
         return fit
     return Fit(fit.place, *fine.likeness(fit.place))
@@ -153,13 +157,14 @@ def before_wall(fine: Trace, fit: Fit, guess: LightGuess) -> Fit | None:
     if fit.place.light.direction[2] < 0.2:
         return None
 
+    telling = _largest(fine.joined)
     floors = [what.floor for what in fine.joined if what.floor is not None]
-    plain = foretold(fine.joined, replace(fit.place, backdrop=inf))
+    plain = foretold(telling, replace(fit.place, backdrop=inf))
 
     def better(place: Place, on_floor: F32) -> float:
         """Correlation above the wall's foot; 0 where the floor alone, going on there, explains as much."""
         foot = min(floors, default=inf) - place.tilt * place.backdrop - 3
-        on_both = foretold(fine.joined, place)
+        on_both = foretold(telling, place)
         likeness, factor = fine.agreement(on_both, foot)
         more = fine.explained(on_both, foot) > MORE * fine.explained(on_floor, foot)
         return likeness if more and 0.2 < factor < 4 else 0.0
@@ -171,7 +176,7 @@ def before_wall(fine: Trace, fit: Fit, guess: LightGuess) -> Fit | None:
     ]:
         if likeness > HALF_SEEN:
             found = refined(fine, place, guess)
-            alone = foretold(fine.joined, replace(found.place, backdrop=inf))
+            alone = foretold(telling, replace(found.place, backdrop=inf))
             if found.place.backdrop < inf and better(found.place, alone) > BY_A_WALL:
                 return found
     return None
@@ -183,7 +188,8 @@ def settled(fine: Trace, fit: Fit) -> Fit:
     What is far off is drawn smaller, which no distant light explains.
     """
     best = fit
-    for guess in (fit.place.softness, 2.0):  # a light thought wide covers what lies astray
+    wide = (2.0,) if fit.place.softness > 2.0 else ()
+    for guess in (fit.place.softness, *wide):  # a light thought wide covers what lies astray
         place = replace(fit.place, softness=guess)
         shifts = tuple(_astray(fine, what, place) for what in fine.joined)
         if not any(dx or dy for dx, dy in shifts):

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import atan, degrees, hypot, inf
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.outline.outline import bounds
 from physgen.perceive import wall_shadow
-from physgen.perceive.owned import owners
+from physgen.perceive.contact import contact
+from physgen.perceive.owned import FAINT, FORETOLD, owners, told
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadows, Thing
 from physgen.perceive.side_light import (
     BY_A_WALL,
@@ -65,12 +67,17 @@ class _Photo:
     things: Sequence[Thing]
     matter: Mapping[int, Matter]
     setting: Setting
+    traces: dict[tuple[int, float | None], Trace | None] = field(default_factory=dict)
 
     def at(self, scale: float, floor: float | None = None) -> list[Silhouette]:
         return silhouettes(self.labels, self.things, self.matter, self.setting, scale, floor)
 
     def trace(self, longest: int, floor: float | None = None) -> Trace | None:
-        return trace(self.background, self.coverage, longest, lambda scale: self.at(scale, floor))
+        """Made once."""
+        if (longest, floor) not in self.traces:
+            made = trace(self.background, self.coverage, longest, lambda scale: self.at(scale, floor))
+            self.traces[longest, floor] = made
+        return self.traces[longest, floor]
 
 
 def side_shadows(
@@ -106,7 +113,32 @@ def side_shadows(
             tilt, softness = round(degrees(atan(place.tilt)), 1), round(place.softness, 1)
             sure = round(min(0.9, sure), 2)
             return Shadows(clean, nothing.owners, place.light, softness, tilt, back, sure, reason)
-    return nothing
+    return _soft(photo, guess) or nothing
+
+
+def _soft(photo: _Photo, guess: LightGuess) -> Shadows | None:
+    """The shade of soft light on a floor under the lowest thing; None where the photo does not tell of it."""
+    H, W = photo.labels.shape
+    bottom = max(bounds(thing.outline)[3] for thing in photo.things)
+    if bottom >= H - 1:
+        return None
+    shade = contact(photo.background, photo.coverage, lambda scale: photo.at(scale, bottom), from_above=False)
+    if shade is None:
+        return None
+    fit = Fit(shade.place, 0.0, shade.factor, shade.factor)
+    things = photo.at(1.0, bottom)
+    dark = _foretold(things, fit, None, (H, W))
+    # what stands where the shade is foretold, and is no darker there, lies in none
+    there = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
+    clean = lifted(photo.background, photo.coverage, np.asarray(dark * there, np.float32), typical(things))
+    if roughness(photo.background, clean, photo.coverage) > SEEN:
+        return None
+    seen = np.where(dark > FORETOLD, shade.missing, 0).astype(np.float32)
+    whose = told(photo.coverage, _casts(things, fit, None, (H, W)), seen)
+    tilt = round(degrees(atan(shade.place.tilt)), 1)
+    return Shadows(
+        clean, whose, guess.light, shade.place.softness, tilt, None, shade.confidence, shade.reason
+    )
 
 
 def _foretold(

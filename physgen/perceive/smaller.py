@@ -7,8 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from physgen.perceive.found import Found
 from physgen.perceive.roles import Rgb
-from physgen.perceive.scene import Found
 from physgen.photometry import decode, encode_u8
 
 LONGEST_SIDE = 1600

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 
 import cv2
@@ -48,6 +49,11 @@ class Trace:
     joined: Sequence[Silhouette]
     """The same, those that stand side by side as one."""
 
+    @cached_property
+    def within(self) -> F32:
+        """(h, w) `known`, a pixel less on all sides."""
+        return np.asarray(cv2.erode(self.known, np.ones((3, 3), np.uint8)), np.float32)
+
     def likeness(self, place: Place) -> tuple[float, float]:
         """Correlation of seen slopes and those of a light's shadows, and the factor from one to the other."""
         return self.agreement(foretold(self.joined, place))
@@ -78,7 +84,7 @@ class Trace:
         top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
         part = np.s_[top : int(rows[-1]) + pad + 1, left : int(columns[-1]) + pad + 1]
         model, known = np.minimum(model[part], 2.5), self.known[part]
-        within = np.asarray(cv2.erode(known, np.ones((3, 3), np.uint8)), np.float32)
+        within = self.within[part].copy()
         told = max(int(min(above, len(self.known))) - top, 0)
         within[told:] = 0
         found = []
@@ -87,7 +93,7 @@ class Trace:
             dy, dx = np.gradient(soft)
             energy = np.asarray(dx * dx + dy * dy, np.float32)
             edges = energy > 0.01 * float((energy * within).max())
-            weight = within * np.asarray(cv2.dilate(edges.astype(np.float32), np.ones((9, 9), np.uint8)))
+            weight = within * cv2.dilate(edges.astype(np.uint8), np.ones((9, 9), np.uint8))
             own = float((weight * energy).sum())
             if own <= LEAST_SEEN * float(energy[:told].sum()):
                 return []

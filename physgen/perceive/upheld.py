@@ -1,4 +1,4 @@
-"""Things and the walls found -> more walls, so that everything stands: nests, walls to lean on; what is left is held.
+"""Things and the walls found -> more walls, so that all stands: nests, walls to lean on, stops; what is left is held.
 
 What a photo shows at rest is at rest. Where the balance of forces says that a thing would fall, something that nobody
 sees holds it; where no support fits in without entering other things, the thing itself is held.
@@ -7,6 +7,7 @@ sees holds it; where no support fits in without entering other things, the thing
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from physgen.perceive.equilibrium import Contact, contacts, on_wall, unheld
 from physgen.perceive.planted import cradle
 from physgen.perceive.rest import lower_hull
 from physgen.perceive.roles import Thing, Wall
+from physgen.perceive.stops import stop
 
 EVERY = 0.5
 """px between the points at which a chain is tried against the things."""
@@ -31,6 +33,8 @@ MANY = 40
 """Things in a photo, beyond which all that would fall get their ledges at once."""
 TIMES = 5
 """Times that this is done, after which what would still fall is held."""
+FROM_BELOW = 0.3
+"""Sine of the angle by which a surface under a thing faces up."""
 LEAN = 0.35
 """Of its height, from the top, within which a thing leans against what is beside it."""
 
@@ -50,7 +54,12 @@ def upheld(
     known: dict[tuple[object, ...], list[int]] = {}
     tried: dict[int, int] = {}
     many = len(things) > MANY
-    for times in range(TIMES if many else 3 * len(things) + 1):
+
+    def stands(found: Sequence[Contact], lost: int, chain: Array) -> bool:
+        more = [*found, *on_wall(outlines, boxes, chain)]
+        return len(unheld(outlines, more, _friction(things, more, grip), fixed)) < lost
+
+    for times in range(TIMES if many else 4 * len(things) + 1):
         found = between + sorted(on, key=lambda contact: contact.thing)
         lost = unheld(outlines, found, _friction(things, found, grip), fixed, known=known)
         if not lost:
@@ -63,6 +72,16 @@ def upheld(
             wall = None
             if tried[k] == 1:
                 wall = _to_lean_on(thing, found, k, others, _next("wall", added), friction, elasticity)
+            # what rolls off something seen needs no ledge under it
+            if wall is None and not many and (tried[k] == 3 or (tried[k] == 1 and _lies_on(found, k))):
+                wall = stop(
+                    thing,
+                    partial(free_parts, others=others),
+                    partial(stands, found, len(lost)),
+                    _next("stop", added),
+                    friction,
+                    elasticity,
+                )
             if wall is None and tried[k] <= 2:
                 tried[k] = 2
                 wall = _nest(thing, others, _next("nest", added), friction, elasticity)
@@ -78,6 +97,13 @@ def upheld(
 def _next(kind: str, added: Sequence[Wall]) -> str:
     """`kind-1`, `kind-2`, ..."""
     return f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in added)}"
+
+
+def _lies_on(found: Sequence[Contact], k: int) -> bool:
+    """Whether something is under a thing."""
+    return any(
+        c.normal[1] * (1 if c.thing == k else -1) < -FROM_BELOW for c in found if k in (c.thing, c.other)
+    )
 
 
 def _friction(

@@ -131,6 +131,16 @@ def source(who: str, confidence: float) -> str:
     return f"{who} {round(confidence, 2):g}"
 
 
+def before(names: Sequence[str]) -> str:
+    """What a thing hides a part of, as a comment on its layer.
+
+    >>> before(["ball-1", "ball-2"])
+    'in front: it hides parts of ball-1 and ball-2'
+    """
+    every = ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
+    return f"in front: it hides parts of {every}"
+
+
 def counted(labels: Mapping[int, str]) -> str:
     """How many of each label there are.
 

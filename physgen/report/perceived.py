@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.scene import Perceived
+from physgen.perceive.found import Perceived
 from physgen.percepts.maps import Keep, silent, write_png
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.problems import InputError

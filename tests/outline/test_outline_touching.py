@@ -7,7 +7,7 @@ from drawings import blob_labels, box_mask, disc_mask, iou
 
 from physgen.outline.borders import trace_borders
 from physgen.outline.fit import fit_outline
-from physgen.outline.outline import Disc, Region, mass_properties
+from physgen.outline.outline import Disc, Region, bounds, mass_properties
 from physgen.outline.overlap import overlap_depth
 from physgen.outline.raster import coverage
 from physgen.outline.shared import close_gaps, fit_regions
@@ -246,3 +246,26 @@ def test_a_pixel_between_two_objects_stays():
     found = fit_outlines(labels, [1, 2, 3])
     assert mass_properties(found[3]).area > 0
     assert deepest(found) <= 1e-6
+
+
+def bowl(cut: float, size: int = 140) -> np.ndarray:
+    """A disc of radius 50 without its lowest `cut` px."""
+    mask = disc_mask(size, (70.0, 66.0), 50.0)
+    mask[int(66 + 50 - cut) + 1 :] = False
+    return mask.astype(int)
+
+
+def test_what_stands_on_a_flat_foot_is_no_disc():
+    outline = fit_outlines(bowl(7.0), [1])[1]
+    assert isinstance(outline, Region)
+    assert bounds(outline)[3] == pytest.approx(109.5, abs=0.6)
+
+
+def test_a_ball_whose_foot_something_hides_stays_a_disc():
+    labels = bowl(7.0)
+    labels[110:130, 20:120] = 2
+    assert isinstance(fit_outlines(labels, [1, 2])[1], Disc)
+
+
+def test_a_ball_of_a_ragged_mask_stays_a_disc():
+    assert isinstance(fit_outlines(bowl(1.5), [1])[1], Disc)

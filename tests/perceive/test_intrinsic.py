@@ -83,3 +83,45 @@ def test_behind_a_table_there_is_less_light():
         _, found = parted(linear, normals=normals)
         shares.append(np.log(found.shading[-60:].mean() / found.shading[:60].mean()))
     assert shares[1] > shares[0] + 0.2
+
+
+def stood(*paints):
+    """Boxes of these paints side by side on a table, in even light; their labels and normals."""
+    linear, labels, normals = np.full((H, W, 3), 0.3, np.float32), NOTHING.copy(), FACING.copy()
+    normals[120:] = (0, -0.99, 0.14)
+    linear[:120] = 0.18
+    for k, paint in enumerate(paints):
+        box = np.s_[90:150, 30 + 80 * k : 80 + 80 * k]
+        linear[box], labels[box], normals[box] = paint, k + 1, (0, 0, 1)
+    return linear, labels, normals
+
+
+def test_things_beside_each_other_are_lit_alike_and_painted_not():
+    linear, labels, normals = stood((0.6, 0.6, 0.55), (0.08, 0.09, 0.1))
+    _, found = parted(linear, labels, normals)
+    one, two = (cv2.erode((labels == i).astype(np.uint8), np.ones((9, 9))) > 0 for i in (1, 2))
+    seen = contrast(luminance(linear), two, one)
+    assert abs(contrast(found.shading, two, one)) < 0.3 * seen
+    assert contrast(luminance(found.albedo), two, one) > 0.7 * seen
+
+
+def test_repainting_a_thing_changes_no_others_albedo():
+    others = []
+    for paint in ((0.5, 0.45, 0.4), (0.1, 0.12, 0.2)):
+        linear, labels, normals = stood((0.4, 0.2, 0.15), paint)
+        _, found = parted(linear, labels, normals)
+        albedo = luminance(found.albedo)
+        others.append(np.log(albedo[labels == 1].mean() / albedo[160:].mean()))
+    assert abs(others[0] - others[1]) < 0.1
+
+
+def test_a_wall_in_less_light_than_its_table_is_no_darker_paint():
+    """One paint all over, Lambert's light from above: the table gets twice what the wall gets."""
+    light = DistantLight(towards(0, -0.95, 0.3), 0.9, 0.1)
+    _, _, normals = stood()
+    told = light.shade(normals / np.linalg.norm(normals, axis=2, keepdims=True))
+    linear = 0.5 * np.repeat((told / told.max())[..., None], 3, 2).astype(np.float32)
+    _, found = parted(linear, normals=normals)
+    wall, table = np.s_[:90], np.s_[150:]
+    seen = abs(np.log(linear[table].mean() / linear[wall].mean()))
+    assert abs(np.log(found.albedo[table].mean() / found.albedo[wall].mean())) < 0.4 * seen

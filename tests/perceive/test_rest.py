@@ -166,3 +166,29 @@ def test_views():
     setting = support()(table.rgb, table.labels, table.things, None)
     assert setting.view is View.TOP
     assert [wall.name for wall in setting.walls] == ["frame"]
+
+
+def test_one_thing_off_the_line_makes_no_hump_in_the_floor():
+    desk = Desk()
+    feet = (220.0, 220.6, 219.8, 220.3)
+    row = [desk.block(20 + 70 * k, y, 40, 50) for k, y in enumerate(feet)]
+    ball = desk.ball(340, 216.0, 20)
+    walls = desk.walls()
+    assert len(walls["floor"]) == 2
+    assert np.ptp(walls["floor"][:, 1]) == 0
+    for thing in desk.things[: len(row)]:
+        assert -GAP < -penetration(walls["floor"], thing) < GAP
+    (ledge,) = (wall for name, wall in walls.items() if name.startswith("ledge"))
+    assert -GAP < -penetration(ledge, ball) < GAP
+
+
+def test_a_row_on_a_floor_seen_askew_stands_on_one_straight_line():
+    desk = Desk()
+    for k in range(6):
+        desk.block(10 + 62 * k, 210 + 1.0 * k + (0.4, -0.4, 0.0)[k % 3], 40, 50)
+    walls = desk.walls()
+    assert len(walls["floor"]) == 2
+    (x0, y0), (x1, y1) = walls["floor"]
+    assert (y1 - y0) / (x1 - x0) == pytest.approx(1.0 / 62, abs=0.003)
+    for thing in desk.things:
+        assert -GAP < -penetration(walls["floor"], thing) < GAP

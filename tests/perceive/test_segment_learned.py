@@ -10,9 +10,10 @@ import pytest
 
 from physgen import pipeline
 from physgen.perceive.backends.segment_learned import segment
+from physgen.perceive.found import Found
 from physgen.perceive.lay_out import lay_out
 from physgen.perceive.roles import Doubt
-from physgen.perceive.scene import Found, perceive
+from physgen.perceive.scene import perceive
 
 
 def noise(size: tuple[int, int]) -> np.ndarray:

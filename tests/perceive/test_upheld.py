@@ -70,3 +70,30 @@ def test_a_few_px_are_level():
     points = np.array([[149.5, 99.33], [152.5, 99.8], [152.5, 103.67], [149.5, 103.2]])
     assert foot(Thing(1, Region((Ring(points),)))).slope == 0
     assert foot(Thing(1, Region((Ring(points * 10),)))).slope == pytest.approx(0.157, abs=0.01)
+
+
+def wedge_and_balls(side: int) -> list[Outline]:
+    """A wedge that falls to the right, or to the left, and two balls of one size on it, one against the other."""
+    corners = np.array([[0, -60.0], [200, 0], [0, 0]]) * (side, 1)
+    down = np.array([200.0, 60]) / np.hypot(200, 60) * (side, 1)
+    out = np.array([60 * side, -200.0]) / np.hypot(200, 60)
+    at = [np.array([0, -60.0]) + run * down + 15.0 * out for run in (60.0, 90.0)]
+    ring = corners if side > 0 else corners[::-1]
+    return [Region((Ring(ring),)), *(Disc(center, 15.0) for center in at)]
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_balls_that_would_roll_get_a_stop_and_none_of_them_is_held(side):
+    outlines = wedge_and_balls(side)
+    walls, held = upholding(outlines)
+    assert not held
+    assert [wall.name for wall in walls] == ["stop-1"]
+    (x0, y0), (x1, y1) = walls[0].points
+    lower = outlines[2]
+    assert isinstance(lower, Disc)
+    assert x0 == x1 == pytest.approx(lower.center[0] + side * 15, abs=0.03)
+    assert min(y0, y1) < lower.center[1] < max(y0, y1)
+
+
+def test_a_ball_on_level_ground_gets_no_stop():
+    assert upholding([Disc(np.array([50.0, -15.0]), 15.0)]) == ([], frozenset())

@@ -17,7 +17,7 @@ from physgen.outline.outline import Outline, bounds
 from physgen.perceive.boxes import boxed
 from physgen.perceive.equilibrium import contacts
 from physgen.perceive.learned.network import see
-from physgen.perceive.planted import flat, levelled, planted
+from physgen.perceive.planted import flat, levelled, parted, planted
 from physgen.perceive.rest import STEEP, Foot, Line, carried, clusters, floor, foot, free_ends
 from physgen.perceive.roles import Boundary, Labels, Rgb, Setting, Thing, Wall
 from physgen.perceive.upheld import free_parts, upheld
@@ -30,6 +30,8 @@ ALIKE = 10.0
 """CIE 1976 Lab distance up to which two strips are the same surface."""
 GRIP = 1.25
 """Coefficient of friction over the slope that things lie still on: at 1 they are about to slip."""
+LEVEL = 1e-3
+"""Slope of a foot below which it is level: rounding."""
 FRICTION, ELASTICITY = 0.6, 0.4
 CUSHION = 0.75
 """Elasticity of the frame seen from above: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)."""
@@ -55,34 +57,46 @@ def _support(rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | Non
     if found is View.TOP:
         return Setting(found, sure, reason, (_frame(width, height, 0.2, CUSHION),))
     outlines: dict[int, Outline] = {}
+    groups = [part for line, group in groups for part in parted(line, group)]
     for line, group in groups:
         outlines |= planted(line, group)
     things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
-    outlines |= boxed(things)
+    # a box stands level
+    askew = {t.id for t in things if t.id in outlines and abs(foot(t).slope) > LEVEL}
+    outlines |= {i: box for i, box in boxed(things).items() if i not in askew}
     things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
     now = {t.id: t for t in things}
     stand = [(line, [foot(now[f.thing.id]) for f in group]) for line, group in groups]
     groups = [(levelled(line, group), group) for line, group in stand]
     walls = [_frame(width, height, FRICTION, ELASTICITY)]
-    walls += _floors(_lab(rgb), labels, things, groups)
+    walls += _floors(_lab(rgb), labels, things, groups, 2 * tolerance)
     grip = _grip(things, groups)
     more, held = upheld(things, walls, grip, FRICTION, ELASTICITY)
     return Setting(found, sure, reason, (*walls, *more), outlines, held, grip)
 
 
 def _floors(
-    lab: F32, labels: Labels, things: Sequence[Thing], groups: Sequence[tuple[Line, list[Foot]]]
+    lab: F32,
+    labels: Labels,
+    things: Sequence[Thing],
+    groups: Sequence[tuple[Line, list[Foot]]],
+    near: float,
 ) -> list[Wall]:
-    """Under every group of feet a wall, in pieces where it would enter something."""
+    """Under every group of feet a wall, in pieces where it would enter something.
+
+    The floor is under the lowest group, or a larger one that is lower than `near` px above it.
+    """
     width = labels.shape[1]
-    groups = sorted(groups, key=lambda g: -max(float(f.lowest[1]) for f in g[1]))
+    groups = sorted(groups, key=lambda g: -_lowest(g[1]))
     level = [g for g in groups if abs(g[0].slope) <= STEEP]
+    low = [g for g in level if _lowest(g[1]) >= _lowest(level[0][1]) - near]
+    ground = max(low, key=lambda g: len(g[1]))[1] if low else []
     walls: list[Wall] = []
     for line, group in groups:
         others = [t for t in things if not t.cut and all(t is not f.thing for f in group)]
         across = (-0.5, width - 0.5)
         sloped = abs(line.slope) > STEEP
-        first = bool(level) and group is level[0][1]
+        first = group is ground
         wish = across if first and len(group) > 1 else _seen(lab, labels, line, group, across)
         points = floor(line, group, free_ends(line, group, others, wish))
         here = [t.outline for t in things if all(t is not f.thing for f in group)]
@@ -98,6 +112,11 @@ def _floors(
                 Wall(name, tuple(part), friction, ELASTICITY, _sure(on), "lowest points", _told(on, sloped))
             )
     return walls
+
+
+def _lowest(group: Sequence[Foot]) -> float:
+    """y of its lowest foot."""
+    return max(float(f.lowest[1]) for f in group)
 
 
 def _grip(things: Sequence[Thing], groups: Sequence[tuple[Line, list[Foot]]]) -> dict[int, float]:

@@ -63,12 +63,17 @@ def normals(setup: Setup) -> roles.Normals:
         raise InputError.of(str(path), f"{values.shape}", "is no map of normals", "save (H, W, 3)")
 
     def run(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting) -> NDArray[np.float32]:
-        fitted = _fit(values, rgb, path).copy()
-        fitted[..., 2] = np.maximum(fitted[..., 2], 0)  # what is seen faces the viewer
-        fitted[(np.abs(fitted) < 1e-6).all(axis=2)] = (0, 0, 1)
-        return np.asarray(fitted / np.linalg.norm(fitted, axis=2, keepdims=True), np.float32)
+        return facing(_fit(values, rgb, path))
 
     return run
+
+
+def facing(vectors: Map) -> NDArray[np.float32]:
+    """(H, W, 3), +x right, +y down, +z to the viewer, of any length -> unit normals of what is seen: none turn away."""
+    vectors = vectors.copy()
+    vectors[..., 2] = np.maximum(vectors[..., 2], 0)
+    vectors[(np.abs(vectors) < 1e-6).all(axis=2)] = (0, 0, 1)
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=2, keepdims=True), np.float32)
 
 
 def intrinsic(setup: Setup) -> roles.Intrinsic:

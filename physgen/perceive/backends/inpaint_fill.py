@@ -45,7 +45,7 @@ def _fill(rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
         near = far = hole
     borrowed = _films(photo, borrow(photo, far), far)
     gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMIT, LIMIT))
-    return meet(np.where(near[:, :, None], borrowed + membrane(gap, near, 0.1), photo), rgb, hole)
+    return meet(np.where(near[:, :, None], borrowed + membrane(gap, near, 0.4), photo), rgb, hole)
 
 
 def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:

@@ -4,7 +4,9 @@ Where colour changes, paint does (Land & McCann 1971; Funt, Drew & Brockington 1
 albedo's, the rest is mostly shading's. What lies far apart but has one colour has mostly one albedo (Garces et al.
 2012), so that differences of light within a colour are shading's, and those between colours mostly are not. The
 normals and the light that explains them (`lambert`) tell the shading of things; a screened Poisson equation, solved by
-cosine transforms, holds all of it together. After Barron & Malik 2015 in what is taken to be likely, not in how.
+cosine transforms, holds all of it together. What no gradient tells, how much light whole surfaces get beside each
+other, follows from how they stand: tables, what lies behind them, things. After Barron & Malik 2015 in what is taken to
+be likely, not in how.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ WITHIN, BETWEEN = 0.7, 0.3
 """Shares of the differences of light that are shading's: of those within one colour, of those between colours."""
 COLOURS = 64
 """Bins a side of the table of colours, over ratios of e^-3 to e^3."""
-REACH = 4.0
+REACH = 3.0
 """px of the grid over which those differences are taken together."""
 HOLD = 0.03
 """1/px²: how strongly differences far apart count beside gradients."""
@@ -45,10 +47,13 @@ THING = 0.6
 """How much of Lambert's shading is believed, on things; around them normals are known too little."""
 UPWARDS = -0.5
 """y of the normals of tables."""
-BEHIND = 0.4
-"""Of how much darker (logarithm) all is that lies behind a table: what is shading's, beside what gradients tell.
-
-Lamps stand where the things are."""
+LIFT, KEPT = 0.55, 0.55
+"""How much more light (logarithm) a table gets than what lies behind it: lamps are above, and it faces them; and the
+share of how much lighter it looks that is shading's, too."""
+STOOD, FLAT = -0.15, -0.15
+"""Light (logarithm) on things beside that on the table they stand on, and on what lies behind them without a table."""
+OWN = 0.15
+"""Share of how much lighter a thing looks that is shading's: neighbours are lit alike, and painted not."""
 EVEN = 0.5
 """The least share of ambient light: rooms are bright in the shade."""
 LIKELY = DistantLight((0.0, -0.6, 0.8), 0.5, 0.5)
@@ -74,7 +79,7 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     level = _level(small)
     told = _lambert(linear, labels, normals, size)
     ids = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16)
-    log_shading = _parted(small, level, told, ids) + _dimmed(level, normals, labels)
+    log_shading = _levelled(_parted(small, level, told, ids), level, normals, ids)
     parts = _detail(log_shading, level)
     slope, base = (_resized(part, (width, height), cv2.INTER_LINEAR) for part in parts)
     shading = np.asarray(np.exp(slope * _level(linear) + base), np.float32)
@@ -105,19 +110,32 @@ def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -
     return np.asarray(THING * own * np.log(lit.shade(coarse)), np.float32)
 
 
-def _dimmed(level: F32, normals: F32, labels: Labels) -> F32:
-    """(h, w) of the grid: the logarithm of how much less light there is behind a table than on it, 0 before it."""
-    size = level.shape[1], level.shape[0]
-    free = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST) == 0
-    table = free & (cv2.resize(normals[..., 1], size, interpolation=cv2.INTER_AREA) < UPWARDS)
+def _levelled(shading: F32, level: F32, normals: F32, ids: Labels) -> F32:
+    """(h, w) of the grid: the logarithm of `shading`, with as much light on surfaces as is likely beside each other.
+
+    Their own paint tells nothing of that: gradients across outlines are of both. Within a surface nothing changes.
+    """
+    free = ids == 0
+    upright = cv2.resize(normals[..., 1], ids.shape[::-1], interpolation=cv2.INTER_AREA)
+    table = free & (upright < UPWARDS)
     rows = np.flatnonzero(table.mean(axis=1) > 0.3)
     behind = free.copy()
     behind[rows[0] if len(rows) else 0 :] = False
-    if not behind.any():
-        return np.zeros_like(level)
-    darker = min(0.0, float(level[behind].mean() - level[table].mean()))
-    soft = cv2.GaussianBlur(behind.astype(np.float32), (0, 0), 2.0)
-    return np.asarray(BEHIND * darker * soft, np.float32)
+    change = np.zeros_like(shading)
+    stands = bool(behind.any())
+    ground, offset = (table, STOOD) if stands else (free, FLAT)
+    if not ground.any():
+        return shading
+    light, seen = float(shading[ground].mean()), float(level[ground].mean())
+    if stands:
+        darker = -LIFT + KEPT * (float(level[behind].mean()) - seen)
+        change[behind] = min(0.0, darker) - (float(shading[behind].mean()) - light)
+    for i in np.flatnonzero(np.bincount(ids.ravel())):
+        if i:
+            own = ids == i
+            lighter = offset + OWN * (float(level[own].mean()) - seen)
+            change[own] = lighter - (float(shading[own].mean()) - light)
+    return np.asarray(shading + change, np.float32)
 
 
 def _parted(linear: F32, level: F32, told: F32, ids: Labels) -> F32:

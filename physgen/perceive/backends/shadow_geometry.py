@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.owned import owners
+from physgen.perceive.contact import Contact, contact, rimmed
+from physgen.perceive.owned import owners, told
 from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadow, Shadows, Thing
 from physgen.perceive.side_light import contrary
 from physgen.perceive.side_shadows import side_shadows
@@ -93,19 +94,38 @@ def _geometry(
     nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
     if scene is None:
         return nothing
+
+    def at(scale: float) -> list[Silhouette]:
+        return silhouettes(labels, things, matter, setting, scale)
+
     place, score, factor = _search(scene, light)
     if score < SURE or factor < 0.15:
-        return nothing
+        shade = contact(background, coverage, at, from_above=True)
+        return nothing if shade is None else _soft(background, coverage, shade, at(1.0), light.light)
     even = _even(place, factor)
     dark = _seen(background, coverage, labels, things, matter, setting, even)
     clean = encode_u8(decode(background) * np.exp(dark)[..., None])
     full = replace(even, size=(labels.shape[1], labels.shape[0]))
-    things_at = silhouettes(labels, things, matter, setting, 1.0)
-    casts = [(what.id, *found) for what in things_at if (found := darkness(what, full)) is not None]
+    casts = [(what.id, *found) for what in at(1.0) if (found := darkness(what, full)) is not None]
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
     whose = owners(background, clean, coverage, casts)
     sure = round(min(0.9, score), 2)
     return Shadows(clean, whose, even.light, round(even.softness, 1), 4.0, None, sure, reason)
+
+
+def _soft(
+    background: Rgb, coverage: F32, shade: Contact, things: Sequence[Silhouette], light: DistantLight
+) -> Shadows:
+    """What soft light leaves of itself about rims is too faint, and too near, to be seen but on the whole."""
+    found = [(what.id, *cast) for what in things if (cast := darkness(what, shade.place)) is not None]
+    casts = [(who, box, np.asarray(shade.factor * dark, np.float32)) for who, box, dark in found]
+    dark = np.zeros(coverage.shape, np.float32)
+    for _, (x0, y0, x1, y1), values in casts:
+        dark[y0:y1, x0:x1] += values
+    clean = encode_u8(decode(background) * np.exp(rimmed(dark, coverage))[..., None])
+    whose = told(coverage, casts, dark)
+    soft = shade.place.softness
+    return Shadows(clean, whose, light, soft, 4.0, None, shade.confidence, shade.reason, faint=True)
 
 
 def _scene(

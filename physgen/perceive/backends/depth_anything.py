@@ -1,0 +1,119 @@
+"""A photo -> its depth by Depth Anything V2: relative, or in m with weights of the metric kind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from transformers import DepthAnythingForDepthEstimation, DPTImageProcessorPil
+
+from physgen.backends import Setup, find
+from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
+from physgen.perceive.backends.options import Whole, read
+from physgen.perceive.roles import Rgb
+from physgen.problems import InputError
+
+FARTHEST = 50.0
+"""How many times as far as the nearest thing those are that have no parallax at all: the sky."""
+PATCH = 14
+"""px: the sides that the network sees are multiples of it."""
+LONGEST = 3.0
+"""The longer side that the network sees, at most, as a multiple of `resolution`: attention takes its square."""
+
+
+class Depth:
+    """The backend `depth-anything`; `resolution` is the shorter side that the network sees, px.
+
+    The model is loaded when first needed.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        options = read(setup, "depth-anything", {"resolution": Whole(518, PATCH)})
+        self._weights = setup.weights or find("depth", "depth-anything").weights[0].id
+        self._device = device_of(setup)
+        # a small model: nothing is won by half the digits, and depth would have steps
+        self._dtype = torch.float32 if setup.dtype == "auto" else dtype_of(setup, self._device)
+        self._resolution = options["resolution"]
+        loaded(lambda _: None, self._weights, "Depth Anything")  # is it here, or to be had
+        self._unit = ""
+
+    @cached_property
+    def _processor(self) -> Any:
+        return loaded(DPTImageProcessorPil.from_pretrained, self._weights, "Depth Anything")
+
+    @cached_property
+    def _model(self) -> Any:
+        model = loaded(self._load, self._weights, "Depth Anything")
+        self._unit = "m" if model.config.depth_estimation_type == "metric" else "relative"
+        return model
+
+    def _load(self, weights: str) -> Any:
+        model = DepthAnythingForDepthEstimation.from_pretrained(
+            weights, dtype=self._dtype, use_safetensors=True
+        )
+        return model.to(self._device).eval()
+
+    def __call__(self, rgb: Rgb) -> NDArray[np.float32]:
+        """(H, W) float32, larger = farther: m if the weights are metric, else 1 = nearest, as `receding` says."""
+        model = self._model
+        height, width = seen(rgb.shape[:2], self._resolution)
+        how = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC
+        small = cv2.resize(rgb, (width, height), interpolation=how)
+        inputs = self._processor(images=small, do_resize=False, return_tensors="pt")
+        with torch.inference_mode():
+            found = model(inputs["pixel_values"].to(self._device, self._dtype)).predicted_depth
+        raw = found[0].float().cpu().numpy()
+        if not np.isfinite(raw).all():
+            raise InputError.of("--dtype", str(self._dtype), "gives no finite depth", "write --dtype float32")
+        depth = raw if self._unit == "m" else receding(raw)
+        return np.asarray(cv2.resize(depth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+    def close(self) -> None:
+        """The model goes."""
+        for part in ("_model", "_processor"):
+            self.__dict__.pop(part, None)
+        freed()
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record."""
+        return {
+            "device": self._device,
+            "dtype": str(self._dtype).removeprefix("torch."),
+            "weights": self._weights,
+            "resolution": self._resolution,
+            "unit": self._unit,
+        }
+
+
+def depth(setup: Setup) -> Depth:
+    """The backend `depth-anything`."""
+    return Depth(setup)
+
+
+def receding(nearness: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Inverse depth, >= 0 and larger = nearer, up to scale and a shift that nobody knows -> depth.
+
+    The nearest gets 1 and what has no parallax `FARTHEST`; between them depth is the inverse, so that ratios of near
+    things hold as far as the shift is small. The order is kept, strictly. A map without any parallax is all 1.
+    """
+    most = float(nearness.max())
+    if most <= 0:
+        return np.ones_like(nearness)
+    share = np.clip(nearness / most, 0, 1)
+    return np.asarray(1 / (share * (1 - 1 / FARTHEST) + 1 / FARTHEST), np.float32)
+
+
+def seen(shape: tuple[int, ...], resolution: int) -> tuple[int, int]:
+    """The size in which the network sees a photo of `shape` (H, W): its shorter side about `resolution`.
+
+    >>> seen((1080, 1920), 518)
+    (518, 924)
+    """
+    scale = min(resolution / min(shape), LONGEST * resolution / max(shape))
+    tall, wide = (max(1, round(side * scale / PATCH)) * PATCH for side in shape[:2])
+    return tall, wide

@@ -1,0 +1,145 @@
+"""Photo and hole -> the photo with the hole painted by a diffusion model: Stable Diffusion, SDXL, Flux, Qwen ...
+
+The same photo, weights and options give the same bytes on one machine: the noise is drawn on the CPU from `seed`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import torch
+from diffusers import AutoPipelineForInpainting
+from numpy.typing import NDArray
+from PIL import Image
+
+from physgen.backends import Setup, find
+from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
+from physgen.perceive.backends.options import Option, Real, Text, Whole, read
+from physgen.perceive.backends.pipelines import opened
+from physgen.perceive.painted import back, frame, painted, shown
+from physgen.perceive.roles import Inpaint, Rgb
+from physgen.problems import InputError
+
+Mask = NDArray[np.bool_]
+OPTIONS: dict[str, Option] = {
+    "prompt": Text(""),
+    "negative": Text(""),
+    "seed": Whole(0),
+    "steps": Whole(None, 1),
+    "guidance": Real(None),
+    "resolution": Whole(None, 64),
+}
+"""`[diffusion]` of physgen.toml; `resolution`: px squared that the model paints best, the weights' own if left out."""
+TRIES = 3
+"""Seeds to try where the weights' safety checker withholds a picture."""
+
+
+class Diffusion:
+    """The backend `diffusion`; the model is loaded when first needed."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._options = read(setup, "diffusion", OPTIONS)
+        self._weights = setup.weights or find("inpaint", "diffusion").weights[0].id
+        self._device = device_of(setup)
+        self._dtype = dtype_of(setup, self._device)
+        loaded(lambda _: None, self._weights, "a diffusion model that inpaints")  # is it here, or to be had
+        self._withheld = 0
+
+    @cached_property
+    def _pipe(self) -> Any:
+        pipe = loaded(self._load, self._weights, "a diffusion model that inpaints")
+        self._options["resolution"] = self._options["resolution"] or _native(pipe)
+        if self._options["guidance"] is None and _says_nothing(pipe, self._options):
+            self._options["guidance"] = 1.0  # guided by nothing: the same picture for half the work
+        return pipe
+
+    def _load(self, weights: str) -> Any:
+        return opened(AutoPipelineForInpainting, weights, self._device, self._dtype)
+
+    def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
+        """(H, W, 3) uint8; `rgb` outside the hole."""
+        if not hole.any():
+            return rgb.copy()
+        pipe, self._withheld = self._pipe, 0
+        return painted(
+            rgb, hole, lambda part, wanted: self._paint(pipe, part, wanted), self._options["resolution"]
+        )
+
+    def _said(self, pipe: Any) -> dict[str, Any]:
+        """What there is to say of the picture, as far as this pipeline listens."""
+        takes = inspect.signature(type(pipe).__call__).parameters
+        said = {
+            "prompt": self._options["prompt"],
+            "negative_prompt": self._options["negative"] or None,
+            "num_inference_steps": self._options["steps"],
+            "guidance_scale": self._options["guidance"],
+            "strength": 1.0,  # nothing of the objects is to be kept
+        }
+        return {key: value for key, value in said.items() if value is not None and key in takes}
+
+    def _paint(self, pipe: Any, rgb: Rgb, wanted: Mask) -> Rgb:
+        step = 2 * int(getattr(pipe, "vae_scale_factor", 8))
+        height, width = frame(rgb.shape, self._options["resolution"], step)
+        small, mask = shown(rgb, wanted, (height, width))
+        said = self._said(pipe)
+        where = Image.fromarray(mask.astype(np.uint8) * 255)
+        for k in range(TRIES):
+            generator = torch.Generator("cpu").manual_seed(self._options["seed"] + k)
+            with torch.inference_mode():
+                found = pipe(
+                    image=Image.fromarray(small),
+                    mask_image=where,
+                    height=height,
+                    width=width,
+                    generator=generator,
+                    output_type="np",
+                    **said,
+                )
+            if not any(getattr(found, "nsfw_content_detected", None) or ()):
+                picture = np.asarray(found.images[0], np.float32)
+                if not np.isfinite(picture).all():
+                    dtype = str(self._dtype).removeprefix("torch.")
+                    raise InputError.of("--dtype", dtype, "paints no finite colours", "write --dtype float32")
+                small = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
+                return back(small, (rgb.shape[0], rgb.shape[1]))
+            self._withheld += 1
+        raise InputError.of(
+            "physgen.toml",
+            f"diffusion.seed: {self._options['seed']}",
+            f"and the {TRIES - 1} after it paint what the weights' safety checker withholds",
+            "choose another seed or prompt, or inpaint=fill",
+        )
+
+    def close(self) -> None:
+        """The model goes."""
+        self.__dict__.pop("_pipe", None)
+        freed()
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record."""
+        dtype = str(self._dtype).removeprefix("torch.")
+        told = {"device": self._device, "dtype": dtype, "weights": self._weights, **self._options}
+        return told | ({"withheld": self._withheld} if self._withheld else {})
+
+
+def diffusion(setup: Setup) -> Inpaint:
+    """The backend `diffusion`."""
+    return Diffusion(setup)
+
+
+def _native(pipe: Any) -> int:
+    """px: the side of the squares that a pipeline was trained on."""
+    network = getattr(pipe, "unet", None)
+    side = network.config.sample_size if network is not None else getattr(pipe, "default_sample_size", 128)
+    side = side if isinstance(side, int) else max(side)
+    return side * int(getattr(pipe, "vae_scale_factor", 8))
+
+
+def _says_nothing(pipe: Any, options: Mapping[str, Any]) -> bool:
+    """Whether the model would be guided from one empty prompt to another that it reads alike."""
+    alike = getattr(pipe, "unet", None) is not None and not pipe.config.get("force_zeros_for_empty_prompt")
+    return alike and not options["prompt"] and not options["negative"]

@@ -1,0 +1,108 @@
+"""Photo and hole -> the photo with the hole filled by LaMa (Suvorov et al., WACV 2022), from its TorchScript file.
+
+A TorchScript file is a program: loading one runs it. Name only a file whose source you trust.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from physgen.backends import Setup
+from physgen.perceive.backends.models import device_of, freed, loaded
+from physgen.perceive.backends.options import Whole, read
+from physgen.perceive.painted import back, frame, painted, shown
+from physgen.perceive.roles import Inpaint, Rgb
+from physgen.problems import InputError
+
+Mask = NDArray[np.bool_]
+MULTIPLE = 8
+"""px: the sides of what the network sees are multiples of it."""
+SMALLEST = 64
+"""px: its coarsest level mirrors its borders and needs this much."""
+GET = "write inpaint=lama:PATH, the path of big-lama.pt"
+
+
+class Lama:
+    """The backend `lama`; windows of more than `resolution` px squared are shrunk for it.
+
+    The file is looked at when it is named, and loaded when first needed.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._resolution = read(setup, "lama", {"resolution": Whole(1024, SMALLEST)})["resolution"]
+        if not setup.weights:
+            raise InputError.of("--backend", '"inpaint=lama"', "names no file of weights", GET)
+        self._weights = setup.weights
+        self._device = device_of(setup)
+        loaded(lambda path: scripted(Path(path)), self._weights, "LaMa")
+
+    @cached_property
+    def _model(self) -> Any:
+        return loaded(self._load, self._weights, "LaMa")
+
+    def _load(self, weights: str) -> Any:
+        # always float32: Fourier transforms in half precision know powers of two only
+        return torch.jit.load(weights, map_location=self._device).eval()
+
+    def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
+        """(H, W, 3) uint8; `rgb` outside the hole."""
+        return painted(rgb, hole, self._paint, self._resolution)
+
+    def _paint(self, rgb: Rgb, wanted: Mask) -> Rgb:
+        size = rgb.shape[:2]
+        large = size[0] * size[1] > self._resolution**2
+        small, mask = shown(rgb, wanted, frame(size, self._resolution, MULTIPLE) if large else size)
+        height, width = mask.shape
+        edge = [(0, max(SMALLEST, -side % MULTIPLE + side) - side) for side in (height, width)]
+        image = np.pad(small, [*edge, (0, 0)], mode="symmetric").transpose(2, 0, 1).astype(np.float32) / 255
+        where = np.pad(mask, edge, mode="symmetric").astype(np.float32)
+        with torch.inference_mode():
+            found = self._model(*(torch.from_numpy(a)[None].to(self._device) for a in (image, where[None])))
+        if not isinstance(found, torch.Tensor) or tuple(found.shape) != (1, *image.shape):
+            shape = tuple(found.shape) if isinstance(found, torch.Tensor) else type(found).__name__
+            raise InputError.of(
+                "--backend", f'"{self._weights}"', f"answers {shape} to {(1, *image.shape)}: is no LaMa", GET
+            )
+        picture = found[0].float().cpu().numpy().transpose(1, 2, 0)[:height, :width]
+        if not np.isfinite(picture).all():
+            raise InputError.of("--backend", f'"{self._weights}"', "paints no finite colours", GET)
+        return back(np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8), (size[0], size[1]))
+
+    def close(self) -> None:
+        """The model goes."""
+        self.__dict__.pop("_model", None)
+        freed()
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record."""
+        return {
+            "device": self._device,
+            "dtype": "float32",
+            "weights": self._weights,
+            "resolution": self._resolution,
+        }
+
+
+def lama(setup: Setup) -> Inpaint:
+    """The backend `lama`."""
+    return Lama(setup)
+
+
+def scripted(path: Path) -> None:
+    """Look at a file without running it. Raises InputError for one that is no TorchScript."""
+    inside = []
+    if path.is_file() and zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            inside = [name.partition("/")[2] for name in archive.namelist()]
+    if any(name.startswith("code/") for name in inside) and "constants.pkl" in inside:
+        return
+    bare = "holds weights without their network" if "data.pkl" in inside else "is none"
+    raise InputError.of("--backend", f'"{path}"', f"is to be a TorchScript file and {bare}", GET)

@@ -1,0 +1,213 @@
+"""A photo -> depth, normals, or albedo and shading, by Marigold's diffusion pipelines (Ke et al., CVPR 2024 and 2025).
+
+The same photo, weights and options give the same bytes on one machine: the noise is drawn on the CPU from `seed`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import cv2
+import diffusers
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from physgen.backends import Setup, find
+from physgen.perceive.backends.from_file import facing
+from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
+from physgen.perceive.backends.options import Whole, read
+from physgen.perceive.backends.pipelines import opened
+from physgen.perceive.roles import Intrinsics, Labels, Rgb, Setting, Thing
+from physgen.photometry import decode, luminance
+from physgen.problems import InputError
+
+F32 = NDArray[np.float32]
+OPTIONS = {"steps": Whole(None, 1), "ensemble": Whole(1, 1), "seed": Whole(0), "resolution": Whole(None)}
+"""`[marigold]` of physgen.toml, for all three roles; `resolution`: the longer side, px, 0 = the photo's own."""
+SLIMMEST = 8
+"""px: the shorter side of what the pipeline sees, at least."""
+DARKEST = 0.02
+"""Albedo below which nothing is divided by it: few things are blacker than soot."""
+PIPELINES = {
+    "depth": "MarigoldDepthPipeline",
+    "normals": "MarigoldNormalsPipeline",
+    "intrinsic": "MarigoldIntrinsicsPipeline",
+}
+
+
+class _Marigold:
+    """One of the pipelines, and what it was told; the model is loaded when first needed."""
+
+    def __init__(self, setup: Setup, role: str) -> None:
+        self._role = role
+        self._options = read(setup, "marigold", OPTIONS)
+        self._weights = setup.weights or find(role, "marigold").weights[0].id
+        self._device = device_of(setup)
+        half = setup.dtype == "auto" and self._device.startswith("cuda")
+        # bfloat16 has 8 bits of mantissa: maps of it would have steps
+        self._dtype = torch.float16 if half else dtype_of(setup, self._device)
+        loaded(lambda _: None, self._weights, f"Marigold's {role}")  # is it here, or to be had
+        if role == "depth" and self._options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
+            found = str(self._options["ensemble"])
+            raise InputError.of(
+                "physgen.toml", f"marigold.ensemble: {found}", "needs scipy for depth", "pip install scipy"
+            )
+
+    @cached_property
+    def _pipe(self) -> Any:
+        pipe = loaded(self._load, self._weights, f"Marigold's {self._role}")
+        if self._options["steps"] is None:
+            self._options["steps"] = pipe.default_denoising_steps
+        if self._options["resolution"] is None:
+            self._options["resolution"] = pipe.default_processing_resolution or 768
+        return pipe
+
+    def _load(self, weights: str) -> Any:
+        pipe = opened(diffusers.DiffusionPipeline, weights, self._device, self._dtype)
+        if not isinstance(pipe, getattr(diffusers, PIPELINES[self._role])):
+            is_a = {name: role for role, name in PIPELINES.items()}.get(type(pipe).__name__)
+            fix = f"write {is_a}=marigold:{self._weights}" if is_a else f"name a {PIPELINES[self._role]}"
+            raise InputError.of(
+                "--backend", f'"{self._weights}"', f"is a {type(pipe).__name__}: not for {self._role}", fix
+            )
+        return pipe
+
+    def predicted(self, rgb: Rgb) -> tuple[F32, Rgb]:
+        """What the pipeline says, (N, h, w, C) in its own conventions, and the photo as it saw it, (h, w, 3)."""
+        pipe = self._pipe
+        small = shrunk(rgb, self._options["resolution"])
+        generator = torch.Generator("cpu").manual_seed(self._options["seed"])
+        with torch.inference_mode():
+            found = pipe(
+                small,
+                num_inference_steps=self._options["steps"],
+                ensemble_size=self._options["ensemble"],
+                processing_resolution=0,
+                match_input_resolution=False,
+                generator=generator,
+            ).prediction
+        if not np.isfinite(found).all():
+            dtype = str(self._dtype).removeprefix("torch.")
+            raise InputError.of(
+                "--dtype", dtype, f"leaves no finite {self._role} on {self._device}", "write --dtype float32"
+            )
+        return np.asarray(found, np.float32), small
+
+    def close(self) -> None:
+        """The model goes."""
+        self.__dict__.pop("_pipe", None)
+        freed()
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record."""
+        dtype = str(self._dtype).removeprefix("torch.")
+        return {"device": self._device, "dtype": dtype, "weights": self._weights, **self._options}
+
+
+class Depth(_Marigold):
+    """The backend `depth=marigold`."""
+
+    def __call__(self, rgb: Rgb) -> F32:
+        """(H, W) float32 in 0..1, larger = farther, from the nearest plane of the photo to its farthest."""
+        return _sized(self.predicted(rgb)[0][0, :, :, 0], rgb)
+
+
+class Normals(_Marigold):
+    """The backend `normals=marigold`."""
+
+    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting) -> F32:
+        """(H, W, 3) float32 unit. The pipeline's are +x right, +y UP, +z to the viewer."""
+        theirs = self.predicted(rgb)[0][0]
+        return facing(_sized(theirs * np.array([1, -1, 1], np.float32), rgb))
+
+
+class Intrinsic(_Marigold):
+    """The backend `intrinsic=marigold`: weights that give albedo, shading and residual, or albedo alone."""
+
+    def __call__(self, rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
+        """Albedo times shading is the photo.
+
+        The shading is the pipeline's, in its resolution; the albedo is what it leaves of the photo, details and all.
+        """
+        found, small = self.predicted(rgb)
+        told = self._pipe.target_properties or {}
+        names = told.get("target_names") or []
+        maps = {name: linear(one, told.get(name, {})) for name, one in zip(names, found, strict=False)}
+        if "albedo" not in maps:
+            raise InputError.of(
+                "--backend",
+                f'"{self._weights}"',
+                f"gives {', '.join(names) or 'nothing with a name'}, no albedo",
+                "choose prs-eth/marigold-iid-lighting-v1-1",
+            )
+        if "shading" in maps:
+            shading = lit(decode(small), maps["albedo"], maps["shading"], maps.get("residual"))
+        else:
+            paint = np.maximum(luminance(maps["albedo"]), np.float32(DARKEST))
+            shading = np.asarray(luminance(decode(small)) / paint, np.float32)
+        return rest(rgb, _sized(shading, rgb))
+
+
+def depth(setup: Setup) -> Depth:
+    """The backend `depth=marigold`."""
+    return Depth(setup, "depth")
+
+
+def normals(setup: Setup) -> Normals:
+    """The backend `normals=marigold`."""
+    return Normals(setup, "normals")
+
+
+def intrinsic(setup: Setup) -> Intrinsic:
+    """The backend `intrinsic=marigold`."""
+    return Intrinsic(setup, "intrinsic")
+
+
+def linear(values: F32, told: Mapping[str, Any]) -> F32:
+    """A target in 0..1 as the pipeline gives it, and its `target_properties` -> linear light, up to scale if told."""
+    return values if told.get("prediction_space", "srgb") == "linear" else decode(np.clip(values, 0, 1))
+
+
+def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
+    """The shading (h, w) by which `albedo` becomes the photo's `light`, both (h, w, 3) linear.
+
+    Shading and residual come up to scale: photo = a albedo shading + b residual, with the a and b that fit best.
+    What is reflected as by a mirror is light, not paint, so the residual counts as shading.
+    """
+    paint, fall = luminance(albedo), luminance(shading)
+    matt = paint * fall
+    gloss = np.zeros_like(matt) if residual is None else luminance(residual)
+    seen = luminance(light)
+    a, b = np.linalg.lstsq(np.stack([matt.ravel(), gloss.ravel()], 1), seen.ravel(), rcond=None)[0]
+    if b <= 0 or a <= 0:
+        a, b = float(matt.ravel() @ seen.ravel()) / max(float(matt.ravel() @ matt.ravel()), 1e-9), 0.0
+    return np.asarray(a * fall + b * gloss / np.maximum(paint, DARKEST), np.float32)
+
+
+def rest(rgb: Rgb, shading: F32) -> Intrinsics:
+    """Albedo in 0..1 from a photo and its shading (H, W) in the albedo's own scale; what would be over 1 is light."""
+    light = decode(rgb)
+    floor = max(float(np.percentile(shading, 50)) * 1e-2, 1e-6)
+    final = np.maximum(np.maximum(shading, floor), light.max(axis=2))
+    return Intrinsics(np.asarray(light / final[..., None], np.float32), np.asarray(final, np.float32))
+
+
+def shrunk(rgb: Rgb, resolution: int) -> Rgb:
+    """The photo, its longer side `resolution` px (0: as it is), its shorter one no less than the pipeline can see."""
+    height, width = rgb.shape[:2]
+    scale = resolution / max(height, width) if resolution else 1.0
+    tall, wide = (max(SLIMMEST, round(side * scale)) for side in (height, width))
+    if (tall, wide) == (height, width):
+        return rgb
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(rgb, (wide, tall), interpolation=how), np.uint8)
+
+
+def _sized(values: F32, rgb: Rgb) -> F32:
+    """A map in the photo's size."""
+    how = cv2.INTER_AREA if values.shape[1] > rgb.shape[1] else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(values, rgb.shape[1::-1], interpolation=how), np.float32)

@@ -1,0 +1,287 @@
+"""Models that draw maps and paint: sizes, options, what is refused, and memory; on tiny models of the real classes."""
+
+from __future__ import annotations
+
+import functools
+import gc
+import pickle
+import weakref
+import zipfile
+
+import numpy as np
+import pytest
+import torch
+
+from physgen import backends
+from physgen.backends import Setup
+from physgen.crew import Crew, choices
+from physgen.crew import Plan as Chosen
+from physgen.perceive.backends.options import Real, Text, Whole, read
+from physgen.perceive.scene import Found, perceive
+from physgen.problems import InputError
+from tests.contract.test_backends_contract import photo
+from tests.contract.tiny_maps import MODELS, stable_diffusion
+
+ROWS = list(MODELS)
+IDS = ["-".join(row) for row in ROWS]
+
+
+def asked(role: str, run, rgb: np.ndarray):
+    """A map, whatever the role."""
+    labels = np.zeros(rgb.shape[:2], np.uint16)
+    if role == "depth":
+        return run(rgb)
+    if role == "normals":
+        return run(rgb, labels, [], None)
+    if role == "intrinsic":
+        return run(rgb, labels, np.zeros(rgb.shape, np.float32)).shading
+    hole = labels > 0
+    hole[: len(hole) // 2, : hole.shape[1] // 3] = True
+    filled = run(rgb, hole)
+    assert np.array_equal(filled[~hole], rgb[~hole])
+    return filled
+
+
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_photos_of_any_size(row, tiny):
+    run = backends.make(*row, tiny.setup(*row))
+    random = np.random.default_rng(3)
+    for shape in ((97, 301), (301, 97), (1, 1), (3, 900), (16, 16)):
+        rgb = random.integers(0, 256, (*shape, 3), np.uint8)
+        assert asked(row[0], run, rgb).shape[:2] == shape
+
+
+@pytest.mark.parametrize(
+    "row", [row for row in ROWS if row[1] in ("marigold", "diffusion")], ids=lambda r: "-".join(r)
+)
+def test_the_seed_decides_and_nothing_else(row, tiny):
+    rgb = photo()[0]
+    torch.manual_seed(1)
+    first = asked(row[0], backends.make(*row, tiny.setup(*row)), rgb)
+    torch.manual_seed(2)
+    again = asked(row[0], backends.make(*row, tiny.setup(*row, seed=0)), rgb)
+    other = asked(row[0], backends.make(*row, tiny.setup(*row, seed=1)), rgb)
+    assert first.tobytes() == again.tobytes()
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row[1] == "marigold"], ids=lambda r: "-".join(r))
+def test_steps_and_ensembles_are_options(row, tiny):
+    rgb = photo()[0]
+    plain = backends.make(*row, tiny.setup(*row))
+    run = backends.make(*row, tiny.setup(*row, steps=1, ensemble=3, resolution=48))
+    assert {"steps": 1, "ensemble": 3, "resolution": 48, "seed": 0}.items() <= dict(run.note()).items()
+    assert asked(row[0], run, rgb).tobytes() == asked(row[0], run, rgb).tobytes()
+    assert not np.array_equal(asked(row[0], run, rgb), asked(row[0], plain, rgb))
+    assert dict(plain.note())["steps"] == 2  # as the weights' configuration says
+
+
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_half_the_digits(row, tiny):
+    told = tiny.setup(*row)
+    run = backends.make(*row, Setup(told.weights, "cpu", "bfloat16", told.options))
+    found = asked(row[0], run, photo()[0])
+    assert found.dtype == (np.uint8 if row[0] == "inpaint" else np.float32)
+    assert np.isfinite(found).all()
+    assert run.note()["dtype"] == ("float32" if row[1] == "lama" else "bfloat16")
+
+
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_a_closed_model_is_gone(row, tiny):
+    run = backends.make(*row, tiny.setup(*row))
+    asked(row[0], run, photo()[0])
+    held = getattr(run, "_pipe", None) or run._model
+    network = getattr(held, "unet", held)
+    gone = weakref.ref(network)
+    del held, network
+    run.close()
+    gc.collect()
+    assert gone() is None
+    assert asked(row[0], run, photo()[0]).shape[:2] == photo()[0].shape[:2]  # and comes back when it is asked
+
+
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_missing_weights_are_named(row):
+    with pytest.raises(InputError) as caught:
+        backends.make(*row, Setup("nobody/no-such-weights"))  # before any work
+    (problem,) = caught.value.problems
+    assert problem.found == '"nobody/no-such-weights"'
+    assert "hf download nobody/no-such-weights" in problem.fix
+    if row[1] != "lama":  # the row's own
+        with pytest.raises(InputError) as caught:
+            backends.make(*row, Setup())
+        assert backends.find(*row).weights[0].id in str(caught.value)
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row[1] != "lama"], ids=lambda r: "-".join(r))
+def test_a_folder_of_something_else_is_refused(row, tmp_path):
+    (tmp_path / "notes.txt").write_text("no weights")
+    with pytest.raises(InputError, match="does not load as"):
+        asked(row[0], backends.make(*row, Setup(str(tmp_path), "cpu")), photo()[0])
+
+
+def test_marigolds_weights_for_another_role_are_refused(tiny):
+    path = tiny["normals", "marigold"]
+    with pytest.raises(
+        InputError, match=r"is a MarigoldNormalsPipeline: not for depth; write normals=marigold:"
+    ):
+        backends.make("depth", "marigold", Setup(str(path), "cpu"))(photo()[0])
+
+
+def test_pickled_weights_are_not_opened(tmp_path, tiny):
+    path = stable_diffusion(tmp_path / "pickled")
+    (path / "unet" / "diffusion_pytorch_model.safetensors").rename(path / "unet" / "elsewhere.safetensors")
+    (path / "unet" / "diffusion_pytorch_model.bin").write_bytes(pickle.dumps(Trap(str(tmp_path / "ran"))))
+    with pytest.raises(InputError, match="safetensors"):
+        asked("inpaint", backends.make("inpaint", "diffusion", Setup(str(path), "cpu")), photo()[0])
+    assert not (tmp_path / "ran").exists()
+
+
+class Trap:
+    """Leaves a file where it is unpickled."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return open, (self.path, "w")
+
+
+def test_lama_without_a_file_says_what_to_write():
+    with pytest.raises(InputError, match=r"names no file of weights; write inpaint=lama:PATH"):
+        backends.make("inpaint", "lama", Setup())
+
+
+def test_what_is_no_torchscript_is_refused_unopened(tmp_path):
+    text = tmp_path / "text.pt"
+    text.write_text("hello")
+    with pytest.raises(InputError, match="is to be a TorchScript file and is none"):
+        backends.make("inpaint", "lama", Setup(str(text)))
+    bare = tmp_path / "bare.pt"
+    torch.save({"weight": torch.zeros(3)}, bare)
+    with pytest.raises(InputError, match="holds weights without their network"):
+        backends.make("inpaint", "lama", Setup(str(bare)))
+    trap = tmp_path / "trap.pt"
+    with zipfile.ZipFile(trap, "w") as archive:
+        archive.writestr("trap/data.pkl", pickle.dumps(Trap(str(tmp_path / "ran"))))
+    with pytest.raises(InputError):
+        backends.make("inpaint", "lama", Setup(str(trap)))
+    assert not (tmp_path / "ran").exists()
+
+
+def test_lama_is_shown_numbers_of_its_kind(tmp_path, tiny):
+    class Asks(torch.nn.Module):
+        def forward(self, image: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+            assert image.shape[2] % 8 == 0
+            assert image.shape[3] % 8 == 0
+            assert mask.shape[1] == 1
+            assert bool(((mask == 0) | (mask == 1)).all())
+            assert bool((image >= 0).all())
+            assert bool((image <= 1).all())
+            assert float(image.max()) > 0.5
+            return image
+
+    torch.jit.script(Asks()).save(str(tmp_path / "asks.pt"))
+    run = backends.make("inpaint", "lama", Setup(str(tmp_path / "asks.pt"), "cpu"))
+    rgb, labels, _ = photo()
+    rgb, hole = rgb[:117, :149], labels[:117, :149] > 0
+    filled = run(rgb, hole)
+    gap = np.abs(filled.astype(int) - rgb)[hole]
+    assert (
+        np.median(gap) <= 2
+    )  # the network painted what is there: padding, cropping and scale go back and forth
+
+
+def test_what_answers_no_picture_is_no_lama(tmp_path):
+    class Odd(torch.nn.Module):
+        def forward(self, image: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+            return mask
+
+    torch.jit.script(Odd()).save(str(tmp_path / "odd.pt"))
+    run = backends.make("inpaint", "lama", Setup(str(tmp_path / "odd.pt"), "cpu"))
+    with pytest.raises(InputError, match="is no LaMa"):
+        asked("inpaint", run, photo()[0])
+
+
+def test_what_the_safety_checker_withholds_is_painted_anew(tiny, monkeypatch):
+    run = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
+    kind, seeds = type(run._pipe), []
+    real = kind.__call__
+
+    @functools.wraps(real)
+    def strict(pipe, **said):
+        seeds.append(said["generator"].initial_seed())
+        found = real(pipe, **said)
+        found.nsfw_content_detected = [len(seeds) == 1]
+        return found
+
+    monkeypatch.setattr(kind, "__call__", strict)
+    rgb, labels, _ = photo()
+    run(rgb, labels == 1)
+    assert seeds[:2] == [0, 1]
+    assert run.note()["withheld"] == 1
+
+    @functools.wraps(real)
+    def never(pipe, **said):
+        found = real(pipe, **said)
+        found.nsfw_content_detected = [True]
+        return found
+
+    monkeypatch.setattr(kind, "__call__", never)
+    with pytest.raises(InputError, match="safety checker withholds"):
+        run(rgb, labels == 1)
+
+
+def test_without_a_prompt_nothing_guides_and_nothing_is_lost(tiny):
+    rgb, labels, _ = photo()
+    free = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
+    bound = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion", guidance=7.5))
+    found, same = free(rgb, labels == 1), bound(rgb, labels == 1)
+    assert (free.note()["guidance"], bound.note()["guidance"]) == (1.0, 7.5)
+    assert np.abs(found.astype(int) - same).max() <= 1
+    told = backends.make(
+        "inpaint", "diffusion", tiny.setup("inpaint", "diffusion", prompt="a table", guidance=7.5)
+    )
+    assert np.abs(found.astype(int) - told(rgb, labels == 1)).max() > 1
+
+
+def test_every_wrong_option_is_told_at_once():
+    told = Setup(options={"stepz": 3, "steps": 0, "seed": True, "scale": float("nan"), "prompt": 4})
+    known = {"steps": Whole(None, 1), "seed": Whole(7), "scale": Real(1.5), "prompt": Text("")}
+    with pytest.raises(InputError) as caught:
+        read(told, "marigold", known)
+    assert sorted(map(str, caught.value.problems)) == [
+        "physgen.toml: marigold.prompt: 4 is not text; the default is ''",
+        "physgen.toml: marigold.scale: nan is not a number >= 0; the default is 1.5",
+        "physgen.toml: marigold.seed: True is not a whole number from 0 on; the default is 7",
+        "physgen.toml: marigold.steps: 0 is not a whole number from 1 on; leave it out",
+        'physgen.toml: marigold.stepz: "stepz" means nothing here; did you mean steps? '
+        "choose from steps, seed, scale, prompt",
+    ]
+
+
+def test_a_photo_is_perceived_with_models_in_four_roles(tiny):
+    rgb, labels, _ = photo()
+    rows = [
+        ("depth", "depth-anything"),
+        ("normals", "marigold"),
+        ("intrinsic", "marigold"),
+        ("inpaint", "diffusion"),
+    ]
+    plan = Chosen(
+        choices([f"{role}={name}:{tiny[role, name]}" for role, name in rows]),
+        device="cpu",
+        options=tiny.options,
+    )
+    crew = Crew(plan)
+    seen = perceive(rgb, Found(labels, "given", {1: 1.0, 2: 1.0}, {}), crew=crew)
+    maps = seen.percepts
+    assert maps.depth is not None
+    assert maps.depth.min() > 0
+    assert maps.background.shape == rgb.shape
+    assert np.array_equal(maps.background[maps.coverage == 0], rgb[maps.coverage == 0])
+    notes = {step["role"]: step["note"] for step in crew.record()}
+    for role, name in rows:
+        assert notes[role]["weights"] == str(tiny[role, name])
+        assert notes[role]["device"] == "cpu"
+    assert not {role for role, _ in rows} & set(crew._made)  # their models are gone

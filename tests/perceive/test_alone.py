@@ -1,0 +1,64 @@
+"""Borders that are hidden almost everywhere along their length go on behind things."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from physgen import backends
+
+SIZE = 160
+EDGE = 90
+"""y of the table's edge."""
+
+
+def table(noise: float = 2.0) -> NDArray[np.uint8]:
+    y, _ = np.mgrid[:SIZE, :SIZE]
+    colours = np.where((y < EDGE)[..., None], [90, 110, 90], [200, 190, 170])
+    grain = np.random.default_rng(0).normal(0, noise, (SIZE, SIZE, 1))
+    return np.clip(colours + grain, 0, 255).astype(np.uint8)
+
+
+def off(filled: NDArray[np.uint8], truth: NDArray[np.uint8], hole: NDArray[np.bool_]) -> float:
+    """Levels, on average."""
+    return float(abs(filled[hole].astype(float) - truth[hole]).mean())
+
+
+@pytest.mark.parametrize("slope", [-0.2, 0.2])
+def test_an_edge_goes_on_behind_a_plank_that_lies_nearly_along_it(slope: float) -> None:
+    """The edge leaves the hole so flat that only what goes straight through finds it."""
+    truth = table()
+    y, x = np.mgrid[:SIZE, :SIZE]
+    hole = (abs(y - EDGE - slope * (x - 34)) < 12) & (x > 22) & (x < 135)
+    photo = truth.copy()
+    photo[hole] = [120, 60, 30]
+    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 4
+
+
+def test_an_edge_seen_at_the_photos_borders_alone_goes_on_between() -> None:
+    truth = table()
+    y, x = np.mgrid[:SIZE, :SIZE]
+    hole = (abs(x - SIZE / 2) < SIZE / 2 - 10) & (abs(y - EDGE) < 20 + 8 * np.sin(x / 9))
+    photo = truth.copy()
+    photo[hole] = [30, 60, 120]
+    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 6
+
+
+def test_a_hidden_corner_of_a_box_is_a_corner() -> None:
+    truth = np.full((SIZE, SIZE, 3), [90, 110, 90], np.uint8)
+    truth[40:100, 80:] = [200, 190, 170]
+    y, x = np.mgrid[:SIZE, :SIZE]
+    hole = np.hypot(x - 80, y - 100) < 42
+    photo = truth.copy()
+    photo[hole] = [120, 60, 30]
+    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 3
+
+
+def test_nothing_is_carried_on_where_there_is_no_border() -> None:
+    truth = np.full((SIZE, SIZE, 3), 128, np.uint8)
+    hole = np.zeros((SIZE, SIZE), bool)
+    hole[60:100, 20:140] = True
+    photo = truth.copy()
+    photo[hole] = 0
+    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 1
