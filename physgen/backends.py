@@ -80,7 +80,7 @@ _TRANSFORMERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "transfor
 _DIFFUSERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "diffusers", "transformers")}
 _VLM: dict[str, Any] = {
     "extra": "models",
-    "needs": ("openai",),
+    "needs": ("openai", "jsonschema"),
     "told": True,
     "settings": ("PHYSGEN_VLM_URL", "PHYSGEN_VLM_MODEL"),
 }

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
+from vlm_stub import KEY, Stub
 
 # the same examples on every run, so that a red run tells of a change; no deadline: machines are shared
 hypothesis.settings.register_profile("steady", derandomize=True, deadline=None)
@@ -34,3 +36,13 @@ def peer_scenes() -> Path:
 @pytest.fixture(scope="session")
 def bundled() -> Path:
     return ROOT / "scenes"
+
+
+@pytest.fixture
+def vlm_stub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Stub]:
+    """A server for `vlm` on loopback that answers well; set `act` to have it otherwise. The cache is empty."""
+    with Stub() as stub:
+        for name, value in (("URL", stub.url), ("MODEL", "stub"), ("KEY", KEY)):
+            monkeypatch.setenv(f"PHYSGEN_VLM_{name}", value)
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+        yield stub

@@ -88,7 +88,7 @@ def perceive(
     def role(name: str, *arguments: Any, **extra: Any) -> Any:
         progress(name, ROLES.index(name), len(ROLES))
         result = crew.call(name, *arguments, **extra)
-        if name not in ("inpaint", "normals"):  # asked again later
+        if name not in ("inpaint", "normals", "label"):  # asked again later, or the next may ask the same model
             crew.release(name)
         return result
 
@@ -124,6 +124,7 @@ def perceive(
     else:
         measured = pixels_per_meter
     matter: Mapping[int, Matter] = role("physics", rgb, things, measured)
+    crew.release("label")
     told_scale = judged(things, matter, crew.name("physics")) or told_scale
     surroundings: dict[str, Any] = {"scenery": scenery}
     wanted = crew.row("boundary").uses

@@ -12,7 +12,7 @@ import pytest
 
 from physgen import backends
 from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.roles import LightGuess, Matter, Name, Segments, Setting, Shadows, Thing
+from physgen.perceive.roles import Category, LightGuess, Matter, Name, Segments, Setting, Shadows, Thing
 from physgen.photometry import DistantLight, decode
 from physgen.scene.model import View
 
@@ -52,6 +52,13 @@ def check_segment(run, rgb, labels, things):
     assert found.labels.dtype == np.uint16
     assert set(np.unique(found.labels)) - {0} == set(range(1, len(found.confidence) + 1))
     assert ((found.confidence >= 0) & (found.confidence <= 1)).all()
+
+
+def check_categories(run, rgb, labels, things):
+    found = run(rgb)
+    assert found
+    assert all(isinstance(one, Category) and one.noun for one in found)
+    assert len({one.noun for one in found}) == len(found)
 
 
 def check_label(run, rgb, labels, things):
@@ -241,7 +248,9 @@ CHECKS = {
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.role}-{row.name}")
-def test_keeps_to_its_role(row: backends.Backend, scenery, tiny):
+def test_keeps_to_its_role(row: backends.Backend, scenery, tiny, request: pytest.FixtureRequest):
+    if row.name == "vlm":
+        request.getfixturevalue("vlm_stub")
     known = (row.role, row.name) in tiny
     run = backends.make(row.role, row.name, tiny.setup(row.role, row.name) if known else None)
     if row.role in CHECKS:

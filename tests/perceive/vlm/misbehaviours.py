@@ -1,0 +1,164 @@
+"""How servers misbehave, and what a person sees each time: the cases of the test, and the table in docs/models.md.
+
+Run as a script, it writes the table anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import socket
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # run as a script, it finds what pytest finds
+
+import vlm_stub as stub  # noqa: E402
+
+from physgen.cli import main  # noqa: E402
+
+PAGE = ROOT / "docs" / "models.md"
+BEGIN, END = "<!-- tests/perceive/vlm/misbehaviours.py writes from here -->", "<!-- to here -->"
+PATIENCE = "[vlm]\ntimeout = 0.4\nretries = 1\nattempts = 2\n"
+HEAVY = stub.changed(mass=2e6)
+BUSY = stub.status(429, "Rate limit reached", Retry_After="1")
+DOWN = stub.status(503, "The model is loading")
+REFUSED = stub.status(401, f"Incorrect API key provided: {stub.KEY}")
+UNKNOWN = stub.status(404, f"The model `stub` does not exist for {stub.KEY}")
+TYPES = stub.changed(mass="heavy", elasticity=None)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to misbehave."""
+
+    name: str
+    act: Callable[[Any, dict[str, Any]], None] | None
+    """None: nobody listens."""
+    code: int
+    requests: int
+    """That the server gets."""
+    fallback: bool = False
+
+
+CASES = (
+    Case("answers well", stub.well, 0, 1),
+    Case("prose and a code fence around the JSON", stub.prose, 0, 1),
+    Case("wrong types, once", stub.first(TYPES, stub.well), 0, 2),
+    Case("wrong types, always", TYPES, 2, 2),
+    Case("out of range", stub.changed(friction=7, elasticity=-0.2, rolling=2), 0, 1),
+    Case("impossible: 2 tonnes in 5 cm", HEAVY, 2, 2),
+    Case("no JSON", stub.saying("I'm sorry, I can't tell."), 2, 2),
+    Case("empty", stub.saying(""), 2, 2),
+    Case("429, once, with Retry-After", stub.first(BUSY, stub.well), 0, 2),
+    Case("429, always", BUSY, 2, 2),
+    Case("503, once", stub.first(DOWN, stub.well), 0, 2),
+    Case("503, always", DOWN, 2, 2),
+    Case("hangs", stub.hang, 2, 2),
+    Case("closes midway, once", stub.first(stub.closes, stub.well), 0, 2),
+    Case("closes midway, always", stub.closes, 2, 2),
+    Case("does not know `json_schema`", stub.schemaless, 0, 2),
+    Case("refuses the key, and says it aloud", REFUSED, 2, 1),
+    Case("does not know the model", UNKNOWN, 2, 1),
+    Case("gives a web page", stub.page, 2, 1),
+    Case("is not there", None, 2, 0),
+    Case("503, always, with `--fallback`", DOWN, 0, 2, fallback=True),
+)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What came of a case."""
+
+    code: int
+    stderr: str
+    scene: str
+    requests: int
+
+
+def photo(folder: Path) -> tuple[Path, Path]:
+    """A drawn photo of a ball on a floor, and its label map."""
+    picture = np.full((48, 64, 3), 90, np.uint8)
+    picture[38:] = (60, 80, 100)
+    cv2.circle(picture, (30, 30), 8, (40, 60, 200), -1, cv2.LINE_AA)
+    labels = (np.hypot(*(np.mgrid[:48, :64] - np.array([30, 30])[:, None, None])) <= 8).astype(np.uint16)
+    for name, pixels in (("photo.png", picture), ("masks.png", labels)):
+        cv2.imwrite(str(folder / name), pixels)
+    return folder / "photo.png", folder / "masks.png"
+
+
+def play(case: Case, folder: Path) -> Seen:
+    """`physgen perceive --backend physics=vlm` against a server that behaves so."""
+    image, masks = photo(folder)
+    config = folder / "physgen.toml"
+    config.write_text(PATIENCE)
+    scene = folder / "scene.yaml"
+    words = ["perceive", str(image), "--masks", str(masks), "--label", "ball-1=ball", "--config", str(config)]
+    words += ["--backend", "physics=vlm", "-o", str(scene), *(["--fallback"] if case.fallback else [])]
+    told = io.StringIO()
+    with stub.Stub(case.act or stub.well) as server:
+        url = server.url if case.act else f"http://127.0.0.1:{_closed()}/v1"
+        told_to = {"PHYSGEN_VLM_URL": url, "PHYSGEN_VLM_MODEL": "stub", "PHYSGEN_VLM_KEY": stub.KEY}
+        with (
+            _environment(told_to | {"XDG_CACHE_HOME": str(folder / "cache")}),
+            contextlib.redirect_stderr(told),
+        ):
+            code = main(words)
+        count = len(server.requests)
+    text = scene.read_text() if scene.exists() else ""
+    port = re.compile(r"127\.0\.0\.1:\d+")
+    return Seen(code, port.sub("127.0.0.1:8000", told.getvalue()), text, count)
+
+
+def row(case: Case, seen: Seen) -> str:
+    """A line of the table: what the user saw on stderr, or else in the scene."""
+    told = [line.removeprefix("physgen: ") for line in seen.stderr.splitlines() if "--backend" in line]
+    if not told:  # what the scene's comments say
+        lines = [" ".join(line.split()) for line in seen.scene.splitlines()]
+        told = [line for line in lines if "# g:" in line or "judges" in line]
+    shown = "<br>".join(f"`` {line} ``".replace("|", "/") for line in told)
+    return f"| {case.name} | {seen.requests} | {seen.code} | {shown} |"
+
+
+def table(rows: list[str]) -> str:
+    head = "| the server | requests | exit code | the user saw |\n|---|---|---|---|\n"
+    return "\n".join([BEGIN, "", head + "\n".join(rows), "", END])
+
+
+def _closed() -> int:
+    """A port where nobody listens."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@contextlib.contextmanager
+def _environment(changes: Mapping[str, str]) -> Iterator[None]:
+    before = dict(os.environ)
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+if __name__ == "__main__":
+    rows = []
+    for one in CASES:
+        with tempfile.TemporaryDirectory() as place:
+            rows.append(row(one, play(one, Path(place))))
+            print(rows[-1])
+    page = PAGE.read_text()
+    start, end = page.index(BEGIN), page.index(END) + len(END)
+    PAGE.write_text(page[:start] + table(rows) + page[end:])

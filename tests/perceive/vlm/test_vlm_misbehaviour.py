@@ -1,0 +1,34 @@
+"""A server that misbehaves: what the user sees, which docs/models.md shows word for word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from misbehaviours import CASES, PAGE, Case, play, row
+from vlm_stub import KEY
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_each_ends_in_a_scene_or_in_one_clear_message(
+    case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    seen = play(case, tmp_path)
+    assert (seen.code, seen.requests) == (case.code, case.requests)
+    assert "Traceback" not in seen.stderr
+    files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
+    assert not any(KEY.encode() in text for text in (seen.stderr.encode(), *files))
+    assert row(case, seen) in PAGE.read_text(), "run tests/perceive/vlm/misbehaviours.py"
+    if case.code:
+        lines = [line for line in seen.stderr.splitlines() if line.strip()]
+        assert len(lines) == 1
+        for told in ("http://127.0.0.1:8000/v1", "model stub", "; "):
+            assert told in lines[0]
+        assert not seen.scene
+    elif case.fallback:
+        assert "table took over" in seen.stderr
+        assert "physics=vlm failed" in seen.scene.split("physgen: 1")[0]
+        assert "mass: table" in seen.scene
+    else:
+        assert "mass: vlm 0.49" in seen.scene
+        assert "--backend" not in seen.stderr

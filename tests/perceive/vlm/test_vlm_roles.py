@@ -1,0 +1,309 @@
+"""What a model is asked, what is made of its answers, and what is asked only once."""
+
+from __future__ import annotations
+
+import json
+import time
+from base64 import b64decode
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import vlm_stub as stubs
+from misbehaviours import photo
+from vlm_stub import BALL, Stub, asked, pictures, said
+
+from physgen import backends
+from physgen.backends import Setup
+from physgen.cli import main
+from physgen.outline.outline import Disc, Region, Ring
+from physgen.perceive.roles import Category, Name, Thing
+from physgen.problems import InputError
+from physgen.scene.model import Solid
+
+
+def balls(*centers: tuple[float, float, float], label: str = "rubber ball") -> list[Thing]:
+    return [Thing(k, Disc(np.array([x, y]), r), label) for k, (x, y, r) in enumerate(centers, 1)]
+
+
+def drawn(things: list[Thing], size: tuple[int, int] = (200, 120)) -> tuple[np.ndarray, np.ndarray]:
+    rgb = np.full((size[1], size[0], 3), (90, 120, 90), np.uint8)
+    labels = np.zeros(rgb.shape[:2], np.uint16)
+    for thing in things:
+        x, y = np.rint(thing.outline.center).astype(int)
+        cv2.circle(rgb, (int(x), int(y)), round(thing.outline.radius), (200, 40, 30), -1)
+        cv2.circle(labels, (int(x), int(y)), round(thing.outline.radius), thing.id, -1)
+    return rgb, labels
+
+
+def seen(url: str) -> np.ndarray:
+    head, _, data = url.partition(",")
+    assert head == "data:image/png;base64"
+    return cv2.imdecode(np.frombuffer(b64decode(data), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+
+def strict(schema: object) -> None:
+    """As strict mode wants it: all required, nothing more, and no keyword that it does not know."""
+    if isinstance(schema, dict):
+        if schema.get("type") == "object":
+            assert schema["additionalProperties"] is False
+            assert schema["required"] == list(schema["properties"])
+        assert not {"minimum", "exclusiveMinimum", "minLength", "minItems"} & set(schema)
+        for value in schema.values():
+            strict(value)
+    elif isinstance(schema, list):
+        for value in schema:
+            strict(value)
+
+
+def test_a_second_run_asks_nothing_and_writes_the_same_bytes(vlm_stub: Stub, tmp_path: Path):
+    image, masks = photo(tmp_path)
+    scenes = []
+    for name in ("a", "b"):
+        scene = tmp_path / name / "scene.yaml"
+        scene.parent.mkdir()
+        words = ["--backend", "label=vlm", "--backend", "physics=vlm", "-o", str(scene)]
+        assert main(["perceive", str(image), "--masks", str(masks), *words]) == 0
+        scenes.append(scene.read_bytes())
+        steps = json.loads((scene.parent / "scene.assets" / "perceived.json").read_text())["steps"]
+        note = next(step["note"] for step in steps if step["role"] == "physics")
+        assert (note["requests"], note["cached"]) == ((1, 0) if name == "a" else (0, 1))
+        assert (note["tokens_in"], note["tokens_out"]) == ((1000, 100) if name == "a" else (0, 0))
+        assert note["model"] == "stub"
+    assert len(vlm_stub.requests) == 2
+    assert scenes[0] == scenes[1]
+    assert b"label: rubber ball" in scenes[0]
+
+
+def test_the_request(vlm_stub: Stub):
+    things = balls((50, 60, 20))
+    rgb, _ = drawn(things)
+    matter = backends.make("physics", "vlm")(rgb, things, 400.0)[1]
+    (request,) = vlm_stub.requests
+    path, headers, _ = vlm_stub.heads[0]
+    assert path == "/v1/chat/completions"
+    assert headers["authorization"] == f"Bearer {stubs.KEY}"
+    assert (request["model"], request["temperature"], request["seed"]) == ("stub", 0.0, 0)
+    told = request["response_format"]
+    assert (told["type"], told["json_schema"]["strict"]) == ("json_schema", True)
+    strict(told["json_schema"]["schema"])
+    assert "by the photo's scale it is about 0.1" in said(request)  # 40 px at 400 px/m
+    assert '"rubber ball"' in said(request)
+    whole, close = (seen(url) for url in pictures(request))
+    assert whole.shape == rgb.shape
+    assert (whole[60, 50] == rgb[60, 50]).all()  # of the object nothing is hidden
+    assert (whole[60, 29] == (255, 0, 255)).all()  # and it is outlined
+    assert (whole[5, 190] == rgb[5, 190]).all()
+    assert max(close.shape) == 256
+    middle = close[close.shape[0] // 2, close.shape[1] // 2].astype(int)
+    assert np.abs(middle - rgb[60, 50]).max() < 6
+    assert close[3, 3].max() < 0.5 * rgb[5, 190].max()  # what is around it is dark
+    assert (matter.mass, matter.friction, matter.elasticity, matter.rolling) == (72, 0.8, 0.75, 0.02)
+    assert (matter.solid, matter.size, matter.material) == (Solid.SPHERE, 0.05, "rubber")
+
+
+def test_things_that_are_alike_are_asked_about_once(vlm_stub: Stub):
+    things = balls((30, 60, 20), (80, 60, 20), (130, 60, 22), (175, 60, 10))
+    rgb, _ = drawn(things)
+    found = backends.make("physics", "vlm")(rgb, things, None)
+    assert len(vlm_stub.requests) == 2  # three of about one size, and a small one
+    assert found[1].mass == found[2].mass == 72
+    assert found[3].mass == pytest.approx(72 * 1.1**3, rel=5e-3)
+    assert found[3].size == pytest.approx(0.055)
+    assert "asked once for 3 alike" in found[1].reason
+    assert "asked once" not in found[4].reason
+
+
+def test_one_word_does_not_tell_steel_from_rubber(vlm_stub: Stub):
+    things = balls((40, 60, 20), (100, 60, 20), label="ball")
+    rgb, labels = drawn(things)
+    backends.make("physics", "vlm")(rgb, things, None)
+    assert len(vlm_stub.requests) == 1
+    rgb[labels == 2] = (180, 180, 185)
+    backends.make("physics", "vlm", Setup(options={"cache": False}))(rgb, things, None)
+    assert len(vlm_stub.requests) == 3
+
+
+def test_what_is_no_circle_is_a_plate(vlm_stub: Stub):
+    corners = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 80.0], [20.0, 80.0]])
+    things = [Thing(1, Region((Ring(corners),)), "box")]
+    found = backends.make("physics", "vlm")(np.zeros((100, 100, 3), np.uint8), things, None)
+    assert found[1].solid is Solid.PLATE
+
+
+def test_samples_give_a_median_and_their_spread_the_confidence(vlm_stub: Stub):
+    masses = {0: 60.0, 1: 100.0, 2: 70.0}
+
+    def scattered(http, body):
+        http.say(json.dumps(BALL | {"mass": masses[body["seed"]]}))
+
+    things = balls((50, 60, 20))
+    rgb, _ = drawn(things)
+    vlm_stub.act = scattered
+    apart = backends.make("physics", "vlm", Setup(options={"samples": 3}))(rgb, things, None)[1]
+    assert sorted(r["seed"] for r in vlm_stub.requests) == [0, 1, 2]
+    assert all(r["temperature"] == 0.7 for r in vlm_stub.requests)
+    assert apart.mass == 70
+    assert "the median of 3 answers from 60 to 100 g" in apart.reason
+    masses.update({1: 70.0, 0: 70.0})
+    told = Setup(options={"samples": 3, "cache": False})
+    agreed = backends.make("physics", "vlm", told)(rgb, things, None)[1]
+    assert agreed.confidence > apart.confidence
+    masses.update({0: 7.0, 1: 700.0})
+    wild = backends.make("physics", "vlm", told)(rgb, things, None)[1]
+    assert wild.confidence < 0.5 * apart.confidence
+
+
+def test_eight_names_a_request(vlm_stub: Stub):
+    things = balls(*((15 + 20 * k, 60, 8) for k in range(9)), label="")
+    rgb, labels = drawn(things)
+    names = backends.make("label", "vlm")(rgb, labels, things)
+    assert names == {k: Name("rubber ball", 0.8) for k in range(1, 10)}
+    assert sorted("8 objects are" in said(r) for r in vlm_stub.requests) == [False, True]
+    assert all(len(pictures(r)) == 2 for r in vlm_stub.requests)
+
+
+def test_numbers_said_twice_are_asked_for_again(vlm_stub: Stub):
+    things = balls((40, 60, 20), (120, 60, 20), label="")
+    rgb, labels = drawn(things)
+    twice = {"objects": [{"number": 1, "name": "cup"}, {"number": 1, "name": "can"}]}
+    good = {"objects": [{"number": "2", "name": "A Can."}, {"number": 1, "name": "cup\n# red"}]}
+    vlm_stub.act = stubs.first(
+        lambda http, body: http.say(json.dumps(twice)), lambda http, body: http.say(json.dumps(good))
+    )
+    run = backends.make("label", "vlm")
+    names = run(rgb, labels, things)
+    assert {k: name.label for k, name in names.items()} == {1: "cup # red", 2: "can"}
+    again = vlm_stub.requests[1]["messages"]
+    assert [turn["role"] for turn in again] == ["user", "assistant", "user"]
+    assert "numbers [1, 1], not each of 1 to 2 once" in again[2]["content"]
+    assert run.note()["asked_again"] == 1
+
+
+def test_categories(vlm_stub: Stub):
+    rgb = np.zeros((60, 80, 3), np.uint8)
+    assert backends.make("categories", "vlm")(rgb) == [
+        Category("ball", True), Category("block", True), Category("wall", False),
+    ]  # fmt: skip
+    votes = {0: [("ball", True), ("cup", True)], 1: [("ball", False)], 2: [("Ball", True), ("ball", True)]}
+
+    def divided(http, body):
+        nouns = [{"noun": noun, "movable": movable} for noun, movable in votes[body["seed"]]]
+        http.say(json.dumps(nouns))  # the list alone
+
+    vlm_stub.act = divided
+    found = backends.make("categories", "vlm", Setup(options={"samples": 3}))(rgb)
+    assert found == [Category("ball", True)]
+
+
+def test_a_broken_cache_is_no_cache(vlm_stub: Stub, tmp_path: Path):
+    things = balls((50, 60, 20))
+    rgb, _ = drawn(things)
+    run = backends.make("physics", "vlm")
+    first = run(rgb, things, None)
+    (file,) = (tmp_path / "cache").rglob("*.json")
+    assert stubs.KEY not in file.read_text()
+    for count, broken in enumerate((b"", b"\xff{", b"[" * 9999, b'{"answer": {"mass": -1}}', b"null"), 2):
+        file.write_bytes(broken)
+        assert run(rgb, things, None) == first
+        assert len(vlm_stub.requests) == count
+    run(rgb + 1, things, None)  # another photo
+    assert len(vlm_stub.requests) == 7
+    file.parent.parent.chmod(0o500)
+    backends.make("physics", "vlm", Setup("another"))(rgb, things, None)
+    assert vlm_stub.requests[-1]["model"] == "another"
+    file.parent.parent.chmod(0o700)
+
+
+def test_waits_for_as_long_as_the_server_asks(vlm_stub: Stub):
+
+    vlm_stub.act = stubs.first(stubs.status(429, "slow down", Retry_After="1.2"), stubs.well)
+    things = balls((50, 60, 20))
+    run = backends.make("physics", "vlm")
+    run(drawn(things)[0], things, None)
+    first, second = (at for _, _, at in vlm_stub.heads)
+    assert second - first >= 1.2
+    assert run.note()["retries"] == 1
+
+
+def test_costs(vlm_stub: Stub):
+    things = balls((50, 60, 20))
+    run = backends.make("physics", "vlm", Setup(options={"price_in": 2.5, "price_out": 10}))
+    run(drawn(things)[0], things, None)
+    assert run.note()["cost"] == pytest.approx((1000 * 2.5 + 100 * 10) / 1e6)
+
+
+def test_what_is_not_configured_is_told(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
+    def told(setup: Setup = Setup()) -> str:  # noqa: B008
+        with pytest.raises(InputError) as error:
+            backends.make("physics", "vlm", setup)
+        return str(error.value)
+
+    wrong = {"samples": 0, "api_key": "sk-x", "timout": 3, "cache": "no", "retries": 1.5}
+    lines = told(Setup(options=wrong)).splitlines()
+    assert len(lines) == 5
+    assert any("timout means nothing here; did you mean timeout?" in line for line in lines)
+    assert any("api_key is a secret in a file" in line for line in lines)
+    assert "sk-x" not in "".join(lines)
+    monkeypatch.delenv("PHYSGEN_VLM_MODEL")
+    assert "set PHYSGEN_VLM_MODEL" in told()
+    monkeypatch.setenv("PHYSGEN_VLM_URL", "localhost:8000")
+    assert "no address; write e.g. http://localhost:8000/v1" in told()
+    monkeypatch.delenv("PHYSGEN_VLM_URL")
+    assert "set PHYSGEN_VLM_URL and PHYSGEN_VLM_MODEL" in told()
+    assert "physics=vlm:PATH" in told()
+
+
+def test_openais_key_goes_nowhere_that_a_file_says(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
+    things = balls((50, 60, 20))
+    rgb, _ = drawn(things)
+    monkeypatch.delenv("PHYSGEN_VLM_KEY")
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-openai")
+    backends.make("physics", "vlm")(rgb, things, None)
+    assert vlm_stub.heads[-1][1]["authorization"] == "Bearer sk-openai"
+    monkeypatch.delenv("PHYSGEN_VLM_URL")
+    told = Setup(options={"url": vlm_stub.url.replace("//", "//me:secret@"), "cache": False})
+    run = backends.make("physics", "vlm", told)
+    run(rgb, things, None)
+    assert "sk-openai" not in str(vlm_stub.heads[-1][1])
+    assert run.note()["server"] == vlm_stub.url  # nor is a password shown
+
+
+def test_questions_are_put_at_the_same_time_and_answers_keep_their_order(vlm_stub: Stub):
+    def weighed(http, body):
+        assert asked(body) == "physics"
+        number = int(said(body).partition('"ball number ')[2].partition('"')[0])
+        http.say(json.dumps(BALL | {"mass": 10.0 * number}))
+
+    vlm_stub.act = weighed
+    things = [Thing(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball number {k}") for k in range(1, 9)]
+    found = backends.make("physics", "vlm")(drawn(things)[0], things, None)
+    assert [found[k].mass for k in range(1, 9)] == [10.0 * k for k in range(1, 9)]
+
+
+def test_a_server_that_knows_less_is_asked_so_from_then_on(vlm_stub: Stub):
+    vlm_stub.act = stubs.demanding
+    things = balls((50, 60, 20), (130, 60, 10))
+    run = backends.make("physics", "vlm", Setup(options={"max_tokens": 500, "parallel": 1}))
+    assert run(drawn(things)[0], things, None)[2].mass == 72
+    assert len(vlm_stub.requests) == 5  # three refused, then one for each
+    last = vlm_stub.requests[-1]
+    assert last["max_completion_tokens"] == 500
+    assert not {"temperature", "seed", "max_tokens"} & set(last)
+    assert "response_format" in last
+
+
+def test_a_failure_breaks_off_what_is_under_way(vlm_stub: Stub):
+    def act(http, body):
+        refuse = '"ball 1"' in said(body)
+        (stubs.status(401, "no") if refuse else stubs.hang)(http, body)
+
+    vlm_stub.act = act
+    things = [Thing(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball {k}") for k in range(1, 9)]
+    run = backends.make("physics", "vlm", Setup(options={"timeout": 30, "retries": 0}))
+    started = time.monotonic()
+    with pytest.raises(InputError, match="refuses the key"):
+        run(drawn(things)[0], things, None)
+    assert time.monotonic() - started < 10
+    assert len(vlm_stub.requests) <= 5
