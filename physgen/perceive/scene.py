@@ -109,7 +109,9 @@ def perceive(
     if found.source not in ("given", "coco"):
         new = [thing for thing in things if thing.id not in found.said]
         found = replace(found, labels=_rounded(found.labels, new))
-    guessed: Mapping[int, Name] = role("label", rgb, found.labels, things)
+    # a model is not asked twice what a thing is; our own guess tells a refreshed scene which names it made
+    nameless = [t for t in things if t.id not in found.names] if crew.row("label").extra else things
+    guessed: Mapping[int, Name] = role("label", rgb, found.labels, nameless) if nameless else {}
     named = {**guessed, **found.names}
     label_source = {t.id: found.named_by if t.id in found.names else crew.name("label") for t in things}
     if found.called:  # the scene knows who said them
