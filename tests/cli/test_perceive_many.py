@@ -1,0 +1,71 @@
+"""Several photos at once: a folder of scenes, and what is wrong with one leaves the others be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.cli import main
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> list[str]:
+    paths = []
+    for k, name in enumerate(("a", "b")):
+        rgb = np.full((90, 120, 3), (200, 190, 180), np.uint8)
+        cv2.circle(rgb, (40 + 30 * k, 50), 18, (30, 60, 200), -1, cv2.LINE_AA)
+        cv2.imwrite(str(tmp_path / f"{name}.png"), rgb)
+        paths.append(str(tmp_path / f"{name}.png"))
+    return paths
+
+
+def told(*arguments: str) -> int:
+    return main(["perceive", *arguments, "--backend", "segment=classical"])
+
+
+def test_each_photo_becomes_the_scene_that_it_becomes_alone(photos, tmp_path: Path, capsys):
+    assert told(*photos, "-o", str(tmp_path / "all")) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / "all" / f"{name}.yaml") for name in "ab"]
+    assert told(photos[1], "-o", str(tmp_path / "alone" / "b.yaml")) == 0
+    assert (tmp_path / "all/b.yaml").read_bytes() == (tmp_path / "alone/b.yaml").read_bytes()
+    for map_ in ("masks.png", "background.png"):
+        one, other = (tmp_path / folder / "b.assets" / map_ for folder in ("all", "alone"))
+        assert one.read_bytes() == other.read_bytes()
+    assert len(pipeline.load(tmp_path / "all/a.yaml").objects) == 1
+
+
+def test_one_bad_photo_leaves_the_others(photos, tmp_path: Path, capsys):
+    (tmp_path / "bad.png").write_bytes(b"no picture")
+    assert told(photos[0], str(tmp_path / "bad.png"), photos[1], "-o", str(tmp_path / "all")) == 2
+    heard = capsys.readouterr()
+    assert sorted(path.name for path in (tmp_path / "all").glob("*.yaml")) == ["a.yaml", "b.yaml"]
+    assert "bad.png" in heard.err
+    assert "a.png" not in heard.err
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ((), "2 photos go into a folder; say where: -o FOLDER"),
+        (("-o", "x.yaml"), "2 photos go into a folder; say where: -o FOLDER"),
+        (
+            ("-o", "d", "--box", "1,2,30,40"),
+            "perceive: --box tells of one photo; leave it out, or name one photo",
+        ),
+        (("-o", "d", "--masks", "m.png"), "perceive: --masks tells of one photo"),
+    ],
+)
+def test_what_goes_with_one_photo_only_is_refused(photos, tmp_path, monkeypatch, capsys, more, message):
+    monkeypatch.chdir(tmp_path)
+    assert told(*photos, *more) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "d").exists()
+
+
+def test_two_photos_of_one_name_are_refused(photos, tmp_path: Path, capsys):
+    assert told(photos[0], photos[0], "-o", str(tmp_path / "d")) == 2
+    assert '"a" is the name of two photos; rename one' in capsys.readouterr().err
