@@ -24,7 +24,6 @@ from physgen.problems import InputError
 T = TypeVar("T")
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}
-HUB = "https://huggingface.co"
 PATIENCE = 3.0
 """s to wait for the hub's first word; the library itself would try for some 20."""
 ID = re.compile(r"[\w.-]+/[\w.-]+")
@@ -166,7 +165,9 @@ def _reachable() -> bool:
     """Whether something answers where the hub is; behind a proxy nobody can tell, and it is tried."""
     if any(os.environ.get(name) for name in ("HTTPS_PROXY", "https_proxy", "ALL_PROXY", "all_proxy")):
         return True
-    hub = urlsplit(os.environ.get("HF_ENDPOINT") or HUB)
+    from huggingface_hub import constants
+
+    hub = urlsplit(os.environ.get("HF_ENDPOINT") or constants.ENDPOINT)
     port = hub.port or (80 if hub.scheme == "http" else 443)
     try:
         with socket.create_connection((hub.hostname or "", port), PATIENCE):
