@@ -49,6 +49,8 @@ def borrow(picture: F32, hole: Mask) -> F32:
     open_ = last.hole & ~last.drawn
     layers = strata(last)
     centres = fewer(np.argwhere(sources(last.hole, RADIUS)), MOST // 1000)
+    if not len(centres):  # nowhere a whole patch is left to borrow from
+        return membrane(picture, hole)
     guess = peel(last.picture, open_, centres, RADIUS, AWAY * layers)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):

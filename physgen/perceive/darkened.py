@@ -75,7 +75,7 @@ def standing_out(
     other = free & ~within
     moved = [_contrast(dark, other, _rolled(within, dx, dy), _rolled(around, dx, dy)) for dx, dy in shifts]
     others = np.array([one for one in moved if one is not None])
-    if own is None or len(others) < len(shifts) // 4 or own <= others.max():
+    if own is None or len(others) < max(1, len(shifts) // 4) or own <= others.max():
         return own or 0.0, 0.0
     # what is lighter than around is paint, and hides no shadow
     chance = float(np.sqrt(np.mean(np.maximum(others, 0) ** 2)))
@@ -93,6 +93,8 @@ def _rolled(mask: Mask, dx: int, dy: int) -> Mask:
     """Moved; what leaves the picture is gone."""
     h, w = mask.shape
     result = np.zeros_like(mask)
+    if abs(dx) >= w or abs(dy) >= h:
+        return result
     result[max(dy, 0) : h + min(dy, 0), max(dx, 0) : w + min(dx, 0)] = mask[
         max(-dy, 0) : h + min(-dy, 0), max(-dx, 0) : w + min(-dx, 0)
     ]

@@ -74,7 +74,7 @@ def rows_of(file: Path) -> list[list[str]]:
 
 @pytest.mark.peer_scenes
 def test_a_real_pile_stands(pile) -> None:
-    assert max(moved(run(pile)).values()) < 0.1
+    assert max(moved(run(pile)).values()) < 0.25
     # outlines, true to 0.75 px, stand on a line that they were not fitted to: blocks settle by a fraction of that
     assert max(moved(run(pile.parent / "line.yaml")).values()) < 0.25
 
