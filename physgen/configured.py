@@ -8,7 +8,9 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
+from urllib.parse import urlsplit
 
 from physgen import backends
 from physgen.backends import choose
@@ -43,6 +45,9 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
 }
 """Profiles that are always there: role -> backend; the roles that they leave out have their defaults."""
 SWITCHES = {"keep": bool, "fallback": bool, "device": str, "dtype": str, "profile": str}
+PROGRAMS = ("lama",)
+"""Backends whose weights are a program."""
+OURS = f"say it on the command line, with --config, or in ~/.config/physgen/{NAME}"
 DTYPES = ("auto", "float32", "float16", "bfloat16")
 DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
 
@@ -57,6 +62,8 @@ class Configuration:
     profiles: Mapping[str, Mapping[str, Choice]] = field(default_factory=dict)
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Other tables, by backend."""
+    place: Place = field(default=Place(NAME), compare=False)
+    """Of its profile."""
 
 
 def plan(
@@ -64,62 +71,79 @@ def plan(
     *,
     profile: str | None = None,
     config: Path | None = None,
+    otherwise: Mapping[str, Any] = MappingProxyType({}),
     **switches: Any,
 ) -> Plan:
     """Flags over the folder's physgen.toml over the user's; `settings` are `ROLE=NAME[:WEIGHTS]`.
 
     `config` is read in place of both files. `switches` are `device`, `dtype`, `keep` and `fallback`, None where
-    nobody said. Raises InputError with everything wrong.
+    nobody said; `otherwise` has them where no file says either. Raises InputError with everything wrong.
     """
-    files = [read(config)] if config else [read(path) for path in found()]
+    files = [read(config)] if config else [read(path, ours=path == user_file()) for path in found()]
     problems: list[Problem] = []
     said: dict[str, Choice] = {}
     try:
         said = choices(settings)
     except InputError as error:
         problems += error.problems
-    told: dict[str, Any] = {}
-    chosen: dict[str, Choice] = {}
+    told: dict[str, Any] = dict(otherwise)
+    merged: dict[str, Choice] = {}
     options: dict[str, dict[str, Any]] = {}
     profiles: dict[str, Mapping[str, Choice]] = {
         name: {role: choice(role, who) for role, who in rows.items()} for name, rows in PROFILES.items()
     }
+
+    def take(name: str, place: Place) -> Mapping[str, Choice]:
+        if name not in profiles:
+            problems.append(Problem(place, "", f'"{name}"', "is no profile", choose(name, profiles)))
+        # what a profile leaves out has its default, whoever chose before
+        return profiles.get(name, {})
+
     for file in files:
-        told |= file.switches
-        chosen |= file.choices
         profiles |= file.profiles
+        if (name := file.switches.get("profile")) is not None:
+            merged = dict(take(name, file.place))
+        merged |= file.choices
+        told |= {key: value for key, value in file.switches.items() if key != "profile"}
         for name, table in file.options.items():
             options.setdefault(name, {}).update(table)
-    name = profile or told.pop("profile", None)
-    if name is not None and name not in profiles:
-        problems.append(Problem(Place("--profile"), "", f'"{name}"', "is no profile", choose(name, profiles)))
+    if profile is not None:
+        merged = dict(take(profile, Place("--profile")))
+    merged |= said
     told |= {key: value for key, value in switches.items() if value is not None}
     problems += _odd(told, Place("--device"), Place("--dtype"))
     if problems:
         raise InputError(problems)
-    base = profiles.get(name, {}) if name else {}
-    # a profile asked for on the command line stands over what the files choose
-    layers = [chosen, base, said] if profile else [base, chosen, said]
-    merged = {role: who for layer in layers for role, who in layer.items()}
-    told.pop("profile", None)
     return Plan(merged, options=options, **told)
 
 
-def found() -> Iterator[Path]:
-    """The configuration files that are there: the user's, then that of the folder or of one above it."""
+def user_file() -> Path:
+    """The user's own configuration."""
     home = os.environ.get("XDG_CONFIG_HOME")
-    user = (Path(home) if home else Path.home() / ".config") / "physgen" / NAME
-    if user.is_file():
-        yield user
+    return (Path(home) if home else Path.home() / ".config") / "physgen" / NAME
+
+
+def found() -> Iterator[Path]:
+    """The configuration files that are there: the user's, then that of the folder or of one above it.
+
+    Folders above that belong to somebody else are not looked into.
+    """
+    if user_file().is_file():
+        yield user_file()
     here = Path.cwd()
     for folder in (here, *here.parents):
+        if folder.stat().st_uid != here.stat().st_uid:
+            return
         if (folder / NAME).is_file():
             yield folder / NAME
             return
 
 
-def read(path: Path) -> Configuration:
-    """One file. Raises InputError with everything wrong in it, by line."""
+def read(path: Path, ours: bool = True) -> Configuration:
+    """One file. Raises InputError with everything wrong in it, by line.
+
+    One that is not `ours`, but came with a folder, may not name programs to run or servers that photos are sent to.
+    """
     try:
         text = path.read_text(encoding="utf-8")
         data = tomllib.loads(text)
@@ -147,8 +171,11 @@ def read(path: Path) -> Configuration:
                 problems.append(Problem(place, role, repr(text_of), "is not text", 'write e.g. "sam3"'))
                 continue
             who, colon, weights = text_of.partition(":")
-            if weights and (beside := path.parent / Path(weights).expanduser()).exists():
-                weights = str(beside)
+            weights = ",".join(_beside(path, part) for part in weights.split(","))
+            if who in PROGRAMS and weights and not ours:
+                found = f'"{role} = {text_of}"'
+                problems.append(Problem(place, role, found, "is a program that a folder's file may not run", OURS))
+                continue
             try:
                 result[role] = choice(role, who, weights, place, bool(colon))
             except InputError as error:
@@ -172,9 +199,23 @@ def read(path: Path) -> Configuration:
             problems.append(Problem(at(name), name, f'"{name}"', "means nothing here", choose(name, keys)))
         else:
             options[name] = table
+    for name, table in () if ours else options.items():
+        host = urlsplit(str(table.get("url", ""))).hostname
+        if host not in (None, "localhost", "127.0.0.1", "::1"):
+            expected = "is a server that a folder's file may not choose: photos are sent to it"
+            problems.append(Problem(at(name, "url"), f"{name}.url", f'"{host}"', expected, OURS))
     if problems:
         raise InputError(problems)
-    return Configuration(switches, chosen, named, options)
+    return Configuration(switches, chosen, named, options, at("profile"))
+
+
+def _beside(path: Path, weights: str) -> str:
+    """A name of weights as a file has it: a path is one beside that file."""
+    try:
+        beside = path.parent / Path(weights).expanduser()
+        return str(beside) if weights and beside.exists() else weights
+    except (OSError, RuntimeError, ValueError):  # no path at all
+        return weights
 
 
 def _odd(switches: Mapping[str, Any], device: Place, dtype: Place) -> Iterator[Problem]:

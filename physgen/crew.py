@@ -145,12 +145,18 @@ class Crew:
                 self.get(role)  # no weights are loaded yet
             except InputError as error:
                 problems += [p if p.place != FLAG else replace(p, place=said.place) for p in error.problems]
+        if "depth" in self.plan.row("boundary").uses and self.plan.row("depth").name == "none":
+            place = self.plan.choices["boundary"].place
+            fix = "choose who tells depth, too: depth=depth-anything, or depth=file:PATH"
+            problems.append(Problem(place, "", f'"boundary={self.plan.choices["boundary"]}"', "needs depth", fix))
         if problems:
             raise InputError(problems)
 
     def begin(self, warn: Warn = _unheard) -> None:
         """Another photo: the record starts anew, and what failed on the last is tried again."""
         self.steps, self._warn = [], warn
+        for role in self._fallen:  # the stand-in goes, the chosen one is made again
+            self.close(role)
         self._fallen.clear()
 
     def row(self, role: str) -> Backend:
@@ -169,43 +175,49 @@ class Crew:
         return self._made[role]
 
     def call(self, role: str, *arguments: Any, **extra: Any) -> Any:
-        """What the role's backend makes of `arguments`; of `extra` it is given what its row uses.
+        """What the role's backend makes of `arguments`; of `extra` it is given what its row uses. See `run`."""
+
+        def use(made: Any) -> Any:
+            uses = self.row(role).uses
+            return made(*arguments, **{key: extra[key] for key in uses if key in extra})
+
+        return self.run(role, use)
+
+    def run(self, role: str, use: Callable[[Any], Any]) -> Any:
+        """What `use` makes of the role's backend; it takes a step of the record.
 
         Where it fails and the plan allows that, the role's default does it, `warn` is told, and so is the record.
+        Raises InputError where what was chosen fails.
         """
         started = time.perf_counter()
         step = Step(role, self.name(role), self._weights(role), 0.0)
         try:
-            result = self._call(role, arguments, extra)
+            result = use(self.get(role))
         except Exception as error:
-            if not self.plan.fallback or self.row(role) is backends.find(role):
-                raise
-            said = str(self.plan.choices[role])
-            step.instead_of, step.because = said, why(error)
+            if self.row(role) is backends.find(role):
+                raise  # our own: nobody who chooses can mend that
+            said, because = f"{role}={self.plan.choices[role]}", f"failed ({why(error)})"
+            if not self.plan.fallback:
+                if isinstance(error, InputError):
+                    raise
+                fix = "see what failed, choose another, or let the offline one take over: --fallback"
+                raise InputError([Problem(FLAG, "", said, because, fix)]) from error
+            step.instead_of, step.because = str(self.plan.choices[role]), why(error)
             self.close(role)
             self._fallen.add(role)
             step.backend, step.weights = self.name(role), ""
             fix = f"{step.backend} took over: see what failed, or choose another"
-            self._warn(
-                Problem(
-                    Place("--backend"),
-                    "",
-                    f"{role}={said}",
-                    f"failed ({step.because})",
-                    fix,
-                    Severity.WARNING,
-                )
-            )
-            result = self._call(role, arguments, extra)
+            self._warn(Problem(FLAG, "", said, because, fix, Severity.WARNING))
+            result = use(self.get(role))
         step.seconds = time.perf_counter() - started
         told = getattr(self._made.get(role), "note", None)
         step.note = told() if told else {}
         self.steps.append(step)
         return result
 
-    def _call(self, role: str, arguments: tuple[Any, ...], extra: Mapping[str, Any]) -> Any:
-        row = self.row(role)
-        return self.get(role)(*arguments, **{key: extra[key] for key in row.uses if key in extra})
+    def fallen(self, role: str) -> bool:
+        """Whether what was chosen has failed on this photo."""
+        return role in self._fallen
 
     def _weights(self, role: str) -> str:
         row, said = self.row(role), self.plan.setup(role).weights
@@ -248,6 +260,7 @@ def why(error: Exception) -> str:
     'ValueError: a'
     """
     if isinstance(error, InputError):
-        return "; ".join(" ".join(part for part in (p.found, p.expected) if part) for p in error.problems)
+        told = "; ".join(" ".join(part for part in (p.found, p.expected) if part) for p in error.problems)
+        return " ".join(told.split())
     lines = [line for line in str(error).splitlines() if line.strip()]
     return f"{type(error).__name__}: {lines[0][:200]}" if lines else type(error).__name__

@@ -85,6 +85,7 @@ def perceive(
     drawn on one `sheet`, a PNG. `keep` is told of files that stood in the way and were kept.
     """
     from physgen.crew import Crew
+    from physgen.perceive.asking import segmenter
     from physgen.perceive.given import from_masks, from_prompts, weak
     from physgen.perceive.import_coco import coco_objects, read_coco
     from physgen.perceive.lay_out import lay_out
@@ -121,10 +122,14 @@ def perceive(
         x, y = rgb.shape[1] / width, rgb.shape[0] / height
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
-        found = from_prompts(rgb, boxes, points, crew.get("segment"))
+        found = from_prompts(rgb, boxes, points, segmenter(crew, asked))
         crew.release("segment")
         for problem in weak(found):
             warn(problem)
+    if asked and (masks or coco or "categories" not in crew.row("segment").uses):
+        fix = "choose e.g. --backend segment=grounding-dino+sam"
+        expected = "is not heard: nothing here finds what it is told to"
+        warn(Problem(Place("--find"), "", f'"{", ".join(asked)}"', expected, fix, Severity.WARNING))
     if found is not None:
         found = fitted(found, (width, height), rgb)
     perceived = run(rgb, found, renames=labels, crew=crew, asked=asked, progress=progress)

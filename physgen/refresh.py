@@ -11,6 +11,7 @@ from physgen import backends
 from physgen.compile.assemble import compile_scene
 from physgen.crew import Crew
 from physgen.perceive.again import again, doubts, merged
+from physgen.perceive.asking import segmenter
 from physgen.perceive.derived import derived, set_layers
 from physgen.perceive.found import Found
 from physgen.perceive.given import weak
@@ -40,6 +41,7 @@ def refresh(
     allow_outside: bool = False,
     assets: Path | None = None,
     crew: Crew | None = None,
+    asked: Sequence[str] = (),
     progress: Progress = silent,
     warn: Callable[[Problem], None] = lambda problem: None,
     keep: Keep = lambda kept: None,
@@ -60,8 +62,7 @@ def refresh(
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     kept_names = {item.name for item in scene.objects}
     photo = read_photo(scene.image)
-    segment = crew.get("segment")
-    told = again(photo.rgb, scene.objects, kept, boxes, points, segment)
+    told = again(photo.rgb, scene.objects, kept, boxes, points, segmenter(crew, asked))
     crew.release("segment")
     for problem in weak(told.found):
         warn(problem)
@@ -108,7 +109,8 @@ def refresh(
     if maps is not None:
         # the scene's own light lifted shadows, or did not
         clean = None if maps.clean is None else perceived.percepts.clean
-        perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=maps.depth))
+        depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
+        perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
     table_said = {f"objects.{name}.{key}" for name, keys in ours.keys.items() for key in keys}
     layers_said = {f"objects.{name}.layer" for name in document["objects"] if name not in layered}
     comments = {
@@ -127,6 +129,8 @@ def refresh(
     if lines and document["objects"]:
         comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])
     header = "Perceived again: objects with a prompt were looked for anew, all else is as it was"
+    _, *fell = perceived.header.split("\n")  # who took over from whom
+    header = "\n".join([header, *fell])
     perceived = replace(perceived, document=document, comments=comments, header=header)
     if sheet is not None:
         write_sheet(sheet, perceived, keep)

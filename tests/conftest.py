@@ -14,6 +14,7 @@ from vlm_stub import KEY, Stub
 hypothesis.settings.register_profile("steady", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("steady")
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
+os.environ["XDG_CONFIG_HOME"] = os.devnull  # nobody's own physgen.toml
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -11,6 +11,9 @@ from physgen import backends
 from physgen.backends import Backend, Weights
 from physgen.configured import plan
 from physgen.crew import Crew, Plan, choices
+from physgen.perceive.asking import segmenter
+from physgen.perceive.given import from_prompts
+from physgen.perceive.roles import Meant
 from physgen.problems import InputError
 
 RGB = np.zeros((8, 8, 3), np.uint8)
@@ -171,7 +174,9 @@ def test_models_are_let_go_after_their_role_unless_kept(odd: type[Odd]):
 
 def test_a_failure_is_an_error_unless_the_default_may_take_over(odd: type[Odd]):
     odd.fails = True
-    with pytest.raises(RuntimeError):
+    with pytest.raises(
+        InputError, match=r"segment=odd:c/d failed .RuntimeError: out of memory.; see what failed"
+    ):
         Crew(Plan(choices(["segment=odd:c/d"]))).call("segment", RGB, categories=[])
     heard = []
     crew = Crew(Plan(choices(["segment=odd:c/d"]), fallback=True), heard.append)
@@ -183,8 +188,66 @@ def test_a_failure_is_an_error_unless_the_default_may_take_over(odd: type[Odd]):
     )  # fmt: skip
     assert "segment=odd:c/d failed (RuntimeError: out of memory); learned took over" in str(heard[0])
     assert crew.models()
-    crew.begin()  # the next photo: tried again
-    assert crew.name("segment") == "odd"
+
+
+def test_kept_or_not_what_failed_on_one_photo_is_tried_on_the_next(odd: type[Odd]):
+    for keep in (False, True):
+        crew = Crew(Plan(choices(["segment=odd"]), keep=keep, fallback=True))
+        odd.fails = True
+        assert crew.call("segment", np.zeros((64, 64, 3), np.uint8), categories=[1]).labels.shape == (64, 64)
+        odd.fails = False
+        crew.begin()
+        assert crew.name("segment") == "odd"
+        assert crew.call("segment", RGB, categories=[1]) == [1]  # made by whom the record names
+        assert [step.backend for step in crew.steps] == ["odd"]
+        assert not crew.fell()
+
+
+def test_boxes_and_points_go_through_the_crew_too(odd: type[Odd], monkeypatch: pytest.MonkeyPatch):
+    def meant(self, rgb, boxes, points):
+        if odd.fails:
+            raise RuntimeError("no memory")
+        return [Meant(np.ones(rgb.shape[:2], bool), 0.9) for _ in (*boxes, *points)]
+
+    monkeypatch.setattr(Odd, "meant", meant, raising=False)
+    rgb = np.full((64, 64, 3), 90, np.uint8)
+    rgb[20:44, 20:44] = 200
+    for fails in (False, True):
+        odd.fails = fails
+        crew = Crew(Plan(choices(["segment=odd"]), fallback=True))
+        found = from_prompts(rgb, [(16, 16, 32, 32)], [], segmenter(crew, ["cup"]))
+        assert ((found.labels == 1).sum() == 64 * 64) == (not fails)  # else what is seen in the box
+        assert len(crew.record()) == 1
+        assert bool(crew.fell()) == fails
+
+
+def test_boundaries_that_need_depth_say_so_before_any_work():
+    with pytest.raises(InputError, match=r"boundary=depth-normals.* needs depth; choose who tells depth, too"):
+        Crew(plan(["boundary=depth-normals"]))
+
+
+def test_a_folder_names_neither_programs_nor_servers(tmp_path: Path):
+    text = '[backend]\ninpaint = "lama:evil.pt"\nphysics = "vlm"\n[vlm]\nurl = "http://evil.example/v1"\n'
+    file = settle(tmp_path / "physgen.toml", text)
+    with pytest.raises(InputError) as error:
+        plan()
+    told = str(error.value)
+    assert "physgen.toml:2:1: inpaint:" in told
+    assert "is a program that a folder's file may not run; say it on the command line, with --config" in told
+    assert "physgen.toml:5:1: vlm.url:" in told
+    assert said(plan(config=file))["inpaint"] == "lama:evil.pt"  # a person said so
+    settle(file, '[vlm]\nurl = "http://127.0.0.1:8000/v1"\n')
+    assert plan().options["vlm"] == {"url": "http://127.0.0.1:8000/v1"}
+
+
+def test_a_folders_profile_stands_over_the_users_choices(tmp_path: Path):
+    settle(tmp_path / "home/physgen/physgen.toml", 'keep = true\n[backend]\nsegment = "sam3"\n')
+    settle(tmp_path / "physgen.toml", 'profile = "offline"\nkeep = false\n')
+    assert said(plan()) == {}
+    assert not plan(otherwise={"keep": True}).keep
+    settle(tmp_path / "physgen.toml", 'device = "cpu"\n\nprofile = "offlne"\n')
+    with pytest.raises(InputError, match=r'physgen.toml:3:1: "offlne" is no profile; did you mean offline'):
+        plan()
 
 
 def test_what_is_not_installed_is_told_before_anything_runs(monkeypatch: pytest.MonkeyPatch):

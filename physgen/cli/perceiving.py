@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from physgen.cli.printing import OK, Bar, hand_over, print_json, tell_kept, tell_one
+from physgen.cli.printing import OK, Bar, hand_over, print_json, tell, tell_kept, tell_one
 from physgen.flags import four, scene_name, two
 from physgen.problems import InputError, Problem
 
@@ -18,7 +18,8 @@ def perceive(options: argparse.Namespace) -> int:
     from physgen import pipeline
     from physgen.crew import Crew
 
-    if options.refresh is None and len(options.image) > 1:
+    folder = options.output is not None and options.output.is_dir()
+    if options.refresh is None and (len(options.image) > 1 or (options.image and folder)):
         return _perceive_many(options)
     scene_name(options.output)
     bar = Bar()
@@ -38,7 +39,7 @@ def perceive(options: argparse.Namespace) -> int:
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.refresh import refresh
 
-        told |= {"allow_outside": options.allow_outside, "sheet": options.sheet}
+        told |= {"allow_outside": options.allow_outside, "sheet": options.sheet, "asked": options.find}
         told["labels"] = options.label
         text = refresh(options.refresh, options.output, **told)
     elif not options.image:
@@ -80,7 +81,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
         problems += InputError.of("perceive", f'"{twin}"', "is the name of two photos", "rename one").problems
     if problems:
         raise InputError(problems)
-    crew = Crew(_plan(options, keep=True))
+    crew = Crew(_plan(options, several=True))
     failed: list[Problem] = []
     bar = Bar()
     for k, image in enumerate(options.image):
@@ -103,10 +104,13 @@ def _perceive_many(options: argparse.Namespace) -> int:
     return OK
 
 
-def _plan(options: argparse.Namespace, keep: bool | None = None) -> Plan:
-    from physgen.configured import plan
+def _plan(options: argparse.Namespace, several: bool = False) -> Plan:
+    """Models are kept for several photos, unless a flag or a file says otherwise."""
+    from physgen.configured import found, plan
 
-    kept = getattr(options, "keep_models", None)
+    if options.config is None:
+        for path in found():
+            tell(f"{path}: says who perceives, where no flag does")
     return plan(
         options.backend,
         profile=options.profile,
@@ -114,7 +118,8 @@ def _plan(options: argparse.Namespace, keep: bool | None = None) -> Plan:
         device=options.device,
         dtype=options.dtype,
         fallback=options.fallback,
-        keep=kept if kept is not None else keep,
+        keep=getattr(options, "keep_models", None),
+        otherwise={"keep": several},
     )
 
 

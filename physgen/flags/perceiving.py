@@ -79,7 +79,7 @@ def perceive(sub: argparse.ArgumentParser) -> None:
     who(sub)
     sub.add_argument(
         "--keep-models",
-        action="store_true",
+        action=argparse.BooleanOptionalAction,
         default=None,
         help="keep models in memory after their step; without it, only where there are several photos",
     )
@@ -102,7 +102,7 @@ def who(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--dtype", metavar="TYPE", help="their numbers: auto, float32, float16 or bfloat16")
     sub.add_argument(
         "--fallback",
-        action="store_true",
+        action=argparse.BooleanOptionalAction,
         default=None,
         help="where a backend fails, let the offline one take over, and say so",
     )

@@ -90,13 +90,12 @@ def answered(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: S
     if not isinstance(segment, Prompted) or not (boxes or points):
         return {}
     try:
-        for box in boxes:
-            corners(rgb, box)
+        seen = [corners(rgb, box) for box in boxes]
         for point in points:
             pixel(rgb, point)
     except InputError:
         return {}
-    said = segment.meant(rgb, boxes, points)
+    said = segment.meant(rgb, [(x0, y0, x1 - x0, y1 - y0) for x0, y0, x1, y1 in seen], points)
     return {k: one for k, one in enumerate(said) if np.count_nonzero(one.mask) >= SMALLEST}
 
 

@@ -73,6 +73,8 @@ def lay_out(
     if perceived.record:  # it tells of this run: an earlier one's is not worth keeping
         told = {"physgen": __version__, "steps": list(perceived.record)}
         write_whole(assets / RECORD, json.dumps(told, indent=1, ensure_ascii=False).encode() + b"\n")
+    else:
+        (assets / RECORD).unlink(missing_ok=True)  # of an earlier run with models
     text = scene_text(placed, perceived.comments, perceived.header, _relative(schema, folder))
     if output is not None:
         write_kept(output, text.encode("utf-8"), keep)

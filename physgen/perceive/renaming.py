@@ -40,5 +40,6 @@ def sure(
     found: Found, named: Mapping[int, Name], guessed: Mapping[int, Name], renamed: set[int]
 ) -> dict[int, float]:
     """How sure each label is: 1 where a person said it, or changed what was guessed."""
-    said = {i for i in found.names if i not in guessed or found.names[i].label != guessed[i].label} | renamed
+    people = found.names if found.called or found.named_by == "given" else {}
+    said = {i for i in people if i not in guessed or found.names[i].label != guessed[i].label} | renamed
     return {i: 1.0 if i in said else name.confidence for i, name in named.items()}

@@ -88,7 +88,7 @@ def judged(things: Sequence[Thing], matter: Mapping[int, Matter], who: str) -> S
         return None
     logs = np.log([per_meter for per_meter, _ in found])
     middle = float(np.median(logs))
-    spread = max(float(np.median(np.abs(logs - middle))) * 1.48, JUDGED) if len(logs) > 1 else 2 * JUDGED
+    spread = max(float(np.median(np.abs(logs - middle))) * 1.48, JUDGED) if len(logs) > 1 else 1.5 * JUDGED
     sure = float(np.median([confidence for _, confidence in found])) ** 0.5
     value = float(f"{exp(middle):.2g}")
     count = f"{len(found)} objects" if len(found) > 1 else "one object"

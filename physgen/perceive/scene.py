@@ -16,12 +16,12 @@ from physgen.outline import raster
 from physgen.outline.outline import Disc, bounds
 from physgen.outline.touching import fit_outlines
 from physgen.perceive import remarks, words
+from physgen.perceive.asking import segmenter
 from physgen.perceive.entries import entries
 from physgen.perceive.found import SMALLEST, Found, Perceived
 from physgen.perceive.lifted import refilled
 from physgen.perceive.renaming import renamed_things, sure
 from physgen.perceive.roles import (
-    Category,
     Intrinsics,
     LightGuess,
     Matter,
@@ -94,14 +94,13 @@ def perceive(
 
     scenery: Scenery | None = None
     if found is None:
-        categories: Sequence[Category] = [Category(noun, True) for noun in asked]
-        if "categories" in crew.row("segment").uses and not asked:
-            categories = role("categories", rgb)
-        segments = role("segment", rgb, categories=categories)
+        progress("segment", ROLES.index("segment"), len(ROLES))
+        segments = segmenter(crew, asked)(rgb)
+        crew.release("segment")
         scenery = segments.scenery
         likely = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
-        found = Found(segments.labels, crew.name("segment"), likely, segments.names, doubtful=segments.doubtful)
-        found = replace(found, named_by=crew.name("segment"))
+        who = crew.name("segment")
+        found = Found(segments.labels, who, likely, segments.names, doubtful=segments.doubtful, named_by=who)
     things, left_out = outlined(rgb, found)
     if not things:
         renamed_things(things, renames, {})
@@ -127,7 +126,8 @@ def perceive(
         measured = pixels_per_meter
     matter: Mapping[int, Matter] = role("physics", rgb, things, measured)
     crew.release("label")
-    told_scale = judged(things, matter, crew.name("physics")) or told_scale
+    scales = [one for one in (told_scale, judged(things, matter, crew.name("physics"))) if one is not None]
+    told_scale = max(scales, key=lambda one: one.confidence, default=None)
     surroundings: dict[str, Any] = {"scenery": scenery}
     wanted = crew.row("boundary").uses
     if "depth" in wanted or "depth" in crew.plan.choices:
@@ -151,7 +151,8 @@ def perceive(
     crew.release("inpaint")
     percepts = Percepts(
         rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
-        depth=surroundings.get("depth"), normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
+        depth=None if crew.name("depth") == "none" else surroundings.get("depth"),
+        normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
     )  # fmt: skip
 
     called = words.names(things, {i: name for i, name in before.items() if i not in renamed})

@@ -128,7 +128,7 @@ def _load(weights: str) -> tuple[Any, Any, Any]:
         GroundingDinoImageProcessorPil,
     )
 
-    tokens = AutoTokenizer.from_pretrained(weights)
+    tokens = AutoTokenizer.from_pretrained(weights, trust_remote_code=False)
     images = GroundingDinoImageProcessorPil.from_pretrained(weights)
     return (
         tokens,

@@ -117,6 +117,6 @@ def _restored(logits: torch.Tensor, size: tuple[int, int]) -> Mask:
 def _load(weights: str) -> tuple[Any, Any]:
     from transformers import AutoTokenizer, Sam3Model
 
-    return AutoTokenizer.from_pretrained(weights), Sam3Model.from_pretrained(
+    return AutoTokenizer.from_pretrained(weights, trust_remote_code=False), Sam3Model.from_pretrained(
         weights, dtype=torch.float32, use_safetensors=True
     )

@@ -111,7 +111,7 @@ class Asker:
     def _sample(self, query: Query, sample: int) -> Any:
         told = self.settings
         model = told.model if told.url else vlm_cache.fingerprint(told.model, self._setup.dtype)
-        file = vlm_cache.name(query, model, told.temperature, sample)
+        file = vlm_cache.name(query, told.where, model, told.temperature, sample)
         if told.cache and (kept := vlm_cache.kept(file)) is not None and fits(kept, query):
             self._count(Tally(cached=1))
             return kept

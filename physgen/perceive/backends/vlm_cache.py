@@ -23,10 +23,10 @@ def folder() -> Path:
     return (Path(home) if Path(home).is_absolute() else Path.home() / ".cache") / "physgen" / "vlm"
 
 
-def name(query: Query, model: str, temperature: float, sample: int) -> Path:
-    """The file of one answer, by the content of all that it follows from; the server's address is no such thing."""
+def name(query: Query, where: str, model: str, temperature: float, sample: int) -> Path:
+    """The file of one answer, by all that it follows from: `where` too, since servers call unlike models `default`."""
     pictures: Sequence[str] = [sha256(picture).hexdigest() for picture in query.pictures]
-    content = [VERSION, model, query.text, pictures, query.schema, temperature, sample]
+    content = [VERSION, where, model, query.text, pictures, query.schema, temperature, sample]
     digest = sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     return folder() / digest[:2] / f"{digest}.json"
 

@@ -50,8 +50,11 @@ def local(settings: Settings, setup: Setup) -> Local:
         def load(weights: str) -> _Held:
             logging.disable_progress_bar()  # what is shown is the command line's say
             logging.set_verbosity_error()
-            processor = AutoProcessor.from_pretrained(weights)
-            model = AutoModelForImageTextToText.from_pretrained(weights, dtype=dtype).to(device).eval()
+            processor = AutoProcessor.from_pretrained(weights, trust_remote_code=False)
+            model = AutoModelForImageTextToText.from_pretrained(
+                weights, dtype=dtype, trust_remote_code=False, use_safetensors=True
+            )
+            model = model.to(device).eval()
             return _Held(model, processor, device)
 
         _HELD[key] = loaded(load, settings.model, "a vision-language model")

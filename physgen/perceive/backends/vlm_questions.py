@@ -67,7 +67,12 @@ Every number is one exact number, without its unit. Answer with one JSON object 
 
 def what(rgb: Rgb) -> Query:
     """Which kinds of things and of surfaces a photo shows, and which of them are movable."""
-    return Query("the photo", WHAT, (pictures.whole(rgb),), CATEGORIES)
+    return Query("the photo", WHAT, (pictures.whole(rgb),), CATEGORIES, _named)
+
+
+def _named(answer: Any) -> list[str]:
+    """A list of marks and spaces names nothing."""
+    return [] if any(name(one["noun"]) for one in answer["categories"]) else ["categories: none has a noun"]
 
 
 def who(rgb: Rgb, labels: Labels, group: Sequence[Thing]) -> Query:

@@ -110,7 +110,7 @@ def _odd(options: Mapping[str, Any]) -> list[Problem]:
     known = (*TEXTS, *LIMITS, *SWITCHES)
     problems: list[Problem] = []
     for name, value in options.items():
-        if "key" in name.lower():
+        if "key" in name.lower() or (name == "url" and "@" in urlsplit(str(value)).netloc):
             fix = f"set the environment variable {KEY} instead, and make a new key if others saw the file"
             problems += _problem(f"[vlm] {name}", "is a secret in a file", fix)
         elif name not in known:

@@ -263,10 +263,15 @@ def test_openais_key_goes_nowhere_that_a_file_says(monkeypatch: pytest.MonkeyPat
     backends.make("physics", "vlm")(rgb, things, None)
     assert vlm_stub.heads[-1][1]["authorization"] == "Bearer sk-openai"
     monkeypatch.delenv("PHYSGEN_VLM_URL")
-    told = Setup(options={"url": vlm_stub.url.replace("//", "//me:secret@"), "cache": False})
-    run = backends.make("physics", "vlm", told)
+    run = backends.make("physics", "vlm", Setup(options={"url": vlm_stub.url, "cache": False}))
     run(rgb, things, None)
     assert "sk-openai" not in str(vlm_stub.heads[-1][1])
+    hidden = vlm_stub.url.replace("//", "//me:secret@")
+    with pytest.raises(InputError, match="url is a secret in a file"):
+        backends.make("physics", "vlm", Setup(options={"url": hidden}))
+    monkeypatch.setenv("PHYSGEN_VLM_URL", hidden)
+    run = backends.make("physics", "vlm", Setup(options={"cache": False}))
+    run(rgb, things, None)
     assert run.note()["server"] == vlm_stub.url  # nor is a password shown
 
 
