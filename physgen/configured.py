@@ -174,7 +174,9 @@ def read(path: Path, ours: bool = True) -> Configuration:
             weights = ",".join(_beside(path, part) for part in weights.split(","))
             if who in PROGRAMS and weights and not ours:
                 found = f'"{role} = {text_of}"'
-                problems.append(Problem(place, role, found, "is a program that a folder's file may not run", OURS))
+                problems.append(
+                    Problem(place, role, found, "is a program that a folder's file may not run", OURS)
+                )
                 continue
             try:
                 result[role] = choice(role, who, weights, place, bool(colon))

@@ -148,7 +148,9 @@ class Crew:
         if "depth" in self.plan.row("boundary").uses and self.plan.row("depth").name == "none":
             place = self.plan.choices["boundary"].place
             fix = "choose who tells depth, too: depth=depth-anything, or depth=file:PATH"
-            problems.append(Problem(place, "", f'"boundary={self.plan.choices["boundary"]}"', "needs depth", fix))
+            problems.append(
+                Problem(place, "", f'"boundary={self.plan.choices["boundary"]}"', "needs depth", fix)
+            )
         if problems:
             raise InputError(problems)
 

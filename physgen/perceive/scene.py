@@ -88,7 +88,11 @@ def perceive(
     def role(name: str, *arguments: Any, **extra: Any) -> Any:
         progress(name, ROLES.index(name), len(ROLES))
         result = crew.call(name, *arguments, **extra)
-        if name not in ("inpaint", "normals", "label"):  # asked again later, or the next may ask the same model
+        if name not in (
+            "inpaint",
+            "normals",
+            "label",
+        ):  # asked again later, or the next may ask the same model
             crew.release(name)
         return result
 
@@ -181,10 +185,11 @@ def _signed(made: Perceived, crew: Crew) -> Perceived:
     """With what the crew says of itself: the record, and who took over from whom."""
     if not crew.models():
         return made
-    fell = [f"{step.role}={step.instead_of} failed ({step.because}): {step.backend} took over" for step in crew.fell()]
+    fell = [
+        f"{step.role}={step.instead_of} failed ({step.because}): {step.backend} took over"
+        for step in crew.fell()
+    ]
     return replace(made, header="\n".join([made.header, *fell]), record=crew.record())
-
-
 
 
 def outlined(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:

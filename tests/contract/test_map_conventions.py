@@ -135,7 +135,9 @@ def test_marigolds_lighting_is_linear_and_up_to_scale(tiny, scales):
     dull = gloss < 0.002
     assert found.shading[dull] == pytest.approx(shading[dull], rel=0.05)
     assert found.albedo[dull] == pytest.approx(albedo[dull], abs=0.03)
-    assert np.abs(luminance(found.albedo) / luminance(albedo) - 1).max() < 0.1  # a highlight is light, not paint
+    assert (
+        np.abs(luminance(found.albedo) / luminance(albedo) - 1).max() < 0.1
+    )  # a highlight is light, not paint
 
 
 def test_marigolds_appearance_is_in_srgb(tmp_path):

@@ -88,7 +88,9 @@ def _words() -> dict[str, int]:
     letters = [chr(c) for c in range(ord("a"), ord("z") + 1)]
     return {
         word: k
-        for k, word in enumerate(["<|startoftext|>", "<|endoftext|>", *letters, *(f"{c}</w>" for c in letters)])
+        for k, word in enumerate(
+            ["<|startoftext|>", "<|endoftext|>", *letters, *(f"{c}</w>" for c in letters)]
+        )
     }
 
 
