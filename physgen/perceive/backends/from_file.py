@@ -199,7 +199,7 @@ def _labels(path: Path) -> Labels:
         raise InputError.of(
             str(path), f"{len(ids)} ids", "are too many for a label map", "give each object one id"
         )
-    return labels.astype(np.uint16)
+    return np.asarray(labels, np.uint16)
 
 
 def _left_to_right(labels: Labels) -> Labels:
