@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -7,9 +8,9 @@ import pytest
 
 from physgen import backends
 from physgen.backends import Backend
-from physgen.crew import Choice, choices
+from physgen.crew import Choice, Plan, choices
 from physgen.problems import InputError
-from physgen.roster import listing
+from physgen.roster import listing, text
 
 
 def test_rows_are_unique_and_every_role_has_a_default_in_the_core():
@@ -53,3 +54,66 @@ def test_settings_collect_every_mistake():
     with pytest.raises(InputError) as error:
         choices(["inpaint", "mate=edge", "matte=edg"])
     assert len(error.value.problems) == 3
+
+
+def listed(setting: str) -> tuple[dict, list[str]]:
+    """The row that a choice takes, and the lines below it."""
+    rows = listing(Plan(choices([setting])))
+    (row,) = (row for row in rows if row["chosen"] and row["role"] == setting.partition("=")[0])
+    return dict(row), [line.strip() for line in list(text([row]))[2:]]
+
+
+def test_what_a_choice_leaves_out_is_the_rows_own(tmp_path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path / "hub"))
+    own = "[lacks IDEA-Research/grounding-dino-tiny (0.7 GB, Apache-2.0): hf download"
+    (tmp_path / "SAM").touch()
+    row, lines = listed(f"segment=grounding-dino+sam:,{tmp_path}/SAM")
+    assert [one["here"] for one in row["weights"]] == [False, True]
+    assert lines[-2].startswith(own)
+    assert lines[-1] == f"{tmp_path}/SAM, here"
+    row, lines = listed(f"segment=grounding-dino+sam:{tmp_path}/SAM")
+    assert [one["id"] for one in row["weights"]] == [f"{tmp_path}/SAM", "facebook/sam-vit-huge"]
+    (tmp_path / "hub/models--IDEA-Research--grounding-dino-tiny/snapshots/1").mkdir(parents=True)
+    (tmp_path / "hub/models--IDEA-Research--grounding-dino-tiny/snapshots/1/config.json").touch()
+    row, _ = listed(f"segment=grounding-dino+sam:, {tmp_path}/SAM")
+    assert all(one["here"] for one in row["weights"])
+    (tmp_path / "a,b").mkdir()
+    row, _ = listed(f"depth=depth-anything:{tmp_path}/a,b")
+    assert [(one["id"], one["here"]) for one in row["weights"]] == [(f"{tmp_path}/a,b", True)]
+
+
+def test_rows_that_take_a_map_are_ready_once_one_is_named(tmp_path):
+    for row in (row for row in listing() if row["name"] == "file"):
+        assert not row["ready"]
+        assert list(text([row]))[-1].strip() == f"[write {row['role']}=file:PATH]"
+    row, lines = listed(f"inpaint=file:{tmp_path}/nowhere.png")
+    assert not row["ready"]
+    assert lines == [f"[lacks {tmp_path}/nowhere.png]"]
+    row, lines = listed(f"inpaint=file:{tmp_path}")  # a folder is no picture
+    assert not row["ready"]
+    (tmp_path / "a,b.png").touch()
+    row, lines = listed(f"inpaint=file:{tmp_path}/a,b.png")
+    assert row["ready"]
+    assert lines == [f"{tmp_path}/a,b.png, here"]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {},
+        {"XDG_CACHE_HOME": "/a"},
+        {"XDG_CACHE_HOME": "/a", "HF_HOME": "~/b"},
+        {"HF_HOME": "/b", "HUGGINGFACE_HUB_CACHE": "$HOME/c"},
+        {"HUGGINGFACE_HUB_CACHE": "/c", "HF_HUB_CACHE": "/d"},
+    ],
+)
+def test_the_hubs_cache_is_where_its_own_library_has_it(said: dict[str, str]):
+    pytest.importorskip("huggingface_hub")
+    code = (
+        "from physgen.roster import hub_cache\n"
+        "from huggingface_hub import constants\n"
+        "assert str(hub_cache()) == constants.HF_HUB_CACHE, (hub_cache(), constants.HF_HUB_CACHE)"
+    )
+    names = ("XDG_CACHE_HOME", "HF_HOME", "HUGGINGFACE_HUB_CACHE", "HF_HUB_CACHE")
+    rest = {key: value for key, value in os.environ.items() if key not in names}
+    subprocess.run([sys.executable, "-c", code], env=rest | said, check=True)

@@ -52,6 +52,8 @@ def check_segment(run, rgb, labels, things):
     assert found.labels.dtype == np.uint16
     assert set(np.unique(found.labels)) - {0} == set(range(1, len(found.confidence) + 1))
     assert ((found.confidence >= 0) & (found.confidence <= 1)).all()
+    across = [np.nonzero(found.labels == k)[1].mean() for k in range(1, len(found.confidence) + 1)]
+    assert across == sorted(across)  # left to right by centroid
 
 
 def check_categories(run, rgb, labels, things):

@@ -18,8 +18,8 @@ def _numbers(path: Path, values: np.ndarray) -> Path:
 def segment(path: Path) -> Path:
     labels = np.zeros((HEIGHT, WIDTH), np.uint16)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    labels[np.hypot(x - 45, y - 75) <= 20] = 4
-    labels[55:95, 100:130] = 9
+    labels[np.hypot(x - 45, y - 75) <= 20] = 9
+    labels[55:95, 100:130] = 4
     return _numbers(path, labels)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from transformers import DepthAnythingForDepthEstimation, DPTImageProcessorPil
 
 from physgen.backends import Setup, find
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
+from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted
 from physgen.perceive.backends.options import Whole, read
 from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
@@ -81,13 +81,8 @@ class Depth:
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        return {
-            "device": self._device,
-            "dtype": str(self._dtype).removeprefix("torch."),
-            "weights": self._weights,
-            "resolution": self._resolution,
-            "unit": self._unit,
-        }
+        told = {"resolution": self._resolution, "unit": self._unit}
+        return noted(self._device, self._dtype, self._weights, told)
 
 
 def depth(setup: Setup) -> Depth:

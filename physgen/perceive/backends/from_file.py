@@ -28,19 +28,11 @@ ASKEW = 0.02
 
 def segment(setup: Setup) -> roles.Segment:
     """The backend `segment=file`: a label map, sure of all that it shows."""
-    path = _path(setup, "segment")
-    labels = _numbers(path, "a label map") if path.suffix == ".npy" else read_labels(path)
-    if labels.ndim != 2 or not np.issubdtype(labels.dtype, np.integer):
-        found = f"{labels.shape} {labels.dtype}"
-        raise InputError.of(str(path), found, "is no label map", "save (H, W) whole numbers, 0 = background")
+    labels = _labels(path := _path(setup, "segment"))
 
     def run(rgb: Rgb) -> Segments:
-        fitted = _fit(labels, rgb, path, cv2.INTER_NEAREST_EXACT)
-        ids = [int(i) for i in np.unique(fitted) if i]
-        found = np.zeros(rgb.shape[:2], np.uint16)
-        for k, i in enumerate(ids, 1):
-            found[fitted == i] = k
-        return Segments(found, np.ones(len(ids)))
+        found = _left_to_right(_fit(labels, rgb, path, cv2.INTER_NEAREST_EXACT))
+        return Segments(found, np.ones(int(found.max())))
 
     return run
 
@@ -55,12 +47,13 @@ def depth(setup: Setup) -> roles.Depth:
 def normals(setup: Setup) -> roles.Normals:
     """The backend `normals=file`: +x right, +y down, +z to the viewer; of any length but 0, made unit."""
     path = _path(setup, "normals")
-    if path.suffix == ".npy":
-        values: NDArray[Any] = _numbers(path, "normals").astype(np.float32)
-    else:
-        values = (_picture(path, "normals").astype(np.float32) - 128) / 127
+    raw = _raw(path, "normals")
+    values = _checked(raw, path, "normals", "(H, W, 3)")
     if values.ndim != 3 or values.shape[2] != 3:
-        raise InputError.of(str(path), f"{values.shape}", "is no map of normals", "save (H, W, 3)")
+        raise _refused(raw, path, "normals", "(H, W, 3)")
+    if not _array(path) and raw.dtype.kind == "u":
+        half = np.iinfo(raw.dtype).max // 2  # 127 or 32767, and one more stands for 0
+        values = np.asarray((values - (half + 1)) / half, np.float32)
 
     def run(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting) -> NDArray[np.float32]:
         return facing(_fit(values, rgb, path))
@@ -70,35 +63,39 @@ def normals(setup: Setup) -> roles.Normals:
 
 def facing(vectors: Map) -> NDArray[np.float32]:
     """(H, W, 3), +x right, +y down, +z to the viewer, of any length -> unit normals of what is seen: none turn away."""
-    vectors = vectors.copy()
+    vectors = vectors.astype(np.float64)  # the square of a long one is beyond float32
     vectors[..., 2] = np.maximum(vectors[..., 2], 0)
     vectors[(np.abs(vectors) < 1e-6).all(axis=2)] = (0, 0, 1)
     return np.asarray(vectors / np.linalg.norm(vectors, axis=2, keepdims=True), np.float32)
 
 
 def intrinsic(setup: Setup) -> roles.Intrinsic:
-    """The backend `intrinsic=file`: linear shading; albedo is the photo divided by it."""
+    """The backend `intrinsic=file`: linear shading of any scale; albedo is the photo divided by it.
+
+    It is scaled so that hardly any albedo would be over 1.
+    """
     path = _path(setup, "intrinsic")
     values = _grey(path, "shading")
 
     def run(rgb: Rgb, labels: Labels, normals: NDArray[np.float32]) -> Intrinsics:
-        return parted(rgb, _fit(values, rgb, path))
+        shading = _raised(_fit(values, rgb, path))
+        scale = max(float(np.percentile(decode(rgb).max(axis=2) / shading, 99)), 1e-6)
+        return parted(rgb, shading * np.float32(scale))
 
     return run
 
 
 def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
-    """A photo and its shading, of any scale -> albedo, in 0..1, times shading.
-
-    The shading is scaled so that hardly any albedo would be over 1; what still is becomes light.
-    """
+    """Albedo in 0..1 from a photo and its shading (H, W) in the albedo's own scale; what would be over 1 is light."""
     light = decode(rgb)
-    brightest = light.max(axis=2)
-    floor = max(float(np.percentile(shading, 50)) * 1e-2, 1e-6)
-    raised = np.maximum(np.nan_to_num(shading), floor)
-    scale = max(float(np.percentile(brightest / raised, 99)), 1e-6)
-    final = np.maximum(raised * scale, brightest)
+    final = np.maximum(_raised(shading), light.max(axis=2))
     return Intrinsics(np.asarray(light / final[..., None], np.float32), np.asarray(final, np.float32))
+
+
+def _raised(shading: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Shading that can be divided by: nowhere less than a hundredth of its median."""
+    floor = max(float(np.percentile(shading, 50)) * 1e-2, 1e-6)
+    return np.maximum(shading, np.float32(floor))
 
 
 def matte(setup: Setup) -> roles.Matte:
@@ -138,33 +135,83 @@ def _path(setup: Setup, role: str) -> Path:
     return path
 
 
-def _numbers(path: Path, what: str) -> Map:
+def _array(path: Path) -> bool:
+    """Whether a file's name says that it holds an array rather than a picture."""
+    return path.suffix.lower() == ".npy"
+
+
+def _raw(path: Path, what: str) -> Map:
+    """A file's numbers as they are stored: an array's in any shape, a picture's (H, W) or (H, W, 3)."""
     try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError) as error:
-        raise InputError.of(
-            str(path), "", f"is no array of numbers ({error})", f"save {what} with numpy.save"
-        ) from None
-
-
-def _picture(path: Path, what: str) -> Map:
-    read = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+        if _array(path):
+            return np.asarray(np.load(path, allow_pickle=False))
+        stored = np.fromfile(path, np.uint8)
+        read = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED) if stored.size else None
+    except (OSError, ValueError, EOFError, cv2.error) as error:
+        kind, how = ("array of numbers", "with numpy.save") if _array(path) else ("picture", "as PNG or .npy")
+        said = str(error).strip().partition("\n")[0]
+        raise InputError.of(str(path), "", f"is no {kind} ({said})", f"save {what} {how}") from None
     if read is None:
-        raise InputError.of(str(path), "", "is no picture", f"save {what} as .npy or PNG")
+        raise InputError.of(str(path), "", "is no picture", f"save {what} as PNG or .npy")
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
+
+
+def _refused(raw: Map, path: Path, what: str, shape: str) -> InputError:
+    return InputError.of(
+        str(path), f"{raw.shape} {raw.dtype}", f"is no map of {what}", f"save {shape} finite numbers"
+    )
+
+
+def _checked(raw: Map, path: Path, what: str, shape: str) -> NDArray[np.float32]:
+    """Real numbers, one at least, all finite as float32. Raises InputError."""
+    if not raw.size or raw.dtype.kind not in "iuf":
+        raise _refused(raw, path, what, shape)
+    with np.errstate(over="ignore"):
+        values = raw.astype(np.float32)
+    if not np.isfinite(values).all():
+        raise _refused(raw, path, what, shape)
+    return values
 
 
 def _grey(path: Path, what: str) -> NDArray[np.float32]:
     """One number a pixel; integers of pictures become 0..1, numbers of arrays stay."""
-    raw = _numbers(path, what) if path.suffix == ".npy" else _picture(path, what)
-    number = np.issubdtype(raw.dtype, np.number)
-    values = np.squeeze(raw).mean(axis=2) if number and np.squeeze(raw).ndim == 3 else np.squeeze(raw)
-    if values.ndim != 2 or not number or not np.isfinite(values).all():
+    raw = _raw(path, what)
+    values = np.squeeze(_checked(raw, path, what, "(H, W)"))
+    values = values.mean(axis=2, dtype=np.float64).astype(np.float32) if values.ndim == 3 else values
+    if values.ndim != 2:
+        raise _refused(raw, path, what, "(H, W)")
+    whole = not _array(path) and raw.dtype.kind in "iu"
+    return values / np.float32(np.iinfo(raw.dtype).max if whole else 1)
+
+
+def _labels(path: Path) -> Labels:
+    """A label map, its ids numbered 1..N in their own order; 0 = background."""
+    raw = _raw(path, "a label map") if _array(path) else read_labels(path)
+    fix = "save (H, W) whole numbers, 0 = background"
+    if raw.ndim != 2 or not raw.size or raw.dtype.kind not in "iu":
+        raise InputError.of(str(path), f"{raw.shape} {raw.dtype}", "is no label map", fix)
+    if raw.min() < 0:
+        fix = "save whole numbers from 0 on, 0 = background"
+        raise InputError.of(str(path), str(raw.min()), "is no object's id", fix)
+    ids, labels = np.unique(raw, return_inverse=True)
+    labels = labels.reshape(raw.shape) + (ids[0] > 0)
+    if labels.max() > np.iinfo(np.uint16).max:
         raise InputError.of(
-            str(path), f"{raw.shape} {raw.dtype}", f"is no map of {what}", "save (H, W) finite numbers"
+            str(path), f"{len(ids)} ids", "are too many for a label map", "give each object one id"
         )
-    whole = path.suffix != ".npy" and np.issubdtype(raw.dtype, np.integer)
-    return np.asarray(values / (np.iinfo(raw.dtype).max if whole else 1), np.float32)
+    return np.asarray(labels, np.uint16)
+
+
+def _left_to_right(labels: Labels) -> Labels:
+    """The same objects, numbered 1..N by centroid."""
+    y, x = np.nonzero(labels)
+    old = labels[y, x]
+    area = np.bincount(old)
+    ids = np.flatnonzero(area)
+    across, down = (np.bincount(old, side)[ids] / area[ids] for side in (x, y))
+    new = np.zeros(int(labels.max()) + 1, np.uint16)
+    new[ids[np.lexsort((down, across))]] = np.arange(1, len(ids) + 1)
+    return np.asarray(new[labels])
 
 
 def _fit(values: Map, rgb: Rgb, path: Path, how: int | None = None) -> Map:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.backends import Setup, find
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
+from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted
 from physgen.perceive.backends.options import Option, Real, Text, Whole, read
 from physgen.perceive.backends.pipelines import opened
 from physgen.perceive.painted import back, frame, painted, shown
@@ -121,9 +121,8 @@ class Diffusion:
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        dtype = str(self._dtype).removeprefix("torch.")
-        told = {"device": self._device, "dtype": dtype, "weights": self._weights, **self._options}
-        return told | ({"withheld": self._withheld} if self._withheld else {})
+        withheld = {"withheld": self._withheld} if self._withheld else {}
+        return noted(self._device, self._dtype, self._weights, self._options | withheld)
 
 
 def diffusion(setup: Setup) -> Inpaint:

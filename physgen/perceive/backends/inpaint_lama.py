@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from physgen.backends import Setup
-from physgen.perceive.backends.models import device_of, freed, loaded
+from physgen.perceive.backends.models import device_of, freed, loaded, noted
 from physgen.perceive.backends.options import Whole, read
 from physgen.perceive.painted import back, frame, painted, shown
 from physgen.perceive.roles import Inpaint, Rgb
@@ -83,12 +83,7 @@ class Lama:
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        return {
-            "device": self._device,
-            "dtype": "float32",
-            "weights": self._weights,
-            "resolution": self._resolution,
-        }
+        return noted(self._device, torch.float32, self._weights, {"resolution": self._resolution})
 
 
 def lama(setup: Setup) -> Inpaint:

@@ -17,8 +17,8 @@ import torch
 from numpy.typing import NDArray
 
 from physgen.backends import Setup, find
-from physgen.perceive.backends.from_file import facing
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
+from physgen.perceive.backends.from_file import facing, parted
+from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted
 from physgen.perceive.backends.options import Whole, read
 from physgen.perceive.backends.pipelines import opened
 from physgen.perceive.roles import Intrinsics, Labels, Rgb, Setting, Thing
@@ -104,8 +104,7 @@ class _Marigold:
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        dtype = str(self._dtype).removeprefix("torch.")
-        return {"device": self._device, "dtype": dtype, "weights": self._weights, **self._options}
+        return noted(self._device, self._dtype, self._weights, self._options)
 
 
 class Depth(_Marigold):
@@ -149,7 +148,7 @@ class Intrinsic(_Marigold):
         else:
             paint = np.maximum(luminance(maps["albedo"]), np.float32(DARKEST))
             shading = np.asarray(luminance(decode(small)) / paint, np.float32)
-        return rest(rgb, _sized(shading, rgb))
+        return parted(rgb, _sized(shading, rgb))
 
 
 def depth(setup: Setup) -> Depth:
@@ -186,14 +185,6 @@ def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
     if b <= 0 or a <= 0:
         a, b = float(matt.ravel() @ seen.ravel()) / max(float(matt.ravel() @ matt.ravel()), 1e-9), 0.0
     return np.asarray(a * fall + b * gloss / np.maximum(paint, DARKEST), np.float32)
-
-
-def rest(rgb: Rgb, shading: F32) -> Intrinsics:
-    """Albedo in 0..1 from a photo and its shading (H, W) in the albedo's own scale; what would be over 1 is light."""
-    light = decode(rgb)
-    floor = max(float(np.percentile(shading, 50)) * 1e-2, 1e-6)
-    final = np.maximum(np.maximum(shading, floor), light.max(axis=2))
-    return Intrinsics(np.asarray(light / final[..., None], np.float32), np.asarray(final, np.float32))
 
 
 def shrunk(rgb: Rgb, resolution: int) -> Rgb:

@@ -10,16 +10,17 @@ import importlib.util
 import os
 import re
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import torch
 
 from physgen.backends import Setup
 from physgen.problems import InputError
+from physgen.roster import cached
 
 T = TypeVar("T")
 
@@ -113,11 +114,13 @@ def loaded(load: Callable[[str], T], weights: str, what: str) -> T:
         ) from error
 
 
-def cached(weights: str) -> bool:
-    """Whether anything of a hub id has been fetched before."""
-    from huggingface_hub import constants
+def noted(device: str, dtype: torch.dtype, weights: str, told: Mapping[str, Any]) -> dict[str, Any]:
+    """Where and with what a model ran, and the options that it was told, for the record.
 
-    return Path(constants.HF_HUB_CACHE, f"models--{weights.replace('/', '--')}", "snapshots").is_dir()
+    >>> noted("cpu", torch.float32, "a/b", {"steps": 4})
+    {'device': 'cpu', 'dtype': 'float32', 'weights': 'a/b', 'steps': 4}
+    """
+    return {"device": device, "dtype": str(dtype).removeprefix("torch."), "weights": weights, **told}
 
 
 def freed() -> None:
