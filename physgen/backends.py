@@ -216,7 +216,10 @@ def unmet(row: Backend) -> Problem | None:
     if not (missing := row.missing()):
         return None
     found, fix = f'{row.role}="{row.name}"', install(row) or "install physgen again"
-    return Problem(Place("--backend"), "", found, f"needs {', '.join(missing)}, which is not installed", fix)
+    verb = "is" if len(missing) == 1 else "are"
+    return Problem(
+        Place("--backend"), "", found, f"needs {', '.join(missing)}, which {verb} not installed", fix
+    )
 
 
 def install(row: Backend) -> str | None:

@@ -118,6 +118,9 @@ def refresh(
         if (key.split(".")[1] in fresh or key in table_said | layers_said
             if key.startswith("objects.") else _at(document, key) == _at(perceived.document, key))
     }  # fmt: skip
+    weighed = {name: item.get("mass") for name, item in perceived.document["objects"].items()}
+    if any(item.get("mass") != weighed.get(name) for name, item in document["objects"].items()):
+        comments.pop("forces", None)  # the push was reckoned with other masses
     if ours.scale:
         comments["world.pixels_per_meter"] = perceived.comments["world.pixels_per_meter"]
     elif per_meter == DEFAULT and perceived.document["world"]["pixels_per_meter"] != DEFAULT:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.printing import OK, Bar, hand_over, print_json, tell, tell_kept, tell_one
@@ -76,8 +78,10 @@ def _perceive_many(options: argparse.Namespace) -> int:
         problems += InputError.of(
             "perceive", f"{len(options.image)} photos", "go into a folder", fix
         ).problems
-    stems = [image.stem for image in options.image]
-    for twin in sorted({stem for stem in stems if stems.count(stem) > 1}):
+    for lost in (image for image in options.image if not image.is_file()):
+        problems += InputError.of(str(lost), "", "is not there", "name a photo").problems
+    names = _names(options.image)
+    for twin in sorted({name for name in names if names.count(name) > 1}):
         problems += InputError.of("perceive", f'"{twin}"', "is the name of two photos", "rename one").problems
     if problems:
         raise InputError(problems)
@@ -85,7 +89,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     failed: list[Problem] = []
     bar = Bar()
     for k, image in enumerate(options.image):
-        output = options.output / f"{image.stem}.yaml"
+        output = options.output / f"{names[k]}.yaml"
 
         def step(stage: str, done: int, total: int, k: int = k, name: str = image.name) -> None:
             bar.show(f"{name}: {stage}", k * total + done, len(options.image) * total)
@@ -102,6 +106,13 @@ def _perceive_many(options: argparse.Namespace) -> int:
     if failed:
         raise InputError(failed)
     return OK
+
+
+def _names(images: Sequence[Path]) -> list[str]:
+    """What their scenes are called: as the photos, or as their folders where all photos have one name."""
+    stems = [image.stem for image in images]
+    alike = len(stems) > 1 and len(set(stems)) == 1
+    return [image.resolve().parent.name for image in images] if alike else stems
 
 
 def _plan(options: argparse.Namespace, several: bool = False) -> Plan:

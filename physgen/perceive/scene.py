@@ -43,6 +43,8 @@ HEADER = "A photo as physgen perceived it. Change any number and run: physgen re
 UNKNOWN = Setting(View.SIDE, 0.0, "", ())
 """What holds the objects, before anybody has looked."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
+MOST_IDS, MOST_OBJECTS = 200, 5000
+"""Ids from which mostly specks, and objects from which anything, is a picture and no label map."""
 ROLES = (
     "categories",
     "segment",
@@ -204,6 +206,14 @@ def outlined(rgb: Rgb, found: Found) -> tuple[list[Thing], int]:
     counts = np.bincount(labels.ravel(), minlength=2)
     every = np.flatnonzero(counts[1:]) + 1
     ids = [int(i) for i in every if counts[i] >= SMALLEST]
+    if (len(every) > MOST_IDS and 2 * len(ids) < len(every)) or len(ids) > MOST_OBJECTS:
+        what = (
+            f"has {len(every):,} ids, most of them of a few pixels"
+            if 2 * len(ids) < len(every)
+            else f"has {len(every):,} ids"
+        )
+        fix = "give each object one id or colour, without soft borders, saved as PNG"
+        raise InputError.of("--masks", "", f"is no label map: it {what}", fix)
     if not ids and found.source == "given":
         shows = f"shows no object of {SMALLEST} px or more" if len(every) else "shows no object"
         raise InputError.of("--masks", "", shows, POINT)

@@ -17,7 +17,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.apart import take_apart
 from physgen.render.ball import shading, skin
 from physgen.render.relief import relief
-from physgen.render.shadowed import silhouette
+from physgen.render.shadowed import SUNK, ground_below, silhouette
 from physgen.render.sprites import Sprite, anchored
 from physgen.render.stage import Actor, Stage
 from physgen.render.veils import reaching, veiling
@@ -65,6 +65,8 @@ def staged(
         size=world.size,
     )
     grounds = [] if top else floors(world)
+    if np.isfinite(setting.backdrop) and maps.shadows is not None:
+        grounds = [ground for ground in grounds if not passed(ground, maps.labels, maps.shadows)]
     actors = [_actor(sprite, world.bodies[sprite.body], loose, top) for sprite, loose in parts]
     starts = [
         silhouette(grounds, s.coverage, s.corner, _start(world.bodies[s.body]), actor)
@@ -130,6 +132,25 @@ def floors(world: World) -> list[Array]:
                 if run > 1 and rise < STEEP * run:
                     found.append(np.array([*a, *b]))
     return found
+
+
+def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16]) -> bool:
+    """Whether the photo shows shadows pass by a floor: those of things on it lie below it, on a wall behind.
+
+    A floor that reaches back to the wall would have caught them; this one is a line that perception laid under things
+    in the air, or a thin ledge. `ground` (4,) px; `labels` and `shadows` (H, W) by id.
+    """
+    below, seen = 0, 0
+    for i in np.unique(shadows[shadows > 0]):
+        rows, columns = np.nonzero(labels == i)
+        if not len(rows):
+            continue
+        bottom = float(rows.max())
+        row = ground_below([ground], float(columns.mean()), bottom)
+        if row is not None and row - bottom < 2 * SUNK:
+            seen += 1
+            below += bool(np.median(np.nonzero(shadows == i)[0]) > row + SUNK)
+    return 2 * below > seen
 
 
 def thickness(body: Body, top: bool) -> float:
