@@ -111,8 +111,8 @@ def _perceive_many(options: argparse.Namespace) -> int:
 def _names(images: Sequence[Path]) -> list[str]:
     """What their scenes are called: as the photos, or as their folders where all photos have one name."""
     stems = [image.stem for image in images]
-    alike = len(stems) > 1 and len(set(stems)) == 1
-    return [image.resolve().parent.name for image in images] if alike else stems
+    folders = [image.resolve().parent.name for image in images]
+    return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
 
 
 def _plan(options: argparse.Namespace, several: bool = False) -> Plan:

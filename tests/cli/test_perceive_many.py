@@ -69,3 +69,18 @@ def test_what_goes_with_one_photo_only_is_refused(photos, tmp_path, monkeypatch,
 def test_two_photos_of_one_name_are_refused(photos, tmp_path: Path, capsys):
     assert told(photos[0], photos[0], "-o", str(tmp_path / "d")) == 2
     assert '"a" is the name of two photos; rename one' in capsys.readouterr().err
+
+
+def test_photos_of_one_name_go_by_their_folders(photos, tmp_path: Path):
+    paths = [tmp_path / name / "photo.png" for name in ("cups", "pool")]
+    for path, photo in zip(paths, photos, strict=True):
+        path.parent.mkdir()
+        path.write_bytes(Path(photo).read_bytes())
+    assert told(*map(str, paths), "-o", str(tmp_path / "all")) == 0
+    assert sorted(path.name for path in (tmp_path / "all").glob("*.yaml")) == ["cups.yaml", "pool.yaml"]
+
+
+def test_a_photo_that_is_not_there_stops_all_before_any_work(photos, tmp_path: Path, capsys):
+    assert told(photos[0], str(tmp_path / "none.png"), "-o", str(tmp_path / "all")) == 2
+    assert "none.png: is not there; name a photo" in capsys.readouterr().err
+    assert not (tmp_path / "all").exists()
