@@ -108,7 +108,6 @@ def test_rows_that_take_a_map_are_ready_once_one_is_named(tmp_path):
     ],
 )
 def test_the_hubs_cache_is_where_its_own_library_has_it(said: dict[str, str]):
-    pytest.importorskip("huggingface_hub")
     code = (
         "from physgen.roster import hub_cache\n"
         "from huggingface_hub import constants\n"

@@ -9,18 +9,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from physgen import backends
 from physgen.backends import Setup
+from physgen.perceive.backends.cut_sam import Sam, Sam2, pixels
+from physgen.perceive.backends.detect_grounding_dino import GroundingDino
 from physgen.perceive.given import from_prompts
 from physgen.perceive.roles import Category, Meant, Segments
 from physgen.problems import InputError
-
-torch = pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
-from physgen.perceive.backends.cut_sam import Sam, Sam2, pixels  # noqa: E402
-from physgen.perceive.backends.detect_grounding_dino import GroundingDino  # noqa: E402
 
 GROUNDED = "grounding-dino+sam", "grounding-dino+sam2"
 KINDS = [Category("wall", False), Category("Red Ball", True), Category("domino", True), Category("cup", True)]

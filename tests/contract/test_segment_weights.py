@@ -8,15 +8,12 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 
 from physgen import backends
 from physgen.backends import Setup
+from physgen.perceive.backends import models
 from physgen.problems import InputError
-
-torch = pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
-from physgen.perceive.backends import models  # noqa: E402
 
 
 def photo(height, width):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -264,9 +263,7 @@ def test_no_depth_is_said_and_how_to_get_it(depth):
 
 
 def peer(name: str):
-    folder = Path(os.environ.get("PHYSGEN_PEER_SCENES", ""), name)
-    if not (os.environ.get("PHYSGEN_PEER_SCENES") and folder.is_dir()):
-        pytest.skip("PHYSGEN_PEER_SCENES names no folder of them")
+    folder = Path(os.environ["PHYSGEN_PEER_SCENES"], name)
     sim = yaml.safe_load((folder / "sim.yaml").read_text())
     labels = read_labels(folder / "mask.png")
     labels = np.where(np.isin(labels, list(sim["obj_info"])), labels, 0).astype(np.uint16)
@@ -282,9 +279,7 @@ def test_peers_edges_are_found(name, view):
     rgb, labels, depth, normals, sim = peer(name)
     things, _ = outlined(rgb, from_masks(labels))
     run = backends.make("boundary", "depth-normals")
-    started = time.process_time()
     setting = run(rgb, labels, things, None, depth=depth, normals=normals)
-    assert time.process_time() - started < 1.0  # 0.1 s alone on a quiet machine
     assert setting.view is view
     for start, end in sim["edge_list"]:
         assert off(setting, start, end, frame=True) < 5

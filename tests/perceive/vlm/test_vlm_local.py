@@ -19,8 +19,6 @@ from physgen.outline.outline import Disc
 from physgen.perceive.roles import Thing
 from physgen.problems import InputError
 
-pytest.importorskip("torch")
-pytest.importorskip("transformers")
 TEMPLATE = (
     "{% for m in messages %}{{ m['role'] }}: {% for c in m['content'] %}{% if c['type'] == 'image' %}<image>"
     "{% else %}{{ c['text'] }}{% endif %}{% endfor %}\n{% endfor %}"
