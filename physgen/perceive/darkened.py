@@ -13,16 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.hues import DARKEST, hues
 from physgen.perceive.roles import Rgb
 from physgen.photometry import decode, luminance
 
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-DARKEST = 2e-3
-"""Linear light added before logarithms are taken."""
-HUES = 6
-"""Kinds of surface that are told apart by their hue."""
 ALONG = ((0.7, 0.08, 1.0), (2.0, 0.16, 0.05), (4.0, 0.6, 2e-3), (8.0, 2.0, 1e-5))
 """Of an object's size, across and down: how far like surfaces are looked for; and how little the farther ones count.
 
@@ -50,7 +47,7 @@ def missing(background: Rgb, free: F32, suspect: Mask, size: float, *, from_abov
     plain = free * ~suspect
     level = np.zeros(bright.shape, np.float32)
     total = np.full(bright.shape, 1e-9, np.float32)
-    for kin in _like(linear, plain):
+    for kin in hues(linear, plain, 4000):
         weight = plain * kin
         sums, weights = 1e-9 * bright, np.full(bright.shape, 1e-9, np.float32)
         for across, down, gain in AROUND if from_above else ALONG:
@@ -99,21 +96,6 @@ def _rolled(mask: Mask, dx: int, dy: int) -> Mask:
         max(-dy, 0) : h + min(-dy, 0), max(-dx, 0) : w + min(-dx, 0)
     ]
     return result
-
-
-def _like(linear: F32, plain: F32) -> list[F32]:
-    """(h, w) 0..1 a kind of surface, by its hue: which pixels belong to it."""
-    grey = linear.sum(axis=2) + 3 * DARKEST
-    hue = cv2.GaussianBlur(np.dstack([(linear[..., c] + DARKEST) / grey for c in (0, 2)]), (0, 0), 2)
-    sample = np.ascontiguousarray(hue[plain > 0][:: max(1, int(plain.sum()) // 4000)], np.float32)
-    if len(sample) < HUES:
-        return [np.ones(plain.shape, np.float32)]
-    cv2.setRNGSeed(1)
-    _, names, centers = cv2.kmeans(
-        sample, HUES, np.zeros((len(sample), 1), np.int32), (3, 20, 1e-3), 1, cv2.KMEANS_PP_CENTERS
-    )
-    width = max(0.03, 2 * float(np.abs(sample - centers[names.ravel()]).mean()))
-    return [np.exp(-((hue - c) ** 2).sum(-1) / (2 * width * width)).astype(np.float32) for c in centers]
 
 
 def _blurred(picture: F32, across: float, down: float) -> F32:

@@ -11,19 +11,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.hues import DARKEST, hues
 from physgen.perceive.roles import Rgb
 from physgen.photometry import decode, encode_u8, luminance
 
 F32 = NDArray[np.float32]
 
-DARKEST = 2e-3
-"""Linear light added before logarithms are taken."""
 SHADED = 0.03
 """-log of light from which a place counts as foretold to be dark."""
 RING = 2
 """px around objects where the background still shows traces of them."""
-HUES = 6
-"""Kinds of surface that are told apart by their hue."""
 REACHES = ((0.6, 0.03, 1.0), (2.0, 0.06, 0.05), (5.0, 0.12, 2e-3), (1.5, 0.5, 1e-4), (6.0, 1.0, 1e-6))
 """Of an object's size, across and down: how far like surfaces are looked for; and how little the farther ones count."""
 LOUD = 2.0
@@ -93,7 +90,7 @@ def _dark(linear: F32, free: F32, foretold: F32, size: float) -> tuple[F32, F32]
     """(h, w) -log of the light that is missing, and (h, w, 3) what light surfaces of that kind have elsewhere."""
     bright = np.log(luminance(linear) + DARKEST).astype(np.float32)
     plain = free * (foretold < SHADED)
-    like = _like(_provisional(linear, bright, plain, foretold, size), plain)
+    like = hues(_provisional(linear, bright, plain, foretold, size), plain, 8000)
     near = 3 * size, 0.5 * size
     level = _along(bright, plain, like, size)
     noise = _mean(((level - bright) * plain) ** 2, plain, *near) ** 0.5
@@ -173,21 +170,6 @@ def _provisional(linear: F32, bright: F32, plain: F32, foretold: F32, size: floa
         own = -sum(float((told * seen).sum()) for told, seen in zip(slopes[0], channel, strict=True))
         tint[c] = np.clip(own / max(total, 1e-3), *TINT)
     return np.asarray(linear * np.exp(dark[..., None] * tint), np.float32)
-
-
-def _like(linear: F32, plain: F32) -> list[F32]:
-    """(h, w) 0..1 a kind of surface, by its hue: which pixels belong to it."""
-    grey = linear.sum(axis=2) + 3 * DARKEST
-    hue = cv2.GaussianBlur(np.dstack([(linear[..., c] + DARKEST) / grey for c in (0, 2)]), (0, 0), 2)
-    sample = np.ascontiguousarray(hue[plain > 0][:: max(1, int(plain.sum()) // 8000)], np.float32)
-    if len(sample) < HUES:
-        return [np.ones(plain.shape, np.float32)]
-    cv2.setRNGSeed(1)
-    _, names, centers = cv2.kmeans(
-        sample, HUES, np.zeros((len(sample), 1), np.int32), (3, 20, 1e-3), 1, cv2.KMEANS_PP_CENTERS
-    )
-    width = max(0.03, 2 * float(np.abs(sample - centers[names.ravel()]).mean()))
-    return [np.exp(-((hue - c) ** 2).sum(-1) / (2 * width * width)).astype(np.float32) for c in centers]
 
 
 def _along(values: F32, plain: F32, like: list[F32], size: float) -> F32:
