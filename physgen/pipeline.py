@@ -130,6 +130,11 @@ def perceive(
         fix = "choose e.g. --backend segment=grounding-dino+sam"
         expected = "is not heard: nothing here finds what it is told to"
         warn(Problem(Place("--find"), "", f'"{", ".join(asked)}"', expected, fix, Severity.WARNING))
+    if "categories" in crew.plan.choices and "categories" not in crew.row("segment").uses:
+        fix = "choose e.g. --backend segment=grounding-dino+sam, or leave it out"
+        found_by = f"categories={crew.plan.choices['categories']}"
+        expected = f"is not asked: segment={crew.name('segment')} finds things without"
+        warn(Problem(Place("--backend"), "", found_by, expected, fix, Severity.WARNING))
     if found is not None:
         found = fitted(found, (width, height), rgb)
     perceived = run(rgb, found, renames=labels, crew=crew, asked=asked, progress=progress)

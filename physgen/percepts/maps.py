@@ -144,10 +144,16 @@ def read_percepts(
         clean=colour("clean.png"),
         shadows=None if (cast := fitting("shadows.png")) is None else read_labels(cast),
         depth=scalar("depth"),
-        normals=None if normals is None else (normals.astype(np.float32) - 128) / np.float32(127),
+        normals=None if normals is None else _signed(normals),
         albedo=None if albedo is None else albedo.astype(np.float32) / np.float32(np.iinfo(albedo.dtype).max),
         shading=scalar("shading"),
     )
+
+
+def _signed(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> F32:
+    """Integers of 8 or 16 bits, whose middle is 0, as -1..1."""
+    middle = (np.iinfo(picture.dtype).max + 1) // 2
+    return (picture.astype(np.float32) - np.float32(middle)) / np.float32(middle - 1)
 
 
 def write_assets(percepts: Percepts, folder: Path, keep: Keep = silent) -> dict[str, tuple[float, float]]:

@@ -84,3 +84,21 @@ def test_a_photo_that_is_not_there_stops_all_before_any_work(photos, tmp_path: P
     assert told(photos[0], str(tmp_path / "none.png"), "-o", str(tmp_path / "all")) == 2
     assert "none.png: is not there; name a photo" in capsys.readouterr().err
     assert not (tmp_path / "all").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (
+            ("--find", "ball, cup"),
+            '--find: warning: "ball, cup" is not heard: nothing here finds what it is told to',
+        ),
+        (
+            ("--backend", "categories=everyday"),
+            "--backend: warning: categories=everyday is not asked: segment=classical finds things without",
+        ),
+    ],
+)
+def test_what_would_change_nothing_is_said(photos, tmp_path: Path, capsys, flags, message):
+    assert told(photos[0], "-o", str(tmp_path / "s.yaml"), *flags) == 0
+    assert message in capsys.readouterr().err
