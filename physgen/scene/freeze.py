@@ -64,17 +64,26 @@ def frozen(root: Node, name: str, source: Source, ground: Ground) -> model.Scene
         fields=_named(data["fields"], _field),
         light=_light(data["light"]) if "light" in data else None,
         render=_render(data["render"]),
-        refine=model.Refine(
-            backend=data["refine"]["backend"],
-            strength=float(data["refine"]["strength"]),
-            stop=int(data["refine"]["stop"]),
-            steps=int(data["refine"]["steps"]),
-            seed=int(data["refine"]["seed"]),
-        ),
+        refine=_refine(data["refine"]),
         maps=MappingProxyType({name: _pair(ends) for name, ends in data.get("maps", {}).items()}),
         places=MappingProxyType(dict(_places(root, ()))),
         document=MappingProxyType(data),
         variants=tuple(data["variants"]),
+    )
+
+
+def _refine(item: Mapping[str, Any]) -> model.Refine:
+    return model.Refine(
+        backend=item["backend"],
+        strength=float(item["strength"]),
+        stop=int(item["stop"]),
+        steps=int(item["steps"]),
+        seed=int(item["seed"]),
+        prompt=item.get("prompt"),
+        negative=item["negative"],
+        guidance=_number(item, "guidance"),
+        lock=float(item["lock"]),
+        detail=float(item["detail"]),
     )
 
 

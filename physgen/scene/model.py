@@ -378,6 +378,13 @@ class Refine:
     stop: int
     steps: int
     seed: int
+    prompt: str | None
+    """None: made of the objects' labels."""
+    negative: str
+    guidance: float | None
+    """None: as the model's authors advise."""
+    lock: float
+    detail: float
 
 
 @dataclass(frozen=True)

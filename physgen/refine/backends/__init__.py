@@ -1,0 +1,1 @@
+"""Video diffusion models, one file each; what each takes and gives is `refine.roles.Denoiser`."""

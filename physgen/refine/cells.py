@@ -1,0 +1,120 @@
+"""Frames and coverage of any size and number -> as a model's grid wants them, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import ceil, sqrt
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.photometry import decode, encode_u8
+from physgen.refine.roles import Grid
+
+U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+Size = tuple[int, int]
+"""Width and height, px."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How frames of one size are shown to a model."""
+
+    size: Size
+    """Of the video."""
+    scaled: Size
+    """What the model is shown of it: the same, unless it has more pixels than the model was trained on."""
+    padded: Size
+    """With the border mirrored up to the grid's multiples."""
+
+    def shown(self, rgb: U8) -> U8:
+        """(H, W, 3) of `size` -> of `padded`; made smaller in linear light."""
+        if self.scaled != self.size:
+            rgb = encode_u8(cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA))
+        return np.asarray(self._padded(rgb), np.uint8)
+
+    def mask(self, coverage: F32) -> F32:
+        """(H, W) of `size` -> of `padded`."""
+        if self.scaled != self.size:
+            coverage = np.asarray(cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA), np.float32)
+        return np.asarray(self._padded(coverage), np.float32)
+
+    def back(self, picture: F32) -> F32:
+        """(H, W, 3) of `padded` -> of `size`."""
+        width, height = self.scaled
+        picture = picture[:height, :width]
+        if self.scaled != self.size:
+            picture = np.asarray(cv2.resize(picture, self.size, interpolation=cv2.INTER_CUBIC), np.float32)
+        return picture
+
+    def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
+        right, below = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
+        if not right and not below:
+            return picture
+        edge = cv2.BORDER_REFLECT_101 if min(self.scaled) > 1 else cv2.BORDER_REPLICATE
+        return np.asarray(cv2.copyMakeBorder(np.asarray(picture), 0, below, 0, right, edge))
+
+
+def fitted(size: Size, grid: Grid) -> Fit:
+    """How frames of `size` are shown to a model with this grid."""
+    scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
+    width, height = (max(1, round(side * scale)) for side in size)
+    padded = ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
+    return Fit(size, (width, height), padded)
+
+
+def latent_frames(frames: int, grid: Grid) -> int:
+    """Latent frames that hold so many frames: enough, and a multiple of the grid's group.
+
+    >>> latent_frames(16, Grid(8, 16, 480 * 832, 4, 1, 21))
+    5
+    """
+    least = frames if grid.stride == 1 else 1 + ceil((frames - 1) / grid.stride)
+    return ceil(least / grid.group) * grid.group
+
+
+def frames_held(latents: int, grid: Grid) -> int:
+    """Frames that so many latent frames stand for."""
+    return latents if grid.stride == 1 else 1 + (latents - 1) * grid.stride
+
+
+def lengthened(frames: Sequence[U8], count: int) -> list[U8]:
+    """`count` frames: the last is repeated."""
+    return [*frames, *[frames[-1]] * (count - len(frames))]
+
+
+def cells(coverage: Iterable[F32], latents: int, grid: Grid) -> F32:
+    """(F', 1, h, w) in 0..1: the mean coverage of every latent cell, over its pixels and its frames.
+
+    `coverage`: (H, W) of each frame, sizes as the grid wants them; where frames are short, the last goes on.
+    """
+    smaller = []
+    for mask in coverage:
+        height, width = mask.shape[0] // grid.cell, mask.shape[1] // grid.cell
+        blocks = mask.reshape(height, grid.cell, width, grid.cell)
+        smaller.append(blocks.mean(axis=(1, 3), dtype=np.float32))
+    smaller += [smaller[-1]] * (frames_held(latents, grid) - len(smaller))
+    return over_time(np.stack(smaller)[:, None], grid)
+
+
+def over_time(values: F32, grid: Grid) -> F32:
+    """(F, ...) of frames -> (F', ...) of latent frames: means over the frames that each stands for."""
+    if grid.stride == 1:
+        return values
+    rest = values[1:].reshape(-1, grid.stride, *values.shape[1:])
+    return np.concatenate([values[:1], rest.mean(axis=1, dtype=np.float32)])
+
+
+def held(frames: int, over: int) -> F32:
+    """(F,) how much of the guidance stays in each frame: 1 in the first, falling smoothly to 0 over so many.
+
+    >>> held(6, 4).tolist()
+    [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
+    """
+    if over <= 0:
+        return np.zeros(frames, np.float32)
+    s = np.minimum(np.arange(frames) / over, 1.0)
+    return (1 - s * s * (3 - 2 * s)).astype(np.float32)
