@@ -1,1 +1,1 @@
-"""Frames -> frames retouched by a video diffusion model: soft shadows and reflections, with the objects as they were."""
+"""Frames -> frames that a video diffusion model retouched: soft shadows, reflections, and the objects as they were."""

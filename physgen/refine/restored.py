@@ -1,8 +1,8 @@
 """What the model made of a frame, and of the guidance -> the refined frame: its changes alone, where they are wanted.
 
-The decoder cannot say all that the encoder saw: fine texture and letters are lost even where the model changes nothing.
-So it is not the decoded frame D(z) that is shown but the guidance and what the model changed of it, D(z) - D(z~0). Where
-nothing changed, that is the guidance to the last bit, at any resolution.
+The decoder cannot say all that the encoder saw: fine texture and letters are lost even where the model changes
+nothing. So it is not the decoded frame D(z) that is shown but the guidance and what the model changed of it,
+D(z) - D(z~0). Where nothing changed, that is the guidance to the last bit, at any resolution.
 """
 
 from __future__ import annotations
