@@ -105,7 +105,8 @@ def over_time(values: F32, grid: Grid) -> F32:
     if grid.stride == 1:
         return values
     rest = values[1:].reshape(-1, grid.stride, *values.shape[1:])
-    return np.concatenate([values[:1], rest.mean(axis=1, dtype=np.float32)])
+    means: F32 = np.concatenate([values[:1], rest.mean(axis=1, dtype=np.float32)])
+    return means
 
 
 def held(frames: int, over: int) -> F32:

@@ -35,7 +35,7 @@ def restored(
     before = guidance.astype(np.float32) / np.float32(255)
     after = refined + np.float32(detail) * (before - guided)
     after = before + np.float32(1 - held) * (after - before)
-    shown = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
+    shown: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
     share = np.float32(lock) * coverage
     if not share.any():
         return shown
