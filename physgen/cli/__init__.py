@@ -13,6 +13,7 @@ from physgen.cli.evaluating import evaluate
 from physgen.cli.moving import check, render, simulate
 from physgen.cli.perceiving import import_, list_backends, perceive
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
+from physgen.cli.refining import refine
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
 from physgen.whole import meant
@@ -68,6 +69,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "check": check,
     "simulate": simulate,
     "render": render,
+    "refine": refine,
     "evaluate": evaluate,
     "backends": list_backends,
     "schema": schema,

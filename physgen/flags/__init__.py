@@ -9,6 +9,7 @@ from typing import NoReturn
 from physgen import __version__
 from physgen.flags.measures import measures
 from physgen.flags.perceiving import perceive, who
+from physgen.flags.refining import refine
 from physgen.flags.values import count, formats, four, positive, scene_name, two
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
@@ -144,6 +145,13 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
+
+    sub = command(
+        "refine",
+        "A video and masks of its objects to a video that a diffusion model retouched; see docs/refinement.md.",
+        "physgen refine clip.mp4 --masks masks -o clip.refined.mp4",
+    )
+    refine(sub)
 
     sub = command(
         "evaluate",

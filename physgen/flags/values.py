@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from physgen.problems import InputError
 
@@ -44,6 +47,28 @@ def count(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= 1024:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 1024")
     return int(text)
+
+
+def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
+    """A reader of what the schema of a scene's key allows: a number, a whole one, or text."""
+    kind, low, high = key["type"], key.get("minimum", -math.inf), key.get("maximum", math.inf)
+    whole = kind == "integer"
+
+    def value(text: str) -> float | int | str:
+        if kind == "string":
+            if len(text) > key["maxLength"]:
+                raise argparse.ArgumentTypeError(f"{len(text)} characters are over {key['maxLength']}")
+            return text
+        try:
+            number = int(text) if whole else float(text)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            what = f"a {'whole ' * whole}number from {low:g} to {high:.10g}"
+            raise argparse.ArgumentTypeError(f"{text} is not {what}")
+        return number
+
+    return value
 
 
 def rows(text: str) -> list[int]:

@@ -146,8 +146,12 @@ def frame_hash(rgb: NDArray[np.uint8]) -> str:
 
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
-    text = json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
-    write_whole(path, text.encode("utf-8"))
+    write_whole(path, json_text(data).encode("utf-8"))
+
+
+def json_text(data: object) -> str:
+    """Indented; arrays and paths among the data are written out."""
+    return json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
 
 
 def _plain(value: object) -> object:
