@@ -142,6 +142,12 @@ def build_parser() -> argparse.ArgumentParser:
         default="cpu",
         help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
     )
+    sub.add_argument(
+        "--refine",
+        metavar="NAME[:WEIGHTS]",
+        help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
+    )
+    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
 
