@@ -158,6 +158,12 @@ def build_parser() -> argparse.ArgumentParser:
     )
     measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
 
+    sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
+    sub.add_argument(
+        "what", choices=("show", "clear"), help="show: where, how much, at most; clear: remove it"
+    )
+    sub.add_argument("--json", action="store_true", help="print as JSON")
+
     sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
     who(sub)
     sub.add_argument("--json", action="store_true", help="print as JSON")
