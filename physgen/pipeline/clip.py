@@ -92,8 +92,8 @@ def render_scene(
             with record.stage("simulate"):
                 trajectory = simulate(compiled.world, progress=progress)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
-        if (problem := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
-            odd(problem)
+        if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
+            odd(lost)
         if ask_chaos:
             with record.stage("chaos"):
                 record.chaos = chaos(compiled.world, progress).as_dict()

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from physgen.cache.footage import Footage
     from physgen.refine.refining import How
     from physgen.refine.roles import Denoiser
+    from physgen.report.changes import Changes
     from physgen.render.stage import Frame
     from physgen.report.record import RunRecord
     from physgen.report.video import Format
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from physgen.simulate.trajectory import Trajectory
 
 U8 = NDArray[np.uint8]
+STRIP = "refinement.png"
+"""What changed, as a picture, in the folder of the clip."""
 
 
 class Refiners:
@@ -120,7 +123,9 @@ def refined(
     progress: Progress,
 ) -> Sequence[Problem]:
     """Writes the clip unrefined and, in all `kinds`, refined; what went wrong with the latter, if anything."""
+    from physgen.percepts.maps import write_png
     from physgen.refine.refining import Refinement
+    from physgen.report.changes import Changes
 
     scene, trajectory = filming.scene, footage.trajectory
     order = filming.shot(trajectory).order
@@ -135,8 +140,8 @@ def refined(
         with record.stage("load model"):
             model = refiners.model(name)
         refinement = Refinement(model, how(scene), scene.video_size, len(footage.rgb), progress)
-        changes = Changes(footage, len(footage.rgb), scene.render.fps)
-        made = changes.watched(_guarded(name, refinement.frames(footage.rgb, footage.coverage)))
+        changes = Changes(len(footage.rgb), scene.render.fps)
+        made = _watched(_guarded(name, refinement.frames(footage.rgb, footage.coverage)), footage, changes)
         with _played(made, order, scene.video_size, len(footage.rgb)) as pictures:
             record.frames = write(pictures, kinds, "video", "refine")
     except InputError as error:
@@ -146,8 +151,15 @@ def refined(
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return error.problems
     record.refine = {"backend": name, **refinement.note(), "changes": changes.figures()}
-    changes.write(folder / STRIP)
+    write_png(folder / STRIP, changes.picture())
     return ()
+
+
+def _watched(frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
+    """The same frames; `changes` is told of each."""
+    for index, rgb in enumerate(frames):
+        changes.add(footage.rgb[index], rgb, footage.coverage[index])
+        yield rgb
 
 
 def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:
