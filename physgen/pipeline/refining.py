@@ -137,11 +137,11 @@ def refined(
     record.unrefined = write(iter(footage.rgb.shown(order)), kinds[:1], "unrefined", "read")
     name = scene.refine.backend
     try:
-        with record.stage("load model"):
+        with record.stage("load model"), _guarded(name):
             model = refiners.model(name)
         refinement = Refinement(model, how(scene), scene.video_size, len(footage.rgb), progress)
         changes = Changes(len(footage.rgb), scene.render.fps)
-        made = _watched(_guarded(name, refinement.frames(footage.rgb, footage.coverage)), footage, changes)
+        made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
         with _played(made, order, scene.video_size, len(footage.rgb)) as pictures:
             record.frames = write(pictures, kinds, "video", "refine")
     except InputError as error:
@@ -155,11 +155,25 @@ def refined(
     return ()
 
 
-def _watched(frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
+def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
     """The same frames; `changes` is told of each."""
-    for index, rgb in enumerate(frames):
+    for index in range(len(footage.rgb)):
+        with _guarded(name):
+            rgb = next(frames)
         changes.add(footage.rgb[index], rgb, footage.coverage[index])
         yield rgb
+
+
+@contextmanager
+def _guarded(name: str) -> Iterator[None]:
+    """Whatever a model's library raises is one message."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        fix = "see what failed, or choose another backend"
+        raise InputError.of("--refine", f'"{name}"', f"failed ({why(error)})", fix) from error
 
 
 def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:
@@ -169,17 +183,6 @@ def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> I
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
         named = partial(footage.ids.__getitem__, sample)
         yield Frame(index, float(footage.trajectory.times[sample]), rgb, named)
-
-
-def _guarded(name: str, frames: Iterator[U8]) -> Iterator[U8]:
-    """Whatever a model's library raises is one message."""
-    try:
-        yield from frames
-    except InputError:
-        raise
-    except Exception as error:
-        fix = "see what failed, or choose another backend"
-        raise InputError.of("--refine", f'"{name}"', f"failed ({why(error)})", fix) from error
 
 
 @contextmanager
