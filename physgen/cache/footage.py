@@ -247,5 +247,4 @@ def _sloped(rgb: U8) -> U8:
 
 def _summed(slope: U8) -> U8:
     """The inverse of `_sloped`."""
-    rgb: U8 = np.cumsum(slope, axis=1, dtype=np.uint8)
-    return rgb
+    return np.asarray(np.cumsum(slope, axis=1, dtype=np.uint8), np.uint8)

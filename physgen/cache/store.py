@@ -124,7 +124,8 @@ class Store:
         found = []
         for folder in self._folders():
             with suppress(OSError):  # another process may remove it now
-                used = (folder / LEASE).stat().st_mtime
+                lease = folder / LEASE
+                used = (lease if lease.exists() else folder).stat().st_mtime
                 found.append(Entry(folder.name, _size(folder), used))
         return sorted(found, key=lambda entry: (entry.used, entry.key))
 
@@ -144,6 +145,7 @@ class Store:
         try:
             lease = os.open(folder / LEASE, os.O_RDONLY)
         except OSError:
+            self._discard(key)
             return None
         try:
             fcntl.flock(lease, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -154,12 +156,17 @@ class Store:
             return None
         if not _whole(folder):
             os.close(lease)
-            with suppress(OSError), self._locked():
-                self._remove(key)
+            self._discard(key)
             return None
         with suppress(OSError):  # a folder that can only be read
             os.utime(lease)
         return lease
+
+    def _discard(self, key: str) -> None:
+        """What is not whole goes, if there is anything."""
+        if (self.root / key).is_dir():
+            with suppress(OSError), self._locked():
+                self._remove(key)
 
     def _begun(self, key: str) -> tuple[Path, int]:
         """A folder of our own, and its lease, which nobody else has."""
