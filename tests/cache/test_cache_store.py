@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from physgen.cache.store import INDEX, LEASE, MOST_BYTES, Store, opened
+from physgen.cache.sealed import INDEX
+from physgen.cache.store import LEASE, MOST_BYTES, Store, opened
 from physgen.problems import InputError, Problem
 
 KB = 1000
