@@ -76,7 +76,7 @@ def code_version(rooms: Sequence[str]) -> dict[str, str]:
     for path in sorted(path for path in sources if path.endswith(".py")):
         with open(path, "rb") as file:
             text = file.read()
-        found.update(f"{Path(path).relative_to(home).as_posix()} {len(text)}\n".encode() + text)
+        found.update(f"{path[len(home) :]} {len(text)}\n".encode() + text)
     libraries = {name: number for name, number in versions().items() if name != "av"}  # it only encodes
     return {**libraries, "machine": platform.machine(), "sources": found.hexdigest()}
 
