@@ -160,7 +160,10 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
     sub.add_argument(
-        "what", choices=("show", "clear"), help="show: where, how much, at most; clear: remove it"
+        "what",
+        choices=("show", "clear"),
+        metavar="{show,clear}",
+        help="show: where, how much, at most; clear: remove it",
     )
     sub.add_argument("--json", action="store_true", help="print as JSON")
 
