@@ -35,6 +35,7 @@ class Job:
     device: str = "cpu"
     plan: Plan = field(default_factory=Plan)
     """Whose weights refine, and where."""
+    cached: bool = True
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             ask_chaos=job.chaos,
             device=job.device,
             refiners=_refiners(job.plan),
+            cached=job.cached,
             progress=progress,
             warn=warnings.append,
         )

@@ -109,6 +109,7 @@ def render(options: argparse.Namespace) -> int:
             options.chaos,
             options.device,
             plan,
+            options.cache,
         )
         for path in options.scenes
         for variant in _variants(path, options)

@@ -148,6 +148,9 @@ def build_parser() -> argparse.ArgumentParser:
         help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
     )
     sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
+    sub.add_argument(
+        "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
+    )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
 

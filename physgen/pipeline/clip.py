@@ -42,14 +42,16 @@ def render_scene(
     ask_chaos: bool = False,
     device: str = "cpu",
     refiners: Refiners | None = None,
+    cached: bool = True,
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
     `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. `refiners` hold models
-    from one scene to the next. Raises InputError; where it is refinement that fails, the folder is there all the same,
-    with `unrefined.mp4`.
+    from one scene to the next; frames that are refined come from the cache where they are kept, if it is to be
+    `cached`. Raises InputError; where it is refinement that fails, the folder is there all the same, with
+    `unrefined.mp4`.
     """
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.record import RunRecord, inputs
@@ -85,7 +87,7 @@ def render_scene(
     with ExitStack() as held:
         footage = None
         if scene.refine.backend != "none":
-            footage = held.enter_context(guided(filming, record, progress, odd))
+            footage = held.enter_context(guided(filming, record, progress, odd, cached))
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)

@@ -85,7 +85,9 @@ def how(scene: Scene) -> How:
 
 
 @contextmanager
-def guided(filming: Filming, record: RunRecord, progress: Progress, warn: Warn) -> Iterator[Footage]:
+def guided(
+    filming: Filming, record: RunRecord, progress: Progress, warn: Warn, cached: bool = True
+) -> Iterator[Footage]:
     """The clip as it is without refinement, a frame a sample, from the cache where it is kept; else it is made."""
     from physgen.cache.footage import Add, footage
     from physgen.cache.keys import guidance_key
@@ -109,7 +111,7 @@ def guided(filming: Filming, record: RunRecord, progress: Progress, warn: Warn) 
         return trajectory, {}
 
     key = guidance_key(filming.scene, record.inputs, record.device)
-    with footage(opened(warn=warn), key, film) as kept:
+    with footage(opened(warn=warn) if cached else None, key, film) as kept:
         yield kept
 
 
