@@ -118,4 +118,4 @@ def held(frames: int, over: int) -> F32:
     if over <= 0:
         return np.zeros(frames, np.float32)
     s = np.minimum(np.arange(frames) / over, 1.0)
-    return (1 - s * s * (3 - 2 * s)).astype(np.float32)
+    return np.asarray(1 - s * s * (3 - 2 * s), np.float32)

@@ -15,5 +15,6 @@ def prompt_of(labels: Iterable[str]) -> str:
     >>> prompt_of(["billiard ball", "billiard ball", "cue", "object"])
     'billiard ball, cue'
     """
-    found = Counter(label.strip() for label in labels)
-    return ", ".join(label for label, _ in found.most_common() if label.lower() not in SAYS_NOTHING)
+    said: dict[str, str] = {}  # as it is written first
+    found = Counter(said.setdefault(label.strip().lower(), label.strip()).lower() for label in labels)
+    return ", ".join(said[label] for label, _ in found.most_common() if label not in SAYS_NOTHING)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from physgen.problems import InputError, Place, Problem
 from physgen.refine.cells import Fit, cells, fitted, frames_held, held, latent_frames, lengthened, over_time
-from physgen.refine.fusion import Weight, fused, rising, steps_fused, steps_run
+from physgen.refine.fusion import Weight, each_step, fused, rising, steps_fused, steps_run
 from physgen.refine.restored import restored
 from physgen.refine.roles import Denoiser, Grid, Said
 from physgen.refine.windows import Span, blended, spans
@@ -122,7 +122,7 @@ class Refinement:
             count=how.count,
             stop=how.stop,
             weight=self._weight,
-            held=over_time(stay, grid)[:, None, None, None],
+            held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
         )
         if not np.isfinite(z).all():
             fix = "write --dtype float32, or dtype in physgen.toml"

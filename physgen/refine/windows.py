@@ -33,14 +33,19 @@ def spans(total: int, window: int, overlap: int, group: int = 1) -> list[Span]:
     return [(group * start, group * (start + window)) for start in starts]
 
 
-def weights(length: int) -> F32:
-    """(length,): how much of a window's say counts, most in its middle.
+def weights(span: Span, total: int) -> F32:
+    """(last - first,): how much of a window's say counts: less towards an end that another window goes beyond.
 
-    >>> weights(4).tolist()
-    [1.0, 2.0, 2.0, 1.0]
+    Not towards the clip's own ends: there a neighbour's first frame would count for a large share, all at once.
+
+    >>> weights((2, 6), 8).tolist(), weights((0, 4), 8).tolist()
+    ([1.0, 2.0, 2.0, 1.0], [4.0, 3.0, 2.0, 1.0])
     """
-    at = np.arange(length)
-    return np.minimum(at + 1, length - at).astype(np.float32)
+    first, last = span
+    at = np.arange(first, last)
+    rising = at - first + 1 if first else np.full(len(at), total)
+    falling = last - at if last < total else np.full(len(at), total)
+    return np.asarray(np.minimum(rising, falling), np.float32)
 
 
 def blended(predict: Callable[[F32, int], F32], z: F32, windows: Sequence[Span]) -> F32:
@@ -49,7 +54,7 @@ def blended(predict: Callable[[F32, int], F32], z: F32, windows: Sequence[Span])
         return predict(z, 0)
     total, sums = np.zeros_like(z), np.zeros((len(z), 1, 1, 1), np.float32)
     for first, last in windows:
-        weight = weights(last - first)[:, None, None, None]
+        weight = weights((first, last), len(z))[:, None, None, None]
         total[first:last] += weight * predict(z[first:last], first)
         sums[first:last] += weight
     return total / sums
