@@ -152,8 +152,11 @@ def refined(
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return error.problems
-    record.refine = {"backend": name, **refinement.note(), "changes": changes.figures()}
-    write_png(folder / STRIP, changes.picture())
+    picture = changes.picture()
+    write_png(folder / STRIP, picture)
+    strip = {"file": STRIP, "size": [picture.shape[1], picture.shape[0]]}
+    told = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
+    record.refine = told
     return ()
 
 
