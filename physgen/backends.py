@@ -75,6 +75,7 @@ class Backend:
 
 
 _HERE = "physgen.perceive.backends"
+_REFINE = "physgen.refine.backends"
 
 _TRANSFORMERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "transformers")}
 _DIFFUSERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "diffusers", "transformers")}
@@ -167,6 +168,19 @@ BACKENDS: tuple[Backend, ...] = (
     Backend("boundary", "depth-normals", f"{_HERE}.boundary_depth_normals:depth_normals",
             "The paper's: what stands still, as far away as the objects are, as level, upright and sloped edges.",
             uses=_MAPS),
+    Backend("refine", "none", f"{_REFINE}.none:none",
+            "Leaves the video as it was drawn."),
+    Backend("refine", "animatediff", f"{_REFINE}.animatediff:animatediff",
+            "AnimateDiff retouches the video, 16 frames at a time; NAME:ADAPTER,BASE names both weights.",
+            weights=(Weights("guoyww/animatediff-motion-adapter-v1-5-3", "1.7 GB", "no licence on its page"),
+                     Weights("SG161222/Realistic_Vision_V5.1_noVAE", "4.3 GB", "CreativeML OpenRAIL-M")),
+            **_DIFFUSERS),
+    Backend("refine", "wan", f"{_REFINE}.wan:wan",
+            "Wan 2.1 or 2.2 retouches the video, 81 frames at a time.",
+            weights=(Weights("Wan-AI/Wan2.1-T2V-1.3B-Diffusers", "29 GB", "Apache-2.0"),), **_DIFFUSERS),
+    Backend("refine", "cogvideox", f"{_REFINE}.cogvideox:cogvideox",
+            "CogVideoX retouches the video, 49 frames at a time.",
+            weights=(Weights("zai-org/CogVideoX-2b", "14 GB", "Apache-2.0"),), **_DIFFUSERS),
 )  # fmt: skip
 """In each role, the first row is the default."""
 

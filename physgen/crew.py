@@ -56,6 +56,11 @@ class Plan:
         options = self.options.get(self.row(role).name, {})
         return Setup(choice.weights if choice else "", self.device, self.dtype, options)
 
+    def of(self, roles: Iterable[str]) -> Plan:
+        """The same without what was chosen for other roles: a crew makes, and checks, all that is chosen."""
+        kept = set(roles)
+        return replace(self, choices={role: who for role, who in self.choices.items() if role in kept})
+
 
 def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
     """`["segment=sam3:models/sam3", ...]` -> role -> Choice. Raises InputError with every wrong one.

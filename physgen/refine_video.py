@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.clips.covering import Coverage, open_coverage
 from physgen.clips.reading import Clip, in_folder, open_clip
+from physgen.crew import Crew, Plan, why
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.refine.refining import How, Refinement, frames_of_hold, no_step
 from physgen.refine.roles import Said
@@ -25,7 +26,6 @@ from physgen.scene.schema import at
 from physgen.whole import move_kept, partial, write_kept
 
 if TYPE_CHECKING:
-    from physgen.crew import Crew
     from physgen.scene.model import Refine
 
 F32 = NDArray[np.float32]
@@ -54,7 +54,7 @@ def refine_video(
     masks: Path | None,
     output: Path | None,
     settings: Refine,
-    crew: Crew,
+    who: Plan | Crew,
     *,
     keep_first: bool = False,
     fps: float | None = None,
@@ -63,7 +63,9 @@ def refine_video(
     warn: Callable[[Problem], None] = lambda problem: None,
     keep: Callable[[Path], None] = lambda kept: None,
 ) -> Refined:
-    """Refine `video`, a file or a folder of pictures, with `crew`'s backend of the role `refine`.
+    """Refine `video`, a file or a folder of pictures, with the backend that `who` chooses for the role `refine`.
+
+    Of a plan it is made once all is right that can be told without it, and let go at the end; a crew keeps its own.
 
     `masks`: see `clips.covering`; None: objects are not held. `output` None: VIDEO-STEM.refined.mp4 in the current
     folder. `keep_first`: frame 0 stays as it is, and what follows leaves it slowly. `fps`: of the result, where not the
@@ -87,55 +89,116 @@ def refine_video(
     if masks is None and settings.lock:
         fix = "name masks: --masks DIR, or leave --lock out"
         raise InputError.of("--lock", f"{settings.lock:g}", "has no objects to put back", fix)
+    for path in filter(None, (video, masks)):
+        if not path.exists():
+            raise InputError.of(str(path), "", "no such file", "check the path")
+    with _crew(who) as crew:
+        shown = _opened(video, masks, fps, progress)
+        _encodable(output, kind, shown.clip)
+        warnings = [*shown.remarks(), *_remarks(video, masks, said)]
+        for warning in warnings:
+            warn(warning)
+        how = replace(how, hold=frames_of_hold(shown.fps) if keep_first else 0)
+        with _beside(output) as beside:
+            made = beside / kind.file
+            refined = _run(crew, how, shown, beside, kind, output, progress)
+            record = {
+                "refined": 1,
+                "command": list(command),
+                "versions": versions(),
+                **shown.record(output),
+                "keep_first": keep_first,
+                **refined,
+                "output": {"path": output.name, "sha256": content_hash(made)},
+                "warnings": [warning.as_dict() for warning in warnings],
+            }
+            told = output.with_name(f"{output.name if kind is Format.PNG else output.stem}.json")
+            with _room(output):
+                move_kept(made, output, keep)
+                write_kept(told, json_text(record).encode("utf-8"), keep)
+    return Refined(output, told, record)
+
+
+@contextmanager
+def _crew(who: Plan | Crew) -> Iterator[Crew]:
+    if isinstance(who, Crew):
+        yield who
+        return
+    crew = Crew(who)
+    try:
+        yield crew
+    finally:
+        crew.close()
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What is to be refined."""
+
+    clip: Clip
+    covered: Coverage | None
+    fps: float
+    """1/s, of the result."""
+
+    def coverage(self) -> Sequence[F32]:
+        """(H, W) of each frame: nothing where nobody said where objects are."""
+        if self.covered is not None:
+            return self.covered.frames
+        return [np.zeros(self.clip.size[::-1], np.float32)] * len(self.clip.frames)
+
+    def remarks(self) -> Sequence[Problem]:
+        """What its readers say."""
+        return (*self.clip.remarks, *(self.covered.remarks if self.covered else ()))
+
+    def record(self, output: Path) -> dict[str, Any]:
+        """What was read, paths as seen from the output."""
+        clip, covered = self.clip, self.covered
+        shape = {"size": list(clip.size), "frames": len(clip.frames), "fps": round(self.fps, 6)}
+        masks = covered and {**_named(covered.path, output), "meaning": covered.meaning}
+        return {"video": {**_named(clip.path, output), **shape}, "masks": masks}
+
+
+def _opened(video: Path, masks: Path | None, fps: float | None, progress: Progress) -> _Shown:
     clip = open_clip(video, progress)
-    _encodable(output, kind, clip)
-    rate = fps or clip.fps or float(at("render.fps")["default"])
     covered = None if masks is None else open_coverage(masks, clip, progress)
-    warnings = [*clip.remarks, *(covered.remarks if covered else ()), *_remarks(video, covered, said)]
-    for warning in warnings:
-        warn(warning)
-    if keep_first:
-        how = replace(how, hold=frames_of_hold(rate))
-    nothing: Sequence[F32] = [np.zeros(clip.size[::-1], np.float32)] * len(clip.frames)
-    hashes: list[str] = []
-    record: dict[str, Any] = {
-        "refined": 1,
-        "command": list(command),
-        "versions": versions(),
-        "video": {
-            **_named(video, output),
-            "size": list(clip.size),
-            "frames": len(clip.frames),
-            "fps": round(rate, 6),
-        },
-        "masks": covered and {**_named(covered.path, output), "meaning": covered.meaning},
-        "keep_first": keep_first,
+    return _Shown(clip, covered, fps or clip.fps or float(at("render.fps")["default"]))
+
+
+def _run(
+    crew: Crew, how: How, shown: _Shown, beside: Path, kind: Format, output: Path, progress: Progress
+) -> dict[str, Any]:
+    """The refined video, written `beside`; its part of the record."""
+    clip, hashes = shown.clip, list[str]()
+    with _guarded(crew):
+        run = Refinement(crew.get(ROLE), how, clip.size, len(clip.frames), progress)
+    frames = run.frames(clip.frames, shown.coverage())
+    with _room(output), ExitStack() as stack:
+        write = stack.enter_context(open_video(beside, kind, clip.size, shown.fps))
+        put = stack.enter_context(alongside([write]))
+        for index in range(len(clip.frames)):
+            with _guarded(crew):
+                rgb = next(frames)
+            hashes.append(frame_hash(rgb))
+            put(rgb)
+            progress("write", index + 1, len(clip.frames))
+    row, said = crew.row(ROLE), crew.plan.setup(ROLE).weights
+    return {
+        "backend": {"name": row.name, "weights": said or (row.weights[0].id if row.weights else "")},
+        "refine": dict(run.note()),
+        "frames": hashes,
     }
 
-    def use(model: Any) -> None:
-        run = Refinement(model, how, clip.size, len(clip.frames), progress)
-        with _room(output), ExitStack() as stack:
-            write = stack.enter_context(open_video(beside, kind, clip.size, rate))
-            put = stack.enter_context(alongside([write]))
-            for index, rgb in enumerate(run.frames(clip.frames, covered.frames if covered else nothing)):
-                hashes.append(frame_hash(rgb))
-                put(rgb)
-                progress("write", index + 1, len(clip.frames))
-        record["refine"] = dict(run.note())
 
-    with _beside(output) as beside:
-        crew.run(ROLE, use)
-        step = crew.steps[-1]
-        record["backend"] = {"name": step.backend, "weights": step.weights}
-        made = beside / kind.file
-        record["output"] = {"path": output.name, "sha256": content_hash(made)}
-        record["frames"] = hashes
-        record["warnings"] = [warning.as_dict() for warning in warnings]
-        with _room(output):
-            move_kept(made, output, keep)
-            beside_it = output.with_name(f"{output.stem if kind is not Format.PNG else output.name}.json")
-            write_kept(beside_it, json_text(record).encode("utf-8"), keep)
-    return Refined(output, beside_it, record)
+@contextmanager
+def _guarded(crew: Crew) -> Iterator[None]:
+    """Whatever a model's library raises is one message."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        fix = "see what failed, or choose another backend"
+        raise InputError.of("--backend", f'"{crew.name(ROLE)}"', f"failed ({why(error)})", fix) from error
 
 
 def _kind(output: Path, video: Path, masks: Path | None) -> Format:
@@ -172,9 +235,9 @@ def _encodable(output: Path, kind: Format, clip: Clip) -> None:
         raise InputError.of(str(output), found, expected, "name a folder for PNG frames")
 
 
-def _remarks(video: Path, covered: Coverage | None, said: Said) -> Iterator[Problem]:
+def _remarks(video: Path, masks: Path | None, said: Said) -> Iterator[Problem]:
     place = Place(str(video))
-    if covered is None:
+    if masks is None:
         yield Problem(
             place,
             "",

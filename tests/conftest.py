@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,6 +38,27 @@ def peer_scenes() -> Path:
 @pytest.fixture(scope="session")
 def bundled() -> Path:
     return ROOT / "scenes"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _nobodys_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Nobody's own cache; this one is for what fixtures of a module or a session do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "caches" / "shared"))
+        patch.delenv("PHYSGEN_CACHE_BYTES", raising=False)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path_factory: pytest.TempPathFactory,
+    _nobodys_cache: None,
+) -> None:
+    """Every test starts with an empty one, away from its `tmp_path`; made only where it is used."""
+    name = hashlib.sha256(request.node.nodeid.encode()).hexdigest()[:16]
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "caches" / name))
 
 
 @pytest.fixture

@@ -33,11 +33,12 @@ FLOORS = {
     5: ("render",),
     6: ("refine", "export"),
     7: ("report",),
-    8: ("pipeline", "refresh", "cache", "refine_video"),
-    9: ("batch",),
-    10: ("evaluate", "pytest_plugin", "notebook"),
-    11: ("flags",),
-    12: ("cli",),
+    8: ("cache", "refine_video"),
+    9: ("pipeline", "refresh"),
+    10: ("batch",),
+    11: ("evaluate", "pytest_plugin", "notebook"),
+    12: ("flags",),
+    13: ("cli",),
 }
 HEAVY = {"torch", "transformers", "diffusers", "accelerate", "openai", "jax", "tensorflow"}
 VAGUE = {"utils", "helpers", "common", "misc", "manager", "base"}

@@ -6,11 +6,12 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen import pipeline
+from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.video import Format
 from physgen.whole import meant
@@ -32,6 +33,9 @@ class Job:
     command: tuple[str, ...]
     chaos: bool = False
     device: str = "cpu"
+    plan: Plan = field(default_factory=Plan)
+    """Whose weights refine, and where."""
+    cached: bool = True
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,8 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             command=job.command,
             ask_chaos=job.chaos,
             device=job.device,
+            refiners=_refiners(job.plan),
+            cached=job.cached,
             progress=progress,
             warn=warnings.append,
         )
@@ -65,6 +71,18 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     except (OSError, MemoryError) as error:
         return Done(job, None, (*warnings, _failure(job, error)))
     return Done(job, folder, tuple(warnings))
+
+
+_REFINERS: list[tuple[Plan, pipeline.Refiners]] = []
+"""Of this process: models are loaded once, not for every clip."""
+
+
+def _refiners(plan: Plan) -> pipeline.Refiners:
+    for known, made in _REFINERS:
+        if known == plan:
+            return made
+    _REFINERS.append((plan, pipeline.Refiners(plan)))
+    return _REFINERS[-1][1]
 
 
 def _failure(job: Job, error: BaseException) -> Problem:

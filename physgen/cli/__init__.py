@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
 from physgen.cli.moving import check, render, simulate
 from physgen.cli.perceiving import import_, list_backends, perceive
@@ -71,6 +72,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "render": render,
     "refine": refine,
     "evaluate": evaluate,
+    "cache": cache,
     "backends": list_backends,
     "schema": schema,
 }

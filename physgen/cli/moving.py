@@ -15,6 +15,7 @@ from physgen.whole import write_whole
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Job
+    from physgen.crew import Plan
 
 
 def check(options: argparse.Namespace) -> int:
@@ -95,17 +96,20 @@ def render(options: argparse.Namespace) -> int:
     from physgen.report.video import Format
 
     formats = tuple(Format(name) for name in options.format)
+    plan, overrides = _refining(options)
     jobs = [
         Job(
             path,
             options.output,
-            tuple(options.set),
+            overrides,
             variant,
             options.allow_outside,
             formats,
             tuple(options.command_line),
             options.chaos,
             options.device,
+            plan,
+            options.cache,
         )
         for path in options.scenes
         for variant in _variants(path, options)
@@ -139,6 +143,19 @@ def render(options: argparse.Namespace) -> int:
             }
         )
     return OK if len(folders) == len(jobs) else WRONG_INPUT
+
+
+def _refining(options: argparse.Namespace) -> tuple[Plan, tuple[str, ...]]:
+    """Whose weights refine, and on what; and what the flags set in every scene."""
+    from physgen.configured import plan
+
+    settings = [] if options.refine is None else [f"refine={options.refine}"]
+    device = (
+        None if options.device == "cpu" else options.device
+    )  # the processor draws, unless one says otherwise
+    made = plan(settings, config=options.config, device=device)
+    chosen = [] if options.refine is None else [f"refine.backend={made.choices['refine'].name}"]
+    return made, (*options.set, *chosen)
 
 
 def _one_variant(options: argparse.Namespace) -> str | None:

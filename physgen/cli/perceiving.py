@@ -13,12 +13,11 @@ from physgen.flags import four, scene_name, two
 from physgen.problems import InputError, Problem
 
 if TYPE_CHECKING:
-    from physgen.crew import Plan
+    from physgen.crew import Crew, Plan
 
 
 def perceive(options: argparse.Namespace) -> int:
     from physgen import pipeline
-    from physgen.crew import Crew
 
     folder = options.output is not None and options.output.is_dir()
     if options.refresh is None and (len(options.image) > 1 or (options.image and folder)):
@@ -29,7 +28,7 @@ def perceive(options: argparse.Namespace) -> int:
         "boxes": [four("--box", text) for text in options.box],
         "points": [two("--point", text) for text in options.point],
         "assets": options.assets,
-        "crew": Crew(_plan(options)),
+        "crew": _crew(_plan(options)),
         "progress": bar.show,
         "warn": tell_one,
         "keep": tell_kept,
@@ -64,7 +63,6 @@ def perceive(options: argparse.Namespace) -> int:
 def _perceive_many(options: argparse.Namespace) -> int:
     """Several photos into one folder, with models loaded once; what is wrong with one leaves the others be."""
     from physgen import pipeline
-    from physgen.crew import Crew
 
     alone = {"--masks": options.masks, "--coco": options.coco, "--box": options.box, "--point": options.point,
              "--label": options.label, "--assets": options.assets, "--sheet": options.sheet}  # fmt: skip
@@ -85,7 +83,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
         problems += InputError.of("perceive", f'"{twin}"', "is the name of two photos", "rename one").problems
     if problems:
         raise InputError(problems)
-    crew = Crew(_plan(options, several=True))
+    crew = _crew(_plan(options, several=True))
     failed: list[Problem] = []
     bar = Bar()
     for k, image in enumerate(options.image):
@@ -113,6 +111,14 @@ def _names(images: Sequence[Path]) -> list[str]:
     stems = [image.stem for image in images]
     folders = [image.resolve().parent.name for image in images]
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
+
+
+def _crew(plan: Plan) -> Crew:
+    """Those of a plan who perceive: a model that it chooses for videos is not asked for here."""
+    from physgen.crew import Crew
+    from physgen.perceive.scene import ROLES
+
+    return Crew(plan.of(ROLES))
 
 
 def _plan(options: argparse.Namespace, several: bool = False) -> Plan:

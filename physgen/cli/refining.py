@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from physgen.cli.printing import OK, Bar, print_json, tell, tell_kept, tell_one
+from physgen.crew import FLAG, choice
 from physgen.problems import InputError
 
 if TYPE_CHECKING:
@@ -13,16 +15,13 @@ if TYPE_CHECKING:
 
 
 def refine(options: argparse.Namespace) -> int:
-    from physgen.crew import Crew
     from physgen.flags.refining import KEYS
-    from physgen.refine_video import ROLE, refine_video
+    from physgen.refine_video import refine_video
     from physgen.scene.freeze import refinement
     from physgen.scene.schema import at, with_defaults
 
-    said = {key: value for key in KEYS if (value := getattr(options, key)) is not None}
     plan = _plan(options)
-    said["backend"] = plan.choices[ROLE].name
-    crew = Crew(plan)
+    said = {key: value for key in KEYS if (value := getattr(options, key)) is not None}
     bar = Bar()
     try:
         done = refine_video(
@@ -30,7 +29,7 @@ def refine(options: argparse.Namespace) -> int:
             options.masks,
             options.output,
             refinement(with_defaults(said, at("refine"))),
-            crew,
+            plan,
             keep_first=options.keep_first,
             fps=options.fps,
             command=options.command_line,
@@ -38,8 +37,11 @@ def refine(options: argparse.Namespace) -> int:
             warn=tell_one,
             keep=tell_kept,
         )
+    except InputError as error:  # what render calls --refine is --backend here
+        raise InputError(
+            [replace(p, place=FLAG) if p.place.file == "--refine" else p for p in error.problems]
+        ) from None
     finally:
-        crew.close()
         bar.clear()
     if options.json:
         print_json({"output": str(done.output), "record_path": str(done.record_path), "record": done.record})
@@ -50,10 +52,7 @@ def refine(options: argparse.Namespace) -> int:
 
 def _plan(options: argparse.Namespace) -> Plan:
     """Who refines: the flag's, else the configuration's, else the default; nobody else is asked for anything."""
-    from dataclasses import replace
-
     from physgen.configured import found, plan
-    from physgen.crew import choice
     from physgen.refine_video import BACKEND, ROLE
 
     if options.config is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import floor
 
 from physgen.compile.assemble import Compiled
 from physgen.compile.warning import warning
@@ -23,9 +24,7 @@ def without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _stages(scene: Scene) -> Iterator[Problem]:
-    if scene.refine.backend != "none":
-        why = "has no effect yet: no refinement backend is installed"
-        yield warning(scene, "refine.backend", scene.refine.backend, why, "write none")
+    yield from _refine(scene)
     friction = scene.world.table_friction
     if friction > 0 and scene.world.view is View.SIDE:
         why = "has no effect seen from the side"
@@ -43,6 +42,19 @@ def _stages(scene: Scene) -> Iterator[Problem]:
             if f"world.{key}" in scene.places:
                 why = "has no effect seen from above: shadows fall on the table"
                 yield warning(scene, f"world.{key}", key, why, "take it out, or write view: side")
+
+
+def _refine(scene: Scene) -> Iterator[Problem]:
+    told = scene.refine
+    if told.backend == "none":
+        return
+    run = floor(told.steps * told.strength + 0.5)
+    if told.stop >= run:
+        why = f"leaves none of the {run} steps that run in which objects are drawn to the guidance"
+        yield warning(scene, "refine.stop", f"{told.stop}", why, f"write less than {run}, or more steps")
+    if told.negative and told.guidance == 1:
+        why = "has no effect: the model listens to no prompt at guidance 1"
+        yield warning(scene, "refine.negative", told.negative, why, "take it out, or write more guidance")
 
 
 def _object(scene: Scene, item: Object, body: Body) -> Iterator[Problem]:

@@ -143,6 +143,15 @@ def build_parser() -> argparse.ArgumentParser:
         default="cpu",
         help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
     )
+    sub.add_argument(
+        "--refine",
+        metavar="NAME[:WEIGHTS]",
+        help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
+    )
+    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
+    sub.add_argument(
+        "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
+    )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
 
@@ -159,6 +168,15 @@ def build_parser() -> argparse.ArgumentParser:
         "physgen evaluate physics --rows 1,5,12",
     )
     measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
+
+    sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
+    sub.add_argument(
+        "what",
+        choices=("show", "clear"),
+        metavar="{show,clear}",
+        help="show: where, how much, at most; clear: remove it",
+    )
+    sub.add_argument("--json", action="store_true", help="print as JSON")
 
     sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
     who(sub)

@@ -37,7 +37,13 @@ class Format(Enum):
     @property
     def file(self) -> str:
         """Name inside a scene's output folder."""
-        return "frames" if self is Format.PNG else f"video.{self.value}"
+        return self.named("video")
+
+    def named(self, name: str) -> str:
+        """The same of another video beside it."""
+        if self is Format.PNG:
+            return "frames" if name == "video" else name
+        return f"{name}.{self.value}"
 
 
 LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
@@ -52,7 +58,9 @@ WAITING = 4
 
 
 @contextmanager
-def open_video(folder: Path, kind: Format, size: tuple[int, int], fps: float) -> Iterator[Write]:
+def open_video(
+    folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str = "video"
+) -> Iterator[Write]:
     """A function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s."""
     most = LONGEST.get(kind)
     if most is not None and max(size) > most:
@@ -66,7 +74,7 @@ def open_video(folder: Path, kind: Format, size: tuple[int, int], fps: float) ->
     from av.error import FFmpegError
 
     try:
-        with opener(folder / kind.file, size, rate) as write:
+        with opener(folder / kind.named(name), size, rate) as write:
             yield write
     except FFmpegError as error:
         if error.errno in NO_ROOM:

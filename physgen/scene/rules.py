@@ -12,6 +12,7 @@ from physgen.scene.joints import check_forces, check_joints
 from physgen.scene.node import Node, children, items
 from physgen.scene.outlines import outline_problem, same_point
 from physgen.scene.owners import check_masks
+from physgen.scene.refinement import check_refine
 from physgen.scene.report import Report
 from physgen.scene.schema import at
 from physgen.scene.words import Path, listed, nearest, number, quoted, shown
@@ -33,6 +34,7 @@ def check_rules(root: Node, report: Report, files: Files) -> Ground:
     check_forces(root, report)
     check_joints(root, report)
     check_film(root, ground.size, report)
+    check_refine(root, report)
     _light_and_maps(root, report)
     return ground
 

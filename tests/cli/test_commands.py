@@ -309,7 +309,9 @@ def test_wrong_flags_get_one_line_and_exit_2(capsys) -> None:
 
 
 def test_every_command_shows_an_example(capsys) -> None:
-    for command in ("perceive", "import", "check", "simulate", "render", "refine", "backends", "schema"):
+    for command in (
+        "perceive", "import", "check", "simulate", "render", "refine", "cache", "backends", "schema",
+    ):  # fmt: skip
         with pytest.raises(SystemExit) as stop:
             main([command, "--help"])
         assert stop.value.code == 0
@@ -339,6 +341,7 @@ def test_a_command_imports_only_what_it_uses() -> None:
     assert not modules("--help") & heavy
     assert not modules("schema") & heavy
     assert not modules("backends") & heavy
+    assert not modules("cache", "show") & heavy
     assert not modules("check", str(Path(__file__).parents[2] / "scenes/billiards/scene.yaml")) & {
         "pymunk",
         "av",

@@ -31,6 +31,7 @@ ROWS = (
     Backend("refine", "animatediff", "gaussian:made", "Stands for the default.", told=True),
     Backend("refine", "exact", "gaussian:made", "Exact.", told=True),
     Backend("refine", "failing", "test_refine_command:failing", "Fails.", told=True),
+    Backend("refine", "gone", "test_refine_command:gone", "Lacks its weights.", told=True),
     Backend("refine", "stopped", "test_refine_command:stopped", "Is interrupted.", told=True),
 )
 
@@ -46,6 +47,10 @@ class Failing(gaussian.Gaussian):
 
 class Stopped(Failing):
     wrong = KeyboardInterrupt
+
+
+def gone(setup):
+    raise InputError.of("--refine", "", "no weights", "get them")
 
 
 def failing(setup):
@@ -409,7 +414,10 @@ def test_a_model_that_fails_is_one_line_and_leaves_nothing(clip: Path, tmp_path:
     before = sorted(tmp_path.rglob("*"))
     assert main(["refine", "clip.mp4", "--prompt", "x", "--backend", "failing", "-o", "out/new.mp4"]) == 2
     [_, line] = capsys.readouterr().err.splitlines()
-    assert line.startswith("--backend: refine=failing failed (RuntimeError: of no kind that anybody foresaw)")
+    assert line == (
+        '--backend: "failing" failed (RuntimeError: of no kind that anybody foresaw); '
+        "see what failed, or choose another backend"
+    )
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -462,7 +470,7 @@ def test_a_picture_too_large_for_the_format_is_refused_before_the_model_runs(tmp
 def test_the_same_work_can_be_asked_for_from_python(
     frames: Path, masks: Path, tmp_path: Path, capsys
 ) -> None:
-    from physgen.crew import Crew, Plan, choices
+    from physgen.crew import Plan, choices
     from physgen.refine_video import refine_video
     from physgen.scene.freeze import refinement
     from physgen.scene.schema import with_defaults
@@ -470,7 +478,7 @@ def test_the_same_work_can_be_asked_for_from_python(
     settings = refinement(with_defaults({"strength": 0.2}, at("refine")))
     said: list[str] = []
     done = refine_video(
-        frames, masks, tmp_path / "a.mp4", settings, Crew(Plan(choices(["refine=exact"]))),
+        frames, masks, tmp_path / "a.mp4", settings, Plan(choices(["refine=exact"])),
         progress=lambda stage, k, n: said.append(stage),
     )  # fmt: skip
     assert (done.output, done.record_path) == (tmp_path / "a.mp4", tmp_path / "a.json")
@@ -478,6 +486,40 @@ def test_the_same_work_can_be_asked_for_from_python(
     assert list(dict.fromkeys(said)) == ["read", "read masks", "refine", "write"]
     assert capsys.readouterr() == ("", "")
     with pytest.raises(InputError, match="leaves none of 50 steps"):
-        refine_video(
-            frames, masks, None, replace(settings, strength=0.0), Crew(Plan(choices(["refine=exact"])))
-        )
+        refine_video(frames, masks, None, replace(settings, strength=0.0), Plan(choices(["refine=exact"])))
+
+
+def test_a_crew_keeps_its_model_for_the_next_video_and_a_plan_lets_it_go(
+    frames: Path, tmp_path: Path
+) -> None:
+    from physgen.crew import Crew, Plan, choices
+    from physgen.refine_video import refine_video
+    from physgen.scene.freeze import refinement
+    from physgen.scene.schema import with_defaults
+
+    settings = refinement(with_defaults({}, at("refine")))
+    crew = Crew(Plan(choices(["refine=exact"])))
+    model = crew.get("refine")
+    for name in ("a.mp4", "b.mp4"):
+        refine_video(frames, None, tmp_path / name, settings, crew)
+    assert sha(tmp_path / "a.mp4") == sha(tmp_path / "b.mp4")
+    assert crew.get("refine") is model
+    assert not model.closed
+
+
+def test_what_can_be_told_at_once_is_told_before_a_model_is_looked_for(
+    clip: Path, tmp_path: Path, capsys
+) -> None:
+    """Its libraries take seconds to import, and it may lack its weights: `gone` lacks all."""
+    run = ["refine", "--backend", "gone"]
+    for more, message in (
+        (["no.mp4"], "no.mp4: no such file; check the path\n"),
+        (["clip.mp4", "--masks", "no"], "no: no such file; check the path\n"),
+        (
+            ["clip.mp4", "--strength", "0"],
+            "--strength: 0 leaves none of 50 steps to run; write at least 0.01\n",
+        ),
+        (["clip.mp4"], "--backend: no weights; get them\n"),
+    ):
+        assert main([*run, *more]) == 2
+        assert capsys.readouterr().err == message

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,6 +15,8 @@ from physgen import backends
 from physgen.outline.outline import Disc, Region, Ring
 from physgen.perceive.roles import Category, LightGuess, Matter, Name, Segments, Setting, Shadows, Thing
 from physgen.photometry import DistantLight, decode
+from physgen.refine.refining import How, Refinement
+from physgen.refine.roles import Denoiser, Said
 from physgen.scene.model import View
 
 ROWS = list(backends.BACKENDS)
@@ -245,6 +248,20 @@ def check_boundary(run, rgb, labels, things):
     assert run(rgb, labels, [], None, **given).view in View
 
 
+def check_refine(run, rgb, labels, things):
+    assert isinstance(run, Denoiser)
+    how = How(0.5, 1, 4, 3, Said("a ball", "blur", None), 0.0, 1.0, 0)
+    guidance = [np.ascontiguousarray(rgb[60:83, k : k + 37]) for k in range(3)]
+    ball = [np.ones((23, 37), np.float32)] * 3
+    whole = Refinement(run, replace(how, stop=0), (37, 23), 3, weight=lambda k, count: 0.0)
+    for frame, refined in zip(guidance, whole.frames(guidance, ball), strict=True):
+        assert np.array_equal(frame, refined)  # nothing of the model's own enters
+    found = list(Refinement(run, how, (37, 23), 3).frames(guidance, ball))
+    again = list(Refinement(run, how, (37, 23), 3).frames(guidance, ball))
+    assert [frame.shape for frame in found] == [(23, 37, 3)] * 3
+    assert np.array_equal(found, again)
+
+
 CHECKS = {
     name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")
 }
@@ -268,7 +285,7 @@ def test_keeps_to_its_role(row: backends.Backend, scenery, tiny, request: pytest
         run.close()
 
 
-def test_every_role_of_perception_has_a_check():
+def test_every_role_has_a_check():
     from physgen.perceive.scene import ROLES
 
-    assert set(ROLES) <= set(CHECKS)
+    assert {*ROLES, "refine"} == set(CHECKS) == set(backends.roles())

@@ -11,6 +11,7 @@ import os
 import re
 import socket
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,8 +28,21 @@ T = TypeVar("T")
 DTYPES = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}
 PATIENCE = 3.0
 """s to wait for the hub's first word; the library itself would try for some 20."""
+SHORT = ("can't allocate memory", "defaultcpuallocator: not enough memory", "out of memory")
+"""What errors say, in small letters, where memory does not suffice."""
 ID = re.compile(r"[\w.-]+/[\w.-]+")
 """An id on the hub: OWNER/NAME."""
+
+
+@dataclass(frozen=True)
+class Flag:
+    """Where a person names weights, for messages."""
+
+    name: str
+    form: str
+
+
+BACKEND = Flag("--backend", "ROLE=NAME:PATH")
 
 
 def device_of(setup: Setup) -> str:
@@ -69,49 +83,48 @@ def dtype_of(setup: Setup, device: str) -> torch.dtype:
     return DTYPES[setup.dtype]
 
 
-def loaded(load: Callable[[str], T], weights: str, what: str) -> T:
+def loaded(load: Callable[[str], T], weights: str, what: str, flag: Flag = BACKEND) -> T:
     """`load(weights)`: a hub id or a folder or file, `~` allowed. `what` names the model in messages: `SAM`.
 
     Raises InputError that says which id or path was wanted and how to get it: where it is not here, where it is
     broken, where it is another model's, where the memory does not suffice.
     """
+
+    def refused(expected: str, fix: str) -> InputError:
+        return InputError.of(flag.name, f'"{weights}"', expected, fix)
+
     path = Path(weights).expanduser()
     local = path.exists()
+    get = f"run hf download {weights}, or write {flag.form}"
     if not local and not ID.fullmatch(weights):
-        raise InputError.of(
-            "--backend",
-            f'"{weights}"',
-            f"is not there: the weights of {what}",
-            "write ROLE=NAME:PATH, or OWNER/NAME as the hub has it",
-        )
+        fix = f"write {flag.form}, or OWNER/NAME as the hub has it"
+        raise refused(f"is not there: the weights of {what}", fix)
     if not local and _stop_asking() and not cached(weights):
-        raise InputError.of(
-            "--backend", f'"{weights}"', f"{_absent(what)}, nor can the hub be asked", _get(weights)
-        )
+        raise refused(f"{_absent(what)}, nor can the hub be asked", get)
     _quiet(path.is_dir() or (not local and cached(weights)))
     try:
         return load(str(path) if local else weights)
     except InputError:
         raise
     except torch.cuda.OutOfMemoryError as error:
-        raise InputError.of(
-            "--backend", f'"{weights}"', f"does not fit into the GPU: {_line(error)}", "write --device cpu"
-        ) from error
+        raise refused(f"does not fit into the GPU: {_line(error)}", "write --device cpu") from error
     except Exception as error:  # what a library says of files that are no model is of every type
+        if of_memory(error):
+            fix = "choose a smaller model, or --dtype bfloat16"
+            raise refused(f"does not fit into the memory: {_line(error)}", fix) from error
         if local:
-            raise InputError.of(
-                "--backend", f'"{weights}"', f"does not load as {what} ({_line(error)})", "fetch it again"
-            ) from error
+            raise refused(f"does not load as {what} ({_line(error)})", "fetch it again") from error
         if isinstance(error, OSError):
-            raise InputError.of(
-                "--backend", f'"{weights}"', f"{_absent(what)} ({_line(error)})", _get(weights)
-            ) from error
-        raise InputError.of(
-            "--backend",
-            f'"{weights}"',
-            f"does not load as {what} ({_line(error)})",
-            f"is it {what}? {_get(weights)}",
-        ) from error
+            raise refused(f"{_absent(what)} ({_line(error)})", get) from error
+        raise refused(f"does not load as {what} ({_line(error)})", f"is it {what}? {get}") from error
+
+
+def of_memory(error: BaseException) -> bool:
+    """Whether an error says that the memory of a device, the processor's included, does not suffice."""
+    if isinstance(error, MemoryError | torch.cuda.OutOfMemoryError):
+        return True
+    told = str(error).lower()  # the processor's allocator, and Apple's, have no type of their own
+    return isinstance(error, RuntimeError) and any(text in told for text in SHORT)
 
 
 def noted(device: str, dtype: torch.dtype, weights: str, told: Mapping[str, Any]) -> dict[str, Any]:
@@ -142,10 +155,6 @@ def _quiet(here: bool) -> None:
 
 def _absent(what: str) -> str:
     return f"holds the weights of {what} and is not on this machine"
-
-
-def _get(weights: str) -> str:
-    return f"run hf download {weights}, or write ROLE=NAME:PATH"
 
 
 def _line(error: Exception) -> str:

@@ -48,7 +48,29 @@ class Text:
         return "" if isinstance(value, str) else "is not text"
 
 
-Option = Whole | Real | Text
+@dataclass(frozen=True)
+class OneOf:
+    """One of some words, true and false read as `on` and `off` where those are among them."""
+
+    default: str
+    others: tuple[str, ...]
+
+    def fault(self, value: Any) -> str:
+        """What is wrong with a value; `""`: nothing."""
+        right = (switched(value) if isinstance(value, bool) else value) in (self.default, *self.others)
+        return "" if right else f"is not one of {', '.join((self.default, *self.others))}"
+
+
+def switched(value: Any) -> Any:
+    """True and false as words.
+
+    >>> switched(True), switched("auto")
+    ('on', 'auto')
+    """
+    return ("off", "on")[value] if isinstance(value, bool) else value
+
+
+Option = Whole | Real | Text | OneOf
 
 
 def read(setup: Setup, table: str, known: Mapping[str, Option]) -> dict[str, Any]:

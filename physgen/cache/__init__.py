@@ -1,0 +1,1 @@
+"""What a stage made, kept by the content of all that it was made of."""

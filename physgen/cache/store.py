@@ -1,0 +1,281 @@
+"""Key -> folder of an entry, on disk between runs, for many processes at once; the least recently used go first.
+
+An entry is a folder under its key. It is filled under another name and renamed when it is whole, with sizes and sums of
+its files, so that what was cut short or damaged counts as not there. Who reads or fills one holds a lock on its `lease`
+(`flock`, which ends with the process however that ends); only folders whose lease nobody holds are removed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import uuid4
+
+from physgen.cache.sealed import seal, size_of, whole
+from physgen.problems import InputError, Place, Problem, Severity
+
+Warn = Callable[[Problem], None]
+
+MOST_BYTES = 5_000_000_000
+"""Of all entries, unless `PHYSGEN_CACHE_BYTES` says otherwise."""
+LEASE, LOCK = "lease", ".lock"
+_BYTES = re.compile(r"(?P<number>\d+(\.\d*)?(e\d+)?) ?(?P<unit>[kMGT]?)B?", re.IGNORECASE)
+
+
+def unheard(problem: Problem) -> None:
+    """Warnings that nobody reads."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One that is kept."""
+
+    key: str
+    bytes: int
+    used: float
+    """s since 1970: when it was last read, or made."""
+
+    @property
+    def stage(self) -> str:
+        """Whose result it is."""
+        return self.key.rpartition("-")[0]
+
+
+@dataclass(frozen=True)
+class Freed:
+    """What was removed."""
+
+    entries: int
+    bytes: int
+    """Of entries, and of what killed processes left."""
+    held: int
+    """Entries that stay because a process reads them."""
+
+
+class Filling:
+    """A folder that becomes an entry, unless it is given up."""
+
+    def __init__(self, folder: Path, warn: Callable[[OSError], None]) -> None:
+        self.folder, self._warn = folder, warn
+        self.kept = True
+
+    def give_up(self, error: OSError) -> None:
+        """It could not be written: what it takes is freed now, the user is told, and nobody fails."""
+        self.kept = False
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self._warn(error)
+
+
+class Store:
+    """Entries below a folder; none of its methods but `clear` fails because that folder cannot be read or written."""
+
+    def __init__(self, root: Path, most_bytes: int = MOST_BYTES, warn: Warn = unheard) -> None:
+        self.root, self.most_bytes = root, most_bytes
+        self._warn, self._told = warn, False
+
+    @contextmanager
+    def find(self, key: str) -> Iterator[Path | None]:
+        """The entry's folder, which stays as long as the block runs; None where there is none that is whole."""
+        lease = self._leased(key)
+        try:
+            yield None if lease is None else self.root / key
+        finally:
+            if lease is not None:
+                os.close(lease)
+
+    @contextmanager
+    def fill(self, key: str) -> Iterator[Filling | None]:
+        """A folder to write to, which is the entry when the block ends; None, and the user told, where none can be.
+
+        Whatever the block raises is raised, and nothing is kept. Where another process was faster, its entry stays.
+        """
+        try:
+            folder, lease = self._begun(key)
+        except OSError as error:
+            self._unkept(error)
+            yield None
+            return
+        try:
+            filling = Filling(folder, self._unkept)
+            yield filling
+            if filling.kept:
+                try:
+                    self._finish(folder, key)
+                except OSError as error:
+                    self._unkept(error)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+            os.close(lease)
+        with suppress(OSError):
+            self._shrink(self.most_bytes)
+
+    def sizes(self) -> list[Entry]:
+        """All entries, the least recently used first."""
+        found = []
+        for folder in self._folders():
+            with suppress(OSError):  # another process may remove it now
+                lease = folder / LEASE
+                used = (lease if lease.exists() else folder).stat().st_mtime
+                found.append(Entry(folder.name, size_of(folder), used))
+        return sorted(found, key=lambda entry: (entry.used, entry.key))
+
+    def clear(self) -> Freed:
+        """Remove all that no process uses. Raises OSError."""
+        return self._shrink(-1) if self.root.is_dir() else Freed(0, 0, 0)
+
+    def _folders(self) -> list[Path]:
+        try:
+            return [p for p in self.root.iterdir() if p.is_dir() and not p.name.startswith(".")]
+        except OSError:
+            return []
+
+    def _leased(self, key: str) -> int | None:
+        """A descriptor of the entry's lease, held with others who read it; None where it is not whole."""
+        folder = self.root / key
+        try:
+            lease = os.open(folder / LEASE, os.O_RDONLY)
+        except OSError:
+            self._discard(key)
+            return None
+        try:
+            fcntl.flock(lease, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            if os.fstat(lease).st_ino != os.stat(folder / LEASE).st_ino:  # removed, and made anew, meanwhile
+                raise FileNotFoundError(folder)
+        except OSError:
+            os.close(lease)
+            return None
+        if not whole(folder):
+            os.close(lease)
+            self._discard(key)
+            return None
+        with suppress(OSError):  # a folder that can only be read
+            os.utime(lease)
+        return lease
+
+    def _discard(self, key: str) -> None:
+        """What is not whole goes, if there is anything."""
+        if (self.root / key).is_dir():
+            with suppress(OSError), self._locked():
+                self._remove(key)
+
+    def _begun(self, key: str) -> tuple[Path, int]:
+        """A folder of our own, and its lease, which nobody else has."""
+        self.root.mkdir(parents=True, exist_ok=True, mode=0o700)  # photos may be private
+        with self._locked():
+            self._sweep()
+            folder = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self.root))
+            try:
+                lease = os.open(folder / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
+                fcntl.flock(lease, fcntl.LOCK_EX)
+            except OSError:
+                shutil.rmtree(folder, ignore_errors=True)
+                raise
+        return folder, lease
+
+    def _finish(self, folder: Path, key: str) -> None:
+        if (size := size_of(folder)) > self.most_bytes:
+            found = f"{size:,} bytes of one result"
+            fix = "raise PHYSGEN_CACHE_BYTES"
+            self._tell(found, f"are more than the {self.most_bytes:,} that are kept", fix)
+            return
+        seal(folder, LEASE)
+        os.utime(folder / LEASE)
+        with self._locked():
+            if not (self.root / key).exists():
+                folder.rename(self.root / key)
+
+    def _shrink(self, most: int) -> Freed:
+        """Entries go, the least recently used first, until no more than `most` bytes are left; remains go too."""
+        with self._locked():
+            freed = self._sweep()
+            entries = self.sizes()
+            left = sum(entry.bytes for entry in entries)
+            gone = held = 0
+            for entry in entries:
+                if left <= most:
+                    break
+                if not self._remove(entry.key):
+                    held += 1
+                    continue
+                gone += 1
+                left -= entry.bytes
+                freed += entry.bytes
+        return Freed(gone, freed, held)
+
+    def _remove(self, key: str) -> bool:
+        """Whether the entry is gone; one that a process reads stays. All removing is under the store's lock."""
+        folder = self.root / key
+        try:
+            lease = os.open(folder / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
+        except FileNotFoundError:
+            return True
+        try:
+            fcntl.flock(lease, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            aside = self.root / f".{key}.{uuid4().hex[:8]}.part"  # swept, should we be killed now
+            folder.rename(aside)
+        except BlockingIOError:
+            return False
+        finally:
+            os.close(lease)
+        shutil.rmtree(aside, ignore_errors=True)
+        return True
+
+    def _sweep(self) -> int:
+        """Bytes freed by clearing away what killed processes left; under the store's lock."""
+        freed = 0
+        for left in self.root.glob(".*.part"):
+            with suppress(OSError):  # among them: whoever fills it lives
+                lease = os.open(left / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
+                try:
+                    fcntl.flock(lease, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    freed += size_of(left)
+                    shutil.rmtree(left, ignore_errors=True)
+                finally:
+                    os.close(lease)
+        return freed
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """Alone, among all processes, with what the folder lists."""
+        lock = os.open(self.root / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(lock)
+
+    def _unkept(self, error: OSError) -> None:
+        found = f"({error.strerror or error})"
+        fix = "set XDG_CACHE_HOME to a folder that can be written, or free some space"
+        self._tell(found, "cannot be written: the next run computes all again", fix)
+
+    def _tell(self, found: str, expected: str, fix: str) -> None:
+        """Once."""
+        if not self._told:
+            self._told = True
+            self._warn(Problem(Place(str(self.root)), "", found, expected, fix, Severity.WARNING))
+
+
+def opened(environment: Mapping[str, str] = os.environ, warn: Warn = unheard) -> Store:
+    """The store of stages' results, where and as large as the environment says. Raises InputError."""
+    home = environment.get("XDG_CACHE_HOME", "")
+    try:
+        folder = Path(home) if os.path.isabs(home) else Path.home() / ".cache"
+    except RuntimeError:  # nobody's home: told of when something is to be kept
+        folder = Path(os.devnull)
+    most = MOST_BYTES
+    if said := environment.get("PHYSGEN_CACHE_BYTES", ""):
+        match = _BYTES.fullmatch(said.strip())
+        if match is None:
+            fix = "write e.g. 20e9 or 20GB; 0 keeps nothing"
+            raise InputError.of("PHYSGEN_CACHE_BYTES", f'"{said}"', "is not a number of bytes", fix)
+        power = " KMGT".index(match["unit"].upper() or " ")
+        most = int(min(float(match["number"]) * 1000.0**power, 1e18))
+    return Store(folder / "physgen" / "stages", most, warn)

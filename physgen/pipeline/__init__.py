@@ -1,0 +1,52 @@
+"""The house on one page: one call a stage, top-down. Scene file -> output folder.
+
+>>> from physgen import pipeline
+>>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
+>>> compiled = pipeline.compile(scene, pipeline.percepts(scene))            # doctest: +SKIP
+>>> trajectory = pipeline.simulate(compiled.world)                          # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from physgen.pipeline.clip import output_name, render_scene
+from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
+from physgen.pipeline.refining import Refiners
+from physgen.pipeline.stages import (
+    chaos,
+    compile,
+    drawn_by,
+    filled,
+    lint,
+    load,
+    percepts,
+    render,
+    shot,
+    simulate,
+    stage,
+)
+from physgen.pipeline.watch import Keep, Progress, Warn, silent, unheard
+
+__all__ = [
+    "Keep",
+    "Progress",
+    "Refiners",
+    "Warn",
+    "chaos",
+    "compile",
+    "drawn_by",
+    "filled",
+    "import_coco",
+    "import_physgen",
+    "lint",
+    "load",
+    "output_name",
+    "perceive",
+    "percepts",
+    "render",
+    "render_scene",
+    "shot",
+    "silent",
+    "simulate",
+    "stage",
+    "unheard",
+]

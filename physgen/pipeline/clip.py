@@ -1,0 +1,173 @@
+"""Scene file -> output folder: video, trajectory, report and manifest, whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.pipeline.filming import Filming
+from physgen.pipeline.refining import Refiners, guided, refined
+from physgen.pipeline.stages import chaos, compile, drawn_by, lint, load, percepts, render, simulate
+from physgen.pipeline.watch import Progress, Warn, silent, unheard
+from physgen.pipeline.writing import written
+from physgen.problems import InputError, Place, Problem, Severity
+
+if TYPE_CHECKING:
+    from physgen.compile.world import World
+    from physgen.report.record import RunRecord
+    from physgen.report.video import Format
+    from physgen.scene.model import Scene
+    from physgen.simulate.trajectory import Trajectory
+
+U8 = NDArray[np.uint8]
+UNBALANCED = 0.03
+"""Part of the energy that flows above which a simulation is not to be trusted."""
+
+
+def render_scene(
+    path: str | Path,
+    out: str | Path = "out",
+    *,
+    overrides: Sequence[str] = (),
+    variant: str | None = None,
+    allow_outside: bool = False,
+    formats: Sequence[Format] | None = None,
+    command: Sequence[str] = (),
+    ask_chaos: bool = False,
+    device: str = "cpu",
+    refiners: Refiners | None = None,
+    cached: bool = True,
+    progress: Progress = silent,
+    warn: Warn = unheard,
+) -> Path:
+    """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
+
+    `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. `refiners` hold models
+    from one scene to the next; frames that are refined come from the cache where they are kept, if it is to be
+    `cached`. Raises InputError; where it is refinement that fails, the folder is there all the same, with
+    `unrefined.mp4`.
+    """
+    from physgen.report.folder import output_folder, whole_folder
+    from physgen.report.record import RunRecord, inputs
+    from physgen.report.video import Format
+
+    record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
+    record.overrides, record.variant = list(overrides), variant
+    record.device = drawn_by(device)
+    with record.stage("load"):
+        scene = load(path, overrides, variant, allow_outside)
+        scene = replace(scene, name=output_name(path, variant))
+        maps = percepts(scene)
+    final = output_folder(Path(out), scene.name)
+    record.scene, record.document = scene.name, scene.document
+    record.seeds = {"refine": scene.refine.seed}
+    record.inputs = inputs(scene, Path(path))
+    record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
+
+    def odd(problem: Problem) -> None:
+        warn(problem)
+        record.warnings.append({**problem.as_dict(), "text": str(problem)})
+
+    progress("compile", 0, 1)
+    with record.stage("compile"):
+        compiled = compile(scene, maps)
+        lints = lint(scene, compiled)
+    for problem in lints:
+        odd(problem)
+    filming = Filming(scene, compiled, maps, device, record)
+    del maps
+    kinds = tuple(formats) if formats else (Format.MP4,)
+    faults: Sequence[Problem] = ()
+    with ExitStack() as held:
+        footage = None
+        if scene.refine.backend != "none":
+            footage = held.enter_context(guided(filming, record, progress, odd, cached))
+            trajectory = footage.trajectory
+        else:
+            progress("simulate", 0, 1)
+            with record.stage("simulate"):
+                trajectory = simulate(compiled.world, progress=progress)
+        record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
+        if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
+            odd(lost)
+        if ask_chaos:
+            with record.stage("chaos"):
+                record.chaos = chaos(compiled.world, progress).as_dict()
+        folder = held.enter_context(whole_folder(final))
+        if footage is not None:
+            faults = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
+            first = footage.rgb[0]
+        else:
+            count = len(filming.shot(trajectory).order)
+            frames = filming.annotated(filming.frames(trajectory), trajectory)
+            record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
+        with record.stage("report"):
+            _report(filming, trajectory, first, record, folder, kinds)
+        _manifest(record, folder)
+    if faults:
+        fix = "the frames are kept: once that is mended, nothing is simulated twice"
+        there = Problem(Place(str(final)), "", "", "has the clip without refinement", fix, Severity.WARNING)
+        raise InputError([*faults, there])
+    return final
+
+
+def _unbalanced(scene: Scene, world: World, trajectory: Trajectory, record: RunRecord) -> Problem | None:
+    """A simulation that is not to be trusted."""
+    # a body's fall by a pixel is the least that counts: at rest, nothing flows
+    weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
+    record.imbalance = trajectory.imbalance(weight)
+    if record.imbalance <= UNBALANCED:
+        return None
+    fix = "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
+    found = f"miss {record.imbalance:.0%} of what flows"
+    return Problem(scene.place("world"), "world", "the books of energy", found, fix, Severity.WARNING)
+
+
+def _report(
+    filming: Filming,
+    trajectory: Trajectory,
+    first: U8,
+    record: RunRecord,
+    folder: Path,
+    kinds: Sequence[Format],
+) -> None:
+    """Trajectory and page; `first` is the clip's first frame, unrefined."""
+    from physgen.report.page import report_page
+    from physgen.report.video import Format
+    from physgen.scene.write import scene_text
+
+    trajectory.save(folder / "trajectory.npz")
+    name = "video" if record.frames else "unrefined"
+    video = next((kind.named(name) for kind in kinds if kind is not Format.PNG), "frames/00000.png")
+    text = scene_text(filming.scene.document)
+    if filming.scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
+        first = next(
+            render(filming.stage, trajectory)
+        ).rgb  # outlines and forces are drawn on the photo itself
+    page = report_page(filming.scene, filming.compiled.world, record, first, video, text)
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _manifest(record: RunRecord, folder: Path) -> None:
+    from physgen.report.record import file_hash, write_json
+
+    for file in sorted(p for p in folder.rglob("*") if p.is_file()):
+        record.files[file.relative_to(folder).as_posix()] = file_hash(file)
+    write_json(folder / "manifest.json", record.manifest())
+
+
+def output_name(path: str | Path, variant: str | None) -> str:
+    """Name of a clip's folder: the scene's, and the variant's behind it."""
+    from physgen.scene.build import scene_name
+
+    name = scene_name(Path(path))
+    if not name.isprintable():
+        fix = "rename the file: its name becomes that of a folder"
+        raise InputError.of(repr(str(path)), "", "has characters in its name that cannot be shown", fix)
+    return f"{name}-{variant}" if variant is not None else name

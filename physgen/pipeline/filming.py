@@ -1,0 +1,86 @@
+"""Scene and trajectory -> the clip's frames as they are filmed, and what is drawn over them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from physgen.pipeline.stages import render, shot, stage
+
+if TYPE_CHECKING:
+    from physgen.compile.assemble import Compiled
+    from physgen.percepts.maps import Percepts
+    from physgen.render.shot import Shot
+    from physgen.render.stage import Frame, Stage
+    from physgen.report.record import RunRecord
+    from physgen.scene.model import Scene
+    from physgen.simulate.trajectory import Trajectory
+
+
+class Filming:
+    """A scene about to be filmed; what is drawn is cut out when first asked for, and the maps are let go."""
+
+    def __init__(
+        self, scene: Scene, compiled: Compiled, maps: Percepts | None, device: str, record: RunRecord
+    ) -> None:
+        self.scene, self.compiled, self.device = scene, compiled, device
+        self._maps, self._record = maps, record
+        self._fine: tuple[Trajectory, int] | None = None
+
+    @cached_property
+    def stage(self) -> Stage:
+        """What is drawn."""
+        with self._record.stage("cut out"):
+            made = stage(self.scene, self.compiled, self._maps)
+        self._maps = None
+        return made
+
+    def shot(self, trajectory: Trajectory) -> Shot:
+        """How the clip is filmed and played; `trajectory` has one sample a frame."""
+        return shot(self.scene, trajectory)
+
+    def frames(
+        self, trajectory: Trajectory, order: Sequence[int] | None = None, matte: bool = False
+    ) -> Iterator[Frame]:
+        """Frames in the order in which the clip is played, or that of samples; or how things cover them, as light."""
+        take = self.shot(trajectory)
+        if order is not None:
+            take = replace(take, order=tuple(order))
+        fine, parts = self._exposed(trajectory)
+        drawn = self.stage
+        if matte:
+            from physgen.render.matte import matte as covering
+
+            drawn = covering(drawn)
+        return render(drawn, fine, parts, take, self.device)
+
+    def _exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
+        """Samples enough for open shutters, and how many a frame has."""
+        if self._fine is None:
+            from physgen.render.shutter import shutter
+            from physgen.simulate.engine import simulate as run_at
+
+            # the engine's steps do not depend on its samples: the fine run is the same motion
+            moments, parts = shutter(trajectory, self.compiled.world, self.scene.render.motion_blur)
+            self._fine = trajectory, parts
+            if parts > 1:
+                with self._record.stage("expose"):
+                    self._fine = run_at(self.compiled.world, moments), parts
+        return self._fine
+
+    def annotated(self, frames: Iterator[Frame], trajectory: Trajectory) -> Iterator[Frame]:
+        """Frames with the scene's overlays."""
+        if not self.scene.render.overlay:
+            return frames
+        from physgen.render.overlay import annotated
+
+        take = self.shot(trajectory)
+        return annotated(
+            frames,
+            self.compiled.world,
+            trajectory,
+            self.scene.render.overlay,
+            lambda frame: take.affine(frame.time),
+        )

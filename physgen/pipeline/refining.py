@@ -1,0 +1,212 @@
+"""A scene's clip, unrefined -> kept in the cache -> refined by a video diffusion model, or left where that fails."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.crew import Choice, Plan, why
+from physgen.photometry import decode
+from physgen.pipeline.filming import Filming
+from physgen.pipeline.stages import simulate
+from physgen.pipeline.watch import Progress, Warn
+from physgen.pipeline.writing import written
+from physgen.problems import InputError, Problem
+
+if TYPE_CHECKING:
+    from physgen.cache.footage import Footage
+    from physgen.refine.refining import How
+    from physgen.refine.roles import Denoiser
+    from physgen.report.changes import Changes
+    from physgen.render.stage import Frame
+    from physgen.report.record import RunRecord
+    from physgen.report.video import Format
+    from physgen.scene.model import Scene
+    from physgen.simulate.trajectory import Trajectory
+
+U8 = NDArray[np.uint8]
+STRIP = "refinement.png"
+"""What changed, as a picture, in the folder of the clip."""
+
+
+class Refiners:
+    """Models that refine, by the name of their backend: made when first asked for, kept for the next clip."""
+
+    def __init__(self, plan: Plan | None = None) -> None:
+        """`plan` names weights, device and options; its choice for `refine` counts where a scene names that backend."""
+        self._plan = plan or Plan()
+        self._made: dict[str, Denoiser] = {}
+
+    def model(self, name: str) -> Denoiser:
+        """Raises InputError where its libraries or weights are not here."""
+        from physgen import backends
+
+        if name not in self._made:
+            said = self._plan.choices.get("refine")
+            choice = said if said is not None and said.name == name else Choice(name)
+            setup = replace(self._plan, choices={"refine": choice}).setup("refine")
+            self._made[name] = backends.make("refine", name, setup)
+        return self._made[name]
+
+    def close(self) -> None:
+        """They go."""
+        for model in self._made.values():
+            model.close()
+        self._made.clear()
+
+
+def how(scene: Scene) -> How:
+    """`refine:` of a scene, with the prompt that its labels make unless it has one."""
+    from physgen.refine.prompts import prompt_of
+    from physgen.refine.refining import How, frames_of_hold
+    from physgen.refine.roles import Said
+
+    told = scene.refine
+    prompt = prompt_of(item.label for item in scene.objects) if told.prompt is None else told.prompt
+    return How(
+        strength=told.strength,
+        stop=told.stop,
+        steps=told.steps,
+        seed=told.seed,
+        said=Said(prompt, told.negative, told.guidance),
+        lock=told.lock,
+        detail=told.detail,
+        hold=frames_of_hold(scene.render.fps),
+    )
+
+
+@contextmanager
+def guided(
+    filming: Filming, record: RunRecord, progress: Progress, warn: Warn, cached: bool = True
+) -> Iterator[Footage]:
+    """The clip as it is without refinement, a frame a sample, from the cache where it is kept; else it is made."""
+    from physgen.cache.footage import Add, footage
+    from physgen.cache.keys import guidance_key
+    from physgen.cache.store import opened
+
+    def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
+        progress("simulate", 0, 1)
+        with record.stage("simulate"):
+            trajectory = simulate(filming.compiled.world, progress=progress)
+        count = len(trajectory.times)
+        frames = filming.frames(trajectory, range(count))
+        mattes = filming.frames(trajectory, range(count), matte=True)
+        for index in range(count):
+            with record.stage("render"):
+                frame = next(frames)
+            with record.stage("cover"):
+                coverage = decode(next(mattes).rgb[..., 0])
+            with record.stage("keep"):
+                add(frame.rgb, coverage, frame.ids)
+            progress("render", index + 1, count)
+        return trajectory, {}
+
+    key = guidance_key(filming.scene, record.inputs, record.device)
+    with footage(opened(warn=warn) if cached else None, key, film) as kept:
+        yield kept
+
+
+def refined(
+    filming: Filming,
+    footage: Footage,
+    refiners: Refiners,
+    folder: Path,
+    kinds: Sequence[Format],
+    record: RunRecord,
+    progress: Progress,
+) -> Sequence[Problem]:
+    """Writes the clip unrefined and, in all `kinds`, refined; what went wrong with the latter, if anything."""
+    from physgen.percepts.maps import write_png
+    from physgen.refine.refining import Refinement
+    from physgen.report.changes import Changes
+
+    scene, trajectory = filming.scene, footage.trajectory
+    order = filming.shot(trajectory).order
+
+    def write(pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str) -> list[str]:
+        frames = filming.annotated(_frames(footage, pictures, order), trajectory)
+        return written(frames, len(order), scene, folder, kinds, record, progress, name=name, stage=stage)[0]
+
+    record.unrefined = write(iter(footage.rgb.shown(order)), kinds[:1], "unrefined", "read")
+    name = scene.refine.backend
+    try:
+        with record.stage("load model"), _guarded(name):
+            model = refiners.model(name)
+        refinement = Refinement(model, how(scene), scene.video_size, len(footage.rgb), progress)
+        changes = Changes(len(footage.rgb), scene.render.fps)
+        made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
+        with _played(made, order, scene.video_size, len(footage.rgb)) as pictures:
+            record.frames = write(pictures, kinds, "video", "refine")
+    except InputError as error:
+        for kind in kinds:
+            _removed(folder / kind.named("video"))
+        record.frames = []
+        record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
+        return error.problems
+    picture = changes.picture()
+    write_png(folder / STRIP, picture)
+    strip = {"file": STRIP, "size": [picture.shape[1], picture.shape[0]]}
+    told = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
+    record.refine = told
+    return ()
+
+
+def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
+    """The same frames; `changes` is told of each."""
+    for index in range(len(footage.rgb)):
+        with _guarded(name):
+            rgb = next(frames)
+        changes.add(footage.rgb[index], rgb, footage.coverage[index])
+        yield rgb
+
+
+@contextmanager
+def _guarded(name: str) -> Iterator[None]:
+    """Whatever a model's library raises is one message."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        fix = "see what failed, or choose another backend"
+        raise InputError.of("--refine", f'"{name}"', f"failed ({why(error)})", fix) from error
+
+
+def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:
+    """Pictures in the order of play as frames of the clip."""
+    from physgen.render.stage import Frame
+
+    for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
+        named = partial(footage.ids.__getitem__, sample)
+        yield Frame(index, float(footage.trajectory.times[sample]), rgb, named)
+
+
+@contextmanager
+def _played(
+    frames: Iterator[U8], order: Sequence[int], size: tuple[int, int], count: int
+) -> Iterator[Iterator[U8]]:
+    """Pictures of all samples, one after the other -> in the order of play; where they come again, from a file."""
+    if list(order) == list(range(count)):
+        yield frames
+        return
+    with tempfile.TemporaryFile() as file:
+        spool = np.memmap(file, np.uint8, "w+", shape=(count, size[1], size[0], 3))
+        for k, rgb in enumerate(frames):
+            spool[k] = rgb
+        yield (np.array(spool[k]) for k in order)
+
+
+def _removed(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

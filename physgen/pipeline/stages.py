@@ -1,0 +1,177 @@
+"""Scene file -> Scene -> World -> Trajectory -> Frames: one call a stage, top-down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.pipeline.watch import Progress, silent
+from physgen.problems import InputError, Problem
+
+if TYPE_CHECKING:
+    from physgen.compile.assemble import Compiled
+    from physgen.compile.world import World
+    from physgen.percepts.maps import Percepts
+    from physgen.render.shot import Shot
+    from physgen.render.stage import Frame, Stage
+    from physgen.scene.model import Scene
+    from physgen.simulate.chaos import Chaos
+    from physgen.simulate.trajectory import Trajectory
+
+MOST_POSES = 20_000_000
+"""Samples times objects of one trajectory: about 2 GB."""
+
+
+def load(
+    path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False
+) -> Scene:
+    """Scene file -> Scene, with overlays applied and defaults filled in. Raises InputError with every problem."""
+    from physgen.scene.build import load as load_scene
+
+    return load_scene(Path(path), overrides, variant, allow_outside)
+
+
+def percepts(scene: Scene) -> Percepts | None:
+    """The photo and its maps; None for a scene without a photo."""
+    from physgen.percepts.maps import read_percepts
+
+    return read_percepts(scene.image, scene.assets, scene.maps)
+
+
+def compile(scene: Scene, maps: Percepts | None) -> Compiled:
+    """Outlines, centres, masses, moments and pairs, resolved."""
+    from physgen.compile.assemble import compile_scene
+
+    return compile_scene(scene, None if maps is None else maps.labels)
+
+
+def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
+    """What is allowed and probably not meant."""
+    from physgen.compile.lints import lint as lint_scene
+
+    return lint_scene(scene, compiled)
+
+
+def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:
+    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
+    from physgen.simulate.engine import simulate as run
+
+    if rate is None:
+        return run(world, progress=progress)
+    count = int(world.duration * rate + 1e-9) + 1
+    if count * max(len(world.bodies), 1) > MOST_POSES:
+        found = f"{count:,} samples of {len(world.bodies)} objects"
+        raise InputError.of(
+            "--rate", found, "are too many to hold", f"keep samples x objects below {MOST_POSES:,}"
+        )
+    return run(world, np.arange(count) / rate, progress)
+
+
+def chaos(world: World, progress: Progress = silent) -> Chaos:
+    """How long the motion can be foretold: the world run again a hair apart, with half the step, other sweeps."""
+    from physgen.simulate.chaos import chaos as compare
+
+    return compare(world, progress)
+
+
+def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
+    """What is drawn: the filled background and the objects cut out of the photo, or flat shapes on paper.
+
+    Flat shapes are drawn as large as `render` shows them at most.
+    """
+    from physgen.render.flat import enlarged, flat_background, flat_sprites
+    from physgen.render.shot import drawn_large
+    from physgen.render.sprites import cut_sprites
+    from physgen.render.stage import Stage
+    from physgen.render.staging import staged
+    from physgen.render.threads import one_thread
+
+    order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
+    fine = scene.render.supersample
+    if maps is None:
+        large = drawn_large(scene)
+        world, outlines = enlarged(compiled.world, compiled.outlines, large)
+        sprites = flat_sprites(world, outlines, order, large)
+        return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
+    coverage, background = filled(maps, compiled.labels, compiled.scenery)
+    absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
+    with one_thread():
+        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
+        made = staged(scene, compiled.world, sprites, maps, background, coverage, absent)
+    return replace(made, supersample=fine)
+
+
+def filled(
+    maps: Percepts, labels: NDArray[np.uint16], scenery: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Coverage and background as stored; made now where the assets lack them or know less than the scene's masks.
+
+    They are also made now where the assets took a boundary, whose pixels are `scenery`, for an object.
+    """
+    from physgen.render.sprites import covers_scenery
+
+    new = bool(((labels > 0) & (maps.labels == 0)).any())
+    new |= maps.coverage is not None and covers_scenery(maps.coverage, labels, scenery)
+    if maps.coverage is not None and maps.background is not None and not new:
+        return maps.coverage, maps.background
+    from physgen import backends
+
+    union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.labels))
+    coverage = maps.coverage
+    if coverage is None or new:
+        coverage = backends.make("matte")(maps.rgb, union)
+    return coverage, backends.make("inpaint")(maps.rgb, coverage > 0)
+
+
+def shot(scene: Scene, trajectory: Trajectory) -> Shot:
+    """How the scene's clip is filmed and played; `trajectory` has one sample a frame."""
+    from physgen.render.shot import shot as take
+
+    return take(scene, trajectory)
+
+
+def render(
+    drawn: Stage,
+    trajectory: Trajectory,
+    parts: int = 1,
+    through: Shot | None = None,
+    device: str = "cpu",
+) -> Iterator[Frame]:
+    """Frames, one at a time; each the mean of `parts` samples, in linear light.
+
+    `through` is a shot: without one, all of the canvas is seen and played forward. On a `device` other than the
+    processor (`cuda`, `cuda:1`) torch draws them, the same within 1 grey level.
+    """
+    from physgen.render.shot import filmed
+    from physgen.render.shutter import exposed
+
+    if device == "cpu":
+        from physgen.render.frames import render_frames
+    else:
+        from physgen.render.backends.torch_frames import render_frames_torch
+
+        render_frames = partial(render_frames_torch, device=device)
+    if through is None:
+        return render_frames(drawn, trajectory, parts=parts)
+    samples = through.samples(parts)
+    if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
+        return exposed(filmed(render_frames(drawn, trajectory, samples), through, drawn.scale), parts)
+    return filmed(render_frames(drawn, trajectory, samples, parts), through, drawn.scale)
+
+
+def drawn_by(device: str) -> str:
+    """What draws frames on `device`, for the manifest. Raises InputError where it, or torch, is not there."""
+    if device == "cpu":
+        return device
+    try:
+        from physgen.render.backends.torch_frames import title
+    except ModuleNotFoundError as error:
+        found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
+        raise InputError.of("--device", f'"{device}"', found, fix) from error
+    return title(device)

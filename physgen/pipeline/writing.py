@@ -1,0 +1,68 @@
+"""Frames -> the files of one video, encoded while they are made, and a hash of each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.pipeline.watch import Progress
+
+if TYPE_CHECKING:
+    from physgen.render.stage import Frame
+    from physgen.report.record import RunRecord
+    from physgen.report.video import Format
+    from physgen.scene.model import Scene
+
+U8 = NDArray[np.uint8]
+
+
+def written(
+    frames: Iterator[Frame],
+    count: int,
+    scene: Scene,
+    folder: Path,
+    kinds: Sequence[Format],
+    record: RunRecord,
+    progress: Progress,
+    *,
+    name: str = "video",
+    stage: str = "render",
+) -> tuple[list[str], U8]:
+    """Writes `count` frames into `folder` as `name`, in all `kinds`; returns their hashes, and the first.
+
+    What making the frames costs is the `stage`'s, and the rest is encoding's.
+    """
+    from physgen.report.record import StageTime, frame_hash
+    from physgen.report.video import alongside, open_video
+
+    hashes = []
+    making = record.stages.setdefault(stage, StageTime())
+    encoding = record.stages.setdefault("encode", StageTime())
+    started, made, encoded = time.process_time(), making.cpu, encoding.cpu
+    with ExitStack() as files:
+        with record.stage("encode"):
+            writers = [
+                files.enter_context(open_video(folder, kind, scene.video_size, scene.render.fps, name))
+                for kind in kinds
+            ]
+        with alongside(writers) as write:
+            for index in range(count):
+                with record.stage(stage, time.thread_time):
+                    frame = next(frames)
+                    hashes.append(frame_hash(frame.rgb))
+                if index == 0:
+                    first = frame.rgb.copy()  # it may be one of a batch
+                with record.stage("encode"):
+                    write(frame.rgb)
+                progress(stage, index + 1, count)
+        with record.stage("encode"):
+            files.close()
+    # the encoder's own threads run on while frames are made: its share is what making them did not take
+    encoding.cpu = encoded + time.process_time() - started - (making.cpu - made)
+    return hashes, first

@@ -1,0 +1,135 @@
+"""AnimateDiff (Guo et al. 2024): a motion adapter within a Stable Diffusion 1.5, every frame a latent.
+
+Its frames are to be of about 512 x 512 px, and 16 of them seen at a time. It is told nothing of the first one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from diffusers import AnimateDiffVideoToVideoPipeline, AutoencoderKL, DDIMScheduler, MotionAdapter
+from torch import Tensor
+
+from physgen.backends import Setup, find
+from physgen.perceive.backends.models import loaded
+from physgen.perceive.backends.pipelines import typed
+from physgen.problems import InputError
+from physgen.refine.backends.loading import REFINE, config, expect, index, pipeline
+from physgen.refine.backends.sampling import Kind, Sampler, Trained
+from physgen.refine.backends.schedules import Schedule, ddim
+from physgen.refine.roles import Grid
+
+WHAT = "AnimateDiff"
+KNOWN = ("AnimateDiffPipeline", "AnimateDiffVideoToVideoPipeline")
+FRAMES = 16
+"""That its adapters were trained on, whatever they can take."""
+CHUNK = 8
+"""Frames that its VAE takes at a time."""
+
+
+class AnimateDiff:
+    """See `sampling.Network`."""
+
+    def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
+        self.pipe, self._device, self._dtype = pipe, device, dtype
+        # as the adapters were trained: PNDM, which most such weights bring, takes steps twice. The last step is to
+        # reach the picture itself, as in the authors' code, where many of these configurations stop just before
+        self._scheduler = DDIMScheduler.from_config(
+            pipe.scheduler.config, clip_sample=False, timestep_spacing="linspace", beta_schedule="linear",
+            steps_offset=1, set_alpha_to_one=True,
+        )  # fmt: skip
+
+    def schedule(self, steps: int, count: int) -> Schedule:
+        """DDIM."""
+        return ddim(self._scheduler, steps, count)
+
+    def told(self, text: str) -> Tensor:
+        """(1, 77, width)."""
+        found: Tensor = self.pipe.encode_prompt(text, self._device, 1, False)[0]
+        return found
+
+    def shown(self, frame: Tensor, latents: int) -> None:
+        """Nothing."""
+
+    def encode(self, video: Tensor) -> Tensor:
+        """The mean of each frame, some at a time."""
+        vae = self.pipe.vae
+        found = [vae.encode(part.to(self._device)).latent_dist.mode() for part in video.split(CHUNK)]
+        return torch.cat(found) * vae.config.scaling_factor
+
+    def decode(self, latents: Tensor) -> Iterator[Tensor]:
+        """Some frames at a time."""
+        vae = self.pipe.vae
+        for part in latents.split(CHUNK):
+            yield vae.decode(part.to(self._device) / vae.config.scaling_factor).sample
+
+    def predict(self, latents: Tensor, time: Tensor, told: Tensor, shown: Any) -> Tensor:
+        """(F, C, h, w): the network takes (1, C, F, h, w)."""
+        z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
+        words = told.repeat_interleave(len(latents), dim=0)
+        found: Tensor = self.pipe.unet(z, time.to(self._device), encoder_hidden_states=words).sample
+        return found[0].transpose(0, 1)
+
+
+def animatediff(setup: Setup) -> Sampler:
+    """The backend `animatediff`; its weights are `ADAPTER,BASE`, or a whole pipeline's folder."""
+    # upstream's own guidance: PhysGen's inference of SEINE
+    return Sampler(Kind("animatediff", WHAT, 8.0, trained, load), setup)
+
+
+def trained(weights: tuple[str, ...]) -> Trained:
+    """What the configurations say."""
+    adapter, base = _parts(weights)
+    found = index(base, WHAT)
+    unet, vae = config(base, "unet", WHAT), config(base, "vae", WHAT)
+    if adapter is None:
+        expect(base, str(found.get("_class_name")), KNOWN, WHAT)
+        most = unet.get("motion_max_seq_length", 32)
+    else:
+        _fit(adapter, base, found, unet)
+        most = config(adapter, "", WHAT).get("motion_max_seq_length", 32)
+    cell = 2 ** (len(vae["block_out_channels"]) - 1)
+    levels = 2 ** (len(unet["block_out_channels"]) - 1)
+    side = unet.get("sample_size") or 64
+    return Trained(Grid(cell, cell * levels, (side * cell) ** 2, 1, 1, min(FRAMES, most)), most)
+
+
+def _fit(adapter: str, base: str, found: dict[str, Any], unet: dict[str, Any]) -> None:
+    """Raises InputError where an adapter cannot be put into a base."""
+    told = config(adapter, "", WHAT)
+    kind = str(told.get("_class_name"))
+    if kind != "MotionAdapter":
+        fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
+        raise InputError.of(REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix)
+    plain = found.get("unet", ["", ""])[1] == "UNet2DConditionModel" and "text_encoder_2" not in found
+    if not plain or list(told["block_out_channels"]) != list(unet["block_out_channels"]):
+        fix = "name weights of Stable Diffusion 1.5 after the comma"
+        what = f"is a {found.get('_class_name')} that the adapter does not fit"
+        raise InputError.of(REFINE.name, f'"{base}"', what, fix)
+
+
+def _parts(weights: tuple[str, ...]) -> tuple[str | None, str]:
+    """Adapter and base; None: the base has its own. One name that is no pipeline's is an adapter's."""
+    if len(weights) == 2:
+        return weights[0], weights[1]
+    path = Path(weights[0]).expanduser()
+    if path.is_dir() and not (path / "model_index.json").exists() and (path / "config.json").exists():
+        return weights[0], find("refine", "animatediff").weights[1].id
+    return None, weights[0]
+
+
+def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDiff:
+    """The pipeline."""
+    adapter, base = _parts(weights)
+    parts = {}
+    if adapter is not None:
+
+        def motion(path: str) -> Any:
+            return typed(MotionAdapter.from_pretrained(path, dtype=dtype, use_safetensors=True), dtype)
+
+        parts["motion_adapter"] = loaded(motion, adapter, WHAT, REFINE)
+    pipe = pipeline(AnimateDiffVideoToVideoPipeline, base, dtype, WHAT, AutoencoderKL, **parts)
+    return AnimateDiff(pipe, device, dtype)
