@@ -19,6 +19,7 @@ from physgen.compile.pairs import pair_table
 from physgen.compile.world import Body, World
 from physgen.report.holds import drawn, listed
 from physgen.report.record import RunRecord, versions
+from physgen.report.refinement import refinement
 from physgen.resources import resource
 from physgen.scene.model import Load, Play, Render, Scene, View
 
@@ -27,6 +28,11 @@ U8 = NDArray[np.uint8]
 
 LONGEST_ARROW = 0.14
 """Of the canvas's diagonal."""
+SHOWN = (
+    *("video.mp4", "video.webp", "video.gif", "frames/00000.png"),
+    *("unrefined.mp4", "unrefined.webp", "unrefined.gif", "unrefined/00000.png"),
+)
+"""What the gallery shows of a clip: the first of them that is there."""
 
 
 def report_page(
@@ -39,10 +45,11 @@ def report_page(
         title=scene.name,
         size=(width, height),
         video_size=scene.video_size,
-        frames=len(record.frames),
+        frames=len(record.frames or record.unrefined),
         fps=scene.render.fps,
         duration=world.duration,
         video=video,
+        refined=refinement(record.refine),
         photo=_data_uri(first),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=_walls(scene, world),
@@ -68,7 +75,7 @@ def report_page(
         ],
         command=shlex.join(record.command),
         scene_text=scene_text,
-        versions=versions(),
+        versions=versions(record.refine),
         inputs=record.inputs,
     )
     return page
@@ -82,12 +89,11 @@ def gallery_page(root: Path) -> str:
             continue
         try:
             manifest: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            files, frames = manifest["files"], len(manifest["frames"])
+            files, frames = manifest["files"], len(manifest["frames"] or manifest.get("unrefined", []))
             title, count = manifest["scene"], len(manifest["document"].get("objects", {}))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             continue
-        shown = ("video.mp4", "video.webp", "video.gif", "frames/00000.png")
-        video = next((file for file in shown if file in files), None)
+        video = next((file for file in SHOWN if file in files), None)
         href = "./" + quote(path.parent.name)
         facts = f"{count} object{'s' if count != 1 else ''}, {frames} frames"
         clip = f"{href}/{video}" if video else None
