@@ -139,12 +139,15 @@ def _report(
 ) -> None:
     """Trajectory and page; `first` is the clip's first frame, unrefined."""
     from physgen.report.page import report_page
-    from physgen.report.video import Format
     from physgen.scene.write import scene_text
 
     trajectory.save(folder / "trajectory.npz")
-    name = "video" if record.frames else "unrefined"
-    video = next((kind.named(name) for kind in kinds if kind is not Format.PNG), "frames/00000.png")
+    made = [
+        kind.named("video" if record.frames else "unrefined")
+        for kind in kinds
+        if (record.frames or kind is kinds[0])
+    ]
+    video = next((file for file in made if "." in file), f"{made[0]}/00000.png")
     text = scene_text(filming.scene.document)
     if filming.scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
         first = next(

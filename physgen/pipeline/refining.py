@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.crew import Choice, Plan, why
-from physgen.photometry import decode
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.stages import simulate
 from physgen.pipeline.watch import Progress, Warn
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
     from physgen.cache.footage import Footage
     from physgen.refine.refining import How
     from physgen.refine.roles import Denoiser
-    from physgen.report.changes import Changes
     from physgen.render.stage import Frame
+    from physgen.report.changes import Changes
     from physgen.report.record import RunRecord
     from physgen.report.video import Format
     from physgen.scene.model import Scene
@@ -92,6 +91,7 @@ def guided(
     from physgen.cache.footage import Add, footage
     from physgen.cache.keys import guidance_key
     from physgen.cache.store import opened
+    from physgen.render.matte import coverage
 
     def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
         progress("simulate", 0, 1)
@@ -104,9 +104,9 @@ def guided(
             with record.stage("render"):
                 frame = next(frames)
             with record.stage("cover"):
-                coverage = decode(next(mattes).rgb[..., 0])
+                covered = coverage(next(mattes))
             with record.stage("keep"):
-                add(frame.rgb, coverage, frame.ids)
+                add(frame.rgb, covered, frame.ids)
             progress("render", index + 1, count)
         return trajectory, {}
 

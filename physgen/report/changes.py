@@ -11,13 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.report.strip import COLUMNS, Column, column, strip
+from physgen.report.strip import COLUMNS, LUMA, Column, column, strip
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-LUMA = np.array([[0.2126, 0.7152, 0.0722]], np.float32)
-"""ITU-R BT.709, of sRGB codes."""
 CHANNELS = 3
 NEAR = 0.05
 """Of the frame's diagonal: so far from an object its shadow, and what it reflects, is near it."""
@@ -58,7 +56,7 @@ class Changes:
     def add(self, guidance: U8, refined: U8, coverage: F32) -> None:
         """The next frame: (H, W, 3) sRGB twice, and (H, W) coverage of objects, 0..1."""
         difference = np.subtract(refined, guidance, dtype=np.int16)
-        change = _summed(cv2.absdiff(refined, guidance))
+        change = _summed(np.asarray(cv2.absdiff(refined, guidance), np.uint8))
         self._near = NEAR * float(np.hypot(*change.shape))
         for k, share in enumerate(_shares(coverage, self._near)):
             pixels = float(share.sum(dtype=np.float64))
@@ -72,7 +70,7 @@ class Changes:
             self._refined.to(cv2.norm(refined, after, cv2.NORM_L1) / guidance.size, at)
             self._apart.to(cv2.norm(difference, between, cv2.NORM_L1) / guidance.size, at)
         if at in self._shown():
-            luma = np.asarray(cv2.transform(difference.astype(np.float32), LUMA), np.float32)
+            luma = np.asarray(cv2.transform(difference.astype(np.float32), LUMA[None]), np.float32)
             self._columns.append(column(at / self.fps, guidance, refined, luma, coverage))
         self._last = guidance, refined, difference
         self._seen += 1

@@ -36,6 +36,8 @@ WARM: Colour = (178, 24, 43)
 COOL: Colour = (33, 102, 172)
 PALE = 176, 236
 """Grey levels that black and white have beneath the colours of change."""
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+"""ITU-R BT.709, of sRGB codes."""
 BORDER = 0.5
 """Of a pixel, that an object covers on its outline."""
 LINES: Colour = (58, 62, 72)
@@ -131,7 +133,7 @@ def strip(columns: Sequence[Column]) -> U8:
 
 def changed(one: Column, levels: int) -> U8:
     """(h, w, 3) sRGB: the guidance in pale grey, warm where it is brighter now and cool where darker, with outlines."""
-    grey = one.guidance @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    grey = one.guidance @ LUMA
     picture = coloured(PALE[0] + (PALE[1] - PALE[0]) * grey / 255, one.change, levels)
     mixed = picture + one.outlines[..., None] * (np.array(LINES, np.float32) - picture)
     return np.asarray(np.rint(mixed), np.uint8)
