@@ -132,7 +132,9 @@ def refined(
     scene, trajectory = filming.scene, footage.trajectory
     order = filming.shot(trajectory).order
 
-    def write(pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str) -> list[str]:
+    def write(
+        pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str, doing: str = ""
+    ) -> list[str]:
         frames = filming.annotated(_frames(footage, pictures, order), trajectory)
         return written(frames, len(order), scene, folder, kinds, record, progress, name=name, stage=stage)[0]
 
@@ -145,7 +147,7 @@ def refined(
         changes = Changes(len(footage.rgb), scene.render.fps)
         made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
         with _played(made, order, scene.video_size, len(footage.rgb)) as pictures:
-            record.frames = write(pictures, kinds, "video", "refine")
+            record.frames = write(pictures, kinds, "video", "refine", "decode")
     except InputError as error:
         for kind in kinds:
             _removed(folder / kind.named("video"))
