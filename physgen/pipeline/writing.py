@@ -37,7 +37,7 @@ def written(
 ) -> tuple[list[str], U8]:
     """Writes `count` frames into `folder` as `name`, in all `kinds`; returns their hashes, and the first.
 
-    What making the frames costs is the `stage`'s, and the rest is encoding's; `doing` is what `progress` is told instead.
+    What making the frames costs is the `stage`'s, the rest encoding's; `doing` is what `progress` is told instead.
     """
     from physgen.report.record import StageTime, frame_hash
     from physgen.report.video import alongside, open_video
