@@ -346,6 +346,7 @@ def render_scene(
     from physgen.render.shutter import shutter
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.page import report_page
+    from physgen.report.player import player_data
     from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, write_json
     from physgen.report.video import Format, alongside, open_video
     from physgen.scene.write import scene_text
@@ -440,7 +441,9 @@ def render_scene(
                 scene.render.overlay or not take.opens_on_photo
             ):  # outlines and forces are drawn on the photo itself
                 first = next(render(drawn, trajectory)).rgb
-            page = report_page(scene, compiled.world, record, first, video, text)
+            beside = video if video == Format.MP4.file else None
+            player = player_data(scene, compiled.world, trajectory, drawn, take, beside)
+            page = report_page(scene, compiled.world, record, first, video, text, player)
             (folder / "report.html").write_text(page, encoding="utf-8")
         for file in sorted(p for p in folder.rglob("*") if p.is_file()):
             record.files[file.relative_to(folder).as_posix()] = file_hash(file)
