@@ -34,7 +34,7 @@ function makePen(context, scale) {
     arrow(x, y, dx, dy, colour, alpha = 1, width = 2.2) {
       const long = Math.hypot(dx, dy);
       if (long * scale < 3) return;
-      const head = Math.min(9 / scale, 0.55 * long), ux = dx / long, uy = dy / long, path = new Path2D(), tip = new Path2D();
+      const head = Math.min(8 / scale, 0.5 * long), ux = dx / long, uy = dy / long, path = new Path2D(), tip = new Path2D();
       path.moveTo(x, y);
       path.lineTo(x + dx - 0.8 * head * ux, y + dy - 0.8 * head * uy);
       tip.moveTo(x + dx, y + dy);
@@ -75,10 +75,10 @@ function lineOf(points, closed = false) {
 }
 
 const cut = (text) => { const signs = [...text]; return signs.length > NAMES ? `${signs.slice(0, NAMES - 1).join("")}…` : text; };
-const colourOf = (k) => OBJECTS[k % OBJECTS.length];
 
-// The layers of a scene; `now` is {time, where, poses}.
-function makeLayers(data, motion, clip, units) {
+// The layers of a scene; `now` is {time, where, poses}; ranks say whose turn each object has among the colours.
+function makeLayers(data, motion, clip, units, ranks) {
+  const colourOf = (k) => OBJECTS[ranks[k] % OBJECTS.length];
   const bodies = motion.bodies, arrows = data.arrows;
   const flash = Math.min((FLASH * clip.pace) / clip.fps, motion.end / 6) || 0;
   const turned = ({ x, y, a }, points) => {
@@ -167,14 +167,19 @@ function makeLayers(data, motion, clip, units) {
     pen.stroke(dots, INK.contacts, 0.5);
     pen.fill(dots, INK.contacts);
     const shown = data.blows.filter(([at]) => at <= time && time < at + flash);
-    const strongest = Math.max(0, ...shown.map((blow) => blow[3]));
-    for (const [at, x, y, impulse] of shown) {
+    const written = []; // the strongest have their impulses beside them, as far as there is room
+    for (const [at, x, y, impulse] of shown.sort((a, b) => b[3] - a[3])) {
       const r = Math.sqrt(arrows.ring * impulse), left = clamp(1.6 * (1 - (now.time - at) / flash), 0, 1);
       if (r < 3 * pen.unit) continue;
       const ring = new Path2D();
       ring.arc(x, y, r, 0, 2 * Math.PI);
       pen.stroke(ring, INK.contacts, 1.8, left);
-      if (impulse > 0.3 * strongest && left > 0.35) pen.words(units.worded("impulse", impulse), x, y - r - 11 * pen.unit, "#fff", { size: 11 });
+      const above = y - r - 11 * pen.unit;
+      const free = written.every(([wx, wy]) => Math.abs(wx - x) > 76 * pen.unit || Math.abs(wy - above) > 20 * pen.unit);
+      if (written.length < 3 && left > 0.35 && free) {
+        pen.words(units.worded("impulse", impulse), x, above, "#fff", { size: 11 });
+        written.push([x, above]);
+      }
     }
   }
 

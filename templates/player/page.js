@@ -3,6 +3,7 @@
 function start(root, physics, data) {
   const $ = (name) => root.querySelector(`[data-part="${name}"]`);
   const motion = readMotion(data), clip = readClip(data, motion), units = readUnits(data);
+  const quantities = readQuantities(data, motion);
   const canvas = $("canvas"), context = canvas.getContext("2d"), video = root.querySelector("video");
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const on = new Set(["shadows"]);
@@ -24,7 +25,7 @@ function start(root, physics, data) {
   }
 
   // ---- the picture
-  const layers = makeLayers(data, motion, clip, units);
+  const layers = makeLayers(data, motion, clip, units, quantities.ranks);
   function resize() {
     const wide = canvas.parentElement.clientWidth, dense = Math.min(devicePixelRatio || 1, 3);
     const pixels = Math.max(1, Math.round(wide * dense));
@@ -145,13 +146,13 @@ function start(root, physics, data) {
   });
 
   // ---- physics
-  charts = makePhysics(physics, data, motion, units, clock, go);
+  charts = makePhysics(physics, data, motion, units, clock, go, quantities);
 
   // ---- begin
   return loadPictures(data).then((pictures) => {
     paint = makeScene(data, motion, pictures);
     root.classList.add("live");
-    for (const element of root.querySelectorAll("[data-live]")) element.hidden = false;
+    for (const element of document.querySelectorAll("[data-live]")) element.hidden = false;
     for (const element of root.querySelectorAll("[data-still]")) element.setAttribute("hidden", "");
     physics.hidden = false;
     let wide = 0;
@@ -171,14 +172,14 @@ function start(root, physics, data) {
   });
 }
 
-function makePhysics(physics, data, motion, units, clock, go) {
+function makePhysics(physics, data, motion, units, clock, go, quantities) {
   const $ = (name) => physics.querySelector(`[data-part="${name}"]`);
-  const quantities = readQuantities(data, motion), chosen = new Set(quantities.movers);
+  const chosen = new Set(quantities.movers);
   if (!chosen.size) quantities.objects.slice(0, 3).forEach((o) => chosen.add(o.k));
   const surfaces = [...data.bodies, ...data.walls], nameOf = (k) => surfaces[k].name;
-  const colours = (k) => `--object-${k % 10}`;
+  const rank = quantities.ranks, colours = (k) => `--object-${rank[k] % 10}`;
   const some = (values) => () => quantities.objects.filter((o) => chosen.has(o.k)).map((o) => (
-    { name: o.name, colour: colours(o.k), dash: o.k >= 10, values: values(o.k) }));
+    { name: o.name, colour: colours(o.k), dash: rank[o.k] >= 10, values: values(o.k) }));
   const { energy, momentum } = quantities;
   let over = null, told = 0;
   const hovering = (time) => { over = time; for (const chart of charts) chart.hover(time); read(); };
@@ -199,8 +200,8 @@ function makePhysics(physics, data, motion, units, clock, go) {
     chart({
       title: "Momentum", kind: "impulse", tall: 110, empty: "", note: "Of all that moves freely, together.",
       series: () => [
-        { name: "to the right", colour: "--kinetic", values: momentum.right },
-        { name: data.top ? "down the picture" : "downwards", colour: "--dissipated", values: momentum.down },
+        { name: "to the right", colour: "--object-3", values: momentum.right },
+        { name: data.top ? "down the picture" : "downwards", colour: "--object-6", values: momentum.down },
       ],
     }),
     chart({ title: "Speed", kind: "speed", tall: 130, also: true, empty: none, series: some(quantities.speed) }),
@@ -213,7 +214,7 @@ function makePhysics(physics, data, motion, units, clock, go) {
 
   const chips = quantities.objects.map((o) => {
     const chip = tag("button", { type: "button", class: "chip", "aria-pressed": chosen.has(o.k), title: o.label || o.name },
-      tag("i", { class: o.k >= 10 ? "swatch dashed" : "swatch", style: `--ink: var(${colours(o.k)})` }), tag("bdi", { dir: "auto" }, o.name));
+      tag("i", { class: rank[o.k] >= 10 ? "swatch dashed" : "swatch", style: `--ink: var(${colours(o.k)})` }), tag("bdi", { dir: "auto" }, o.name));
     chip.addEventListener("click", () => choose(chosen.has(o.k) ? [...chosen].filter((k) => k !== o.k) : [...chosen, o.k]));
     return chip;
   });

@@ -20,6 +20,7 @@ function readQuantities(data, motion) {
     return sum;
   };
   const objects = bodies.map((body, k) => ({ k, name: body.name, label: body.label, way: way(body) }));
+  const order = [...objects].sort((a, b) => b.way - a.way); // those that move farthest have colours of their own
   const kept = new Map();
   const once = (key, make) => { if (!kept.has(key)) kept.set(key, make()); return kept.get(key); };
   return {
@@ -30,7 +31,7 @@ function readQuantities(data, motion) {
     height: (k) => once(`h${k}`, () => filled((n) => height(bodies[k], n))),
     falls: pull > 0,
     objects,
-    // those that move farthest
-    movers: [...objects].filter((o) => o.way > 0.5).sort((a, b) => b.way - a.way).slice(0, 4).map((o) => o.k),
+    movers: order.filter((o) => o.way > 0.5).slice(0, 4).map((o) => o.k),
+    ranks: objects.map((o) => order.indexOf(o)),
   };
 }
