@@ -125,7 +125,7 @@ class _Said:
         if place is None and near:
             place = self._scene.place(path)
         if place is not None and not place.line:
-            return Source("flag", place.file)
+            return Source("flag", "--set")
         if place is not None and place in self._edited:
             return Source("variant", f"variant {self._variant}")
         if provenance is not None:

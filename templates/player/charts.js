@@ -120,7 +120,7 @@ function makeChart(what, data, motion, units, seek, hovering) {
       const where = motion.locate(time);
       for (const { row, value } of rows) {
         const found = motion.mix(row.values, where), also = units.both(what.kind, found);
-        value.textContent = `${digits(found / scale.per)} ${scale.unit}`;
+        value.textContent = joined(found / scale.per, scale.unit);
         if (also && what.also) value.append(tag("small", {}, also));
       }
     },

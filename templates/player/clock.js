@@ -65,7 +65,7 @@ function followVideo(video, clip, clock) {
   function seek(c) {
     if (video.seeking) { wanted = c; return; }
     wanted = null;
-    const frame = Math.floor(clamp(c * clip.fps + 1e-6, 0, clip.frames - 1));
+    const frame = Math.floor(clamp(c * clip.fps + 1e-3, 0, clip.frames - 1));
     video.currentTime = (frame + 0.5) / clip.fps; // the middle of a frame, where no rounding shows its neighbour
   }
   video.addEventListener("seeked", () => { if (wanted !== null) seek(wanted); });

@@ -25,6 +25,15 @@ function makePen(context, scale) {
       context.setLineDash([]);
       context.globalAlpha = 1;
     },
+    line(path, colour, width, alpha = 1) {
+      context.globalAlpha = alpha;
+      context.lineJoin = "round";
+      context.lineCap = "butt";
+      context.strokeStyle = colour;
+      context.lineWidth = width / scale;
+      context.stroke(path);
+      context.globalAlpha = 1;
+    },
     fill(path, colour, alpha = 1) {
       context.globalAlpha = alpha;
       context.fillStyle = colour;
@@ -188,7 +197,11 @@ function makeLayers(data, motion, clip, units, ranks) {
     bodies.forEach((body, k) => {
       const { x, y } = now.poses[k];
       if (Math.hypot(x - body.x[0], y - body.y[0]) < 0.5 && sample > 0 && Math.hypot(x - body.x[sample >> 1], y - body.y[sample >> 1]) < 0.5) return;
-      const PARTS = 6;
+      const PARTS = 8, whole = new Path2D();
+      whole.moveTo(body.x[0], body.y[0]);
+      for (let i = 1; i <= sample; i += 1) whole.lineTo(body.x[i], body.y[i]);
+      whole.lineTo(x, y);
+      pen.line(whole, HALO, 3.8, 0.5);
       for (let part = 0; part < PARTS; part += 1) { // older parts are fainter
         const path = new Path2D();
         let begun = false, tail = null;
@@ -200,7 +213,7 @@ function makeLayers(data, motion, clip, units, ranks) {
           tail = [body.x[i], body.y[i]];
         }
         if (part === PARTS - 1) { if (!begun && tail) path.moveTo(...tail); path.lineTo(x, y); }
-        pen.stroke(path, colourOf(k), 1.8, 0.3 + (0.7 * (part + 1)) / PARTS);
+        pen.line(path, colourOf(k), 1.8, 0.25 + (0.75 * (part + 1)) / PARTS);
       }
     });
   }

@@ -154,7 +154,8 @@ function start(root, physics, data) {
     root.classList.add("live");
     for (const element of document.querySelectorAll("[data-live]")) element.hidden = false;
     for (const element of root.querySelectorAll("[data-still]")) element.setAttribute("hidden", "");
-    physics.hidden = false;
+    physics.hidden = !motion.bodies.length;
+    for (const link of document.querySelectorAll('nav [href="#physics"]')) link.hidden = physics.hidden;
     let wide = 0;
     new ResizeObserver(() => { resize(); keys(); }).observe(canvas.parentElement);
     new ResizeObserver(([{ contentRect }]) => {

@@ -11,6 +11,9 @@ function digits(value, count = 3) {
   return value.toFixed(places).replace("-", "−");
 }
 
+// a number and its unit, which may begin with a power of ten
+const joined = (value, unit) => `${digits(value)}${/^10/.test(unit) ? "·" : " "}${unit}`;
+
 function readUnits(data) {
   const meter = data.scale, newton = meter ? 1000 * meter : null;
   const si = {
@@ -33,7 +36,7 @@ function readUnits(data) {
   }
   function worded(kind, value) {
     const { per, unit } = axis(kind, Math.abs(value));
-    return `${digits(value / per)} ${unit}`;
+    return joined(value / per, unit);
   }
   return { axis, worded, both: (kind, value) => (meter ? `${digits(value)} ${px[kind]}` : "") };
 }
