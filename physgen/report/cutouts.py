@@ -179,8 +179,8 @@ def _dark(stage: Stage, lit: Lit, stand: Stand) -> tuple[Box, F32] | None:
     parts = lit.moved(stand.k, now, stand.start, stand.pose)
     if not parts:
         return None
-    boxes = np.array([box for box, _ in parts])
-    x0, y0, x1, y1 = (*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
+    x0, y0 = (min(box[k] for box, _ in parts) for k in (0, 1))
+    x1, y1 = (max(box[k] for box, _ in parts) for k in (2, 3))
     total = np.zeros((y1 - y0, x1 - x0), np.float32)
     for (left, top, right, bottom), dark in parts:
         total[top - y0 : bottom - y0, left - x0 : right - x0] += dark

@@ -45,7 +45,7 @@ def report_page(
 ) -> str:
     """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
-    `player` is what `player_data` gives; without it, and where scripts are off, the page has that picture and the video.
+    `player` is what `player_data` gives; without it, or without scripts, the page has that picture and the video.
     """
     width, height = scene.size
     longest = max((stage.wall for stage in record.stages.values()), default=1.0) or 1.0
@@ -109,7 +109,9 @@ def failed_page(name: str, problems: Sequence[Problem], command: Sequence[str], 
     """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read."""
     page: str = _template("failed.html.j2").render(
         title=name,
-        problems=[(str(p.place), p.path, " ".join(filter(None, (p.found, p.expected))), p.fix) for p in problems],
+        problems=[
+            (str(p.place), p.path, " ".join(filter(None, (p.found, p.expected))), p.fix) for p in problems
+        ],
         command=shlex.join(command),
         scene_text=scene_text,
         versions=versions(),

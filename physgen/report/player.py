@@ -155,7 +155,7 @@ def _energy(seen: Trajectory) -> Data:
     e = seen.energy
     low = float(e.potential.min()) if len(e.potential) else 0.0
     rows = {"kinetic": e.kinetic, "potential": e.potential - low, "dissipated": e.dissipated, "work": e.work}
-    step = max((float(np.abs(values).max(initial=0.0)) for values in rows.values())) / CODES or 1.0
+    step = max(float(np.abs(values).max(initial=0.0)) for values in rows.values()) / CODES or 1.0
     return {"step": step, **{name: column(values, step) for name, values in rows.items()}}
 
 
@@ -173,7 +173,10 @@ def _touches(seen: Trajectory) -> list[list[float | int | None]]:
     ):
         begins.setdefault(first * N + second, []).append((begin, row))
     total = np.zeros(len(contacts.touch_pairs))
-    for key, mine in begins.items():  # what was given up to a sample belongs to the touch begun last before it
+    for (
+        key,
+        mine,
+    ) in begins.items():  # what was given up to a sample belongs to the touch begun last before it
         of = np.flatnonzero(pair == key)
         at = np.searchsorted([begin for begin, _ in mine], when[of] + INSTANT) - 1
         np.add.at(total, np.array([row for _, row in mine])[np.maximum(at, 0)], size[of])

@@ -33,7 +33,7 @@ function endsOf(found, slack) {
     Math.hypot(row[0] - from[0], row[1] - from[1]) > Math.hypot(best[0] - from[0], best[1] - from[1]) ? row : best);
   const end = far(middle), other = far(end);
   const two = Math.hypot(end[0] - other[0], end[1] - other[1]) >= APART;
-  return { gap: least, points: two ? [end, other] : [middle] };
+  return { gap: least, points: two ? [end.slice(0, 2), other.slice(0, 2)] : [middle] };
 }
 
 function touching(data, bodies, poses, first, second) {

@@ -20,7 +20,9 @@ PHONE = {"width": 390, "height": 844}
 def chromium() -> str:
     """Where it is; the message of what to do where it is not."""
     found = os.environ.get("PHYSGEN_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-    assert found, "tests of the report need Chromium: apt-get install chromium, or set PHYSGEN_CHROMIUM to its path"
+    assert found, (
+        "tests of the report need Chromium: apt-get install chromium, or set PHYSGEN_CHROMIUM to its path"
+    )
     return found
 
 
@@ -57,7 +59,9 @@ class Opened:
 
     def drawn(self) -> None:
         """Wait until what was asked for is on the canvas."""
-        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.page.evaluate(
+            "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
 
     @property
     def time(self) -> float:

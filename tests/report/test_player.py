@@ -36,7 +36,9 @@ def made(path: Path, overrides: tuple[str, ...] = ()) -> SimpleNamespace:
     stage = pipeline.stage(scene, compiled, maps)
     shot = pipeline.shot(scene, trajectory)
     data = player_data(scene, compiled.world, trajectory, stage, shot, "video.mp4")
-    return SimpleNamespace(scene=scene, world=compiled.world, run=trajectory, stage=stage, maps=maps, data=data)
+    return SimpleNamespace(
+        scene=scene, world=compiled.world, run=trajectory, stage=stage, maps=maps, data=data
+    )
 
 
 def written(tmp_path: Path, text: str, *overrides: str) -> SimpleNamespace:
@@ -62,10 +64,16 @@ def test_places_are_rounded_as_little_as_is_said(tmp_path: Path) -> None:
     for k in range(2):
         assert values(got.data, k, "x", "place")[frames] == approx(got.run.poses[:, k, 0], abs=1 / 64 + 1e-9)
         assert values(got.data, k, "y", "place")[frames] == approx(got.run.poses[:, k, 1], abs=1 / 64 + 1e-9)
-        assert values(got.data, k, "a", "angle")[frames] == approx(got.run.poses[:, k, 2], abs=1 / 8192 + 1e-9)
+        assert values(got.data, k, "a", "angle")[frames] == approx(
+            got.run.poses[:, k, 2], abs=1 / 8192 + 1e-9
+        )
         most = np.abs(got.run.velocities[..., :2]).max()
-        assert values(got.data, k, "vx", "speed")[frames] == approx(got.run.velocities[:, k, 0], abs=most / 8000)
-        assert values(got.data, k, "vy", "speed")[frames] == approx(got.run.velocities[:, k, 1], abs=most / 8000)
+        assert values(got.data, k, "vx", "speed")[frames] == approx(
+            got.run.velocities[:, k, 0], abs=most / 8000
+        )
+        assert values(got.data, k, "vy", "speed")[frames] == approx(
+            got.run.velocities[:, k, 1], abs=most / 8000
+        )
 
 
 def test_between_samples_a_ball_falls_as_a_ball_does(tmp_path: Path) -> None:
@@ -83,7 +91,7 @@ def test_a_touch_gives_what_the_motion_changes_by(tmp_path: Path) -> None:
     """J = m (1 + e) v."""
     got = written(tmp_path, BOUNCE)
     names = [body["name"] for body in got.data["bodies"]] + [wall["name"] for wall in got.data["walls"]]
-    first, second, begin, _, impulse = next(t for t in got.data["touches"] if names[t[0]] == "ball")
+    _, second, begin, _, impulse = next(t for t in got.data["touches"] if names[t[0]] == "ball")
     assert names[second] == "floor"
     speed = np.sqrt(2 * 600 * 300)
     assert begin == approx(speed / 600, abs=2e-3)
@@ -138,7 +146,9 @@ def laid(data: dict, size: tuple[int, int]) -> np.ndarray:
     for (left, top, w, h), src in rows:
         picture = opened(src)
         if picture.shape[:2] != (round(h), round(w)):
-            both = Image.fromarray(picture.astype(np.uint8)).resize((round(w), round(h)), Image.Resampling.BILINEAR)
+            both = Image.fromarray(picture.astype(np.uint8)).resize(
+                (round(w), round(h)), Image.Resampling.BILINEAR
+            )
             picture = np.asarray(both, np.float64)
         x, y = round(left + 0.5), round(top + 0.5)
         x0, y0, x1, y1 = max(x, 0), max(y, 0), min(x + round(w), size[0]), min(y + round(h), size[1])
@@ -173,5 +183,7 @@ def test_a_shadow_is_known_where_its_object_turns_away(bundled: Path) -> None:
         samples = [key["sample"] for key in shadow["keys"]]
         assert samples == sorted(set(samples))
         way = got.run.poses[:, shadow["body"], :2]
-        straight = np.stack([np.interp(np.arange(len(way)), samples, way[samples, k]) for k in (0, 1)], axis=1)
+        straight = np.stack(
+            [np.interp(np.arange(len(way)), samples, way[samples, k]) for k in (0, 1)], axis=1
+        )
         assert np.abs(way - straight).max() < 12

@@ -25,7 +25,12 @@ physgen: 1
 size: [320, 400]
 world: {{pixels_per_meter: 200, gravity: [0, {G:g}], duration: 1.5}}
 objects:
-  ball: {{shape: {{circle: {{center: [60, 50], radius: 18}}}}, mass: 50, elasticity: 0.8, friction: 0, velocity: [{V:g}, 0]}}
+  ball:
+    shape: {{circle: {{center: [60, 50], radius: 18}}}}
+    mass: 50
+    elasticity: 0.8
+    friction: 0
+    velocity: [{V:g}, 0]
   block:
     label: </script><script>window.broken = 1</script><img src=x onerror="window.broken = 2">
     shape: {{box: {{center: [240, 350], size: [60, 60]}}}}
@@ -45,14 +50,26 @@ objects:
     shape: {circle: {center: [80, 60], radius: 22}}
     mass: 120
     from: {mass: table 0.4, label: clip 0.3}
-  b: {label: "صندوق خشبي قديم جدا من خشب الأبنوس المطعم بالعاج والصدف", shape: {box: {center: [240, 200], size: [60, 50]}}}
-  c: {label: 非常长的标签用来检查中文换行和溢出的情况是否正常工作没有空格, shape: {box: {center: [400, 200], size: [60, 50]}}}
+  b:
+    label: "صندوق خشبي قديم جدا من خشب الأبنوس المطعم بالعاج والصدف"
+    shape: {box: {center: [240, 200], size: [60, 50]}}
+  c:
+    label: 非常长的标签用来检查中文换行和溢出的情况是否正常工作没有空格
+    shape: {box: {center: [400, 200], size: [60, 50]}}
   d: {label: 🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈, shape: {circle: {center: [160, 60], radius: 12}}}
 boundaries:
   floor: {segment: [[-100, 280], [600, 280]]}
 variants:
   heavy: {objects.b.mass: 900}
 """
+
+
+OUTSIDE = """() => [...document.querySelectorAll('body *')]
+  .filter(e => !e.closest('.scroll, pre, svg, .unseen, .skip, [hidden], script'))
+  .filter(e => [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
+  .filter(e => { const b = e.getBoundingClientRect(); return b.width && (b.right > innerWidth + 1 || b.left < -1); })
+  .map(e => e.outerHTML.slice(0, 120))"""
+"""Elements with text of their own that reach beyond the page."""
 
 
 @pytest.fixture(scope="session")
@@ -116,7 +133,10 @@ def fallen(time: float) -> tuple[float, float]:
 def test_it_opens_from_disk_and_asks_for_nothing_else(browser: Any, pages: Path) -> None:
     with opened(browser, report(pages, "fall")) as seen:
         own = (pages / "fall").as_uri() + "/"
-        assert {url.removeprefix(own) for url in seen.asked if not url.startswith("data:")} == {"report.html", "video.mp4"}
+        assert {url.removeprefix(own) for url in seen.asked if not url.startswith("data:")} == {
+            "report.html",
+            "video.mp4",
+        }
         assert seen.errors == []
 
 
@@ -182,12 +202,16 @@ def test_the_video_shows_the_same_moment(
         seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
         for sample in (0, 7, len(set(order)) - 1):
             seen.seek(sample * step)
-            seen.page.wait_for_function("() => { const v = document.querySelector('video'); return !v.seeking; }")
+            seen.page.wait_for_function(
+                "() => { const v = document.querySelector('video'); return !v.seeking; }"
+            )
             at_video = seen.page.evaluate("() => document.querySelector('video').currentTime")
             assert order[int(at_video * fps)] == sample
         seen.page.click("[data-part=first]")
         seen.page.click("[data-part=play]")
-        seen.page.wait_for_function("() => { const v = document.querySelector('video'); return !v.paused && v.currentTime > 0.2; }")
+        seen.page.wait_for_function(
+            "() => { const v = document.querySelector('video'); return !v.paused && v.currentTime > 0.2; }"
+        )
 
 
 # ---- hands -----------------------------------------------------------------------------------------------------------
@@ -234,11 +258,17 @@ def test_all_can_be_reached_by_tab(browser: Any, pages: Path) -> None:
         reached = set()
         for _ in range(80):
             seen.page.keyboard.press("Tab")
-            reached.add(seen.page.evaluate("() => { const e = document.activeElement; return e.dataset.part || e.dataset.layer || ''; }"))
+            reached.add(
+                seen.page.evaluate(
+                    "() => { const e = document.activeElement; return e.dataset.part || e.dataset.layer || ''; }"
+                )
+            )
         assert {"first", "back", "play", "next", "last", "seek", "rate", "loop", "outlines", "all"} <= reached
 
 
-@pytest.mark.parametrize("layer", ["outlines", "pieces", "boundaries", "velocities", "forces", "contacts", "trails", "ids"])
+@pytest.mark.parametrize(
+    "layer", ["outlines", "pieces", "boundaries", "velocities", "forces", "contacts", "trails", "ids"]
+)
 def test_a_layer_is_drawn_and_goes(browser: Any, pages: Path, layer: str) -> None:
     """What is drawn lies where its thing is, and without it the picture is the same again."""
     with opened(browser, report(pages, "fall")) as seen:
@@ -253,9 +283,11 @@ def test_a_layer_is_drawn_and_goes(browser: Any, pages: Path, layer: str) -> Non
         large = before.shape[1] / 320
         x, y = 60 + V * now, 380 - 18
         reach = 70 if layer == "forces" else 30
-        box = {"boundaries": (0, 320, 374, 386), "pieces": (205, 275, 315, 385), "trails": (55, x + 3, 45, 385)}.get(
-            layer, (x - reach, x + reach, y - reach, y + reach)
-        )
+        box = {
+            "boundaries": (0, 320, 374, 386),
+            "pieces": (205, 275, 315, 385),
+            "trails": (55, x + 3, 45, 385),
+        }.get(layer, (x - reach, x + reach, y - reach, y + reach))
         x0, x1, y0, y1 = (max(0, int((v + 0.5) * large)) for v in box)
         assert changed[y0:y1, x0:x1].sum() > 40
         seen.page.click(button)
@@ -346,7 +378,11 @@ def test_objects_are_chosen(browser: Any, pages: Path) -> None:
 def test_the_table_of_contacts_seeks(browser: Any, pages: Path) -> None:
     with opened(browser, report(pages, "fall")) as seen:
         seen.page.click("summary:has-text('Contacts')")
-        row = seen.page.locator("tr", has=seen.page.locator("bdi", has_text="ball")).filter(has_text="floor").first
+        row = (
+            seen.page.locator("tr", has=seen.page.locator("bdi", has_text="ball"))
+            .filter(has_text="floor")
+            .first
+        )
         row.locator("button").click()
         assert seen.time == approx(LANDS, abs=2e-3)
 
@@ -372,7 +408,9 @@ def test_other_scenes_work(browser: Any, pages: Path, name: str) -> None:
 
 
 def test_a_failed_scene_has_a_page(browser: Any, tmp_path: Path) -> None:
-    (tmp_path / "bad.yaml").write_text("physgen: 1\nsize: [10, 10]\nobjects: {a: {shape: auto, mass: <b>heavy</b>}}\n")
+    (tmp_path / "bad.yaml").write_text(
+        "physgen: 1\nsize: [10, 10]\nobjects: {a: {shape: auto, mass: <b>heavy</b>}}\n"
+    )
     with pytest.raises(InputError) as caught:
         pipeline.load(tmp_path / "bad.yaml")
     text = (tmp_path / "bad.yaml").read_text()
@@ -430,13 +468,11 @@ def test_nothing_flows_over(browser: Any, pages: Path, name: str, width: int) ->
     with opened(browser, report(pages, name), viewport={"width": width, "height": 800}, **phone) as seen:
         for summary in seen.page.locator("summary:visible").all():
             summary.click()
-        assert seen.page.evaluate("() => [innerWidth, document.documentElement.scrollWidth]") == [width, width]
-        out = seen.page.evaluate(
-            """() => [...document.querySelectorAll('body *')].filter(e => !e.closest('.scroll, pre, svg, .unseen, .skip, [hidden], script')
-               && [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
-               .filter(e => { const b = e.getBoundingClientRect(); return b.width && (b.right > innerWidth + 1 || b.left < -1); })
-               .map(e => e.outerHTML.slice(0, 120))"""
-        )
+        assert seen.page.evaluate("() => [innerWidth, document.documentElement.scrollWidth]") == [
+            width,
+            width,
+        ]
+        out = seen.page.evaluate(OUTSIDE)
         assert out == []
 
 
@@ -457,7 +493,8 @@ boundaries:
     world = pipeline.compile(pipeline.load(tmp_path / "scene.yaml"), None).world
     data = {"walls": [{"chains": [chain.tolist() for chain in wall.chains]} for wall in world.walls]}
     bodies = [
-        {"rings": [ring.tolist() for ring in body.rings]} | ({} if body.radius is None else {"radius": body.radius})
+        {"rings": [ring.tolist() for ring in body.rings]}
+        | ({} if body.radius is None else {"radius": body.radius})
         for body in world.bodies
     ]
     random = np.random.default_rng(3)
@@ -468,7 +505,11 @@ boundaries:
         points, gap = between(world, poses, first, second)
         cases.append([[{"x": x, "y": y, "a": a} for x, y, a in poses.tolist()], first, second])
         expected.append((gap, points.mean(axis=0)))
-    parts = [resource("templates", "player", f"{part}.js").read_text() for part in PARTS if part in ("motion", "touch")]
+    parts = [
+        resource("templates", "player", f"{part}.js").read_text()
+        for part in PARTS
+        if part in ("motion", "touch")
+    ]
     script = "([data, bodies, cases]) => {" + "\n".join(parts)
     script += "return cases.map(([poses, one, two]) => touching(data, bodies, poses, one, two)); }"
     page = browser.new_page()
