@@ -17,6 +17,24 @@ function tag(name, attributes = {}, ...children) {
   return element;
 }
 
+// Two upright lines over a chart: the player's time, and the one that is read. They are no part of the drawing, which
+// would be painted again for every frame.
+function markers() {
+  const cursor = tag("i", { class: "cursor" }), reading = tag("i", { class: "reading" });
+  const put = (line, x) => { line.style.transform = `translateX(${x.toFixed(1)}px)`; };
+  return {
+    elements: [cursor, reading],
+    span(top, foot) {
+      for (const line of [cursor, reading]) { line.style.top = `${top}px`; line.style.height = `${foot - top}px`; }
+    },
+    move: (x) => put(cursor, x),
+    hover(x) {
+      reading.classList.toggle("shown", x !== null);
+      if (x !== null) put(reading, x);
+    },
+  };
+}
+
 // `what`: {title, note, kind, tall, stacked, last, series(): [{name, colour, dash, values, also}]}
 function makeChart(what, data, motion, units, seek, hovering) {
   const { times } = motion;
@@ -26,8 +44,8 @@ function makeChart(what, data, motion, units, seek, hovering) {
   title.append(" ", unit);
   const note = tag("p", { class: "note" }, what.note || "");
   const side = tag("div", { class: "side" }, title, ...(what.note ? [note] : []), list);
-  const element = tag("div", { class: "chart" }, side, tag("div", { class: "plot-frame" }, plot));
-  const cursor = shape("line", { class: "cursor" }), reading = shape("line", { class: "reading" });
+  const lines = markers();
+  const element = tag("div", { class: "chart" }, side, tag("div", { class: "plot-frame" }, plot, ...lines.elements));
   let wide = 0, series = [], rows = [], scale = { per: 1, unit: "" };
 
   const across = (time) => GUTTER + (motion.end ? (time / motion.end) * (wide - GUTTER - EDGE) : 0);
@@ -85,7 +103,7 @@ function makeChart(what, data, motion, units, seek, hovering) {
       plot.append(shape("path", { class: row.dash ? "line dashed" : "line", d: path(row.values, up), style: `stroke: var(${row.colour})` }));
     });
     if (!series.length) plot.append(shape("text", { class: "empty", x: (wide + GUTTER) / 2, y: (foot + TOP) / 2, "text-anchor": "middle" }, what.empty));
-    for (const line of [cursor, reading]) { line.setAttribute("y1", TOP); line.setAttribute("y2", foot); plot.append(line); }
+    lines.span(TOP, foot);
     rows = series.map((row) => {
       const value = tag("dd"), swatch = tag("i", { class: row.dash ? "swatch dashed" : "swatch", style: `--ink: var(${row.colour})` });
       return { row, value, name: tag("dt", {}, swatch, tag("bdi", { dir: "auto" }, row.name)) };
@@ -108,14 +126,8 @@ function makeChart(what, data, motion, units, seek, hovering) {
     element,
     draw,
     resize(width) { wide = width; draw(); },
-    move(time) { const x = across(time).toFixed(1); cursor.setAttribute("x1", x); cursor.setAttribute("x2", x); },
-    hover(time) {
-      reading.classList.toggle("shown", time !== null);
-      if (time === null) return;
-      const x = across(time).toFixed(1);
-      reading.setAttribute("x1", x);
-      reading.setAttribute("x2", x);
-    },
+    move: (time) => lines.move(across(time)),
+    hover: (time) => lines.hover(time === null ? null : across(time)),
     read(time) {
       const where = motion.locate(time);
       for (const { row, value } of rows) {
@@ -133,8 +145,8 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
   const plot = shape("svg", { role: "img", class: "plot lane" });
   const said = tag("p", { class: "note now" });
   const side = tag("div", { class: "side" }, tag("h3", {}, "Contacts"), said);
-  const element = tag("div", { class: "chart" }, side, tag("div", { class: "plot-frame" }, plot));
-  const cursor = shape("line", { class: "cursor", y1: 4, y2: TALL }), reading = shape("line", { class: "reading", y1: 4, y2: TALL });
+  const lines = markers();
+  const element = tag("div", { class: "chart" }, side, tag("div", { class: "plot-frame" }, plot, ...lines.elements));
   const strongest = Math.max(1e-300, ...data.blows.map((blow) => blow[3]));
   let wide = 0;
   const across = (time) => GUTTER + (motion.end ? (time / motion.end) * (wide - GUTTER - EDGE) : 0);
@@ -159,7 +171,7 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
       const tall = 4 + 26 * Math.sqrt(impulse / strongest), x = across(time).toFixed(1);
       plot.append(shape("line", { class: "blow", x1: x, x2: x, y1: TALL - 22, y2: TALL - 22 - tall }));
     }
-    plot.append(cursor, reading);
+    lines.span(4, TALL);
     const blows = data.blows.length;
     plot.setAttribute("aria-label", `${data.touches.length} contacts and ${blows} blow${blows === 1 ? "" : "s"} over ${digits(motion.end)} s; they are listed in the table of contacts.`);
   }
@@ -179,11 +191,8 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
     element,
     draw,
     resize(width) { wide = width; draw(); },
-    move(time) { const x = across(time).toFixed(1); cursor.setAttribute("x1", x); cursor.setAttribute("x2", x); },
-    hover(time) {
-      reading.classList.toggle("shown", time !== null);
-      if (time !== null) { const x = across(time).toFixed(1); reading.setAttribute("x1", x); reading.setAttribute("x2", x); }
-    },
+    move: (time) => lines.move(across(time)),
+    hover: (time) => lines.hover(time === null ? null : across(time)),
     read(time) {
       const t = time + 1e-9, lasting = data.touches.filter(([, , begin, end]) => begin <= t && (end === null || end >= time));
       const slack = motion.end / 100, struck = data.blows.filter(([at]) => Math.abs(at - time) < slack)

@@ -192,28 +192,29 @@ function makeLayers(data, motion, clip, units, ranks) {
     }
   }
 
+  // samples at which a thing has gone on by a pixel
+  const steps = bodies.map((body) => {
+    const kept = [0];
+    for (let i = 1; i < motion.times.length; i += 1) {
+      const k = kept[kept.length - 1];
+      if (Math.hypot(body.x[i] - body.x[k], body.y[i] - body.y[k]) > 1) kept.push(i);
+    }
+    return kept;
+  });
+
   function trails(pen, now) {
-    const { sample } = now.where, span = FADE * motion.end || 1;
+    const PARTS = 5, span = FADE * motion.end || 1;
     bodies.forEach((body, k) => {
-      const { x, y } = now.poses[k];
-      if (Math.hypot(x - body.x[0], y - body.y[0]) < 0.5 && sample > 0 && Math.hypot(x - body.x[sample >> 1], y - body.y[sample >> 1]) < 0.5) return;
-      const PARTS = 8, whole = new Path2D();
-      whole.moveTo(body.x[0], body.y[0]);
-      for (let i = 1; i <= sample; i += 1) whole.lineTo(body.x[i], body.y[i]);
-      whole.lineTo(x, y);
-      pen.line(whole, HALO, 3.8, 0.5);
-      for (let part = 0; part < PARTS; part += 1) { // older parts are fainter
-        const path = new Path2D();
-        let begun = false, tail = null;
-        for (let i = 0; i <= sample; i += 1) {
-          const age = Math.min((now.time - motion.times[i]) / span, 0.999), mine = PARTS - 1 - Math.floor(age * PARTS) === part;
-          if (mine && !begun) { begun = true; if (tail) path.moveTo(...tail); else path.moveTo(body.x[i], body.y[i]); }
-          if (mine) path.lineTo(body.x[i], body.y[i]);
-          if (!mine && begun) { path.lineTo(body.x[i], body.y[i]); break; }
-          tail = [body.x[i], body.y[i]];
-        }
-        if (part === PARTS - 1) { if (!begun && tail) path.moveTo(...tail); path.lineTo(x, y); }
-        pen.line(path, colourOf(k), 1.8, 0.25 + (0.75 * (part + 1)) / PARTS);
+      const points = steps[k].filter((i) => motion.times[i] <= now.time).map((i) => [body.x[i], body.y[i], motion.times[i]]);
+      points.push([now.poses[k].x, now.poses[k].y, now.time]);
+      if (points.length < 3) return;
+      pen.line(lineOf(points), HALO, 3.8, 0.5);
+      for (let part = 0, from = 0; part < PARTS; part += 1) { // older parts are fainter
+        const until = now.time - (span * (PARTS - 1 - part)) / PARTS;
+        let to = from;
+        while (to + 1 < points.length && (part === PARTS - 1 || points[to + 1][2] <= until)) to += 1;
+        if (to > from) pen.line(lineOf(points.slice(from, to + 1)), colourOf(k), 1.8, 0.28 + (0.72 * (part + 1)) / PARTS);
+        from = to;
       }
     });
   }

@@ -40,7 +40,7 @@ function start(root, physics, data) {
     const scale = canvas.width / data.size[0], pen = makePen(context, canvas.width / data.size[0] / (canvas.width / canvas.clientWidth || 1));
     const where = motion.locate(clock.time), poses = motion.bodies.map((body) => motion.pose(body, where));
     context.setTransform(scale, 0, 0, scale, 0.5 * scale, 0.5 * scale);
-    context.imageSmoothingQuality = "high";
+    context.imageSmoothingQuality = "medium";
     paint(context, clock.time, poses, on.has("shadows"));
     const now = { time: clock.time, where, poses };
     for (const layer of layers) if (on.has(layer.id)) layer.draw(pen, now);

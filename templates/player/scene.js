@@ -19,8 +19,6 @@ function loadPictures(data) {
 }
 
 function makeScene(data, motion, pictures) {
-  const [width, height] = data.size;
-
   function put(context, image, [left, top, w, h]) { context.drawImage(image, left, top, w, h); }
 
   // between two moments at which it is known, a shadow goes where its object goes, and one picture gives way to the other
@@ -65,8 +63,25 @@ function makeScene(data, motion, pictures) {
     context.restore();
   }
 
+  // the background as large as it is shown: to copy it is far quicker than to scale it for every frame
+  const backdrop = document.createElement("canvas");
+  function behind(context) {
+    const { width: wide, height: tall } = context.canvas;
+    if (backdrop.width !== wide || backdrop.height !== tall) {
+      backdrop.width = wide;
+      backdrop.height = tall;
+      const scaled = backdrop.getContext("2d");
+      scaled.imageSmoothingQuality = "high";
+      scaled.drawImage(pictures.background, 0, 0, wide, tall);
+    }
+    context.save();
+    context.resetTransform();
+    context.drawImage(backdrop, 0, 0);
+    context.restore();
+  }
+
   return (context, time, poses, shadows) => {
-    put(context, pictures.background, [-0.5, -0.5, width, height]);
+    behind(context);
     if (shadows) data.shadows.forEach((row, k) => shadow(context, row, pictures.shadows[k], time, poses[row.body]));
     data.sprites.forEach((row, k) => sprite(context, row, pictures.sprites[k], poses[row.body]));
   };
