@@ -1,7 +1,7 @@
 """Stage + Trajectory -> what the player draws: background, objects and shadows as small pictures in data URIs.
 
-Shadows are true at a few moments of an object's way and shift and cross-fade between them; shading does not turn with
-a thing or stay as it turns. The video has the light as it is.
+Shadows are true at a few moments of an object's way and shift and cross-fade between them. A ball's skin turns in space
+and its light stays, as in the video; the shading of anything else turns with it, and no shadow falls on a thing.
 """
 
 from __future__ import annotations
@@ -36,6 +36,10 @@ KEYS = 9
 """Moments at which a shadow is worked out, at most."""
 STRAYS = 5.0
 """px by which a thing's border may be off its straight way between two of them."""
+BALLS = 90
+"""Of WebP, for what balls are put together from."""
+LARGE = 60_000
+"""px² of a ball's box up to which the page's script turns it in space: it does so one pixel after the other."""
 GAMMA = 2.2
 """A shadow's share of linear light, to the power of 1 / GAMMA, is about that of an sRGB code, which browsers blend."""
 FAINTEST = 0.012
@@ -50,7 +54,8 @@ class Cutouts:
 
     background: str
     sprites: list[dict[str, Any]]
-    """`body`, `box` (left, top, width, height), `turns`, `src`; the farthest first."""
+    """`body`, `box` (left, top, width, height), `turns`, `src`; the farthest first. Of a ball that shows how it turns
+    also `ball`: `center` from the box's corner, `radius`, px, and `skin`, `lit`, `gloss`, each with its `most`."""
     shadows: list[dict[str, Any]]
     """`body`, `slides`, `keys`: `sample`, `box`, `at` (middle of its darkness), `src`."""
 
@@ -110,12 +115,30 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     pixels = np.dstack([encode_u8(np.clip(bare, 0, 1)), covers])
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
-    return {
+    found = {
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
         "turns": not _looks_alike(sprite),
         "src": picture(_smaller(pixels, less), QUALITY),
     }
+    if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LARGE:
+        ball = sprite.ball
+        found["ball"] = {
+            "center": [round(ball.center[0] - left, 3), round(ball.center[1] - top, 3)],
+            "radius": round(ball.radius, 3),
+            "skin": _coded(ball.skin[rows, columns]),
+            "lit": _coded(ball.lit[rows, columns]),
+            "gloss": _coded(ball.gloss[rows, columns], signed=True),
+        }
+    return found
+
+
+def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
+    """Linear light (h, w, 3) as a picture of its roots, which eyes see evenly; 0 is grey where there is less than none."""
+    most = max(float(np.abs(values).max()), 1e-6)
+    roots = np.sqrt(np.abs(values) / most)
+    codes = 128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
+    return {"most": float(f"{most:.4g}"), "src": picture(np.rint(codes).astype(np.uint8), BALLS)}
 
 
 def _looks_alike(sprite: Sprite) -> bool:

@@ -148,7 +148,7 @@ def _template(name: str) -> Any:
     return environment.get_template(name)
 
 
-PARTS = ("motion", "clock", "units", "touch", "scene", "layers", "quantities", "charts", "page")
+PARTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quantities", "charts", "page")
 """Of the player's script, in the order in which they build on each other."""
 
 

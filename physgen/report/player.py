@@ -36,6 +36,8 @@ MOST = 1_000_000
 """Samples times objects that a page can carry at all."""
 PLACE, ANGLE, INSTANT = 1 / 32, 1 / 4096, 1e-6
 """px, rad and s: steps to which poses and times are rounded."""
+TURN = 1 / 2048
+"""Step of the parts of a quaternion."""
 CODES = 8000
 """Steps of the largest speed, and of the range of an energy."""
 OUTLINE = 0.05
@@ -64,6 +66,7 @@ def player_data(
     fastest = float(np.abs(seen.velocities[..., :2]).max(initial=0.0))
     spin = float(np.abs(seen.velocities[..., 2]).max(initial=0.0))
     steps = {
+        "turn": TURN,
         "time": INSTANT,
         "place": PLACE,
         "angle": ANGLE,
@@ -138,6 +141,8 @@ def _body(scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, f
     else:
         found["rings"] = [_rounded(ring) for ring in body.rings]
         found["pieces"] = [_rounded(piece) for piece in body.pieces]
+    if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
+        found["q"] = [column(part, TURN) for part in _steady(seen.turns[:, k]).T]
     for name, values, kind in (
         ("x", pose[:, 0], "place"),
         ("y", pose[:, 1], "place"),
@@ -148,6 +153,12 @@ def _body(scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, f
     ):
         found[name] = column(values, steps[kind])
     return found
+
+
+def _steady(turns: Array) -> Array:
+    """(T, 4) of the two quaternions that mean a turn, the one that is nearer to that before."""
+    signs = np.cumprod(np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0, -1.0, 1.0))
+    return np.asarray(turns * np.concatenate([[1.0], signs])[:, None])
 
 
 def _energy(seen: Trajectory) -> Data:

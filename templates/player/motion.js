@@ -15,7 +15,8 @@ function readMotion(data) {
   const kinds = { x: "place", y: "place", a: "angle", vx: "speed", vy: "speed", w: "spin" };
   const bodies = data.bodies.map((body) => {
     const columns = Object.entries(kinds).map(([name, kind]) => [name, summed(body[name], step[kind])]);
-    return { ...body, ...Object.fromEntries(columns) };
+    const q = body.q && body.q.map((codes) => summed(codes, step.turn));
+    return { ...body, ...Object.fromEntries(columns), q };
   });
   const last = times.length - 1;
 

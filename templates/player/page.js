@@ -41,8 +41,8 @@ function start(root, physics, data) {
     const where = motion.locate(clock.time), poses = motion.bodies.map((body) => motion.pose(body, where));
     context.setTransform(scale, 0, 0, scale, 0.5 * scale, 0.5 * scale);
     context.imageSmoothingQuality = "medium";
-    paint(context, clock.time, poses, on.has("shadows"));
     const now = { time: clock.time, where, poses };
+    paint(context, now, on.has("shadows"));
     for (const layer of layers) if (on.has(layer.id)) layer.draw(pen, now);
   }
 

@@ -2,7 +2,8 @@
 
 function loadPictures(data) {
   const sources = [data.background, ...data.sprites.map((s) => s.src),
-    ...data.shadows.flatMap((s) => s.keys.map((key) => key.src))];
+    ...data.shadows.flatMap((s) => s.keys.map((key) => key.src)),
+    ...data.sprites.flatMap(({ ball }) => (ball ? [ball.skin.src, ball.lit.src, ball.gloss.src] : []))];
   return Promise.all(sources.map((src) => {
     if (!src) return null;
     const image = new Image();
@@ -10,11 +11,14 @@ function loadPictures(data) {
     return image.decode().then(() => image);
   })).then((images) => {
     const next = images.values(), take = () => next.next().value;
-    return {
+    const found = {
       background: take(),
       sprites: data.sprites.map(take),
       shadows: data.shadows.map((s) => s.keys.map(take)),
     };
+    found.balls = data.sprites.map(({ ball }, k) => ball && makeBall(
+      ball, { skin: ball.skin.most, lit: ball.lit.most, gloss: ball.gloss.most }, [found.sprites[k], take(), take(), take()]));
+    return found;
   });
 }
 
@@ -53,9 +57,11 @@ function makeScene(data, motion, pictures) {
     context.globalAlpha = 1;
   }
 
-  function sprite(context, row, image, pose) {
+  function sprite(context, row, image, pose, ball, where) {
     const body = motion.bodies[row.body], [left, top, w, h] = row.box;
-    const turn = row.turns && !(data.top && body.ball) ? pose.a - body.a[0] : 0;
+    const moved = ball && (pose.x !== body.x[0] || pose.y !== body.y[0] || pose.a !== body.a[0]);
+    const turn = row.turns && !ball && !(data.top && body.ball) ? pose.a - body.a[0] : 0;
+    if (moved) image = ball(turnOf(body, where, motion.mix));
     context.save();
     context.translate(pose.x, pose.y);
     if (turn) context.rotate(turn);
@@ -80,9 +86,9 @@ function makeScene(data, motion, pictures) {
     context.restore();
   }
 
-  return (context, time, poses, shadows) => {
+  return (context, { time, poses, where }, shadows) => {
     behind(context);
     if (shadows) data.shadows.forEach((row, k) => shadow(context, row, pictures.shadows[k], time, poses[row.body]));
-    data.sprites.forEach((row, k) => sprite(context, row, pictures.sprites[k], poses[row.body]));
+    data.sprites.forEach((row, k) => sprite(context, row, pictures.sprites[k], poses[row.body], pictures.balls[k], where));
   };
 }

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from browser import PHONE, launched, opened
@@ -17,6 +18,7 @@ from physgen import pipeline
 from physgen.problems import InputError
 from physgen.render.touches import between
 from physgen.report.page import PARTS, failed_page
+from physgen.report.video import Format
 from physgen.resources import resource
 
 G, V = 600.0, 40.0
@@ -212,6 +214,34 @@ def test_the_video_shows_the_same_moment(
         seen.page.wait_for_function(
             "() => { const v = document.querySelector('video'); return !v.paused && v.currentTime > 0.2; }"
         )
+
+
+def test_a_break_looks_as_the_renderer_draws_it(browser: Any, bundled: Path, tmp_path: Path) -> None:
+    """Balls that roll in space, shadows that go with them: nearly what the video shows, frame for frame."""
+    scene = pipeline.load(bundled / "billiards" / "scene.yaml", ["world.duration=0.5"])
+    folder = pipeline.render_scene(
+        bundled / "billiards" / "scene.yaml", tmp_path, overrides=["world.duration=0.5"], formats=[Format.PNG]
+    )
+    radius = 20
+    with opened(browser, folder / "report.html") as seen:
+        for sample in (4, 9, 14):
+            shown = seen.seek(sample / 30)
+            pixels = seen.pixels()[..., :3]
+            true = cv2.cvtColor(cv2.imread(str(folder / "frames" / f"{sample:05}.png")), cv2.COLOR_BGR2RGB)
+            true = cv2.resize(true, pixels.shape[1::-1], interpolation=cv2.INTER_AREA).astype(np.float64)
+            assert np.abs(pixels - true).mean() < 3
+            large = pixels.shape[1] / scene.size[0]
+            run = pipeline.simulate(pipeline.compile(scene, pipeline.percepts(scene)).world)
+            assert run.times[sample] == approx(shown, abs=1e-6)
+            off = []
+            for x, y in run.poses[sample, :, :2]:
+                rows, columns = np.indices(pixels.shape[:2])
+                ball = (
+                    np.hypot((columns + 0.5) / large - 0.5 - x, (rows + 0.5) / large - 0.5 - y) < 0.9 * radius
+                )
+                off.append(np.abs(pixels - true)[ball].mean())
+            assert np.median(off) < 12
+            assert max(off) < 30
 
 
 # ---- hands -----------------------------------------------------------------------------------------------------------
