@@ -134,7 +134,7 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
 
 
 def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
-    """Linear light (h, w, 3) as a picture of its roots, which eyes see evenly; 0 is grey where there is less than none."""
+    """Linear light (h, w, 3) as a picture of its roots, which eyes see evenly; none is grey where `signed`."""
     most = max(float(np.abs(values).max()), 1e-6)
     roots = np.sqrt(np.abs(values) / most)
     codes = 128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)

@@ -75,7 +75,7 @@ function start(root, physics, data) {
   // ---- controls
   const rates = [...new Set([2, 1, 1 / 2, 1 / 4, 1 / 8, 1 / 16, clip.pace].map((r) => +r.toPrecision(6)))].sort((a, b) => b - a);
   const pace = +clip.pace.toPrecision(6);
-  const named = (r) => (r >= 1 ? `${+r.toPrecision(3)}×` : Number.isInteger(+(1 / r).toFixed(6)) ? `1/${Math.round(1 / r)}×` : `${+r.toPrecision(2)}×`);
+  const named = (r) => (r >= 1 ? `${+r.toPrecision(3)}×` : Number.isInteger(+(1 / r).toFixed(3)) ? `1/${Math.round(1 / r)}×` : `${+r.toPrecision(2)}×`);
   for (const r of rates) {
     const told = [named(r), ...(r === 1 ? ["real time"] : []), ...(r === pace && pace !== 1 ? ["as the video"] : [])];
     $("rate").append(tag("option", { value: String(r) }, told.join(" · ")));
