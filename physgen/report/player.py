@@ -32,6 +32,10 @@ FINER = 4
 """Times a frame that the player knows where things are."""
 FEW = 40_000
 """Samples times objects of such a closer look."""
+EFFORT = 200_000
+"""Steps times objects of a run up to which it is repeated: some seconds."""
+BLOWS = 500
+"""The strongest that a page carries."""
 MOST = 1_000_000
 """Samples times objects that a page can carry at all."""
 PLACE, ANGLE, INSTANT = 1 / 32, 1 / 4096, 1e-6
@@ -51,16 +55,18 @@ def player_data(
 ) -> Data | None:
     """Everything the page's script needs; None where there is no frame, or more than a page can carry.
 
-    `trajectory` has one sample a frame played forward. The world is run again with more samples, to the same motion.
+    `trajectory` has one sample a frame played forward. The world is run again with more samples, to the same motion,
+    unless that takes long: heaps of hundreds are shown as their frames know them, without blows.
     `video` is the file that the page plays beside it.
     """
     T, N = len(trajectory.times), len(world.bodies)
     if not T or T * N > MOST:
         return None
-    seen = trajectory
-    if N and T > 1:
+    seen, struck = trajectory, list[Blow]()
+    if N and T > 1 and trajectory.effort.steps * N <= EFFORT:
         seen = simulate(world, moments(trajectory, FINER, max(T, FEW // N)))
-    struck = blows(world, seen, world.duration / max(len(world.times), 1) / FINER) if N else []
+        struck = blows(world, seen, world.duration / max(len(world.times), 1) / FINER)
+        struck = sorted(sorted(struck, key=lambda blow: -blow.impulse)[:BLOWS], key=lambda blow: blow.time)
     kinds = set(Overlay)
     drawn = cutouts(stage, trajectory)
     fastest = float(np.abs(seen.velocities[..., :2]).max(initial=0.0))

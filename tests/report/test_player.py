@@ -128,6 +128,15 @@ def test_what_a_camera_sees(tmp_path: Path) -> None:
     assert views[-1] == views[0]
 
 
+def test_what_takes_long_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("physgen.report.player.EFFORT", 10)
+    got = written(tmp_path, BOUNCE)
+    assert got.data["frames"] == list(range(len(got.run.times)))
+    assert len(got.data["times"]) == len(got.run.times)
+    assert got.data["touches"]
+    assert got.data["blows"] == []
+
+
 def test_scenes_of_nothing_and_of_one_frame(tmp_path: Path) -> None:
     nothing = written(tmp_path, "physgen: 1\nsize: [40, 30]\nobjects: {}\n").data
     assert (nothing["bodies"], nothing["touches"], nothing["sprites"]) == ([], [], [])
