@@ -139,6 +139,7 @@ def _report(
 ) -> None:
     """Trajectory and page; `first` is the clip's first frame, unrefined."""
     from physgen.report.page import report_page
+    from physgen.report.player import player_data
     from physgen.scene.write import scene_text
 
     trajectory.save(folder / "trajectory.npz")
@@ -153,7 +154,10 @@ def _report(
         first = next(
             render(filming.stage, trajectory)
         ).rgb  # outlines and forces are drawn on the photo itself
-    page = report_page(filming.scene, filming.compiled.world, record, first, video, text)
+    beside = video if video.endswith(".mp4") else None
+    scene, world = filming.scene, filming.compiled.world
+    player = player_data(scene, world, trajectory, filming.stage, filming.shot(trajectory), beside)
+    page = report_page(scene, world, record, first, video, text, player)
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 

@@ -52,10 +52,11 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
         changes.add(before, after, coverage)
     strip = {"file": "refinement.png", "size": [1600, 507]}
     page = page_of(tmp_path, {**NOTE, "changes": changes.figures(), "strip": strip})
-    section = page[page.index("<h2>Refinement") : page.index("<h2>World")]
-    assert page.index("</figure>") < page.index("<h2>Refinement")
+    start = page.index('<section id="refinement"')
+    section = page[start : page.index("</section>", start)]
+    assert page.index("</figure>") < start
     assert 'src="refinement.png"' in section
-    assert "<script>" not in page
+    assert "<script>alert" not in page
     for words in (
         "&lt;script&gt;alert(1)&lt;/script&gt;",
         "25 of 50 run, 20 of them fused with the guidance",
@@ -67,7 +68,7 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
     ):
         assert words in section
     assert "negative" not in section, "nothing is told of it"
-    assert "The clip, refined" in page
+    assert "The rendered video, refined." in page
     versions = page[page.index("versions and inputs") :]
     assert "<td>torch</td><td>2.9.0</td>" in versions
     assert "<td>diffusers</td><td>0.36.0</td>" in versions
@@ -77,7 +78,7 @@ def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
     page = page_of(
         tmp_path, {"backend": "wan", "failed": "refine: <b> do not fit; write less"}, "unrefined.mp4"
     )
-    assert "The clip, not refined" in page
+    assert "The rendered video, not refined." in page
     assert 'src="unrefined.mp4"' in page
     assert "<li>refine: &lt;b&gt; do not fit; write less</li>" in page
     assert "12 frames" in page
@@ -87,7 +88,7 @@ def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
 def test_without_refinement_nothing_is_said_of_it(tmp_path: Path) -> None:
     page = page_of(tmp_path, None)
     assert "Refinement" not in page
-    assert "<figcaption>The clip</figcaption>" in page
+    assert "The rendered video." in page
 
 
 def test_the_manifest_tells_of_it() -> None:
