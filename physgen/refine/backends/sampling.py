@@ -224,7 +224,6 @@ class Sampler:
             return False
         finally:
             self._run = under_way
-            freed()
         return True
 
     def note(self) -> Mapping[str, Any]:
