@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.photometry import decode, encode_u8
 from physgen.report.plots.arrows import Arrows, arrows, draw, key, sample
-from physgen.report.plots.look import SMALL, TEXT, Look, drawing, paper
+from physgen.report.plots.look import DPI, SMALL, TEXT, Look, drawing, paper
 from physgen.report.plots.units import Units, units
 from physgen.scene.model import Scene
 from physgen.simulate.trajectory import Trajectory
@@ -88,7 +88,7 @@ def planned(reels: Sequence[Reel], look: Look, columns: int | None, names: bool,
         dpi = count * own / max(inches - pads, 0.2 * inches)
         gap, left = round(GAP * dpi / 72), round(NAME * dpi / 72) if names else 0
         return Plan(dpi, count, own, gap, left, left + count * own + (count - 1) * gap)
-    dpi = look.dpi or 300.0
+    dpi = look.dpi or (look.pixels / inches if look.pixels else DPI)
     gap, left = round(GAP * dpi / 72), round(NAME * dpi / 72) if names else 0
     width = look.pixels or round(inches * dpi)
     cell = max(1, (width - left - (count - 1) * gap) // count)

@@ -89,7 +89,7 @@ class Look:
     pixels: int | None = None
     """The same in px; at most one of the two is given."""
     dpi: float | None = None
-    """px an inch of a PNG; None: 300, and for a strip so many that frames keep their own pixels."""
+    """px an inch of a PNG; None: 300, or as `pixels` asks, and in a strip so many that frames keep their own."""
     dark: bool = False
     si: bool = False
     """SI units alone; else those of the scene, with SI beside them where it has a scale."""
@@ -106,8 +106,8 @@ class Look:
 
     def inches(self, best: float) -> float:
         """Of its width; `best` mm where nobody has chosen."""
-        if self.pixels is not None:
-            return self.pixels / (self.dpi or DPI)
+        if self.pixels is not None and self.dpi is not None:
+            return self.pixels / self.dpi
         return (self.width or best) / MM
 
 
@@ -196,7 +196,8 @@ def paper(look: Look, width: float, height: float, dpi: float | None = None) -> 
     """An empty figure, `width` and `height` in inches."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), dpi=dpi or look.dpi or DPI)
+    asked = look.dpi or (look.pixels / width if look.pixels else DPI)
+    return Figure(figsize=(width, height), dpi=dpi or asked)
 
 
 def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
