@@ -79,7 +79,7 @@ def plot(
             raise InputError.of("plot", f"{len(paths)} scenes", "are not one", "only a strip takes several")
         figure, name = _curves(kind, paths[0], asked, look, progress)
     progress("draw", 0, 1)
-    write_figure(figure, output, f"{name}: {kind}")
+    write_figure(figure, output, f"{name}: {kind}", look)
     return output
 
 

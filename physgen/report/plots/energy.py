@@ -76,19 +76,27 @@ def _stack(
             filled.append(
                 axes.fill_between(t, lower, upper, color=colour, alpha=0.35, linewidth=0, label=name)
             )
-            axes.plot(t, upper, color=colour, linewidth=0.7)
+            axes.plot(t, upper, color=colour, linewidth=0.7, gid=name)
         lower = upper
     total, most = borders[-1], float(top.max(initial=0.0)) / axis.size or 1.0
     work = trajectory.energy.work / axis.size
     worked = bool(np.abs(work).max(initial=0.0) > WORKED * most)
     if worked:
-        rim = {"color": colours.purple, "linewidth": 1.6, "dashes": (3, 2)}
-        lines += axes.plot(t, top / axis.size, **rim, zorder=4, label="what there was + work done")
+        lines += axes.plot(
+            t,
+            top / axis.size,
+            color=colours.purple,
+            linewidth=1.6,
+            dashes=(3, 2),
+            zorder=4,
+            label="what there was + work done",
+            gid="work",
+        )
     # as the report has it: against what flows, a fall by a pixel at least
     weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
     name = "sum − work" if worked else "sum"
     strays = f"{name}, constant within {_percent(trajectory.imbalance(weight))}"
-    lines += axes.plot(t, total - work, color=colours.ink, linewidth=1.3, label=strays)
+    lines += axes.plot(t, total - work, color=colours.ink, linewidth=1.3, label=strays, gid="sum")
     axes.set_ylim(0, 1.06 * most)
     axes.tick_params(labelbottom=False)
     axes.locator_params(axis="y", nbins=5)

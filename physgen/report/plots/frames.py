@@ -71,12 +71,14 @@ class Plan:
 
     def points(self, count: float) -> int:
         """px of points."""
-        return round(count * self.dpi / 72)
+        px: float = count * self.dpi / 72
+        return round(px)
 
     def tall(self, reel: Reel) -> int:
         """Height of a scene's pictures."""
         height, width = reel.photo.shape[:2]
-        return max(1, round(self.cell * height / width))
+        px: float = self.cell * height / width
+        return max(1, round(px))
 
 
 def planned(reels: Sequence[Reel], look: Look, columns: int | None, names: bool, exact: bool) -> Plan:

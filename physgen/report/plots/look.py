@@ -121,7 +121,7 @@ def needed() -> None:
     try:
         import matplotlib.figure  # noqa: F401
     except ModuleNotFoundError as error:
-        missing = error.name or "matplotlib"
+        missing = (error.name or "matplotlib").removesuffix(".figure")
         fix = 'pip install "physgen[plots]"'
         raise InputError.of("plot", "", f"needs {missing}, which is not installed", fix) from error
 
@@ -183,6 +183,7 @@ def drawing(look: Look) -> Iterator[None]:
         "pdf.fonttype": 42,  # TrueType, embedded: editors and publishers can work with it
         "svg.fonttype": "path",
         "svg.hashsalt": "physgen",  # the names inside an SVG are random otherwise
+        "path.simplify": False,
         "image.composite_image": False,
         "image.resample": False,
     }
@@ -203,4 +204,6 @@ def paper(look: Look, width: float, height: float, dpi: float | None = None) -> 
 def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
     """Axes at a place in inches from the lower left."""
     across, up = figure.get_size_inches()
-    return figure.add_axes((left / across, bottom / up, width / across, height / up))
+    axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
+    axes.patch.set_gid("area")  # as other parts have names, so that a program finds them in an SVG
+    return axes

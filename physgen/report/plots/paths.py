@@ -135,10 +135,16 @@ def _map(
         colour, dashes = stroke(k, colours)
         path = trajectory.poses[:, body, :2] / unit
         axes.plot(
-            *path.T, color=colour, linestyle=dashes, label=trajectory.names[body], path_effects=halo, zorder=3
+            *path.T,
+            color=colour,
+            linestyle=dashes,
+            label=trajectory.names[body],
+            path_effects=halo,
+            zorder=3,
+            gid=f"path-{trajectory.names[body]}",
         )
         at = np.stack([np.interp(marks, trajectory.times, column) for column in path.T])
-        axes.scatter(*at, s=6, color=colour, edgecolors=colours.paper, linewidths=0.35, zorder=4)
+        axes.scatter(at[0], at[1], s=6, color=colour, edgecolors=colours.paper, linewidths=0.35, zorder=4)
         x, y, angle = trajectory.poses[-1, body]
         for ring in world.bodies[body].rings:
             closed = np.concatenate([ring, ring[:1]]) @ rotation(float(angle)).T + (x, y)
@@ -161,7 +167,12 @@ def _curve(
     for k, body in enumerate(shown):
         colour, dashes = stroke(k, look.palette)
         axes.plot(
-            trajectory.times, values[:, body] / axis.size, color=colour, linestyle=dashes, linewidth=0.9
+            trajectory.times,
+            values[:, body] / axis.size,
+            color=colour,
+            linestyle=dashes,
+            linewidth=0.9,
+            gid=f"{curve}-{trajectory.names[body]}",
         )
     if curve == "y":
         axes.invert_yaxis()  # as in the photo, +y is down

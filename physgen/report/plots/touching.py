@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,11 +90,16 @@ def contacts_figure(
         figure = paper(look, look.inches(WIDTH), 0.82 + ROW * max(len(found), 2))
         figure.set_layout_engine("constrained", w_pad=0.05, h_pad=0.05)
         axes = figure.add_subplot()
+        axes.patch.set_gid("area")
         for k, row in enumerate(found):
             wall = max(row.pair) >= N
             spans = [(begin, max(stop - begin, BRIEF * end)) for begin, stop in row.times.tolist()]
             axes.broken_barh(
-                spans, (k - 0.3, 0.6), color=colours.soft if wall else colours.blue, alpha=0.45, linewidth=0
+                spans,
+                (k - 0.3, 0.6),
+                color=look.pale(colours.soft if wall else colours.blue),
+                linewidth=0,
+                gid=f"touch-{names[row.pair[0]]}-{names[row.pair[1]]}",
             )
         strongest = max((blow.impulse for row in found for blow in row.blows), default=0.0)
         points = [(blow.time, k, blow.impulse) for k, row in enumerate(found) for blow in row.blows]
@@ -109,6 +114,7 @@ def contacts_figure(
                 edgecolors=colours.paper,
                 zorder=3,
                 clip_on=False,
+                gid="blows",
             )
         axes.set_ylim(len(found) - 0.4 if found else 1, -0.6)
         labels = [f"{names[row.pair[0]]} – {names[row.pair[1]]}" for row in found]
@@ -133,7 +139,7 @@ def _key(figure: Figure, scene: Scene, look: Look, strongest: float, walls: set[
     from matplotlib.patches import Patch
 
     colours, of = look.palette, units(scene, look)
-    handles = [
+    handles: list[Any] = [
         Patch(color=look.pale(colour), linewidth=0, label=name)
         for name, colour, wall in (
             ("two objects touch", colours.blue, False),
