@@ -25,6 +25,7 @@ FLOORS = {
         "whole",
         "pictures",
         "framing",
+        "showing",
     ),
     1: ("percepts", "outline", "scene.model", "shadow"),
     2: ("scene",),

@@ -13,6 +13,7 @@ from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
 from physgen.cli.moving import check, render, simulate
 from physgen.cli.perceiving import import_, list_backends, perceive
+from physgen.cli.plotting import plot
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
 from physgen.cli.refining import refine
 from physgen.flags import WRONG_INPUT, build_parser, joined
@@ -72,6 +73,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "render": render,
     "refine": refine,
     "evaluate": evaluate,
+    "plot": plot,
     "cache": cache,
     "backends": list_backends,
     "schema": schema,

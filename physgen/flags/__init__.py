@@ -9,6 +9,7 @@ from typing import NoReturn
 from physgen import __version__
 from physgen.flags.measures import measures
 from physgen.flags.perceiving import perceive, who
+from physgen.flags.plots import plots
 from physgen.flags.refining import refine
 from physgen.flags.values import count, formats, four, positive, scene_name, two
 
@@ -168,6 +169,11 @@ def build_parser() -> argparse.ArgumentParser:
         "physgen evaluate physics --rows 1,5,12",
     )
     measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
+
+    sub = command(
+        "plot", "Figures for papers, as PNG, SVG or PDF.", "physgen plot strip scene.yaml -o strip.pdf"
+    )
+    plots(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), _overlays)
 
     sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
     sub.add_argument(
