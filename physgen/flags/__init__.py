@@ -17,6 +17,7 @@ __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
 
 WRONG_INPUT = 2
 DEVICES = ("cpu", "cuda")
+REPORTS = ("full", "plain", "none")
 
 
 class Parser(argparse.ArgumentParser):
@@ -150,6 +151,12 @@ def build_parser() -> argparse.ArgumentParser:
         help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
     )
     sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
+    sub.add_argument(
+        "--report",
+        choices=REPORTS,
+        default="full",
+        help="plain: without player, charts and what was perceived, which takes less time than a short clip; none",
+    )
     sub.add_argument(
         "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
     )

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from physgen.refine.roles import Denoiser
     from physgen.render.stage import Frame
     from physgen.report.changes import Changes
+    from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
     from physgen.report.video import Format
     from physgen.scene.model import Scene
@@ -61,6 +62,16 @@ class Refiners:
         for model in self._made.values():
             model.close()
         self._made.clear()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How refinement went."""
+
+    faults: Sequence[Problem]
+    """What went wrong; nothing where it is empty."""
+    compared: Comparison | None
+    """A frame before and after."""
 
 
 def how(scene: Scene) -> How:
@@ -123,11 +134,12 @@ def refined(
     kinds: Sequence[Format],
     record: RunRecord,
     progress: Progress,
-) -> Sequence[Problem]:
-    """Writes the clip unrefined and, in all `kinds`, refined; what went wrong with the latter, if anything."""
+) -> Outcome:
+    """Writes the clip unrefined and, in all `kinds`, refined."""
     from physgen.percepts.maps import write_png
     from physgen.refine.refining import Refinement
     from physgen.report.changes import Changes
+    from physgen.report.perception import compared
 
     scene, trajectory = filming.scene, footage.trajectory
     order = filming.shot(trajectory).order
@@ -153,13 +165,15 @@ def refined(
             _removed(folder / kind.named("video"))
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
-        return error.problems
+        return Outcome(error.problems, None)
     picture = changes.picture()
     write_png(folder / STRIP, picture)
     strip = {"file": STRIP, "size": [picture.shape[1], picture.shape[0]]}
     told = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
     record.refine = told
-    return ()
+    before, after = ("as it was drawn", footage.rgb[changes.most]), ("refined", changes.refined)
+    said = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
+    return Outcome((), compared("refined", "Refined", said, before, after))
 
 
 def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:

@@ -41,6 +41,11 @@ class Changes:
     count: int
     """Frames of the clip."""
     fps: float
+    most: int = 0
+    """The frame that changed most."""
+    refined: U8 = field(default_factory=lambda: np.zeros((0, 0, 3), np.uint8))
+    """(H, W, 3) sRGB: what became of it."""
+    _largest: float = -1.0
     _columns: list[Column] = field(default_factory=list)
     _last: tuple[U8, U8, NDArray[np.int16]] | None = None
     """The frame before: guidance, refined, and their difference."""
@@ -72,6 +77,8 @@ class Changes:
         if at in self._shown():
             luma = np.asarray(cv2.transform(difference.astype(np.float32), LUMA[None]), np.float32)
             self._columns.append(column(at / self.fps, guidance, refined, luma, coverage))
+        if (mean := float(change.mean(dtype=np.float64))) > self._largest:
+            self._largest, self.most, self.refined = mean, at, refined.copy()
         self._last = guidance, refined, difference
         self._seen += 1
 

@@ -15,12 +15,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen import __version__
 from physgen.compile.pairs import pair_table
 from physgen.compile.world import World
 from physgen.problems import Problem
 from physgen.report.holds import drawn, listed
 from physgen.report.parameters import COLUMNS, edits, parameter_rows
+from physgen.report.perception import Comparison, Perception
 from physgen.report.player import Data, script_json
+from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import refinement
 from physgen.resources import resource
@@ -48,13 +51,15 @@ def report_page(
     video: str | None,
     scene_text: str,
     player: Data | None = None,
+    seen: Perception | None = None,
+    retouched: Comparison | None = None,
 ) -> str:
     """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
     `player` is what `player_data` gives; without it, or without scripts, the page has that picture and the video.
+    `seen` is what was perceived of the photo, `retouched` a frame before and after refinement.
     """
     width, height = scene.size
-    longest = max((stage.wall for stage in record.stages.values()), default=1.0) or 1.0
     page: str = _template("report.html.j2").render(
         title=scene.name,
         size=(width, height),
@@ -94,20 +99,10 @@ def report_page(
         chaos=_chaos(record),
         combine=world.combine.value,
         pairs=pair_table(world),
-        stages=[
-            {
-                "name": name,
-                "wall": f"{t.wall:.3f}",
-                "cpu": f"{t.cpu:.3f}",
-                "share": round(100 * t.wall / longest, 1),
-            }
-            for name, t in record.stages.items()
-            if name != "report"  # this page, not yet done
-        ],
-        command=shlex.join(record.command),
-        scene_text=scene_text,
-        versions=versions(record.refine),
-        inputs=record.inputs,
+        perception=seen,
+        retouched=retouched,
+        provenance=provenance(record, scene_text, _file(scene)),
+        version=__version__,
     )
     return page
 
@@ -144,6 +139,14 @@ def gallery_page(root: Path) -> str:
         clip = f"{href}/{video}" if video else None
         cards.append({"title": title, "href": f"{href}/report.html", "video": clip, "facts": facts})
     return _template("gallery.html.j2").render(cards=cards)  # type: ignore[no-any-return]
+
+
+def _file(scene: Scene) -> str | None:
+    """The scene's file as it was written; None where it cannot be read."""
+    try:
+        return Path(scene.place("").file).read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return None
 
 
 def _template(name: str) -> Any:
