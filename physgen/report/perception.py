@@ -19,7 +19,7 @@ from physgen.render.ink import Colour, Layer, breadth
 from physgen.render.marks import circle, straight_arrow
 from physgen.report.drawing import data_uri
 from physgen.report.perceived import SUPPORT, colour, owned
-from physgen.scene.model import Light, Scene, View
+from physgen.scene.model import Light, MaskId, Scene, View
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -31,6 +31,8 @@ EFFORTS = ((82, 1.0), (74, 1.0), (64, 1.0), (52, 1.0), (40, 1.0), (40, 0.7), (28
 """WebP's quality, and a part of the sides."""
 BUDGET = 360_000
 """Characters of all pictures together: the first effort that fits is taken."""
+LETTER = 20
+"""px, of names: pictures are shown at less than half their size."""
 SUN: Colour = (255, 205, 64)
 
 
@@ -163,7 +165,7 @@ def _panels(scene: Scene, compiled: Compiled, maps: Percepts) -> list[Panel]:
         panels.append(Panel("light", "Light", said, f"A shaded sphere with an arrow. {said}", card))
     if maps.shadows is not None:
         said = "Each in the colour of the object that throws it."
-        panels.append(_toned("shadows", "Whose shadow", said, owned(maps.rgb, maps.shadows)))
+        panels.append(_toned("shadows", "Whose shadow", said, owned(maps.rgb, _owners(scene, maps.shadows))))
     clean = maps.background if maps.clean is None else maps.clean
     if clean is not None and (maps.background is None or maps.clean is None):
         without = "the objects" if maps.clean is None else "the objects and their shadows"
@@ -227,11 +229,20 @@ def _shapes(compiled: Compiled, picture: U8, scale: float) -> U8:
         layer.onto(dim, colour(k + 1))
         spots = np.concatenate(rings)
         low, high = spots.min(axis=0), spots.max(axis=0)
-        if high[0] - low[0] > breadth(body.name, 11) + 4 and high[1] - low[1] > 14:
+        if high[0] - low[0] > breadth(body.name, LETTER) + 4 and high[1] - low[1] > LETTER + 3:
             x, y = ((low + high) / 2).tolist()
-            names.words(body.name, (x, y), 11)
+            names.words(body.name, (x, y), LETTER)
     names.onto(dim, (255, 255, 255))
     return dim
+
+
+def _owners(scene: Scene, shadows: U16) -> U16:
+    """(H, W): the objects that throw them, numbered as compiled labels are; 0 for those that are no longer there."""
+    owners = np.zeros_like(shadows)
+    for k, item in enumerate(scene.objects):
+        if isinstance(item.mask, MaskId):
+            owners[shadows == item.mask.id] = k + 1
+    return owners
 
 
 def _depth(depth: NDArray[np.float32]) -> U8:
