@@ -6,7 +6,6 @@ Each map that is there gives a picture; what is missing is not mentioned. All to
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
 
 import cv2
 import numpy as np
@@ -14,12 +13,12 @@ from numpy.typing import NDArray
 
 from physgen.compile.assemble import Compiled
 from physgen.percepts.maps import Percepts
-from physgen.photometry import DistantLight, encode_u8, sphere_normals
-from physgen.render.ink import Colour, Layer, breadth
-from physgen.render.marks import circle, straight_arrow
+from physgen.photometry import encode_u8
+from physgen.render.ink import Layer, breadth
 from physgen.report.drawing import data_uri
+from physgen.report.lamp import light_picture, light_words
 from physgen.report.perceived import SUPPORT, colour, owned
-from physgen.scene.model import Light, Scene, View
+from physgen.scene.model import MaskId, Scene, View
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -31,7 +30,8 @@ EFFORTS = ((82, 1.0), (74, 1.0), (64, 1.0), (52, 1.0), (40, 1.0), (40, 0.7), (28
 """WebP's quality, and a part of the sides."""
 BUDGET = 360_000
 """Characters of all pictures together: the first effort that fits is taken."""
-SUN: Colour = (255, 205, 64)
+LETTER = 20
+"""px, of names: pictures are shown at less than half their size."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _panels(scene: Scene, compiled: Compiled, maps: Percepts) -> list[Panel]:
         panels.append(Panel("light", "Light", said, f"A shaded sphere with an arrow. {said}", card))
     if maps.shadows is not None:
         said = "Each in the colour of the object that throws it."
-        panels.append(_toned("shadows", "Whose shadow", said, owned(maps.rgb, maps.shadows)))
+        panels.append(_toned("shadows", "Whose shadow", said, owned(maps.rgb, _owners(scene, maps.shadows))))
     clean = maps.background if maps.clean is None else maps.clean
     if clean is not None and (maps.background is None or maps.clean is None):
         without = "the objects" if maps.clean is None else "the objects and their shadows"
@@ -227,67 +227,23 @@ def _shapes(compiled: Compiled, picture: U8, scale: float) -> U8:
         layer.onto(dim, colour(k + 1))
         spots = np.concatenate(rings)
         low, high = spots.min(axis=0), spots.max(axis=0)
-        if high[0] - low[0] > breadth(body.name, 11) + 4 and high[1] - low[1] > 14:
+        if high[0] - low[0] > breadth(body.name, LETTER) + 4 and high[1] - low[1] > LETTER + 3:
             x, y = ((low + high) / 2).tolist()
-            names.words(body.name, (x, y), 11)
+            names.words(body.name, (x, y), LETTER)
     names.onto(dim, (255, 255, 255))
     return dim
+
+
+def _owners(scene: Scene, shadows: U16) -> U16:
+    """(H, W): the objects that throw them, numbered as compiled labels are; 0 for those that are no longer there."""
+    owners = np.zeros_like(shadows)
+    for k, item in enumerate(scene.objects):
+        if isinstance(item.mask, MaskId):
+            owners[shadows == item.mask.id] = k + 1
+    return owners
 
 
 def _depth(depth: NDArray[np.float32]) -> U8:
     low, high = np.percentile(depth, (0.5, 99.5)).tolist()
     near = _u8(255 * (1 - np.clip((depth - low) / max(high - low, 1e-6), 0, 1)))
     return np.asarray(cv2.applyColorMap(near, cv2.COLORMAP_CIVIDIS)[..., ::-1], np.uint8)
-
-
-def light_words(light: Light) -> str:
-    """Where it comes from, as one says it.
-
-    >>> light_words(Light((-0.6, -0.64, 0.48), 1.0, 0.25, 2.0))
-    'From the upper left, in front of the scene; 20 % of it from all around.'
-    """
-    x, y, z = light.direction
-    across = "" if abs(x) < 0.2 else "right" if x > 0 else "left"
-    up = "" if abs(y) < 0.2 else "above" if y < 0 else "below"
-    corner = {"above": "upper", "below": "lower"}.get(up, "")
-    where = f"the {corner} {across}" if across and up else f"the {across}" if across else up
-    deep = "" if abs(z) < 0.2 else "in front of the scene" if z > 0 else "behind the scene"
-    share = light.ambient / max(light.ambient + light.intensity, 1e-6)
-    whence = ", ".join(part for part in (where, deep) if part)
-    return f"From {whence}; {share:.0%} of it from all around.".replace("%", " %", 1)
-
-
-def light_picture(light: Light, size: tuple[int, int]) -> U8:
-    """(h, w, 3) of `size` (w, h): a white ball in the light, an arrow from where that comes."""
-    width, height = size
-    radius, middle = 0.26 * min(size), np.array([(width - 1) / 2, (height - 1) / 2])
-    card = _ball(light, size, radius)
-    way = np.array(light.direction[:2])
-    flat, toward = float(hypot(*way)), light.direction[2]
-    layer, pen = Layer(size, 1.0), max(2.0, min(size) / 90)
-    if flat > 0.12:
-        tail, tip = middle + 1.75 * radius * way, middle + 1.12 * radius * way
-        if toward < 0:  # it ends behind the ball's rim
-            tip = middle + way / flat * max(1.12 * flat, 1.04) * radius
-            tail = tip + way / flat * max(0.63 * flat, 0.3) * radius
-        straight_arrow(layer, tail, tip, pen)
-    else:  # straight at us, or from us
-        spot = middle + radius * way
-        layer.line(circle(spot, 4.2 * pen), pen, closed=True)
-        if toward > 0:
-            layer.area(circle(spot, 1.3 * pen))
-    layer.onto(card, SUN)
-    return card
-
-
-def _ball(light: Light, size: tuple[int, int], radius: float, fine: int = 3) -> U8:
-    """Drawn `fine` times as large and averaged, in linear light, so that its rim is smooth."""
-    width, height = (side * fine for side in size)
-    normals, inside = sphere_normals(height, width, ((width - 1) / 2, (height - 1) / 2), radius * fine)
-    lamp = DistantLight(light.direction, light.intensity, light.ambient)
-    shades = 0.86 * lamp.shade(normals) / max(light.ambient + light.intensity, 1e-6)
-    rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
-    away = np.hypot(columns / width - 0.5, rows / height - 0.5)
-    linear = np.where(inside, np.maximum(shades, 0.012), 0.06 - 0.05 * away).astype(np.float32)
-    small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
-    return np.repeat(encode_u8(small)[..., None], 3, 2)

@@ -13,7 +13,8 @@ from PIL import Image
 
 from physgen import pipeline
 from physgen.percepts.maps import Percepts
-from physgen.report.perception import Picture, compared, light_picture, perception
+from physgen.report.lamp import light_picture
+from physgen.report.perception import Picture, compared, perception
 from physgen.report.templates import template
 from physgen.scene.model import Light
 
