@@ -35,6 +35,7 @@ class AnimateDiff:
 
     def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
         self.pipe, self._device, self._dtype = pipe, device, dtype
+        pipe.register_modules(motion_adapter=None)  # the network has it now: 1.7 GB twice
         # the authors' own: PNDM, which most such weights bring, takes steps twice. Spaced so, every step ends where the
         # next begins (with `linspace` 8 steps of 1000 end 18 early), and the last at the picture itself
         self._scheduler = DDIMScheduler.from_config(
@@ -72,12 +73,6 @@ class AnimateDiff:
         words = told.repeat_interleave(len(latents), dim=0)
         found: Tensor = self.pipe.unet(z, time.to(self._device), encoder_hidden_states=words).sample
         return found[0].transpose(0, 1)
-
-
-def animatediff(setup: Setup) -> Sampler:
-    """The backend `animatediff`; its weights are `ADAPTER,BASE`, or a whole pipeline's folder."""
-    # upstream's own guidance: PhysGen's inference of SEINE
-    return Sampler(Kind("animatediff", WHAT, 8.0, trained, load), setup)
 
 
 def trained(weights: tuple[str, ...]) -> Trained:
@@ -128,3 +123,12 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDi
         parts["motion_adapter"] = loaded(motion, adapter, WHAT, REFINE)
     pipe = pipeline(AnimateDiffVideoToVideoPipeline, base, dtype, WHAT, AutoencoderKL, **parts)
     return AnimateDiff(pipe, device, dtype)
+
+
+KIND = Kind("animatediff", WHAT, 8.0, trained, load)
+"""Guided as upstream guides SEINE."""
+
+
+def animatediff(setup: Setup) -> Sampler:
+    """The backend `animatediff`; its weights are `ADAPTER,BASE`, or a whole pipeline's folder."""
+    return Sampler(KIND, setup)
