@@ -11,6 +11,7 @@ from contextlib import suppress
 
 from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
+from physgen.cli.exhibiting import gallery
 from physgen.cli.moving import check, render, simulate
 from physgen.cli.perceiving import import_, list_backends, perceive
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
@@ -69,6 +70,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "check": check,
     "simulate": simulate,
     "render": render,
+    "gallery": gallery,
     "evaluate": evaluate,
     "cache": cache,
     "backends": list_backends,

@@ -1,15 +1,11 @@
-"""Scene, world and run record -> report.html; several run folders -> index.html. Everything from outside is escaped."""
+"""Scene, world and run record -> report.html. Everything from outside is escaped."""
 
 from __future__ import annotations
 
 import base64
-import json
 import shlex
-from collections.abc import Mapping
 from math import degrees
-from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import cv2
 import numpy as np
@@ -72,27 +68,6 @@ def report_page(
         inputs=record.inputs,
     )
     return page
-
-
-def gallery_page(root: Path) -> str:
-    """An index of the output folders in `root`; what is not one of ours is passed over."""
-    cards = []
-    for path in sorted(root.glob("*/manifest.json")):
-        if path.parent.name.startswith("."):
-            continue
-        try:
-            manifest: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            files, frames = manifest["files"], len(manifest["frames"])
-            title, count = manifest["scene"], len(manifest["document"].get("objects", {}))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            continue
-        shown = ("video.mp4", "video.webp", "video.gif", "frames/00000.png")
-        video = next((file for file in shown if file in files), None)
-        href = "./" + quote(path.parent.name)
-        facts = f"{count} object{'s' if count != 1 else ''}, {frames} frames"
-        clip = f"{href}/{video}" if video else None
-        cards.append({"title": title, "href": f"{href}/report.html", "video": clip, "facts": facts})
-    return _template("gallery.html.j2").render(cards=cards)  # type: ignore[no-any-return]
 
 
 def _template(name: str) -> Any:
