@@ -260,8 +260,9 @@ def _card(
         "values": [
             (name, told(key.values[number]), key.unit, key.path) for name, key in list(split.items())[:4]
         ],
-        "overrides": clip.overrides,
-        "warnings": clip.warnings,
+        "warnings": _counted(len(clip.warnings), "warning"),
+        "settings": _counted(len(clip.overrides), "setting"),
+        "notes": "\n".join((*clip.warnings, *(f"--set {text}" for text in clip.overrides))),
         "problems": clip.problems,
     }
 
@@ -269,8 +270,11 @@ def _card(
 def _facts(clip: Clip) -> str:
     if not clip.document:
         return "no clip"
-    count = f"{clip.objects} object{'s' if clip.objects != 1 else ''}"
-    return f"{count} · {clip.duration:.3g} s · {clip.size[0]} × {clip.size[1]}"
+    return f"{_counted(clip.objects, 'object') or 'no objects'} · {clip.duration:.3g} s · {clip.size[0]} × {clip.size[1]}"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' if count != 1 else ''}" if count else ""
 
 
 def _order(key: Swept) -> list[float | str]:

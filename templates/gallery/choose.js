@@ -1,6 +1,7 @@
 // State and clips -> which are shown, in which order.
 const plain = text => text.normalize("NFKD").replace(/\p{M}/gu, "").toLowerCase();
-const texts = clips.map(clip => plain([clip.name, clip.variant ?? "", clip.where, ...clip.labels, ...clip.said].join("\n")));
+const texts = []; // of each clip what is searched, once it was asked for
+const textOf = n => (texts[n] ??= plain([clips[n].name, clips[n].variant ?? "", clips[n].where, ...clips[n].labels, ...clips[n].said].join("\n")));
 const told = keys.map(key => new Map(key.values.map((value, k) => [value, key.texts[k]])));
 const number = new Intl.Collator(undefined, { numeric: true, sensitivity: "base" });
 
@@ -14,7 +15,7 @@ function valuesOf(path) {
 function fits(n) {
   const clip = clips[n];
   const outcome = { failed: clip.failed, made: !clip.failed, warned: clip.warned };
-  return words.every(word => texts[n].includes(word))
+  return words.every(word => textOf(n).includes(word))
     && (!state.is.size || [...state.is].some(name => outcome[name]))
     && (!state.label.size || clip.labels.some(label => state.label.has(label)))
     && (!state.variant.size || state.variant.has(clip.variant ?? ""))

@@ -113,34 +113,46 @@ function prepare() {
   part("rate").addEventListener("change", () => Object.assign(playing, { from: state.time ?? 0, since: performance.now() }));
 
   cards.forEach((card, n) => {
-    const box = card.querySelector(".shot:not(.none)");
-    card.querySelector("button.open")?.addEventListener("click", () => look([n]));
-    if (!box) return;
-    const shot = makeShot(box, n);
-    if (clips[n].kind || clips[n].strip) box.append(runButton(shot));
-    hovering(card, shot);
+    const box = card.firstElementChild;
+    if (box.classList.contains("shot") && clips[n].poster) makeShot(box, n, addRun);
   });
+  attend();
   list.addEventListener("keydown", walk);
   addEventListener("hashchange", () => { readState(); fillIn(); redraw(); showAll(); });
 }
 
 const frameTime = () => 1 / Math.max(...clips.map(clip => (clip.made ? clip.fps : 0)), 1);
 
-function runButton(shot) {
+/* a button to play a clip, for fingers; made when the card comes into view */
+function addRun(shot) {
+  if (!shot.clip.kind && !shot.clip.strip) return;
   const button = make("button", { type: "button", className: "run", tabIndex: -1 });
   button.innerHTML = part("play").innerHTML;
   button.setAttribute("aria-label", `Play ${shot.clip.name}`);
   button.setAttribute("aria-pressed", "false");
-  button.addEventListener("click", () => (shot.alone ? stopAlone(shot) : playAlone(shot)));
-  return button;
+  shot.box.append(button);
 }
 
-function hovering(card, shot) {
-  const soon = () => { if (!still.matches && !playing.on) shot.wait = setTimeout(playAlone, WAIT, shot); };
-  card.addEventListener("pointerenter", event => { if (event.pointerType === "mouse") soon(); });
-  card.addEventListener("pointerleave", event => { if (event.pointerType === "mouse") stopAlone(shot); });
-  card.querySelector(".open").addEventListener("focus", event => { if (event.target.matches(":focus-visible")) soon(); });
-  card.querySelector(".open").addEventListener("blur", () => stopAlone(shot));
+/* a card plays while a pointer or the focus is on it; `pointed` is that card */
+let pointed = null;
+function attend() {
+  const shotOf = card => shots.get(card?.firstElementChild);
+  const stop = () => { if (pointed) stopAlone(pointed); pointed = null; };
+  const soon = card => {
+    if (shotOf(card) === pointed) return;
+    stop();
+    pointed = shotOf(card) ?? null;
+    if (pointed && !still.matches && !playing.on) pointed.wait = setTimeout(playAlone, WAIT, pointed);
+  };
+  list.addEventListener("pointerover", event => { if (event.pointerType === "mouse") soon(event.target.closest(".clip")); });
+  list.addEventListener("pointerleave", event => { if (event.pointerType === "mouse") stop(); });
+  list.addEventListener("focusin", event => { if (event.target.matches(".open:focus-visible")) soon(event.target.closest(".clip")); });
+  list.addEventListener("focusout", stop);
+  list.addEventListener("click", event => {
+    const card = event.target.closest(".clip"), shot = shotOf(card);
+    if (event.target.closest(".run") && shot) { if (shot.alone) stopAlone(shot); else playAlone(shot); }
+    if (event.target.closest("button.open")) look([Number(card.dataset.n)]);
+  });
 }
 
 /* keys on a card: arrows go to its neighbours, space plays it */
@@ -148,7 +160,7 @@ function walk(event) {
   const card = event.target.closest(".clip");
   if (!card || !event.target.classList.contains("open") || event.altKey || event.ctrlKey || event.metaKey) return;
   if (event.key === " ") {
-    const shot = shots.get(card.querySelector(".shot"));
+    const shot = shots.get(card.firstElementChild);
     if (!shot) return;
     event.preventDefault();
     if (shot.alone) stopAlone(shot); else playAlone(shot);

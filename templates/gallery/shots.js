@@ -11,12 +11,14 @@ const watcher = new IntersectionObserver(entries => {
     const shot = shots.get(target);
     if (!shot) continue;
     shot.seen = isIntersecting;
+    if (isIntersecting) shot.first?.(shot);
+    if (isIntersecting) shot.first = null;
     if (isIntersecting) show(shot); else if (!shot.alone) drop(shot);
   }
 }, { rootMargin: "150px" });
 
-function makeShot(box, n) {
-  const shot = { box, n, clip: clips[n], seen: false, canvas: null, film: null, alone: false, wait: 0 };
+function makeShot(box, n, first = null) { // `first` is called when it is seen for the first time
+  const shot = { box, n, first, clip: clips[n], seen: false, canvas: null, film: null, alone: false, wait: 0 };
   shots.set(box, shot);
   watcher.observe(box);
   return shot;
