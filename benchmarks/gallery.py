@@ -1,4 +1,4 @@
-"""How long a gallery of 1,000 and of 5,000 clips takes to open, to search, to sort and to lay out, in headless Chromium.
+"""How long a gallery of 1,000 and of 5,000 clips takes to open, search, sort and lay out, in headless Chromium.
 
 Clips are folders with the manifest of one drawn scene each, a sweep over two keys; each has a poster and a strip of its
 own, of 16 real films in turn. `pictures`: beside the page, or inside it as data URIs. Files are in the system's cache.
@@ -60,7 +60,12 @@ def folders(home: Path, count: int, films: list[Path]) -> None:
         folder.mkdir()
         mass, friction = 10.0 + 5 * (k // side), round(0.01 * (k % side), 2)
         objects = {
-            f"thing-{j}": {"label": LABELS[(k + j) % len(LABELS)], "mass": mass, "friction": friction, "velocity": [0, 0]}
+            f"thing-{j}": {
+                "label": LABELS[(k + j) % len(LABELS)],
+                "mass": mass,
+                "friction": friction,
+                "velocity": [0, 0],
+            }
             for j in range(9)
         }
         (folder / "video.mp4").hardlink_to(films[k % len(films)])
@@ -89,7 +94,8 @@ def inside(home: Path) -> None:
     beside = home / "index.files"
     held = [
         Pictured(
-            "data:image/webp;base64," + base64.b64encode((beside / f"{c.seal}.poster.webp").read_bytes()).decode(),
+            "data:image/webp;base64,"
+            + base64.b64encode((beside / f"{c.seal}.poster.webp").read_bytes()).decode(),
             f"./index.files/{c.seal}.strip.webp",
         )
         for c in clips
@@ -108,9 +114,11 @@ def opened(browser: object, page: Path, view: str) -> dict[str, float]:
     loaded, painted = tab.evaluate(OPENED)
     row = {"opened": shown, "loaded": loaded, "painted": painted}
     if view == "cards":
-        took = "async act => { const t = performance.now(); %s; await " + DRAWN + "; return (performance.now() - t) / 1000; }"
-        ask = "const s = document.querySelector('[data-part=search]'); s.value = 'clip-0042'; s.dispatchEvent(new Event('input'))"
-        sort = "const s = document.querySelector('[data-part=sort]'); s.value = '=name'; s.dispatchEvent(new Event('change')); document.querySelector('[data-part=desc]').click()"
+        took = f"async () => {{ const t = Date.now(); %s; await {DRAWN}; return (Date.now() - t) / 1000; }}"
+        find = "document.querySelector('[data-part=%s]')"
+        ask = f"const s = {find % 'search'}; s.value = 'clip-0042'; s.dispatchEvent(new Event('input'))"
+        order = f"const s = {find % 'sort'}; s.value = '=name'; s.dispatchEvent(new Event('change'))"
+        sort = f"{order}; {find % 'desc'}.click()"
         row["search"] = tab.evaluate(took % ask)
         tab.evaluate("() => document.querySelector('[data-part=reset]').click()")
         row["sort"] = tab.evaluate(took % sort)
@@ -137,11 +145,17 @@ def gallery(folder: Path) -> list[dict]:
         write_gallery([home], home / "index.html", title="benchmark")
         made = time.process_time() - began
         inside(home)
-        for name, where, view in (("index", "beside", "cards"), ("inside", "inside", "cards"), ("index", "beside", "grid")):
+        for name, where, view in (
+            ("index", "beside", "cards"),
+            ("inside", "inside", "cards"),
+            ("index", "beside", "grid"),
+        ):
             page = home / f"{name}.html"
             with launched() as browser:
                 runs = [opened(browser, page, view) for _ in range(RUNS)]
             row = {key: round(median(run[key] for run in runs), 3) for key in runs[0]}
             size = round(page.stat().st_size / 1e6, 2)
-            rows.append({"clips": count, "view": view, "pictures": where, "made": round(made, 2), "mb": size, **row})
+            rows.append(
+                {"clips": count, "view": view, "pictures": where, "made": round(made, 2), "mb": size, **row}
+            )
     return [{**row, "poster_kb": round(poster, 1), "strip_kb": round(strip, 1)} for row in rows]

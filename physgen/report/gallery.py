@@ -270,7 +270,8 @@ def _card(
 def _facts(clip: Clip) -> str:
     if not clip.document:
         return "no clip"
-    return f"{_counted(clip.objects, 'object') or 'no objects'} · {clip.duration:.3g} s · {clip.size[0]} × {clip.size[1]}"
+    wide, high = clip.size
+    return f"{_counted(clip.objects, 'object') or 'no objects'} · {clip.duration:.3g} s · {wide} × {high}"
 
 
 def _counted(count: int, what: str) -> str:
