@@ -11,6 +11,7 @@ from contextlib import suppress
 
 from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
+from physgen.cli.exhibiting import gallery
 from physgen.cli.moving import check, render, simulate
 from physgen.cli.perceiving import import_, list_backends, perceive
 from physgen.cli.plotting import plot
@@ -72,6 +73,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "simulate": simulate,
     "render": render,
     "refine": refine,
+    "gallery": gallery,
     "evaluate": evaluate,
     "plot": plot,
     "cache": cache,

@@ -171,6 +171,27 @@ def build_parser() -> argparse.ArgumentParser:
     refine(sub)
 
     sub = command(
+        "gallery",
+        "Folders of clips to one page that shows them all; a sweep by its axes.",
+        "physgen gallery out sweep -o gallery.html",
+    )
+    sub.add_argument(
+        "folders", metavar="DIR", type=Path, nargs="+", help="what physgen rendered into, at any depth"
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=Path,
+        help="write the page here, pictures beside it; default: index.html in DIR, or here for several",
+    )
+    sub.add_argument("--title", metavar="TEXT", help="what stands above it; default: the folders' names")
+    sub.add_argument(
+        "--single-file", action="store_true", help="put pictures and videos into the page, to be mailed"
+    )
+    sub.add_argument("--json", action="store_true", help="print what was written as JSON")
+
+    sub = command(
         "evaluate",
         "Scorecards: how far physgen is from what is known. Exit code 1 when a bar is missed.",
         "physgen evaluate physics --rows 1,5,12",

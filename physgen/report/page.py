@@ -1,15 +1,13 @@
-"""Scene, world and run record -> report.html; several run folders -> index.html. Everything from outside is escaped."""
+"""Scene, world and run record -> report.html. Everything from outside is escaped."""
 
 from __future__ import annotations
 
 import base64
-import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import cv2
 import numpy as np
@@ -26,6 +24,7 @@ from physgen.report.player import Data, script_json
 from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import refinement
+from physgen.report.templates import template
 from physgen.resources import resource
 from physgen.scene.model import Load, Play, Render, Scene, View
 
@@ -34,11 +33,6 @@ U8 = NDArray[np.uint8]
 
 LONGEST_ARROW = 0.14
 """Of the canvas's diagonal."""
-SHOWN = (
-    *("video.mp4", "video.webp", "video.gif", "frames/00000.png"),
-    *("unrefined.mp4", "unrefined.webp", "unrefined.gif", "unrefined/00000.png"),
-)
-"""What the gallery shows of a clip: the first of them that is there."""
 MOST_TOUCHES = 200
 """Rows of the table of contacts."""
 
@@ -60,7 +54,7 @@ def report_page(
     `seen` is what was perceived of the photo, `retouched` a frame before and after refinement.
     """
     width, height = scene.size
-    page: str = _template("report.html.j2").render(
+    page: str = template("report.html.j2").render(
         title=scene.name,
         size=(width, height),
         video_size=scene.video_size,
@@ -109,7 +103,7 @@ def report_page(
 
 def failed_page(name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str) -> str:
     """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read."""
-    page: str = _template("failed.html.j2").render(
+    page: str = template("failed.html.j2").render(
         title=name,
         problems=[
             (str(p.place), p.path, " ".join(filter(None, (p.found, p.expected))), p.fix) for p in problems
@@ -121,40 +115,12 @@ def failed_page(name: str, problems: Sequence[Problem], command: Sequence[str], 
     return page
 
 
-def gallery_page(root: Path) -> str:
-    """An index of the output folders in `root`; what is not one of ours is passed over."""
-    cards = []
-    for path in sorted(root.glob("*/manifest.json")):
-        if path.parent.name.startswith("."):
-            continue
-        try:
-            manifest: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            files, frames = manifest["files"], len(manifest["frames"] or manifest.get("unrefined", []))
-            title, count = manifest["scene"], len(manifest["document"].get("objects", {}))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            continue
-        video = next((file for file in SHOWN if file in files), None)
-        href = "./" + quote(path.parent.name)
-        facts = f"{count} object{'s' if count != 1 else ''}, {frames} frames"
-        clip = f"{href}/{video}" if video else None
-        cards.append({"title": title, "href": f"{href}/report.html", "video": clip, "facts": facts})
-    return _template("gallery.html.j2").render(cards=cards)  # type: ignore[no-any-return]
-
-
 def _file(scene: Scene) -> str | None:
     """The scene's file as it was written; None where it cannot be read."""
     try:
         return Path(scene.place("").file).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return None
-
-
-def _template(name: str) -> Any:
-    import jinja2
-
-    loader = jinja2.FileSystemLoader(resource("templates", name).parent)
-    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    return environment.get_template(name)
 
 
 PARTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quantities", "charts", "page")
