@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from physgen import pipeline
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
+from physgen.report.traces import clear, leave, trace_of
 from physgen.report.video import Format
 from physgen.whole import meant
 
@@ -35,6 +36,8 @@ class Job:
     device: str = "cpu"
     plan: Plan = field(default_factory=Plan)
     """Whose weights refine, and where."""
+    cached: bool = True
+    page: pipeline.Page = pipeline.Page.FULL
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,8 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             ask_chaos=job.chaos,
             device=job.device,
             refiners=_refiners(job.plan),
+            cached=job.cached,
+            page=job.page,
             progress=progress,
             warn=warnings.append,
         )
@@ -90,6 +95,20 @@ def _failure(job: Job, error: BaseException) -> Problem:
         return InputError.of(job.path, "", f"failed: {where}{error.strerror or error}", "").problems[0]
     said = "ran out of memory" if isinstance(error, MemoryError) else "failed: its process died"
     return InputError.of(job.path, "", said, "try fewer --jobs or a smaller scene").problems[0]
+
+
+def ended(done: Done, out: Path, gallery: bool) -> None:
+    """A clip that is there takes its earlier failure away; one that failed leaves a trace for the `gallery` of `out`.
+
+    What cannot be written is not: the problems were told.
+    """
+    job = done.job
+    with suppress(InputError, OSError):
+        name = pipeline.output_name(job.path, job.variant)
+        if done.folder is not None:
+            clear(out, name)
+        elif gallery:
+            leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems))
 
 
 def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:

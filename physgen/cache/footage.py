@@ -235,7 +235,8 @@ def _stepped(coverage: U8 | F32) -> U8:
     """0..1 as 0..255."""
     if coverage.dtype == np.uint8:
         return coverage.astype(np.uint8, copy=False)
-    return np.rint(np.clip(coverage.astype(np.float32), 0, 1) * np.float32(255)).astype(np.uint8)
+    steps: U8 = np.rint(np.clip(coverage.astype(np.float32), 0, 1) * np.float32(255)).astype(np.uint8)
+    return steps
 
 
 def _sloped(rgb: U8) -> U8:

@@ -65,16 +65,18 @@ def code_version(rooms: Sequence[str]) -> dict[str, str]:
 
     Worked out once a process. Raises ValueError for a room that is none.
     """
-    home = Path(physgen.__file__).parent
-    sources = sorted(home.glob("*.py"))
+    home = os.path.dirname(physgen.__file__)
+    sources = [entry.path for entry in os.scandir(home)]
     for room in rooms:
-        if not (home / room).is_dir():
+        if not os.path.isdir(os.path.join(home, room)):
             raise ValueError(f"physgen has no room {room}")
-        sources += sorted((home / room).rglob("*.py"))
+        for folder, _, names in os.walk(os.path.join(home, room)):  # half the time of Path.rglob
+            sources += [os.path.join(folder, name) for name in names]
     found = sha256()
-    for path in sources:
-        text = path.read_bytes()
-        found.update(f"{path.relative_to(home).as_posix()} {len(text)}\n".encode() + text)
+    for path in sorted(path for path in sources if path.endswith(".py")):
+        with open(path, "rb") as file:
+            text = file.read()
+        found.update(f"{path[len(home) :]} {len(text)}\n".encode() + text)
     libraries = {name: number for name, number in versions().items() if name != "av"}  # it only encodes
     return {**libraries, "machine": platform.machine(), "sources": found.hexdigest()}
 

@@ -8,27 +8,24 @@ its files, so that what was cut short or damaged counts as not there. Who reads 
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import re
 import shutil
 import tempfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
+from physgen.cache.sealed import seal, size_of, whole
 from physgen.problems import InputError, Place, Problem, Severity
 
 Warn = Callable[[Problem], None]
 
 MOST_BYTES = 5_000_000_000
 """Of all entries, unless `PHYSGEN_CACHE_BYTES` says otherwise."""
-LEASE, INDEX, LOCK = "lease", "index.json", ".lock"
-VERSION = 1
-"""Of the index."""
+LEASE, LOCK = "lease", ".lock"
 _BYTES = re.compile(r"(?P<number>\d+(\.\d*)?(e\d+)?) ?(?P<unit>[kMGT]?)B?", re.IGNORECASE)
 
 
@@ -124,8 +121,9 @@ class Store:
         found = []
         for folder in self._folders():
             with suppress(OSError):  # another process may remove it now
-                used = (folder / LEASE).stat().st_mtime
-                found.append(Entry(folder.name, _size(folder), used))
+                lease = folder / LEASE
+                used = (lease if lease.exists() else folder).stat().st_mtime
+                found.append(Entry(folder.name, size_of(folder), used))
         return sorted(found, key=lambda entry: (entry.used, entry.key))
 
     def clear(self) -> Freed:
@@ -144,6 +142,7 @@ class Store:
         try:
             lease = os.open(folder / LEASE, os.O_RDONLY)
         except OSError:
+            self._discard(key)
             return None
         try:
             fcntl.flock(lease, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -152,14 +151,19 @@ class Store:
         except OSError:
             os.close(lease)
             return None
-        if not _whole(folder):
+        if not whole(folder):
             os.close(lease)
-            with suppress(OSError), self._locked():
-                self._remove(key)
+            self._discard(key)
             return None
         with suppress(OSError):  # a folder that can only be read
             os.utime(lease)
         return lease
+
+    def _discard(self, key: str) -> None:
+        """What is not whole goes, if there is anything."""
+        if (self.root / key).is_dir():
+            with suppress(OSError), self._locked():
+                self._remove(key)
 
     def _begun(self, key: str) -> tuple[Path, int]:
         """A folder of our own, and its lease, which nobody else has."""
@@ -176,18 +180,12 @@ class Store:
         return folder, lease
 
     def _finish(self, folder: Path, key: str) -> None:
-        if (size := _size(folder)) > self.most_bytes:
+        if (size := size_of(folder)) > self.most_bytes:
             found = f"{size:,} bytes of one result"
             fix = "raise PHYSGEN_CACHE_BYTES"
             self._tell(found, f"are more than the {self.most_bytes:,} that are kept", fix)
             return
-        files = {
-            path.relative_to(folder).as_posix(): _sum(path)
-            for path in sorted(folder.rglob("*"))
-            if path.is_file() and path.name != LEASE
-        }
-        index = json.dumps({"cache": VERSION, "files": files})
-        (folder / INDEX).write_text(index, encoding="utf-8")
+        seal(folder, LEASE)
         os.utime(folder / LEASE)
         with self._locked():
             if not (self.root / key).exists():
@@ -237,7 +235,7 @@ class Store:
                 lease = os.open(left / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
                 try:
                     fcntl.flock(lease, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    freed += _size(left)
+                    freed += size_of(left)
                     shutil.rmtree(left, ignore_errors=True)
                 finally:
                     os.close(lease)
@@ -281,26 +279,3 @@ def opened(environment: Mapping[str, str] = os.environ, warn: Warn = unheard) ->
         power = " KMGT".index(match["unit"].upper() or " ")
         most = int(min(float(match["number"]) * 1000.0**power, 1e18))
     return Store(folder / "physgen" / "stages", most, warn)
-
-
-def _size(folder: Path) -> int:
-    """Bytes of its files; raises OSError where one goes meanwhile."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
-def _sum(path: Path) -> list[int]:
-    """Bytes of a file, and their CRC-32."""
-    size = check = 0
-    with path.open("rb") as file:
-        while block := file.read(2**20):
-            size, check = size + len(block), zlib.crc32(block, check)
-    return [size, check]
-
-
-def _whole(folder: Path) -> bool:
-    """Whether all files are there as they were written."""
-    try:
-        index = json.loads((folder / INDEX).read_bytes())
-        return index["cache"] == VERSION and all(_sum(folder / n) == s for n, s in index["files"].items())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return False

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.printing import OK, Bar, print_json, tell, tell_problems
+from physgen.cli.printing import OK, Bar, print_json, tell, tell_kept, tell_problems
 from physgen.flags import WRONG_INPUT
 from physgen.problems import InputError, Problem, Severity
 from physgen.whole import write_whole
@@ -92,7 +92,8 @@ def _trajectory_kind(output: Path | None) -> str:
 
 
 def render(options: argparse.Namespace) -> int:
-    from physgen.batch.pool import Job, run_all
+    from physgen import pipeline
+    from physgen.batch.pool import Job, ended, run_all
     from physgen.report.video import Format
 
     formats = tuple(Format(name) for name in options.format)
@@ -109,11 +110,15 @@ def render(options: argparse.Namespace) -> int:
             options.chaos,
             options.device,
             plan,
+            options.cache,
+            pipeline.Page(options.report),
         )
         for path in options.scenes
         for variant in _variants(path, options)
     ]
     _refuse_twins(jobs)
+    root = Path(options.output)
+    gallery = len(jobs) > 1 or (root / "index.html").exists()
     bar = Bar()
     folders = []
     told: set[str] = set()
@@ -121,18 +126,14 @@ def render(options: argparse.Namespace) -> int:
         bar.clear()
         tell_problems([p for p in done.problems if str(p) not in told])
         told.update(map(str, done.problems))
+        ended(done, root, gallery)
         if done.folder is not None:
             folders.append(done.folder)
             if not options.json:
                 print(done.folder, flush=True)
-    root = Path(options.output)
-    index = root / "index.html" if len(folders) > 1 or (root / "index.html").exists() else None
-    if index is not None:
-        from physgen.report.page import gallery_page
-
-        write_whole(index, gallery_page(root).encode("utf-8"))
-        if not options.json and len(folders) > 1:
-            print(index)
+    index = _gallery(root, bar) if gallery and (folders or root.is_dir()) else None
+    if index is not None and len(jobs) > 1 and not options.json:
+        print(index)
     if options.json:
         print_json(
             {
@@ -142,6 +143,15 @@ def render(options: argparse.Namespace) -> int:
             }
         )
     return OK if len(folders) == len(jobs) else WRONG_INPUT
+
+
+def _gallery(root: Path, bar: Bar) -> Path:
+    """The page of all that is in the folder, made again."""
+    from physgen.report.gallery import write_gallery
+
+    made = write_gallery([root], root / "index.html", progress=bar.show, keep=tell_kept)
+    bar.clear()
+    return made.index
 
 
 def _refining(options: argparse.Namespace) -> tuple[Plan, tuple[str, ...]]:

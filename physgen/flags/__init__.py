@@ -9,12 +9,15 @@ from typing import NoReturn
 from physgen import __version__
 from physgen.flags.measures import measures
 from physgen.flags.perceiving import perceive, who
+from physgen.flags.plots import plots
+from physgen.flags.refining import refine
 from physgen.flags.values import count, formats, four, positive, scene_name, two
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
 
 WRONG_INPUT = 2
 DEVICES = ("cpu", "cuda")
+REPORTS = ("full", "plain", "none")
 
 
 class Parser(argparse.ArgumentParser):
@@ -148,8 +151,45 @@ def build_parser() -> argparse.ArgumentParser:
         help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
     )
     sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
+    sub.add_argument(
+        "--report",
+        choices=REPORTS,
+        default="full",
+        help="plain: without player, charts and what was perceived, which takes less time than a short clip; none",
+    )
+    sub.add_argument(
+        "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
+    )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
+
+    sub = command(
+        "refine",
+        "A video and masks of its objects to a video that a diffusion model retouched; see docs/refinement.md.",
+        "physgen refine clip.mp4 --masks masks -o clip.refined.mp4",
+    )
+    refine(sub)
+
+    sub = command(
+        "gallery",
+        "Folders of clips to one page that shows them all; a sweep by its axes.",
+        "physgen gallery out sweep -o gallery.html",
+    )
+    sub.add_argument(
+        "folders", metavar="DIR", type=Path, nargs="+", help="what physgen rendered into, at any depth"
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=Path,
+        help="write the page here, pictures beside it; default: index.html in DIR, or here for several",
+    )
+    sub.add_argument("--title", metavar="TEXT", help="what stands above it; default: the folders' names")
+    sub.add_argument(
+        "--single-file", action="store_true", help="put pictures and videos into the page, to be mailed"
+    )
+    sub.add_argument("--json", action="store_true", help="print what was written as JSON")
 
     sub = command(
         "evaluate",
@@ -158,9 +198,17 @@ def build_parser() -> argparse.ArgumentParser:
     )
     measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
 
+    sub = command(
+        "plot", "Figures for papers, as PNG, SVG or PDF.", "physgen plot strip scene.yaml -o strip.pdf"
+    )
+    plots(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), _overlays)
+
     sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
     sub.add_argument(
-        "what", choices=("show", "clear"), help="show: where, how much, at most; clear: remove it"
+        "what",
+        choices=("show", "clear"),
+        metavar="{show,clear}",
+        help="show: where, how much, at most; clear: remove it",
     )
     sub.add_argument("--json", action="store_true", help="print as JSON")
 

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.crew import Choice, Plan, why
-from physgen.photometry import decode
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.stages import simulate
 from physgen.pipeline.watch import Progress, Warn
@@ -26,8 +25,9 @@ if TYPE_CHECKING:
     from physgen.cache.footage import Footage
     from physgen.refine.refining import How
     from physgen.refine.roles import Denoiser
-    from physgen.report.changes import Changes
     from physgen.render.stage import Frame
+    from physgen.report.changes import Changes
+    from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
     from physgen.report.video import Format
     from physgen.scene.model import Scene
@@ -64,6 +64,16 @@ class Refiners:
         self._made.clear()
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """How refinement went."""
+
+    faults: Sequence[Problem]
+    """What went wrong; nothing where it is empty."""
+    compared: Comparison | None
+    """A frame before and after."""
+
+
 def how(scene: Scene) -> How:
     """`refine:` of a scene, with the prompt that its labels make unless it has one."""
     from physgen.refine.prompts import prompt_of
@@ -85,11 +95,14 @@ def how(scene: Scene) -> How:
 
 
 @contextmanager
-def guided(filming: Filming, record: RunRecord, progress: Progress, warn: Warn) -> Iterator[Footage]:
+def guided(
+    filming: Filming, record: RunRecord, progress: Progress, warn: Warn, cached: bool = True
+) -> Iterator[Footage]:
     """The clip as it is without refinement, a frame a sample, from the cache where it is kept; else it is made."""
     from physgen.cache.footage import Add, footage
     from physgen.cache.keys import guidance_key
     from physgen.cache.store import opened
+    from physgen.render.matte import coverage
 
     def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
         progress("simulate", 0, 1)
@@ -102,14 +115,14 @@ def guided(filming: Filming, record: RunRecord, progress: Progress, warn: Warn) 
             with record.stage("render"):
                 frame = next(frames)
             with record.stage("cover"):
-                coverage = decode(next(mattes).rgb[..., 0])
+                covered = coverage(next(mattes))
             with record.stage("keep"):
-                add(frame.rgb, coverage, frame.ids)
+                add(frame.rgb, covered, frame.ids)
             progress("render", index + 1, count)
         return trajectory, {}
 
     key = guidance_key(filming.scene, record.inputs, record.device)
-    with footage(opened(warn=warn), key, film) as kept:
+    with footage(opened(warn=warn) if cached else None, key, film) as kept:
         yield kept
 
 
@@ -121,45 +134,67 @@ def refined(
     kinds: Sequence[Format],
     record: RunRecord,
     progress: Progress,
-) -> Sequence[Problem]:
-    """Writes the clip unrefined and, in all `kinds`, refined; what went wrong with the latter, if anything."""
+) -> Outcome:
+    """Writes the clip unrefined and, in all `kinds`, refined."""
     from physgen.percepts.maps import write_png
     from physgen.refine.refining import Refinement
     from physgen.report.changes import Changes
+    from physgen.report.perception import compared
 
     scene, trajectory = filming.scene, footage.trajectory
     order = filming.shot(trajectory).order
 
-    def write(pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str) -> list[str]:
+    def write(
+        pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str, doing: str = ""
+    ) -> list[str]:
         frames = filming.annotated(_frames(footage, pictures, order), trajectory)
         return written(frames, len(order), scene, folder, kinds, record, progress, name=name, stage=stage)[0]
 
     record.unrefined = write(iter(footage.rgb.shown(order)), kinds[:1], "unrefined", "read")
     name = scene.refine.backend
     try:
-        with record.stage("load model"):
+        with record.stage("load model"), _guarded(name):
             model = refiners.model(name)
         refinement = Refinement(model, how(scene), scene.video_size, len(footage.rgb), progress)
         changes = Changes(len(footage.rgb), scene.render.fps)
-        made = _watched(_guarded(name, refinement.frames(footage.rgb, footage.coverage)), footage, changes)
+        made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
         with _played(made, order, scene.video_size, len(footage.rgb)) as pictures:
-            record.frames = write(pictures, kinds, "video", "refine")
+            record.frames = write(pictures, kinds, "video", "refine", "decode")
     except InputError as error:
         for kind in kinds:
             _removed(folder / kind.named("video"))
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
-        return error.problems
-    record.refine = {"backend": name, **refinement.note(), "changes": changes.figures()}
-    write_png(folder / STRIP, changes.picture())
-    return ()
+        return Outcome(error.problems, None)
+    picture = changes.picture()
+    write_png(folder / STRIP, picture)
+    strip = {"file": STRIP, "size": [picture.shape[1], picture.shape[0]]}
+    told = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
+    record.refine = told
+    before, after = ("as it was drawn", footage.rgb[changes.most]), ("refined", changes.refined)
+    said = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
+    return Outcome((), compared("refined", "Refined", said, before, after))
 
 
-def _watched(frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
+def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
     """The same frames; `changes` is told of each."""
-    for index, rgb in enumerate(frames):
+    for index in range(len(footage.rgb)):
+        with _guarded(name):
+            rgb = next(frames)
         changes.add(footage.rgb[index], rgb, footage.coverage[index])
         yield rgb
+
+
+@contextmanager
+def _guarded(name: str) -> Iterator[None]:
+    """Whatever a model's library raises is one message."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        fix = "see what failed, or choose another backend"
+        raise InputError.of("--refine", f'"{name}"', f"failed ({why(error)})", fix) from error
 
 
 def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:
@@ -169,17 +204,6 @@ def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> I
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
         named = partial(footage.ids.__getitem__, sample)
         yield Frame(index, float(footage.trajectory.times[sample]), rgb, named)
-
-
-def _guarded(name: str, frames: Iterator[U8]) -> Iterator[U8]:
-    """Whatever a model's library raises is one message."""
-    try:
-        yield from frames
-    except InputError:
-        raise
-    except Exception as error:
-        fix = "see what failed, or choose another backend"
-        raise InputError.of("--refine", f'"{name}"', f"failed ({why(error)})", fix) from error
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
+from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
 from pathlib import Path
 from queue import Queue
@@ -48,6 +49,9 @@ class Format(Enum):
 LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
 """px of a side that the encoders take."""
 
+NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
+"""Errors of a disk that takes no more."""
+
 Write = Callable[[U8], None]
 WAITING = 4
 """Frames between the one that is drawn and the one that is encoded."""
@@ -73,6 +77,8 @@ def open_video(
         with opener(folder / kind.named(name), size, rate) as write:
             yield write
     except FFmpegError as error:
+        if error.errno in NO_ROOM:
+            raise OSError(error.errno, error.strerror, str(folder / kind.file)) from None
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
         expected = f"could not be encoded ({error.strerror or error})"
         raise InputError.of(f"--format {kind.value}", found, expected, "render with --format png") from None
@@ -229,3 +235,71 @@ def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         count += 1
 
     yield write
+
+
+def glimpses(path: Path, count: int, side: int) -> list[U8]:
+    """`count` frames of what `open_video` wrote, evenly from the first to the last: (H, W, 3) sRGB each.
+
+    None is longer than `side` px. `path` is the video, or the first of a folder of PNG. Raises OSError where it
+    cannot be read.
+    """
+    from av.error import FFmpegError
+
+    try:
+        taken = {".mp4": _of_mp4, ".png": _of_png}.get(path.suffix, _of_pages)(path, count, side)
+    except (FFmpegError, SyntaxError, ValueError) as error:  # Pillow calls a broken PNG a SyntaxError
+        raise OSError(f"{path} cannot be read: {error}") from error
+    if not taken:
+        raise OSError(f"{path} has no frames")
+    return [taken[k * len(taken) // count] for k in range(count)]
+
+
+def _evenly(frames: int, count: int) -> list[int]:
+    return sorted({int(k) for k in np.linspace(0, frames - 1, count).round()}) if frames else []
+
+
+def _inside(size: tuple[int, int], side: int) -> tuple[int, int]:
+    part = min(side / max(size), 1.0)
+    return max(round(size[0] * part), 1), max(round(size[1] * part), 1)
+
+
+def _of_mp4(path: Path, count: int, side: int) -> list[U8]:
+    import av
+
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        wanted = _evenly(stream.frames, count)
+        taken = []
+        for index, frame in enumerate(container.decode(stream)):
+            if index in wanted:
+                width, height = _inside((frame.width, frame.height), side)
+                small = frame.reformat(width, height, "rgb24", interpolation="AREA")
+                taken.append(np.asarray(small.to_ndarray(), np.uint8))
+    return taken
+
+
+def _of_pages(path: Path, count: int, side: int) -> list[U8]:
+    from PIL import Image
+
+    with Image.open(path) as pages:
+        taken = []
+        for index in _evenly(getattr(pages, "n_frames", 1), count):
+            pages.seek(index)
+            taken.append(_small(pages, side))
+    return taken
+
+
+def _of_png(path: Path, count: int, side: int) -> list[U8]:
+    from PIL import Image
+
+    files = sorted(path.parent.glob("*.png"))
+    taken = []
+    for index in _evenly(len(files), count):
+        with Image.open(files[index]) as picture:
+            taken.append(_small(picture, side))
+    return taken
+
+
+def _small(picture: Any, side: int) -> U8:
+    rgb = picture.convert("RGB")
+    return np.asarray(rgb.resize(_inside(rgb.size, side), reducing_gap=2.0), np.uint8)

@@ -86,7 +86,7 @@ def test_runs_and_jobs_give_the_same_bytes(lesson: Path, tmp_path: Path) -> None
     for name in ("lesson", "other"):
         for file in ("video.mp4", "trajectory.npz"):
             assert (tmp_path / "a" / name / file).read_bytes() == (tmp_path / "b" / name / file).read_bytes()
-    assert (tmp_path / "a" / "index.html").read_text().count("report.html") == 2
+    assert (tmp_path / "a" / "index.html").read_text().count('class="open" href') == 2
 
 
 def test_variants_are_rendered_beside_the_scene(lesson: Path, tmp_path: Path, capsys) -> None:
@@ -104,9 +104,10 @@ def test_one_bad_scene_does_not_stop_the_others(lesson: Path, tmp_path: Path, ca
     bad.write_text(LESSON.replace("mass: 100", "mass: heavy"))
     assert main(["render", str(bad), str(lesson), "-o", str(tmp_path / "out")]) == 2
     told = capsys.readouterr()
-    assert told.out == f"{tmp_path / 'out' / 'lesson'}\n"
+    assert told.out == f"{tmp_path / 'out' / 'lesson'}\n{tmp_path / 'out' / 'index.html'}\n"
     assert 'objects.ball.mass: "heavy" is not a number; write grams, e.g. 170' in told.err
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["lesson"]
+    left = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert left == ["bad.failed.json", "index.files", "index.html", "lesson"]
 
 
 def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys) -> None:
@@ -309,7 +310,9 @@ def test_wrong_flags_get_one_line_and_exit_2(capsys) -> None:
 
 
 def test_every_command_shows_an_example(capsys) -> None:
-    for command in ("perceive", "import", "check", "simulate", "render", "cache", "backends", "schema"):
+    for command in (
+        "perceive", "import", "check", "simulate", "render", "refine", "cache", "backends", "schema",
+    ):  # fmt: skip
         with pytest.raises(SystemExit) as stop:
             main([command, "--help"])
         assert stop.value.code == 0
@@ -375,8 +378,8 @@ def test_the_gallery_shows_ours_alone_and_every_link_leads_somewhere(lesson: Pat
         (out / name).mkdir(parents=True)
         (out / name / "manifest.json").write_text("{}")
     assert main(["render", str(lesson), str(odd), "-o", str(out)]) == 0
-    links = re.findall(r'href="([^"]+)"', (out / "index.html").read_text())
-    assert len(links) == 2
+    links = re.findall(r'(?:href|src)="(\./[^"]+)"', (out / "index.html").read_text())
+    assert len(links) == 4
     for link in links:
         assert (out / unquote(urlsplit(link).path)).is_file()
 
@@ -401,7 +404,7 @@ def test_a_clip_that_cannot_be_encoded_does_not_stop_the_others(lesson: Path, tm
     wide.write_text("physgen: 1\nsize: [17000, 4]\nworld: {duration: 0.1}\nobjects: {}\n")
     assert main(["render", str(wide), str(lesson), "-o", str(tmp_path / "out"), "--jobs", "2"]) == 2
     told = capsys.readouterr()
-    assert told.out == f"{tmp_path / 'out' / 'lesson'}\n"
+    assert told.out == f"{tmp_path / 'out' / 'lesson'}\n{tmp_path / 'out' / 'index.html'}\n"
     assert "17000 x 4 px is over the 16384 px" in told.err
 
 

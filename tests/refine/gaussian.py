@@ -151,3 +151,8 @@ def made(setup: Setup) -> Gaussian:
     told = dict(setup.options)
     grid = Grid(**{**SMALL.__dict__, **{key: told.pop(key) for key in list(told) if key in SMALL.__dict__}})
     return Gaussian(grid, **told)
+
+
+def broken(setup: Setup) -> Gaussian:
+    """One that fails while it is made, as libraries do: with whatever error."""
+    raise RuntimeError("no such luck")

@@ -1,0 +1,332 @@
+"""Folders of clips -> one page that shows them all, searches, sorts, filters, and lays a sweep out by two axes.
+
+Posters and strips lie in `<page>.files` beside the page, named after the film that they are of: a page that is made
+again makes only what is new. Everything from outside is escaped.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from physgen import __version__
+from physgen.problems import InputError
+from physgen.report.clips import Clip, clips_in
+from physgen.report.posters import across, pictures, shown
+from physgen.report.swept import Swept, swept
+from physgen.resources import resource
+from physgen.scene.words import natural
+from physgen.whole import set_aside, write_whole
+
+Progress = Callable[[str, int, int], None]
+
+MARK = '<meta name="generator" content="physgen gallery">'
+FORMERLY = "<title>physgen gallery</title>"
+MAILED = 50_000_000
+"""Bytes of a single file above which few would mail it."""
+PARTS = ("state", "choose", "shots", "clock", "sheet", "look", "page")
+"""Of the script, in the order in which they build on each other."""
+KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
+FEW = 8
+"""Values of a key that are offered one by one; more make a range."""
+BARS = 16
+"""Of a range's histogram."""
+_OURS = re.compile(r"[0-9a-f]{20}\.(poster|strip)\.webp").fullmatch
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """What was written."""
+
+    index: Path
+    clips: int
+    failures: int
+    bytes: int
+    """Of the page itself."""
+
+
+@dataclass(frozen=True)
+class Pictured:
+    """Where a clip's poster and strip are, as the page names them: paths or data URIs; empty where it has none."""
+
+    poster: str = ""
+    strip: str = ""
+
+
+def write_gallery(
+    roots: Sequence[Path],
+    index: Path,
+    *,
+    title: str | None = None,
+    single: bool = False,
+    progress: Progress = lambda stage, done, total: None,
+    keep: Callable[[Path], None] = lambda kept: None,
+) -> Gallery:
+    """The page of all clips below `roots`, with pictures and films inside it where it is to be a `single` file.
+
+    A file at `index` that is not ours is set aside, and `keep` is told. Raises InputError for roots that are none.
+    """
+    if index.is_dir():
+        raise InputError.of("-o", f'"{index}"', "is a folder", "name a file, e.g. -o out/index.html")
+    clips = clips_in(roots)
+    index.parent.mkdir(parents=True, exist_ok=True)
+    files = index.with_name(f"{index.stem}.files")
+    pictured = []
+    for k, clip in enumerate(clips):
+        progress("gallery", k, len(clips))
+        pictured.append(_pictured(clip, files, single))
+    names = [root.resolve().name for root in roots]
+    text = gallery_page(clips, pictured, index.parent, title or _title(names), single)
+    if index.exists() and not _ours(index):
+        set_aside(index, keep)
+    data = text.encode("utf-8")
+    write_whole(index, data)
+    if not single:
+        _sweep(files, {Path(path).name for p in pictured for path in (p.poster, p.strip)})
+    return Gallery(index, len(clips), sum(bool(clip.problems) for clip in clips), len(data))
+
+
+def gallery_page(
+    clips: Sequence[Clip], pictured: Sequence[Pictured], home: Path, title: str, single: bool = False
+) -> str:
+    """The HTML; paths are relative to `home`."""
+    keys = swept(clips)
+    parts = [resource("templates", "gallery", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
+    alike = {name for name, count in Counter(clip.name for clip in clips).items() if count > 1}
+    cards = [
+        _card(k, clip, shot, keys, home, clip.name in alike, single)
+        for k, (clip, shot) in enumerate(zip(clips, pictured, strict=True))
+    ]
+    labels = Counter(label for clip in clips for label in clip.labels)
+    data = {
+        "clips": [card.pop("data") for card in cards],
+        "keys": [_axis(key) for key in keys],
+        "grid": _is_sheet(keys, len(clips)),
+        "single": single,
+    }
+    page: str = _template("gallery.html.j2").render(
+        title=title,
+        mark=MARK,
+        cards=cards,
+        failures=sum(bool(clip.problems) for clip in clips),
+        warned=sum(bool(clip.warnings) for clip in clips),
+        earliest=_day(min((clip.time for clip in clips), default=0.0)),
+        latest=_day(max((clip.time for clip in clips), default=0.0)),
+        labels=labels.most_common() if len(labels) > 1 else [],
+        variants=Counter(clip.variant or "" for clip in clips).most_common()
+        if any(c.variant for c in clips)
+        else [],
+        keys=[_facet(key) for key in keys],
+        aspect=_aspect(clips),
+        films=list(_films(clips)) if single else [],
+        data=script_json(data),
+        script='(() => {\n"use strict";\n' + "\n".join(parts) + "})();",
+        version=__version__,
+    )
+    return page
+
+
+def script_json(data: object) -> str:
+    """JSON that is safe inside a script element."""
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def told(value: float | str | None) -> str:
+    """A value as the page writes it.
+
+    >>> [told(value) for value in (0.1, 30625.0, 1234567.0, 1e-7, "side", None)]
+    ['0.1', '30625', '1234570', '1e-07', 'side', '']
+    """
+    return f"{float(f'{value:.6g}'):.10g}" if isinstance(value, float) else value or ""
+
+
+def _template(name: str) -> Any:
+    import jinja2
+
+    loader = jinja2.FileSystemLoader(resource("templates", name).parent)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.get_template(name)
+
+
+def _title(names: Sequence[str]) -> str:
+    return ", ".join(dict.fromkeys(names)) if 0 < len(set(names)) <= 3 and all(names) else "Gallery"
+
+
+def _day(time: float) -> str:
+    return datetime.fromtimestamp(time, UTC).date().isoformat() if time > 0 else ""
+
+
+def _link(path: Path, home: Path) -> str:
+    relative = Path(os.path.relpath(path.absolute(), home.absolute())).as_posix()
+    return quote(relative if relative.startswith("../") else f"./{relative}")
+
+
+def _pictured(clip: Clip, files: Path, single: bool) -> Pictured:
+    """Poster and strip, made unless they are there; none where the film cannot be read."""
+    if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
+        return Pictured()
+    paths = [files / f"{clip.seal}.{kind}.webp" for kind in ("poster", "strip")]
+    if all(path.is_file() for path in paths):
+        made = [path.read_bytes() for path in paths] if single else []
+    else:
+        try:
+            made = list(pictures(clip.film, clip.frames))
+        except OSError:
+            return Pictured()
+        if not single:
+            files.mkdir(parents=True, exist_ok=True)
+            for path, data in zip(paths, made, strict=True):
+                write_whole(path, data)
+    if single:
+        return Pictured(*(f"data:image/webp;base64,{base64.b64encode(data).decode()}" for data in made))
+    return Pictured(*(_link(path, files.parent) for path in paths))
+
+
+def _sweep(files: Path, used: set[str]) -> None:
+    """Take away pictures of films that are gone."""
+    if files.is_dir():
+        for path in files.iterdir():
+            if _OURS(path.name) and path.name not in used:
+                path.unlink(missing_ok=True)
+
+
+def _ours(index: Path) -> bool:
+    with index.open("rb") as file:
+        head = file.read(2000).decode("utf-8", "replace")
+    return MARK in head or FORMERLY in head
+
+
+def _card(
+    number: int, clip: Clip, shot: Pictured, keys: Sequence[Swept], home: Path, alike: bool, single: bool
+) -> dict[str, Any]:
+    """What the template shows of one clip; under `data`, what the script needs to know."""
+    values = [key.values[number] for key in keys]
+    film = "" if clip.film is None or single or clip.film.suffix not in KINDS else _link(clip.film, home)
+    where = _link(clip.home.parent, home) if alike else ""
+    labels = list(clip.labels.items())
+    data = {
+        "name": clip.name,
+        "scene": clip.scene,
+        "variant": clip.variant,
+        "where": where,
+        "labels": [label for label, _ in labels],
+        "time": round(clip.time, 3),
+        "objects": clip.objects,
+        "fps": clip.fps,
+        "frames": clip.frames,
+        "shown": shown(clip.frames),
+        "across": across(clip.frames),
+        "size": clip.size,
+        "poster": bool(shot.poster),
+        "strip": shot.strip and ("held" if single else shot.strip),
+        "film": film,
+        "kind": "" if clip.film is None else KINDS.get(clip.film.suffix, ""),
+        "href": "" if clip.report is None or single else _link(clip.report, home),
+        "values": values,
+        "failed": bool(clip.problems),
+        "why": " ".join(clip.problems),
+        "made": bool(clip.document),
+        "warned": bool(clip.warnings),
+        "said": [*clip.overrides, *clip.warnings, *clip.problems],
+    }
+    split = {
+        key.name: key for key, value in zip(keys, values, strict=True) if value is not None and key.swept
+    }
+    return {
+        "data": data,
+        "number": number,
+        "name": clip.name,
+        "href": data["href"],
+        "where": where.removeprefix("./"),
+        "poster": shot.poster,
+        "strip": shot.strip if single else "",
+        "size": clip.size,
+        "variant": clip.variant,
+        "facts": _facts(clip),
+        "labels": labels[:3],
+        "more": len(labels) - 3,
+        "values": [
+            (name, told(key.values[number]), key.unit, key.path) for name, key in list(split.items())[:4]
+        ],
+        "warnings": _counted(len(clip.warnings), "warning"),
+        "settings": _counted(len(clip.overrides), "setting"),
+        "notes": "\n".join((*clip.warnings, *(f"--set {text}" for text in clip.overrides))),
+        "problems": clip.problems,
+    }
+
+
+def _facts(clip: Clip) -> str:
+    if not clip.document:
+        return "no clip"
+    wide, high = clip.size
+    return f"{_counted(clip.objects, 'object') or 'no objects'} · {clip.duration:.3g} s · {wide} × {high}"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' if count != 1 else ''}" if count else ""
+
+
+def _order(key: Swept) -> list[float | str]:
+    """Its values: numbers by size, words as people sort them."""
+    have = {value for value in key.values if value is not None}
+    return [
+        *sorted(v for v in have if isinstance(v, float)),
+        *sorted((v for v in have if isinstance(v, str)), key=natural),
+    ]
+
+
+def _axis(key: Swept) -> dict[str, Any]:
+    """A key as the script knows it."""
+    values = _order(key)
+    texts = [told(value) for value in values]
+    plain = {name: getattr(key, name) for name in ("path", "name", "unit", "numeric", "follows", "swept")}
+    return {**plain, "values": values, "texts": texts}
+
+
+def _is_sheet(keys: Sequence[Swept], count: int) -> bool:
+    """Whether the clips are a sweep over two keys, and best seen by these."""
+    free = [key for key in keys if key.swept and not key.follows]
+    return count > 3 and len(free) == 2 and all(None not in key.values for key in free)
+
+
+def _facet(key: Swept) -> dict[str, Any]:
+    """A key as something to filter by: its few values with how many clips have each, or a range with its histogram."""
+    have = [value for value in key.values if value is not None]
+    facet = {"path": key.path, "name": key.name, "unit": key.unit, "swept": key.swept}
+    values = _order(key)
+    if key.numeric and len(values) > FEW:
+        low, high = float(values[0]), float(values[-1])
+        counts = Counter(min(int(BARS * (float(value) - low) / (high - low)), BARS - 1) for value in have)
+        bars = [round(100 * counts[k] / max(counts.values())) for k in range(BARS)]
+        return {**facet, "range": [told(low), told(high)], "last": len(values) - 1, "bars": bars}
+    counted = Counter(map(told, have))
+    texts = dict.fromkeys(map(told, values))
+    return {**facet, "range": None, "values": [(text, counted[text]) for text in texts]}
+
+
+def _aspect(clips: Sequence[Clip]) -> str:
+    """Of all films, or a compromise where they differ."""
+    sizes = Counter(clip.size for clip in clips if clip.document)
+    if not sizes or len({round(w / h, 2) for w, h in sizes}) > 1:
+        return "4 / 3"
+    wide, high = next(iter(sizes))
+    return f"{wide} / {high}" if 0.5 <= wide / high <= 2.5 else "4 / 3"
+
+
+def _films(clips: Sequence[Clip]) -> Iterator[Mapping[str, Any]]:
+    """Films of a single file, as text."""
+    for number, clip in enumerate(clips):
+        if clip.film is not None and clip.film.suffix in KINDS:
+            yield {"number": number, "data": base64.b64encode(clip.film.read_bytes()).decode("ascii")}

@@ -1,0 +1,358 @@
+"""The key of unrefined frames: all that they follow from, and nothing else."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from test_floors import PACKAGE, imports
+
+from physgen import pipeline
+from physgen.cache.keys import ROOMS, code_version, guidance_key, key
+from physgen.report.record import inputs
+from physgen.scene.model import View
+
+SCENE = """\
+physgen: 1
+image: photo.png
+assets: scene.assets
+world: {duration: 0.25, pixels_per_meter: 500}
+objects:
+  ball: {mask: 1, mass: 100, label: ball, velocity: [100, 0], from: {mass: table 0.4}}
+  block: {mask: 2, density: 2}
+boundaries:
+  floor: {segment: [[-100, 50], [300, 50]]}
+forces:
+  - {object: block, impulse: [500, 0]}
+  - {object: ball, force: [0, -900], start: 0.1}
+light: {direction: [-0.3, -0.8, 0.6]}
+render: {fps: 24, size: [96, 64]}
+refine: {strength: 0.5, seed: 3}
+variants:
+  heavy: {objects.ball.mass: 900}
+"""
+SAME_MEANING = """\
+# written by somebody else
+refine: {seed: 4, strength: 0.25}
+render:
+  size: [96.0, 64]   # px
+  fps: 24.0
+light: {direction: [-0.3, -0.8, 0.6]}
+forces:
+  - {impulse: [5.0e+2, 0.0], object: "block"}
+  - {start: 0.1, object: ball, force: [0, -900]}
+boundaries:
+  floor:
+    segment: [[-100, 50], [300, 50]]
+objects:
+  block: {density: 2.0, mask: 2}
+  ball: {mass: 1.0e+2, mask: 1, velocity: [100, 0], label: a ball}
+world: {pixels_per_meter: 500, duration: 0.25, gravity: [0, 4900]}
+assets: scene.assets
+image: photo.png
+physgen: 1
+"""
+Overrides = list[str]
+KEPT: list[Overrides] = [
+    ["refine.backend=none"],
+    ["refine.strength=0.3"],
+    ["refine.stop=3"],
+    ["refine.steps=20"],
+    ["refine.seed=9"],
+    ["refine.prompt=a marble"],
+    ["refine.negative=blur"],
+    ["refine.guidance=3"],
+    ["refine.lock=1"],
+    ["refine.detail=0.5"],
+    ["render.play=backward"],
+    ["render.play=there-and-back"],
+    ["render.overlay=[names, velocity]"],
+    ["objects.ball.label=marble"],
+]
+CHANGED: list[Overrides] = [
+    ["forces[0].impulse=[501, 0]"],
+    ["forces[1].start=0.11"],
+    ["objects.ball.mass=101"],
+    ["objects.ball.friction=0.4"],
+    ["objects.block.layer=1"],
+    ["world.duration=0.5"],
+    ["world.gravity=[0, 0]"],
+    ["world.steps_per_second=480"],
+    ["boundaries.floor.segment=[[-100, 51], [300, 51]]"],
+    ["light.direction=[0.3, -0.8, 0.6]"],
+    ["light.softness=7"],
+    ["render.size=[48, 32]"],
+    ["render.supersample=2"],
+    ["render.shadows=false"],
+    ["render.relight=false"],
+    ["render.motion_blur=0.5"],
+    ["render.fps=25"],
+    ["render.slow=2"],
+    ["render.camera={zoom: 2}"],
+]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A drawn photo of a ball and a block, its masks, and the scene."""
+    rng = np.random.default_rng(1)
+    photo, masks = np.full((64, 96, 3), 120.0), np.zeros((64, 96), np.uint16)
+    y, x = np.mgrid[:64, :96]
+    masks[np.hypot(y - 38, x - 25) <= 11] = 1
+    masks[30:50, 60:72] = 2
+    photo[masks == 1], photo[masks == 2] = (200, 90, 40), (40, 160, 90)
+    photo = np.clip(photo + rng.normal(0, 3, photo.shape), 0, 255).astype(np.uint8)
+    home = tmp_path / "home"
+    (home / "scene.assets").mkdir(parents=True)
+    cv2.imwrite(str(home / "photo.png"), photo)
+    cv2.imwrite(str(home / "scene.assets" / "masks.png"), masks)
+    (home / "scene.yaml").write_text(SCENE)
+    return home
+
+
+def of(path: Path, overrides: Overrides | tuple[()] = (), variant: str | None = None, by: str = "cpu") -> str:
+    scene = pipeline.load(path, overrides, variant)
+    return guidance_key(scene, inputs(scene, path), by)
+
+
+def frames(path: Path, overrides: Overrides | tuple[()] = ()) -> list[np.ndarray]:
+    """What the key stands for: drawn in the order of the motion."""
+    scene = pipeline.load(path, overrides)
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    motion = pipeline.simulate(compiled.world)
+    through = replace(pipeline.shot(scene, motion), order=tuple(range(len(motion.times))))
+    return [f.rgb for f in pipeline.render(pipeline.stage(scene, compiled, maps), motion, through=through)]
+
+
+@pytest.mark.parametrize("overrides", KEPT, ids=lambda o: o[0])
+def test_what_comes_afterwards_keeps_the_key(overrides: Overrides, folder: Path) -> None:
+    assert of(folder / "scene.yaml", overrides) == of(folder / "scene.yaml")
+
+
+@pytest.mark.parametrize("overrides", [["refine.strength=0.3"], KEPT[10], KEPT[11], KEPT[12], KEPT[13]])
+def test_where_the_key_is_the_same_the_frames_are(overrides: Overrides, folder: Path) -> None:
+    before, after = frames(folder / "scene.yaml"), frames(folder / "scene.yaml", overrides)
+    assert len(before) > 4
+    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+
+
+@pytest.mark.parametrize("overrides", CHANGED, ids=lambda o: o[0])
+def test_what_frames_follow_from_changes_it(overrides: Overrides, folder: Path) -> None:
+    assert of(folder / "scene.yaml", overrides) != of(folder / "scene.yaml")
+
+
+def test_keys_of_unlike_scenes_are_unlike(folder: Path) -> None:
+    every = [of(folder / "scene.yaml", overrides) for overrides in ([], *CHANGED)]
+    assert len(set(every)) == len(every)
+
+
+def test_a_variant_is_as_what_it_edits(folder: Path) -> None:
+    heavy = of(folder / "scene.yaml", variant="heavy")
+    assert heavy == of(folder / "scene.yaml", ["objects.ball.mass=900"])
+    assert heavy != of(folder / "scene.yaml")
+
+
+def test_the_file_counts_by_what_it_means(folder: Path) -> None:
+    before = of(folder / "scene.yaml")
+    (folder / "other.yaml").write_text(SAME_MEANING)
+    assert of(folder / "other.yaml") == before
+    (folder / "child.yaml").write_text("physgen: 1\nextends: scene.yaml\n")
+    assert of(folder / "child.yaml") == before
+
+
+def test_a_copy_elsewhere_has_the_same_key(folder: Path, tmp_path: Path) -> None:
+    before = of(folder / "scene.yaml")
+    shutil.copytree(folder, tmp_path / "away")
+    assert of(tmp_path / "away" / "scene.yaml") == before
+    (tmp_path / "away" / "photo.png").rename(tmp_path / "away" / "renamed.png")
+    scene = tmp_path / "away" / "scene.yaml"
+    scene.write_text(SCENE.replace("photo.png", "renamed.png"))
+    assert of(scene) == before
+
+
+def test_the_order_of_forces_counts(folder: Path) -> None:
+    """Their sum may round otherwise."""
+    one, other = (line for line in SCENE.splitlines() if line.startswith("  - "))
+    before = of(folder / "scene.yaml")
+    (folder / "scene.yaml").write_text(SCENE.replace(f"{one}\n{other}", f"{other}\n{one}"))
+    assert of(folder / "scene.yaml") != before
+
+
+def _edited(path: Path) -> None:
+    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    picture[0, 0] = 1
+    cv2.imwrite(str(path), picture)
+
+
+@pytest.mark.parametrize("file", ["photo.png", "scene.assets/masks.png"])
+def test_a_pixel_changes_it(file: str, folder: Path) -> None:
+    before = of(folder / "scene.yaml")
+    _edited(folder / file)
+    assert of(folder / "scene.yaml") != before
+
+
+@pytest.mark.parametrize(
+    "name", ["coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading"]
+)
+def test_a_map_more_changes_it_and_other_files_do_not(name: str, folder: Path) -> None:
+    before = of(folder / "scene.yaml")
+    cv2.imwrite(str(folder / "scene.assets" / "notes.png"), np.zeros((64, 96), np.uint8))
+    assert of(folder / "scene.yaml") == before
+    cv2.imwrite(str(folder / "scene.assets" / f"{name}.png"), np.zeros((64, 96), np.uint8))
+    assert of(folder / "scene.yaml") != before
+
+
+def test_who_draws_counts(folder: Path) -> None:
+    path = folder / "scene.yaml"
+    assert len({of(path, by=by) for by in ("cpu", "cuda:0 (A), torch 2.4", "cuda:0 (A), torch 2.5")}) == 3
+
+
+def test_hashes_that_were_taken_are_believed(folder: Path) -> None:
+    """What was read is what counts, not what lies there now."""
+    path = folder / "scene.yaml"
+    scene, read = pipeline.load(path), inputs(pipeline.load(path), path)
+    _edited(folder / "scene.assets" / "masks.png")
+    before = guidance_key(scene, read, "cpu")
+    assert before != guidance_key(scene, inputs(scene, path), "cpu")
+    assert before == guidance_key(scene, read, "cpu")
+
+
+def test_a_scene_without_a_photo_has_one(tmp_path: Path) -> None:
+    path = tmp_path / "flat.yaml"
+    path.write_text("physgen: 1\nsize: [40, 30]\nobjects: {}\n")
+    assert of(path) != of(path, ["world.duration=1"])
+
+
+def test_processes_agree(folder: Path) -> None:
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom physgen import pipeline\n"
+        "from physgen.cache.keys import guidance_key\nfrom physgen.report.record import inputs\n"
+        "path = Path(sys.argv[1])\nscene = pipeline.load(path)\n"
+        "print(guidance_key(scene, inputs(scene, path), 'cpu'))"
+    )
+    for seed in ("1", "2"):
+        command = [sys.executable, "-c", code, str(folder / "scene.yaml")]
+        told = subprocess.check_output(command, env={**os.environ, "PYTHONHASHSEED": seed}, text=True)
+        assert told.strip() == of(folder / "scene.yaml")
+
+
+def test_keys_are_of_plain_data() -> None:
+    class Kind(Enum):
+        SIDE = "side"
+
+    assert key("s", {"b": 1, "a": (2.0, None)}) == key("s", {"a": [2, None], "b": 1.0})
+    assert key("s", View.SIDE) == key("s", "side") == key("s", Kind.SIDE)
+    unlike = [
+        [1, 2],
+        [2, 1],
+        [12],
+        [[1, 2]],
+        ["1", 2],
+        [True, 2],
+        [{"1": 2}],
+        [],
+        [None],
+        [2**53 + 1],
+        [2**53],
+    ]
+    assert len({key("s", *parts) for parts in unlike}) == len(unlike)
+    assert key("s", 1) != key("t", 1)
+    stage, _, digest = key("a-stage", 1).rpartition("-")
+    assert stage == "a-stage"
+    assert len(bytes.fromhex(digest)) == 32
+    for wrong in (object(), {1}, b"x", np.zeros(2), Path("a")):
+        with pytest.raises(TypeError):
+            key("s", wrong)
+    with pytest.raises(ValueError):
+        key("s", float("nan"))
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Callable[..., dict[str, str]]:
+    """Tells the version of a copy of the code that may be edited first."""
+    shutil.copytree(PACKAGE, tmp_path / "physgen", ignore=shutil.ignore_patterns("__pycache__"))
+    code = (
+        "import json, physgen\nfrom physgen.cache.keys import ROOMS, code_version\n"
+        "print(json.dumps([physgen.__file__, code_version(ROOMS)]))"
+    )
+
+    def version(edit: str | None = None) -> dict[str, str]:
+        if edit is not None:
+            with (tmp_path / "physgen" / edit).open("a") as file:
+                file.write("# edited\n")
+        told = subprocess.check_output(
+            [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path
+        )
+        file, found = json.loads(told)
+        assert file == str(tmp_path / "physgen" / "__init__.py")
+        return found
+
+    return version
+
+
+def test_an_edit_of_code_that_matters_changes_it(copy: Callable[..., dict[str, str]]) -> None:
+    version = copy()
+    assert version == code_version(ROOMS)  # the same code in another folder
+    assert {"physgen", "numpy", "pymunk", "opencv-python-headless"} <= set(version)
+    for edit in ("cli/__init__.py", "refine/fusion.py", "report/page.py"):
+        assert copy(edit) == version
+    for edit in ("simulate/stepper.py", "render/backends/torch_frames.py", "photometry.py"):
+        before, version = version, copy(edit)
+        assert version != before
+
+
+def test_an_unknown_room_is_refused() -> None:
+    with pytest.raises(ValueError, match="no room simulation"):
+        code_version(("simulation",))
+
+
+def _path(name: str) -> Path | None:
+    bare = PACKAGE.parent / name.replace(".", "/")
+    return next((p for p in (bare.with_suffix(".py"), bare / "__init__.py") if p.exists()), None)
+
+
+def test_all_code_that_makes_frames_is_counted() -> None:
+    """Whatever the pipeline's steps import, and what that imports: none lies outside the rooms."""
+    steps = {"load", "percepts", "compile", "simulate", "stage", "filled", "shot", "render"}
+    tree = ast.parse((PACKAGE / "pipeline.py").read_text(encoding="utf-8"))
+    todo = ["physgen.render.backends.torch_frames"]
+    for step in tree.body:
+        if isinstance(step, ast.FunctionDef) and step.name in steps:
+            steps.remove(step.name)
+            found = [n for n in ast.walk(step) if isinstance(n, ast.ImportFrom)]
+            todo += [f"{n.module}" for n in found]
+            todo += [f"{n.module}.{a.name}" for n in found for a in n.names if _path(f"{n.module}.{a.name}")]
+    assert not steps
+    seen: set[Path] = set()
+    while todo:
+        path = _path(todo.pop())
+        if path is None or path in seen:
+            continue
+        seen.add(path)
+        todo += [name for _, name in imports(path) if name.startswith("physgen")]
+    assert len(seen) > 80
+    outside = {p.relative_to(PACKAGE).parts[0] for p in seen if p.parent != PACKAGE} - set(ROOMS)
+    assert not outside
+
+
+def test_no_code_that_makes_frames_reads_what_the_key_leaves_out() -> None:
+    left_out = {"label", "provenance", "prompt", "refine", "document", "variants", "overlay"}
+    beside = {"compile/effects.py", "compile/lints.py"}  # warnings are told on every run
+    for room in ("compile", "simulate", "render", "shadow", "percepts", "outline"):
+        for path in sorted((PACKAGE / room).rglob("*.py")):
+            name = path.relative_to(PACKAGE).as_posix()
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Attribute) and node.attr in left_out and name not in beside:
+                    raise AssertionError(f"{name}:{node.lineno} reads {node.attr}")

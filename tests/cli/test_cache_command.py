@@ -1,0 +1,110 @@
+"""`physgen cache` as a person runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from physgen.cache.store import LEASE, opened
+from physgen.cli import main
+
+
+def put(key: str, size: int) -> None:
+    with opened().fill(key) as filling:
+        assert filling is not None
+        (filling.folder / "data").write_bytes(b"x" * size)
+
+
+def test_show_of_nothing_makes_nothing(capsys) -> None:
+    assert main(["cache", "show"]) == 0
+    root = opened().root
+    assert capsys.readouterr().out == f"{root}\nall       0 entries, 0 bytes of 5 GB\n"
+    assert main(["cache", "clear"]) == 0
+    assert capsys.readouterr().out == f"{root}: 0 entries removed, 0 bytes freed\n"
+    assert not root.exists()
+
+
+def test_show_and_clear(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PHYSGEN_CACHE_BYTES", "2.5GB")
+    monkeypatch.setenv("TZ", "UTC")
+    put("guidance-a", 1_500_000)
+    put("guidance-b", 2_500_000)
+    put("other-c", 300)
+    store = opened()
+    os.utime(store.root / "guidance-b" / LEASE, (1_000_000_000, 1_000_000_000))
+    small = sum(p.stat().st_size for p in (store.root / "other-c").iterdir())
+    assert main(["cache", "show"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:4] == [
+        str(store.root),
+        "guidance  2 entries, 4 MB",
+        f"other     1 entry, {small} bytes",
+        "all       3 entries, 4 MB of 2.5 GB",
+    ]
+    assert lines[4].startswith("oldest    last used 2001-09-0")
+    assert main(["cache", "show", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["path"] == str(store.root)
+    assert told["count"] == 3
+    assert told["most_bytes"] == 2_500_000_000
+    assert told["bytes"] == sum(entry["bytes"] for entry in told["entries"])
+    assert told["bytes"] == sum(p.stat().st_size for p in store.root.rglob("*") if p.is_file())
+    assert told["oldest"] == told["entries"][0]["used"]
+    assert told["entries"][0]["key"] == "guidance-b"
+    with store.find("other-c"):
+        assert main(["cache", "clear"]) == 0
+        assert (
+            capsys.readouterr().out == f"{store.root}: 2 entries removed, 4 MB freed; 1 entry in use, left\n"
+        )
+    assert main(["cache", "clear", "--json"]) == 0
+    cleared = json.loads(capsys.readouterr().out)
+    assert (cleared["removed"], cleared["freed_bytes"], cleared["in_use"]) == (1, small, 0)
+    assert store.sizes() == []
+
+
+def test_answers_of_a_language_model_stay(capsys) -> None:
+    answer = opened().root.parent / "vlm" / "ab" / "answer.json"
+    answer.parent.mkdir(parents=True)
+    answer.write_text("{}")
+    assert main(["cache", "clear"]) == 0
+    assert answer.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["cache"],
+            "physgen cache: the following arguments are required: {show,clear}; see physgen cache --help",
+        ),
+        (["cache", "purge"], "physgen cache: argument {show,clear}: invalid choice: 'purge'"),
+    ],
+)
+def test_wrong_flags_get_one_line(arguments: list[str], message: str, capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    told = capsys.readouterr().err
+    assert told.startswith(message)
+    assert len(told.splitlines()) == 1
+
+
+def test_a_wrong_bound_gets_one_line(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PHYSGEN_CACHE_BYTES", "much")
+    assert main(["cache", "show"]) == 2
+    told = capsys.readouterr().err
+    assert (
+        told
+        == 'PHYSGEN_CACHE_BYTES: "much" is not a number of bytes; write e.g. 20e9 or 20GB; 0 keeps nothing\n'
+    )
+
+
+def test_a_folder_that_cannot_be_cleared_is_told_of(capsys, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (opened().root / ".lock").mkdir(parents=True)
+    assert main(["cache", "clear"]) == 1
+    told = capsys.readouterr().err
+    assert told == f"{opened().root / '.lock'}: Is a directory\n"

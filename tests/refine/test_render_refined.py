@@ -1,0 +1,168 @@
+"""`render --refine`: scene -> refined clip beside the unrefined one, with a model that is known exactly."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from physgen import backends, cli
+from physgen.backends import Backend
+
+SCENE = """\
+physgen: 1
+size: [96, 64]
+world: {duration: 0.4}
+objects:
+  ball: {label: ball, shape: {circle: {center: [30, 20], radius: 9}}, velocity: [60, 0]}
+  block: {label: wooden block, shape: {box: {center: [70, 50], size: [24, 20]}}, motion: static}
+boundaries:
+  floor: {segment: [[0, 60], [96, 60]]}
+render: {fps: 20}
+refine: {steps: 10, stop: 1}
+"""
+
+
+@pytest.fixture(autouse=True)
+def _exact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A row whose model is Gaussian, and one that fails."""
+    more = (
+        Backend("refine", "exact", "gaussian:made", "Gaussian data.", told=True),
+        Backend("refine", "broken", "gaussian:broken", "Raises.", told=True),
+    )
+    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, *more))
+    monkeypatch.setattr("physgen.batch.pool._REFINERS", [])
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    Path("pair.yaml").write_text(SCENE, encoding="utf-8")
+
+
+def rendered(*flags: str, code: int = 0) -> dict[str, object]:
+    assert cli.main(["render", "pair.yaml", *flags]) == code
+    return json.loads(Path("out/pair/manifest.json").read_text(encoding="utf-8"))
+
+
+def frames(path: str) -> list[np.ndarray]:
+    """What another reader sees."""
+    with av.open(path) as file:
+        return [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+
+
+def test_the_folder_holds_both_clips_and_tells_how_it_was_made() -> None:
+    plain = rendered()
+    told = rendered("--refine", "exact", "--set", "refine.strength=0.3", "--set", "refine.seed=7")
+    assert told["unrefined"] == plain["frames"]
+    assert told["frames"] != plain["frames"]
+    assert told["frames"][0] == plain["frames"][0]  # the photo
+    assert told["samples"] == plain["samples"]
+    refine = told["refine"]
+    assert (refine["backend"], refine["revision"], refine["seed"]) == ("exact", "exact", 7)
+    assert (refine["steps"], refine["steps_run"], refine["steps_fused"]) == (10, 3, 2)
+    assert refine["prompt"] == "ball, wooden block"
+    assert {"video.mp4", "unrefined.mp4", "refinement.png"} <= set(told["files"])
+    assert len(frames("out/pair/video.mp4")) == len(frames("out/pair/unrefined.mp4")) == len(told["frames"])
+    assert "refinement" in Path("out/pair/report.html").read_text(encoding="utf-8").lower()
+
+
+def test_another_strength_neither_simulates_nor_draws() -> None:
+    first = rendered("--refine", "exact", "--set", "refine.strength=0.3")
+    other = rendered("--refine", "exact", "--set", "refine.strength=0.6", "--set", "refine.seed=1")
+    assert {"simulate", "render"} <= set(first["stages"])
+    assert not {"simulate", "render", "cover"} & set(other["stages"])
+    assert other["unrefined"] == first["unrefined"]
+    assert other["frames"] != first["frames"]
+    moved = rendered("--refine", "exact", "--set", "world.gravity=[0, 900]")
+    assert "simulate" in moved["stages"]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
+    once, again = rendered("--refine", "exact"), rendered("--refine", "exact")
+    assert once["frames"] == again["frames"]
+    assert once["files"]["video.mp4"] == again["files"]["video.mp4"]
+    assert rendered("--refine", "exact", "--set", "refine.seed=1")["frames"] != once["frames"]
+
+
+def test_locked_objects_keep_their_pixels() -> None:
+    rendered("--refine", "exact", "--format", "png", "--set", "refine.lock=1")
+    refined, plain = (
+        [cv2.imread(str(file)) for file in sorted(Path("out/pair", name).iterdir())]
+        for name in ("frames", "unrefined")
+    )
+    block = np.s_[42:58, 60:80]
+    assert (refined[-1][block] == plain[-1][block]).all()
+    assert np.abs(refined[-1].astype(int) - plain[-1])[:30, 60:].mean() > 2
+
+
+def test_clips_that_run_backward_are_refined_in_the_order_of_the_motion() -> None:
+    forward = rendered("--refine", "exact")
+    both = rendered("--refine", "exact", "--set", "render.play=there-and-back")
+    assert both["frames"] == [*forward["frames"], *forward["frames"][-2::-1]]
+    assert "simulate" not in both["stages"]
+
+
+def test_overlays_are_drawn_over_what_was_refined() -> None:
+    plain = rendered("--refine", "exact")
+    drawn = rendered("--refine", "exact", "--set", "render.overlay=[outlines]")
+    assert len(drawn["frames"]) == len(plain["frames"])
+    assert drawn["frames"] != plain["frames"]
+
+
+def test_what_fails_leaves_the_clip_unrefined(capsys: pytest.CaptureFixture[str]) -> None:
+    told = rendered("--refine", "broken", code=2)
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 2
+    assert (
+        '--refine: "broken" failed (RuntimeError: no such luck); see what failed, or choose another backend'
+        in said.err
+    )
+    assert "out/pair: warning: has the clip without refinement" in said.err
+    assert told["frames"] == []
+    assert "no such luck" in told["refine"]["failed"]
+    assert "video.mp4" not in told["files"]
+    assert len(frames("out/pair/unrefined.mp4")) == len(told["unrefined"])
+    page = Path("out/pair/report.html").read_text(encoding="utf-8")
+    assert "no such luck" in page
+    assert 'src="unrefined.mp4"' in page
+
+
+def test_no_memory_says_what_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("physgen.toml").write_text("[exact]\nmost = 1000\n", encoding="utf-8")
+    told = rendered("--refine", "exact", code=2)
+    said = capsys.readouterr().err
+    assert "do not fit into the memory of the device" in said
+    assert "px fit: write resolution = " in said
+    assert Path("out/pair/unrefined.mp4").is_file()
+    assert told["frames"] == []
+
+
+def test_a_strength_that_leaves_no_step_changes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    before = rendered("--refine", "exact")
+    assert rendered("--refine", "exact", "--set", "refine.strength=0", code=2) == before
+    said = capsys.readouterr().err
+    assert "refine.strength: 0 leaves none of 10 steps to run; write at least 0.05, or backend: none" in said
+
+
+def test_models_are_made_once_for_many_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    import gaussian
+
+    made = []
+    monkeypatch.setattr(gaussian, "made", lambda setup, make=gaussian.made: made.append(setup) or make(setup))
+    shutil.copyfile("pair.yaml", "again.yaml")
+    assert cli.main(["render", "pair.yaml", "again.yaml", "--refine", "exact"]) == 0
+    assert len(made) == 1
+
+
+def test_a_scene_without_objects_is_refined_all_over() -> None:
+    Path("empty.yaml").write_text(
+        "physgen: 1\nsize: [64, 48]\nobjects: {}\nrefine: {backend: exact, steps: 4, stop: 1}\n"
+    )
+    assert cli.main(["render", "empty.yaml", "--set", "world.duration=0.3"]) == 0
+    told = json.loads(Path("out/empty/manifest.json").read_text(encoding="utf-8"))
+    assert told["refine"]["prompt"] == ""
+    assert told["refine"]["changes"]["objects"] is None

@@ -1,0 +1,176 @@
+"""A real browser for tests: Debian's Chromium, driven by Playwright, with everything that it complains of kept."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+DESK = {"width": 1280, "height": 900}
+PHONE = {"width": 390, "height": 844}
+
+
+def chromium() -> str:
+    """Where it is; the message of what to do where it is not."""
+    found = os.environ.get("PHYSGEN_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+    assert found, (
+        "tests of the report need Chromium: apt-get install chromium, or set PHYSGEN_CHROMIUM to its path"
+    )
+    return found
+
+
+@contextmanager
+def launched() -> Iterator[Any]:
+    """A headless browser; no sandbox, since CI's root has none."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+G, V = 600.0, 40.0
+FALL = f"""\
+physgen: 1
+size: [320, 400]
+world: {{pixels_per_meter: 200, gravity: [0, {G:g}], duration: 1.5}}
+objects:
+  ball:
+    shape: {{circle: {{center: [60, 50], radius: 18}}}}
+    mass: 50
+    elasticity: 0.8
+    friction: 0
+    velocity: [{V:g}, 0]
+  block:
+    label: </script><script>window.broken = 1</script><img src=x onerror="window.broken = 2">
+    shape: {{box: {{center: [240, 350], size: [60, 60]}}}}
+    mass: 200
+  rung: {{shape: {{box: {{center: [250, 120], size: [80, 10]}}}}, motion: static}}
+boundaries:
+  floor: {{segment: [[-1000, 380], [1000, 380]], elasticity: 0.8, friction: 0.4}}
+"""
+"""Of a ball that falls, px/s² and px/s; `LANDS` is when it does, s."""
+LANDS = float(np.sqrt(2 * (380 - 18 - 50) / G))
+LONG = """\
+physgen: 1
+size: [480, 300]
+world: {duration: 0.5}
+objects:
+  a-name-as-long-as-names-may-be-with-sixty-four-letters-in-it-all:
+    label: Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde
+    shape: {circle: {center: [80, 60], radius: 22}}
+    mass: 120
+    from: {mass: table 0.4, label: clip 0.3}
+  b:
+    label: "صندوق خشبي قديم جدا من خشب الأبنوس المطعم بالعاج والصدف"
+    shape: {box: {center: [240, 200], size: [60, 50]}}
+  c:
+    label: 非常长的标签用来检查中文换行和溢出的情况是否正常工作没有空格
+    shape: {box: {center: [400, 200], size: [60, 50]}}
+  d: {label: 🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈, shape: {circle: {center: [160, 60], radius: 12}}}
+boundaries:
+  floor: {segment: [[-100, 280], [600, 280]]}
+variants:
+  heavy: {objects.b.mass: 900}
+"""
+
+
+@dataclass
+class Opened:
+    """A page, and what it said and asked for while it was open."""
+
+    page: Any
+    errors: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+
+    def seek(self, time: float) -> float:
+        """Set the slider; returns the time that is shown, s."""
+        self.page.evaluate(
+            "t => { const s = document.querySelector('[data-part=seek]');"
+            " s.value = t; s.dispatchEvent(new Event('input', {bubbles: true})); }",
+            time,
+        )
+        self.drawn()
+        return self.time
+
+    def drawn(self) -> None:
+        """Wait until what was asked for is on the canvas."""
+        self.page.evaluate(
+            "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
+
+    @property
+    def time(self) -> float:
+        return float(self.page.evaluate("() => +document.getElementById('player').dataset.time"))
+
+    @property
+    def playing(self) -> bool:
+        return bool(self.page.evaluate("() => document.getElementById('player').dataset.playing === 'true'"))
+
+    def pixels(self) -> np.ndarray:
+        """(h, w, 4) of the canvas, read back."""
+        size, codes = self.page.evaluate(
+            "() => { const c = document.querySelector('canvas');"
+            " const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let s = '';"
+            " for (let k = 0; k < d.length; k += 32768) s += String.fromCharCode(...d.subarray(k, k + 32768));"
+            " return [[c.height, c.width], s]; }"
+        )
+        return np.frombuffer(codes.encode("latin-1"), np.uint8).reshape(*size, 4).astype(np.float64)
+
+
+@contextmanager
+def opened(browser: Any, file: Path, *, ready: bool = True, **how: Any) -> Iterator[Opened]:
+    """A page from disk, in a fresh context; nothing moves by itself unless `reduced_motion` says otherwise."""
+    context = browser.new_context(**{"viewport": DESK, "reduced_motion": "reduce", **how})
+    page = context.new_page()
+    seen = Opened(page)
+    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: seen.errors.append(str(error)))
+    page.on("request", lambda request: seen.asked.append(request.url))
+    try:
+        page.goto(file.as_uri())
+        if ready:
+            page.wait_for_selector("#player[data-ready]")
+        yield seen
+    finally:
+        context.close()
+
+
+def report(pages: Path, name: str) -> Path:
+    return pages / name / "report.html"
+
+
+def middle(pixels: np.ndarray, colour: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(x, y) px of the photo: the middle of all pixels that look like `colour`, of a thing that does not turn."""
+    near = np.abs(pixels[..., :3] - colour).max(axis=2) < 12
+    assert near.any()
+    rows, columns = np.nonzero(near)
+    return (np.array([columns.mean(), rows.mean()]) + 0.5) * size[0] / pixels.shape[1] - 0.5
+
+
+def at(pixels: np.ndarray, x: float, y: float, size: tuple[int, int]) -> np.ndarray:
+    """The colour that is drawn at a place of the photo."""
+    large = pixels.shape[1] / size[0]
+    return pixels[int((y + 0.5) * large), int((x + 0.5) * large), :3]
+
+
+def ball(seen: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Its colour, and how far its centre is from the middle of that colour: its spoke has another."""
+    seen.seek(0)
+    colour = at(seen.pixels(), 60, 57, (320, 400))
+    return colour, np.array(fallen(0)) - middle(seen.pixels(), colour, (320, 400))
+
+
+def fallen(time: float) -> tuple[float, float]:
+    """Where the ball is before it lands."""
+    return 60 + V * time, 50 + G * time**2 / 2

@@ -1,0 +1,340 @@
+"""What a gallery finds in folders, how it tells the clips apart, and what `render` leaves for it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import cv2
+import numpy as np
+import pytest
+from exhibits import FRAMES, document, exhibit, failure, film, level, sweep
+from pytest import approx
+
+from physgen.cli import main
+from physgen.problems import InputError
+from physgen.report.clips import clips_in
+from physgen.report.gallery import script_json, told, write_gallery
+from physgen.report.posters import across, pictures, shown
+from physgen.report.swept import swept
+from physgen.report.video import PALETTE_FRAMES, Format, glimpses
+
+SCENE = """\
+physgen: 1
+size: [64, 48]
+world: {duration: 0.1}
+objects:
+  ball: {shape: {circle: {center: [30, 20], radius: 5}}, mass: 100}
+"""
+
+
+class Page(HTMLParser):
+    """An independent reader: elements with their attributes, and the script's data."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self._inside = False
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attributes)))
+        self._inside = tag == "script"
+        if self._inside:
+            self.scripts.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self._inside:
+            self.scripts[-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = self._inside and tag != "script"
+
+    @property
+    def data(self) -> dict:
+        return json.loads(next(text for text in self.scripts if text.startswith("{")))
+
+    def paths(self) -> list[str]:
+        links = [value for _, a in self.found for key in ("href", "src") if (value := a.get(key))]
+        data = [clip[key] for clip in self.data["clips"] for key in ("href", "film", "strip")]
+        return [link for link in (*links, *data) if link and not link.startswith(("#", "data:"))]
+
+
+# ---- what is found ---------------------------------------------------------------------------------------------------
+
+
+def test_clips_are_found_at_any_depth_once_in_natural_order(tmp_path: Path) -> None:
+    for name in ("b/run-10/scene", "b/run-9/scene", "a", "b/.hidden/scene"):
+        exhibit(tmp_path / name)
+    exhibit(tmp_path / "a" / "inner")  # what is in a clip's folder is its own
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "manifest.json").write_text("[]")
+    failure(tmp_path / "b", "wrong", "wrong.yaml:1:1: is wrong")
+    (tmp_path / "b" / "mine.failed.json").write_text('{"failed": 2}')
+    found = clips_in([tmp_path, tmp_path / "b"])
+    names = [clip.home.relative_to(tmp_path).as_posix() for clip in found]
+    assert names == ["a", "b/run-9/scene", "b/run-10/scene", "b/wrong.failed.json"]
+    assert found[-1].problems == ("wrong.yaml:1:1: is wrong",)
+    assert (found[0].objects, found[0].duration) == (2, approx(1.1))
+    assert dict(found[0].labels) == {"billiard ball": 1, "wooden crate": 1}
+
+
+def test_a_clip_s_own_folder_is_a_gallery_of_one(tmp_path: Path) -> None:
+    exhibit(tmp_path / "a")
+    assert [clip.name for clip in clips_in([tmp_path / "a"])] == ["a"]
+
+
+def test_where_refining_failed_there_is_one_card_with_the_unrefined_film(tmp_path: Path) -> None:
+    folder = exhibit(tmp_path / "a", frames=[], refine={"failed": "no weights"})
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["files"] = {"unrefined.mp4": manifest["files"]["video.mp4"]}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    (folder / "video.mp4").rename(folder / "unrefined.mp4")
+    assert [clip.problems for clip in clips_in([tmp_path])] == [("no weights",)]
+    failure(tmp_path, "a", "--refine: has no weights; name some")
+    (clip,) = clips_in([tmp_path])
+    assert clip.problems == ("--refine: has no weights; name some",)
+    assert clip.film == folder / "unrefined.mp4"
+
+
+def test_a_new_failure_stands_beside_the_older_clip(tmp_path: Path) -> None:
+    exhibit(tmp_path / "a")
+    failure(tmp_path, "a", "is wrong")
+    assert [bool(clip.problems) for clip in clips_in([tmp_path])] == [False, True]
+
+
+def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no folder") as caught:
+        clips_in([tmp_path / "a", tmp_path, tmp_path / "b"])
+    assert len(caught.value.problems) == 2
+
+
+# ---- in what they differ ---------------------------------------------------------------------------------------------
+
+
+def test_the_keys_of_a_sweep_and_their_values(tmp_path: Path) -> None:
+    keys = swept(clips_in([sweep(tmp_path, [50, 100, 200], [0.1, 0.9])]))
+    assert [(key.path, key.name, key.unit) for key in keys] == [
+        ("objects.*.mass", "mass", "g"),
+        ("objects.ball.friction", "friction", ""),
+    ]
+    assert keys[0].values == (50, 50, 100, 100, 200, 200)
+    assert keys[1].values == (0.1, 0.9) * 3
+    assert all(key.named and key.swept and key.numeric and not key.follows for key in keys)
+
+
+def test_a_clip_that_failed_has_the_values_that_it_was_told(tmp_path: Path) -> None:
+    keys = swept(clips_in([sweep(tmp_path, [50, 100], [0.1, 0.9], broken=3)]))
+    assert [key.values for key in keys] == [(50, 50, 100, 100), (0.1, 0.9, 0.1, 0.9)]
+
+
+def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
+    for k in range(4):
+        scene = document(
+            objects__ball__mass=10 * k,
+            objects__crate__mass=5 * (k % 3),
+            objects__ball__velocity=[k // 2, 7],
+            forces=[{"object": "ball", "impulse": [4, k % 2]}],
+            world__view=("side", "top")[k // 3],
+        )
+        exhibit(tmp_path / f"{k}", scene)
+    keys = {key.path: key for key in swept(clips_in([tmp_path]))}
+    assert {path: key.name for path, key in keys.items()} == {
+        "objects.ball.mass": "ball mass",
+        "objects.crate.mass": "crate mass",
+        "objects.ball.velocity[0]": "velocity x",
+        "forces[0].impulse[1]": "impulse y",
+        "world.view": "view",
+    }
+    assert {keys["objects.ball.velocity[0]"].unit, keys["forces[0].impulse[1]"].unit} == {"px/s", "g·px/s"}
+    assert not keys["world.view"].numeric
+
+
+def test_a_key_that_splits_the_clips_as_another_does_follows_it(tmp_path: Path) -> None:
+    for k, scale in enumerate((100, 200, 100)):
+        scene = document(world__gravity=[0, 9.8 * scale], world__pixels_per_meter=scale)
+        exhibit(tmp_path / f"{k}", scene, overrides=[f"world.pixels_per_meter={scale}"])
+    keys = swept(clips_in([tmp_path]))
+    assert [(key.path, key.follows) for key in keys] == [
+        ("world.pixels_per_meter", False),
+        ("world.gravity[1]", True),
+    ]
+
+
+def test_scenes_of_other_things_differ_in_their_worlds_alone(tmp_path: Path) -> None:
+    exhibit(tmp_path / "a", document(world__duration=2))
+    exhibit(tmp_path / "b", document(objects={"cup": {"label": "cup", "mass": 3}}))
+    assert [(key.path, key.swept) for key in swept(clips_in([tmp_path]))] == [("world.duration", False)]
+
+
+# ---- pictures --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", list(Format))
+def test_a_strip_runs_from_the_first_frame_to_the_last(kind: Format) -> None:
+    """Read back by another library: the grey of each cell is that of its frame."""
+    path = film(0, kind)
+    poster, strip = pictures(path / "00000.png" if kind is Format.PNG else path, FRAMES)
+    grid = cv2.imdecode(np.frombuffer(strip, np.uint8), cv2.IMREAD_COLOR)
+    wide, high = grid.shape[1] // across(FRAMES), grid.shape[0] // -(-shown(FRAMES) // across(FRAMES))
+    for k in range(shown(FRAMES)):
+        x, y = k % across(FRAMES) * wide, k // across(FRAMES) * high
+        known = (
+            min(k, PALETTE_FRAMES - 1) if kind is Format.GIF else k
+        )  # the greys of its first frames are all it has
+        assert grid[y + 4 : y + high - 4, x + 4 : x + wide - 4].mean() == approx(level(known), abs=4)
+    middle = cv2.imdecode(np.frombuffer(poster, np.uint8), cv2.IMREAD_COLOR)
+    assert middle.mean() == approx(level(FRAMES // 2), abs=4)
+
+
+def test_few_of_many_frames_are_evenly_apart() -> None:
+    assert [frame.mean() for frame in glimpses(film(), 3, 16)] == approx(
+        [level(0), level(5), level(10)], abs=4
+    )
+    assert max(glimpses(film(), 1, 16)[0].shape) == 16
+
+
+def test_a_film_that_cannot_be_read_leaves_a_card_without_picture(tmp_path: Path) -> None:
+    (exhibit(tmp_path / "a") / "video.mp4").write_bytes(b"no film")
+    write_gallery([tmp_path], tmp_path / "index.html")
+    assert "no picture" in (tmp_path / "index.html").read_text()
+    assert not (tmp_path / "index.files").exists()
+
+
+def test_pictures_are_made_once_and_go_with_their_films(tmp_path: Path) -> None:
+    exhibit(tmp_path / "a", seed=1)
+    exhibit(tmp_path / "b", seed=2)
+    write_gallery([tmp_path], tmp_path / "index.html")
+    files = tmp_path / "index.files"
+    (files / "mine.webp").write_bytes(b"mine")
+    before = {path.name: path.stat().st_mtime_ns for path in files.iterdir()}
+    assert len(before) == 5
+    shutil.rmtree(tmp_path / "a")
+    write_gallery([tmp_path], tmp_path / "index.html")
+    after = {path.name: path.stat().st_mtime_ns for path in files.iterdir()}
+    assert len(after) == 3
+    assert after.items() <= before.items()
+
+
+# ---- the page --------------------------------------------------------------------------------------------------------
+
+
+def test_paths_are_relative_to_the_page_and_lead_somewhere(tmp_path: Path) -> None:
+    exhibit(tmp_path / "one" / "50% a#b?c")
+    exhibit(tmp_path / "two" / "deep" / "er" / "ä ö")
+    assert (
+        main(["gallery", str(tmp_path / "one"), str(tmp_path / "two"), "-o", str(tmp_path / "x/y/all.html")])
+        == 0
+    )
+    paths = Page(tmp_path / "x" / "y" / "all.html").paths()
+    assert len(paths) == 2 * 5
+    for path in paths:
+        assert path.startswith(("./", "../"))
+        assert (tmp_path / "x" / "y" / unquote(path)).is_file(), path
+
+
+def test_what_comes_from_outside_is_text(tmp_path: Path) -> None:
+    bad = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
+    scene = document(objects__ball__label=bad)
+    exhibit(tmp_path / "a", scene, scene=bad, variant=bad, overrides=[f"objects.ball.label={bad}"])
+    exhibit(tmp_path / "b", warnings=[{"text": bad}])
+    failure(tmp_path, "c", bad)
+    write_gallery([tmp_path], tmp_path / "index.html", title=bad)
+    page = Page(tmp_path / "index.html")
+    assert sum(tag == "script" for tag, _ in page.found) == 3
+    assert not any("onerror" in attributes for _, attributes in page.found)
+    assert page.data["clips"][0]["name"] == bad
+    assert json.loads(script_json({"a": "<!--\u2028"})) == {"a": "<!--\u2028"}
+
+
+def test_a_single_file_holds_all(tmp_path: Path, capsys) -> None:
+    exhibit(tmp_path / "a")
+    shutil.copy(film(), tmp_path / "film.mp4")
+    page = tmp_path / "all.html"
+    assert main(["gallery", str(tmp_path / "a"), "--single-file", "-o", str(page), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"index": str(page), "clips": 1, "failures": 0, "bytes": page.stat().st_size}
+    assert Page(page).paths() == ["held"]
+    assert not (tmp_path / "all.files").exists()
+    assert "data:image/webp;base64," in page.read_text()
+
+
+def test_a_page_that_is_somebody_else_s_is_kept(tmp_path: Path, capsys) -> None:
+    exhibit(tmp_path / "a")
+    (tmp_path / "index.html").write_text("mine")
+    assert main(["gallery", str(tmp_path)]) == 0
+    assert (tmp_path / "index.html~").read_text() == "mine"
+    assert "kept as index.html~" in capsys.readouterr().err
+    assert main(["gallery", str(tmp_path)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_an_empty_gallery_says_so(tmp_path: Path, capsys) -> None:
+    assert main(["gallery", str(tmp_path), "--title", "Nothing"]) == 0
+    assert "hold no clips of physgen" in capsys.readouterr().err
+    assert "No clips here yet" in (tmp_path / "index.html").read_text()
+
+
+def test_wrong_folders_are_refused_before_anything_is_written(tmp_path: Path, capsys) -> None:
+    assert main(["gallery", str(tmp_path / "none"), "-o", str(tmp_path / "x/index.html")]) == 2
+    assert "is no folder; name folders that physgen rendered into" in capsys.readouterr().err
+    assert main(["gallery", str(tmp_path), "-o", str(tmp_path)]) == 2
+    assert "is a folder; name a file" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_values_are_written_alike_everywhere() -> None:
+    assert [told(v) for v in (0.1, 0.30000000000000004, 1e6, 12345678.0, -2.5e-9, 3.0)] == [
+        "0.1",
+        "0.3",
+        "1000000",
+        "12345700",
+        "-2.5e-09",
+        "3",
+    ]
+
+
+# ---- what render leaves ----------------------------------------------------------------------------------------------
+
+
+def test_of_several_each_that_fails_leaves_a_card_until_it_succeeds(tmp_path: Path, capsys) -> None:
+    for name, text in (("good", SCENE), ("bad", SCENE.replace("mass: 100", "mass: <b>"))):
+        (tmp_path / f"{name}.yaml").write_text(text)
+    out = tmp_path / "out"
+    both = [str(tmp_path / "good.yaml"), str(tmp_path / "bad.yaml")]
+    assert main(["render", *both, "-o", str(out), "--set", "world.duration=0.1"]) == 2
+    trace = json.loads((out / "bad.failed.json").read_text())
+    assert trace["overrides"] == ["world.duration=0.1"]
+    assert re.search(r"bad\.yaml:5:\d+: objects\.ball\.mass", trace["problems"][0])
+    data = Page(out / "index.html").data["clips"]
+    assert [(clip["name"], clip["failed"]) for clip in data] == [("bad", True), ("good", False)]
+    (tmp_path / "bad.yaml").write_text(SCENE)
+    assert main(["render", both[1], "-o", str(out)]) == 0
+    assert not (out / "bad.failed.json").exists()
+    data = Page(out / "index.html").data["clips"]
+    assert [(clip["name"], clip["failed"]) for clip in data] == [("bad", False), ("good", False)]
+
+
+def test_one_wrong_scene_alone_writes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text("physgen: 2")
+    assert main(["render", str(tmp_path / "bad.yaml"), "-o", str(tmp_path / "out")]) == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_of_somebody_s_with_that_name_stays(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.yaml").write_text("physgen: 2")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "a.failed.json").write_text("mine")
+    scenes = [str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml")]
+    assert main(["render", *scenes, "-o", str(out)]) == 2
+    assert (out / "a.failed.json").read_text() == "mine"
+    (tmp_path / "a.yaml").write_text(SCENE)
+    assert main(["render", scenes[0], "-o", str(out)]) == 0
+    assert (out / "a.failed.json").read_text() == "mine"

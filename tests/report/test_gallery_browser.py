@@ -1,0 +1,492 @@
+"""The gallery in a real browser, opened from disk: searched, sorted, filtered, laid out, run through time."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import cv2
+import numpy as np
+import pytest
+from browser import PHONE, launched, opened
+from exhibits import FPS, FRAMES, document, exhibit, failure, level, sweep
+from pytest import approx
+
+from physgen.report.gallery import write_gallery
+
+LONG = (
+    "Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde",
+    "صندوق خشبي قديم جدا من خشب الأبنوس المطعم بالعاج والصدف الطبيعي",
+    "非常长的标签用来检查中文换行和溢出的情况是否正常工作没有空格没有标点",
+    "🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈",
+    "<script>window.broken = 1</script><img src=x onerror='window.broken = 2'>",
+)
+SHOWN = "() => [...document.querySelectorAll('[data-part=cards] > .clip:not([hidden]) .open')].map(e => e.textContent)"
+LEVEL = """([box, what]) => {
+  const of = box.querySelector(what), c = document.createElement('canvas');
+  if (!of) return null;
+  c.width = c.height = 8;
+  const g = c.getContext('2d');
+  g.drawImage(of, 0, 0, 8, 8);
+  const d = g.getImageData(0, 0, 8, 8).data;
+  return d.reduce((sum, v, k) => sum + (k % 4 < 3 ? v : 0), 0) / 192;
+}"""
+"""The mean grey of a strip's canvas; a page from disk may read no picture of its own unless it lies inside it."""
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    with launched() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four different clips, one with a variant, one with warnings, and one that failed."""
+    home = tmp_path_factory.mktemp("mixed")
+    exhibit(home / "pool", document(world__duration=3), seed=1)
+    exhibit(home / "café", document(objects={"cup": {"label": "cup", "mass": 3}}), seed=2)
+    exhibit(home / "pool-heavy", document(objects__ball__mass=900), seed=3, variant="heavy")
+    exhibit(
+        home / "shelf", document(world__duration=5), seed=4, warnings=[{"text": "the books rest on nothing"}]
+    )
+    failure(home, "broken", 'broken.yaml:3:1: "<b>heavy</b>" is not a number')
+    write_gallery([home], home / "index.html")
+    return home / "index.html"
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three masses by four frictions, of which one clip failed, in one file: a page may read what lies in it."""
+    home = tmp_path_factory.mktemp("swept")
+    sweep(home, [50, 100, 200], [0.1, 0.2, 0.3, 0.9], broken=5)
+    write_gallery([home], home / "index.html")
+    write_gallery([home], home / "all.html", single=True)
+    return home / "index.html"
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Names, labels, variants and messages that try the layout."""
+    home = tmp_path_factory.mktemp("long")
+    for k, text in enumerate(LONG):
+        scene = document(objects__ball__label=text, objects__crate__label=text[::-1], objects__ball__mass=k)
+        told = [f"objects.ball.label={text}"]
+        exhibit(
+            home / f"{k}", scene, seed=k, scene=text, variant=text, overrides=told, warnings=[{"text": text}]
+        )
+        failure(home, f"failed-{k}", text, scene=text)
+    write_gallery([home], home / "index.html", title=LONG[0])
+    return home / "index.html"
+
+
+def go(seen: Any, hash: str) -> None:
+    """Another state, as by a link."""
+    seen.page.evaluate("hash => { location.hash = hash; }", hash)
+    seen.drawn()
+
+
+def seek(seen: Any, time: float) -> None:
+    """The slider, moved by hand."""
+    seen.page.evaluate(
+        "t => { const s = document.querySelector('[data-part=seek]');"
+        " s.value = t; s.dispatchEvent(new Event('input', {bubbles: true})); }",
+        time,
+    )
+    seen.drawn()
+
+
+def shown(seen: Any) -> list[str]:
+    return list(seen.page.evaluate(SHOWN))
+
+
+def at(seen: Any) -> str:
+    return unquote(seen.page.evaluate("() => location.hash"))
+
+
+def ready(browser: Any, page: Path, **how: Any) -> Any:
+    return opened(browser, page, ready=False, **how)
+
+
+# ---- it opens --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("view", ["", "#view=grid"])
+def test_it_opens_from_disk_and_asks_for_its_pictures_alone(browser: Any, mixed: Path, view: str) -> None:
+    with ready(browser, mixed) as seen:
+        seen.page.goto(mixed.as_uri() + view)
+        seen.page.wait_for_selector("html[data-ready]")
+        seen.page.wait_for_function("() => [...document.images].every(i => i.complete)")
+        own = mixed.parent.as_uri() + "/"
+        asked = [url.removeprefix(own) for url in seen.asked if not url.startswith("data:")]
+        assert all(url.startswith(("index.html", "index.files/")) for url in asked), asked
+        assert not any(".strip." in url for url in asked), "strips come when they are wanted"
+        assert seen.errors == []
+
+
+def test_an_empty_gallery_opens(browser: Any, tmp_path: Path) -> None:
+    write_gallery([tmp_path], tmp_path / "index.html")
+    with ready(browser, tmp_path / "index.html") as seen:
+        assert "No clips here yet" in seen.page.inner_text("main")
+        assert seen.errors == []
+
+
+def test_without_scripts_the_cards_stay(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed, java_script_enabled=False) as seen:
+        assert seen.page.locator(".clip:visible").count() == 5
+        assert not seen.page.is_visible(".tools")
+        assert not seen.page.is_visible("[data-part=clock]")
+
+
+def test_a_clip_that_failed_is_a_card_with_its_message(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed) as seen:
+        card = seen.page.locator(".clip.failed")
+        assert '"<b>heavy</b>" is not a number' in card.inner_text()
+        assert card.locator("a").count() == 0
+        assert "1 failed" in seen.page.inner_text("[data-part=told]")
+
+
+# ---- what is asked for -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ("pool", ["pool", "pool-heavy"]),
+        ("cafe CUP", ["café"]),
+        ("books rest", ["shelf"]),
+        ("not a number", ["broken"]),
+        ("heavy crate", ["pool-heavy"]),
+        ("nothing has this", []),
+    ],
+)
+def test_search(browser: Any, mixed: Path, words: str, names: list[str]) -> None:
+    with ready(browser, mixed) as seen:
+        seen.page.type("[data-part=search]", words)
+        assert shown(seen) == names
+        assert f"{len(names)} of 5 clips" in seen.page.inner_text("[data-part=told]")
+        assert seen.page.is_visible("[data-part=nothing]") == (not names)
+        seen.page.evaluate("() => document.querySelector('[data-part=reset]').click()")
+        assert len(shown(seen)) == 5
+
+
+def test_sorting_there_and_back(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed) as seen:
+        seen.page.select_option("[data-part=sort]", "=name")
+        assert shown(seen) == ["broken", "café", "pool", "pool-heavy", "shelf"]
+        seen.page.click("[data-part=desc]")
+        assert shown(seen) == ["shelf", "pool-heavy", "pool", "café", "broken"]
+        seen.page.select_option("[data-part=sort]", "world.duration")
+        assert shown(seen)[:2] == ["shelf", "pool"]
+        assert shown(seen)[-1] == "broken", "what has no value comes last, either way"
+        seen.page.click("[data-part=desc]")
+        assert shown(seen)[-3:] == ["pool", "shelf", "broken"]
+        seen.page.select_option("[data-part=sort]", "=objects")
+        assert shown(seen)[0] == "café"
+
+
+def test_filters_join_within_and_narrow_across(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed) as seen:
+        seen.page.check("[data-label=cup]", force=True)
+        assert shown(seen) == ["café"]
+        seen.page.check("[data-label='wooden crate']", force=True)
+        assert shown(seen) == ["café", "pool", "pool-heavy", "shelf"]
+        seen.page.check("[data-variant=heavy]", force=True)
+        assert shown(seen) == ["pool-heavy"]
+        seen.page.click("[data-part=reset]")
+        seen.page.check("[data-is=failed]", force=True)
+        assert shown(seen) == ["broken"]
+
+
+def test_a_range_of_values(browser: Any, tmp_path: Path) -> None:
+    for k in range(12):
+        exhibit(tmp_path / f"{k}", document(objects__ball__mass=10 * k))
+    write_gallery([tmp_path], tmp_path / "index.html")
+    with ready(browser, tmp_path / "index.html") as seen:
+        low = seen.page.locator("[data-key='objects.ball.mass'] input[data-end=low]")
+        low.focus()
+        for _ in range(9):
+            low.press("ArrowRight")
+        assert shown(seen) == ["9", "10", "11"]
+        assert low.get_attribute("aria-valuetext") == "90"
+        assert "v.objects.ball.mass=90..110" in at(seen)
+        low.press("Home")
+        assert len(shown(seen)) == 12
+        assert at(seen) in ("", "#")
+
+
+def test_a_view_can_be_shared(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed) as seen:
+        seen.page.fill("[data-part=search]", "o")
+        seen.page.check("[data-label='wooden crate']", force=True)
+        seen.page.select_option("[data-part=sort]", "=name")
+        seen.page.click("[data-part=desc]")
+        names, address = shown(seen), seen.page.url
+    assert names == ["shelf", "pool-heavy", "pool"]
+    with ready(browser, mixed) as seen:
+        seen.page.goto("about:blank")
+        seen.page.goto(address)
+        assert shown(seen) == names
+        assert seen.page.is_checked("[data-label='wooden crate']")
+        assert seen.page.input_value("[data-part=search]") == "o"
+        assert seen.errors == []
+
+
+# ---- a sweep ---------------------------------------------------------------------------------------------------------
+
+
+def cells(seen: Any) -> list[list[str]]:
+    return seen.page.evaluate(
+        "() => [...document.querySelectorAll('.sheet tbody tr')].map(r => [...r.querySelectorAll('td')]"
+        ".map(d => d.firstElementChild?.getAttribute('aria-label') ?? ''))"
+    )
+
+
+def test_a_sweep_opens_as_a_grid_by_its_axes(browser: Any, swept: Path) -> None:
+    with ready(browser, swept) as seen:
+        page = seen.page
+        assert page.locator(".sheet thead [scope=col]").all_inner_texts() == ["50", "100", "200"]
+        assert page.locator(".sheet tbody [scope=row]").all_inner_texts() == ["0.1", "0.2", "0.3", "0.9"]
+        for row, friction in zip(cells(seen), (0.1, 0.2, 0.3, 0.9), strict=True):
+            for told, mass in zip(row, (50, 100, 200), strict=True):
+                assert f"mass {mass}, ball friction {friction}".replace("ball ", "") in told.replace(
+                    "ball ", ""
+                )
+                assert told.endswith(": failed") == ((mass, friction) == (100, 0.2))
+        page.select_option("[data-part=x]", "objects.ball.friction")
+        assert page.locator(".sheet thead [scope=col]").all_inner_texts() == ["0.1", "0.2", "0.3", "0.9"]
+        assert page.locator(".sheet tbody [scope=row]").all_inner_texts() == ["50", "100", "200"]
+        page.select_option("[data-part=y]", "-")
+        assert len(cells(seen)) == 1
+        assert "+2" in page.inner_text(".sheet tbody")
+        page.locator(".sheet .cell").first.click()
+        assert page.locator("dialog .clip").count() == 3
+        page.keyboard.press("Escape")
+        assert not page.is_visible("dialog")
+        assert seen.errors == []
+
+
+def test_more_values_than_fit_make_ranges(browser: Any, tmp_path: Path) -> None:
+    for k in range(30):
+        exhibit(tmp_path / f"{k}", document(objects__ball__mass=k, objects__ball__friction=0.1 * (k % 2)))
+    write_gallery([tmp_path], tmp_path / "index.html")
+    with ready(browser, tmp_path / "index.html") as seen:
+        go(seen, "x=objects.ball.mass&y=objects.ball.friction&view=grid")
+        heads = seen.page.locator(".sheet thead [scope=col]").all_inner_texts()
+        assert heads[0] == "0 to 2.9"
+        assert len(heads) == 10
+        counts = [
+            [1 + int(told.split(" ")[0]) - 1 if "clips" in told else bool(told) for told in row]
+            for row in cells(seen)
+        ]
+        assert sum(map(sum, counts)) == 30
+
+
+@pytest.mark.parametrize("time", [0.0, 0.31, 0.5, 1.0])
+def test_the_slider_moves_all(browser: Any, swept: Path, time: float) -> None:
+    """Every strip shows the frame that is nearest to the time: its grey is read back."""
+    with ready(browser, swept.with_name("all.html")) as seen:
+        page = seen.page
+        page.wait_for_selector("html[data-ready]")
+        seek(seen, time)
+        page.wait_for_function("() => document.querySelectorAll('.sheet canvas.strip').length === 11")
+        expected = round(time * FPS)
+        for box in page.query_selector_all(".sheet .shot"):
+            assert int(box.query_selector("canvas").get_attribute("data-frame")) == expected
+            grey = page.evaluate(LEVEL, [box, "canvas.strip"])
+            assert level(expected) - 4 <= grey <= level(expected) + 9 + 4
+        assert page.get_attribute("[data-part=seek]", "aria-valuetext") == f"{time:.2f} s of 1.00 s"
+        assert seen.errors == []
+
+
+def test_films_follow_when_the_slider_rests(browser: Any, swept: Path) -> None:
+    with ready(browser, swept) as seen:
+        page = seen.page
+        page.wait_for_selector("html[data-ready]")
+        seek(seen, 0.5)
+        page.wait_for_function(
+            "() => [...document.querySelectorAll('.sheet video')].filter(v => v.style.opacity === '1').length === 11"
+        )
+        times = page.evaluate("() => [...document.querySelectorAll('.sheet video')].map(v => v.currentTime)")
+        assert [int(time * FPS) for time in times] == [5] * 11
+        assert "t=0.500" in at(seen)
+
+
+def test_all_play_in_step(browser: Any, swept: Path) -> None:
+    with ready(browser, swept) as seen:
+        page = seen.page
+        page.wait_for_selector("html[data-ready]")
+        page.select_option("[data-part=rate]", "0.25")
+        page.focus("[data-part=play]")
+        page.keyboard.press("Enter")
+        assert page.get_attribute("[data-part=play]", "aria-label") == "Pause all"
+        page.wait_for_function("() => +document.querySelector('[data-part=seek]').value > 0.3")
+        frames = page.evaluate(
+            "() => [...document.querySelectorAll('.sheet canvas.strip')].map(c => +c.dataset.frame)"
+        )
+        assert len(frames) == 11
+        assert len(set(frames)) == 1
+        assert frames[0] >= 3
+        page.keyboard.press("Enter")
+        assert page.get_attribute("[data-part=play]", "aria-pressed") == "false"
+        before = page.input_value("[data-part=seek]")
+        seen.drawn()
+        assert page.input_value("[data-part=seek]") == before
+
+
+def test_one_frame_a_key_on_the_slider(browser: Any, swept: Path) -> None:
+    with ready(browser, swept) as seen:
+        page = seen.page
+        page.wait_for_selector("html[data-ready]")
+        seek(seen, 0.0)
+        page.focus("[data-part=seek]")
+        for _ in range(3):
+            page.keyboard.press("ArrowRight")
+        assert float(page.input_value("[data-part=seek]")) == approx(3 / FPS)
+        page.keyboard.press("ArrowLeft")
+        assert float(page.input_value("[data-part=seek]")) == approx(2 / FPS)
+
+
+# ---- hands -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_card_plays_under_the_pointer_and_stops(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed, reduced_motion="no-preference") as seen:
+        card = seen.page.locator(".clip", has_text="shelf")
+        card.hover()
+        seen.page.wait_for_function(
+            "() => { const v = document.querySelector('.clip video'); return v && v.currentTime > 0.1 && !v.paused; }"
+        )
+        assert seen.page.locator(".clip video").count() == 1
+        seen.page.mouse.move(2, 2)
+        seen.page.wait_for_selector(".clip video", state="detached")
+
+
+def test_keys_walk_and_play_where_motion_is_not_welcome(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed) as seen:
+        page = seen.page
+        page.wait_for_selector("html[data-ready]")
+        name = "() => document.activeElement.textContent"
+        page.locator(".open", has_text="café").focus()
+        for key, there in (("ArrowRight", "pool"), ("End", "shelf"), ("ArrowLeft", "pool-heavy")):
+            page.keyboard.press(key)
+            assert page.evaluate(name) == there
+        assert page.locator("video").count() == 0
+        page.keyboard.press(" ")
+        page.wait_for_selector(".clip video")
+        page.keyboard.press(" ")
+        page.wait_for_selector(".clip video", state="detached")
+        page.keyboard.press("Enter")
+        page.wait_for_url("**/report.html")
+
+
+def test_fingers_have_a_button(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed, viewport=PHONE, has_touch=True, is_mobile=True) as seen:
+        button = seen.page.get_by_role("button", name="Play café")
+        button.scroll_into_view_if_needed()
+        button.tap()
+        seen.page.wait_for_selector(".clip video")
+        assert button.get_attribute("aria-pressed") == "true"
+        assert seen.page.url.endswith("index.html")
+
+
+def test_a_single_file_alone_plays_its_films(browser: Any, swept: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "mailed.html"
+    alone.write_bytes(swept.with_name("all.html").read_bytes())
+    with ready(browser, alone) as seen:
+        seen.page.wait_for_selector("html[data-ready]")
+        seen.page.locator(".sheet .cell").first.click()
+        seen.page.wait_for_function("() => document.querySelector('dialog video')?.readyState >= 2")
+        assert {url.split(":")[0] for url in seen.asked} <= {"file", "data", "blob"}
+        assert sum(url.startswith("file:") for url in seen.asked) == 1
+        assert seen.errors == []
+
+
+# ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
+
+
+def test_names_are_text(browser: Any, long: Path) -> None:
+    with ready(browser, long) as seen:
+        assert seen.page.evaluate("() => window.broken") is None
+        assert LONG[-1] in shown(seen)
+        go(seen, "view=grid&x==variant")
+        assert seen.page.evaluate("() => window.broken") is None
+        assert seen.errors == []
+
+
+def open_all(seen: Any) -> None:
+    for summary in seen.page.locator("summary:visible").all():
+        if summary.evaluate("s => !s.parentElement.open"):
+            summary.click()
+
+
+@pytest.mark.parametrize("width", [360, 390, 768, 1280])
+@pytest.mark.parametrize("view", ["cards", "grid"])
+def test_nothing_flows_over(browser: Any, long: Path, width: int, view: str) -> None:
+    phone = {"has_touch": True, "is_mobile": True} if width < 500 else {}
+    with ready(browser, long, viewport={"width": width, "height": 800}, **phone) as seen:
+        go(seen, f"view={view}")
+        open_all(seen)
+        assert seen.page.evaluate("() => [innerWidth, document.documentElement.scrollWidth]") == [
+            width,
+            width,
+        ]
+        out = seen.page.evaluate(
+            """() => [...document.querySelectorAll('body *')]
+               .filter(e => !e.closest('.sheet, .unseen, .skip, [hidden], script, option'))
+               .filter(e => [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
+               .map(e => [e.getBoundingClientRect(), e.outerHTML.slice(0, 120)])
+               .filter(([box]) => box.width && (box.right > innerWidth + 1 || box.left < -1))
+               .map(([box, text]) => text)"""
+        )
+        assert out == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("page", ["mixed", "swept", "long"])
+def test_axe_finds_nothing_serious(
+    browser: Any, request: pytest.FixtureRequest, page: str, scheme: str
+) -> None:
+    from axe_playwright_python.sync_playwright import Axe
+
+    with ready(browser, request.getfixturevalue(page), color_scheme=scheme) as seen:
+        seen.page.wait_for_selector("html[data-ready]")
+        open_all(seen)
+        found = Axe().run(seen.page).response["violations"]
+        serious = [
+            (v["id"], [node["html"][:160] for node in v["nodes"]][:3])
+            for v in found
+            if v["impact"] in ("serious", "critical")
+        ]
+        assert serious == []
+
+
+def test_a_thousand_cards_are_there_and_can_be_searched(browser: Any, tmp_path: Path) -> None:
+    first = exhibit(tmp_path / "clip-0")
+    manifest = json.loads((first / "manifest.json").read_text())
+    for k in range(1, 1000):
+        (tmp_path / f"clip-{k}").mkdir()
+        scene = document(objects__ball__mass=k)
+        told = {**manifest, "scene": f"clip-{k}", "files": {"report.html": ""}, "document": scene}
+        (tmp_path / f"clip-{k}" / "manifest.json").write_text(json.dumps(told))
+    write_gallery([tmp_path], tmp_path / "index.html")
+    with ready(browser, tmp_path / "index.html") as seen:
+        assert len(shown(seen)) == 1000
+        seen.page.fill("[data-part=search]", "clip-77")
+        assert shown(seen) == ["clip-77", *(f"clip-77{k}" for k in range(10))]
+        seen.page.select_option("[data-part=sort]", "objects.ball.mass")
+        seen.page.click("[data-part=desc]")
+        assert shown(seen)[0] == "clip-779"
+        assert seen.errors == []
+
+
+def test_posters_are_pictures_of_their_films(browser: Any, swept: Path) -> None:
+    """The middle frame, as the browser decodes it out of the single file."""
+    with ready(browser, swept.with_name("all.html")) as seen:
+        source = seen.page.get_attribute(".clip .poster", "src")
+        data = np.frombuffer(base64.b64decode(source.split(",")[1]), np.uint8)
+        assert cv2.imdecode(data, cv2.IMREAD_COLOR).mean() == approx(level(FRAMES // 2), abs=4)
