@@ -214,7 +214,7 @@ def _card(
     """What the template shows of one clip; under `data`, what the script needs to know."""
     values = [key.values[number] for key in keys]
     film = "" if clip.film is None or single or clip.film.suffix not in KINDS else _link(clip.film, home)
-    where = _link(clip.home.parent, home) if alike else ""
+    where = _link(clip.home.parent, home).removeprefix("./").removeprefix(".") if alike else ""
     labels = list(clip.labels.items())
     data = {
         "name": clip.name,
@@ -249,7 +249,7 @@ def _card(
         "number": number,
         "name": clip.name,
         "href": data["href"],
-        "where": where.removeprefix("./"),
+        "where": where,
         "poster": shot.poster,
         "strip": shot.strip if single else "",
         "size": clip.size,
