@@ -7,6 +7,7 @@
     python benchmarks/run.py fidelity        # frames against the studio's truth videos, and docs/fidelity.md
     python benchmarks/run.py device          # what draws frames: OpenCV, torch on the processor, torch on a GPU if any
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
+    python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """
@@ -33,6 +34,7 @@ from growth import growth, plot
 from perceiving import perceiving
 from percepts import percepts
 from prompts import prompts
+from refine import refining
 from segments import segmentation
 from tables import RESULTS, fidelity_page, page, physics_page
 
@@ -287,6 +289,7 @@ PARTS = {"render": render, "start": start, "check": check, "segmentation": segme
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
 PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving, "percepts": percepts}
+PARTS |= {"refine": refining}
 
 
 def main(names: list[str]) -> None:

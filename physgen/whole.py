@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import filecmp
 import os
 import re
+import shutil
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -46,8 +48,29 @@ def write_kept(path: Path, data: bytes, keep: Callable[[Path], None] = lambda ke
 
 def set_aside(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
     """A file that is there becomes `NAME~` (`NAME~2`, ...), and `keep` is told of it."""
-    if not path.is_file():
+    if path.is_file():
+        _aside(path, keep)
+
+
+def move_kept(beside: Path, path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
+    """What was made `beside`, a file or a folder of files, becomes `path`; what is there and differs is kept."""
+    if path.exists() and _same(beside, path):
+        shutil.rmtree(beside) if beside.is_dir() else beside.unlink()
         return
+    if path.exists():
+        _aside(path, keep)
+    beside.rename(path)
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two files hold the same bytes, or two folders the same files."""
+    if not (one.is_dir() and other.is_dir()):
+        return one.is_file() and other.is_file() and filecmp.cmp(one, other, shallow=False)
+    names = {path.name for path in one.iterdir()}
+    return names == {path.name for path in other.iterdir()} and all(_same(one / n, other / n) for n in names)
+
+
+def _aside(path: Path, keep: Callable[[Path], None]) -> None:
     kept = path.with_name(f"{path.name}~")
     count = 1
     while kept.exists():

@@ -203,6 +203,17 @@ def test_kept_or_not_what_failed_on_one_photo_is_tried_on_the_next(odd: type[Odd
         assert not crew.fell()
 
 
+def test_a_plan_of_some_roles_makes_and_checks_nothing_of_others(odd: type[Odd]):
+    told = plan(["segment=odd", "refine=wan:nobody/no-such-weights"])
+    with pytest.raises(InputError, match="nobody/no-such-weights"):
+        Crew(told)
+    odd.made = 0
+    crew = Crew(told.of(["segment", "label"]))
+    assert crew.name("segment") == "odd"
+    assert odd.made == 1
+    assert told.of(["refine"]).setup("refine").weights == "nobody/no-such-weights"
+
+
 def test_boxes_and_points_go_through_the_crew_too(odd: type[Odd], monkeypatch: pytest.MonkeyPatch):
     def meant(self, rgb, boxes, points):
         if odd.fails:

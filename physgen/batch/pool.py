@@ -37,6 +37,7 @@ class Job:
     plan: Plan = field(default_factory=Plan)
     """Whose weights refine, and where."""
     cached: bool = True
+    page: pipeline.Page = pipeline.Page.FULL
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             device=job.device,
             refiners=_refiners(job.plan),
             cached=job.cached,
+            page=job.page,
             progress=progress,
             warn=warnings.append,
         )

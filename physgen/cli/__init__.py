@@ -14,7 +14,9 @@ from physgen.cli.evaluating import evaluate
 from physgen.cli.exhibiting import gallery
 from physgen.cli.moving import check, render, simulate
 from physgen.cli.perceiving import import_, list_backends, perceive
+from physgen.cli.plotting import plot
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
+from physgen.cli.refining import refine
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
 from physgen.whole import meant
@@ -70,8 +72,10 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "check": check,
     "simulate": simulate,
     "render": render,
+    "refine": refine,
     "gallery": gallery,
     "evaluate": evaluate,
+    "plot": plot,
     "cache": cache,
     "backends": list_backends,
     "schema": schema,

@@ -92,6 +92,7 @@ def _trajectory_kind(output: Path | None) -> str:
 
 
 def render(options: argparse.Namespace) -> int:
+    from physgen import pipeline
     from physgen.batch.pool import Job, ended, run_all
     from physgen.report.video import Format
 
@@ -110,6 +111,7 @@ def render(options: argparse.Namespace) -> int:
             options.device,
             plan,
             options.cache,
+            pipeline.Page(options.report),
         )
         for path in options.scenes
         for variant in _variants(path, options)

@@ -20,6 +20,7 @@ from physgen.outline.outline import Disc, Outline, Region, Ring, mass_properties
 from physgen.outline.pieces import convex_pieces
 from physgen.problems import InputError, Problem
 from physgen.scene.model import Box, Circle, Motion, Object, Polygon, Scene, Shape, Solid, View
+from physgen.showing import html
 
 Array = NDArray[np.float64]
 U16 = NDArray[np.uint16]
@@ -47,6 +48,10 @@ class Compiled:
     """(H, W): id k + 1 is the k-th object; 0 = background."""
     scenery: NDArray[np.bool_]
     """(H, W): pixels that show a boundary; they stay in the picture."""
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return html(self)
 
 
 class PathError(Exception):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.scene.model import Combine, FieldKind, JointKind, Load, Motion, Solid, View
+from physgen.showing import html
 
 Array = NDArray[np.float64]
 
@@ -185,3 +186,7 @@ class World:
         """Name and surface of every body, then of every wall."""
         things: tuple[Body | Wall, ...] = (*self.bodies, *self.walls)
         return tuple((thing.name, thing.surface) for thing in things)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return html(self)

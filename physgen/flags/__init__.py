@@ -9,12 +9,15 @@ from typing import NoReturn
 from physgen import __version__
 from physgen.flags.measures import measures
 from physgen.flags.perceiving import perceive, who
+from physgen.flags.plots import plots
+from physgen.flags.refining import refine
 from physgen.flags.values import count, formats, four, positive, scene_name, two
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
 
 WRONG_INPUT = 2
 DEVICES = ("cpu", "cuda")
+REPORTS = ("full", "plain", "none")
 
 
 class Parser(argparse.ArgumentParser):
@@ -149,10 +152,23 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
     sub.add_argument(
+        "--report",
+        choices=REPORTS,
+        default="full",
+        help="plain: without player, charts and what was perceived, which takes less time than a short clip; none",
+    )
+    sub.add_argument(
         "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
     )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")
     _overlays(sub)
+
+    sub = command(
+        "refine",
+        "A video and masks of its objects to a video that a diffusion model retouched; see docs/refinement.md.",
+        "physgen refine clip.mp4 --masks masks -o clip.refined.mp4",
+    )
+    refine(sub)
 
     sub = command(
         "gallery",
@@ -181,6 +197,11 @@ def build_parser() -> argparse.ArgumentParser:
         "physgen evaluate physics --rows 1,5,12",
     )
     measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
+
+    sub = command(
+        "plot", "Figures for papers, as PNG, SVG or PDF.", "physgen plot strip scene.yaml -o strip.pdf"
+    )
+    plots(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), _overlays)
 
     sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
     sub.add_argument(

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from physgen.problems import InputError
 
 FORMATS = ("mp4", "gif", "webp", "png")
+CURVES = ("x", "y", "speed", "angle")
 
 
 def positive(text: str) -> float:
@@ -46,6 +50,28 @@ def count(text: str) -> int:
     return int(text)
 
 
+def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
+    """A reader of what the schema of a scene's key allows: a number, a whole one, or text."""
+    kind, low, high = key["type"], key.get("minimum", -math.inf), key.get("maximum", math.inf)
+    whole = kind == "integer"
+
+    def value(text: str) -> float | int | str:
+        if kind == "string":
+            if len(text) > key["maxLength"]:
+                raise argparse.ArgumentTypeError(f"{len(text)} characters are over {key['maxLength']}")
+            return text
+        try:
+            number = int(text) if whole else float(text)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            what = f"a {'whole ' * whole}number from {low:g} to {high:.10g}"
+            raise argparse.ArgumentTypeError(f"{text} is not {what}")
+        return number
+
+    return value
+
+
 def rows(text: str) -> list[int]:
     """`1,5,12` -> numbers of rows."""
     parts = [part.strip() for part in text.split(",")]
@@ -57,6 +83,53 @@ def rows(text: str) -> list[int]:
 def nouns(text: str) -> list[str]:
     """`a red ball, cup` -> its nouns."""
     return [noun for part in text.split(",") if (noun := part.strip())]
+
+
+def names(text: str) -> list[str]:
+    """`a,b` -> names."""
+    return list(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
+
+
+def curves(text: str) -> list[str]:
+    """`x,y,speed,angle` -> what is drawn over time."""
+    wrong = [name for name in names(text) if name not in CURVES]
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{', '.join(wrong)} is not among {', '.join(CURVES)}")
+    return names(text)
+
+
+def moments(text: str) -> int | list[int]:
+    """`6` -> so many frames; `0,3,6` -> these."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not parts or not all(part.isdecimal() and len(part) < 7 for part in parts):
+        raise argparse.ArgumentTypeError(
+            f"{text} is neither a number of frames nor a list of them, e.g. 0,3,6"
+        )
+    if "," in text:
+        return [int(part) for part in parts]
+    if not 1 <= int(parts[0]) <= 64:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a number of frames from 1 to 64; frame {text} alone is {text},"
+        )
+    return int(parts[0])
+
+
+def width(text: str) -> tuple[float, None] | tuple[None, int]:
+    """`84`, `84mm`, `8.4cm`, `3.3in` -> mm; `1600px` -> px."""
+    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyz ")
+    unit = text.strip()[len(number) :].strip() or "mm"
+    per = {"mm": 1.0, "cm": 10.0, "in": 25.4}
+    try:
+        value = float(number)
+    except ValueError:
+        value = 0.0
+    if unit == "px" and value.is_integer() and 100 <= value <= 30_000:
+        return None, int(value)
+    if unit in per and 20 <= value * per[unit] <= 2000:
+        return value * per[unit], None
+    raise argparse.ArgumentTypeError(
+        f"{text} is not a width from 20 mm to 2 m, or from 100px to 30000px, e.g. 84mm"
+    )
 
 
 def formats(text: str) -> list[str]:

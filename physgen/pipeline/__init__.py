@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from physgen.pipeline.clip import output_name, render_scene
+from physgen.pipeline.clip import Page, output_name, render_scene
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
@@ -28,6 +28,7 @@ from physgen.pipeline.watch import Keep, Progress, Warn, silent, unheard
 
 __all__ = [
     "Keep",
+    "Page",
     "Progress",
     "Refiners",
     "Warn",

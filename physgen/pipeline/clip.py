@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,12 +21,26 @@ from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
+    from physgen.report.perception import Comparison, Perception
     from physgen.report.record import RunRecord
     from physgen.report.video import Format
     from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
 
 U8 = NDArray[np.uint8]
+
+
+class Page(Enum):
+    """How much `report.html` holds."""
+
+    FULL = "full"
+    """With the player, the charts and what was perceived."""
+    PLAIN = "plain"
+    """Pictures and tables: half the time of a short clip is saved."""
+    NONE = "none"
+    """There is none."""
+
+
 UNBALANCED = 0.03
 """Part of the energy that flows above which a simulation is not to be trusted."""
 
@@ -43,6 +58,7 @@ def render_scene(
     device: str = "cpu",
     refiners: Refiners | None = None,
     cached: bool = True,
+    page: Page = Page.FULL,
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
@@ -50,10 +66,11 @@ def render_scene(
 
     `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. `refiners` hold models
     from one scene to the next; frames that are refined come from the cache where they are kept, if it is to be
-    `cached`. Raises InputError; where it is refinement that fails, the folder is there all the same, with
-    `unrefined.mp4`.
+    `cached`; `page` says how much the report holds. Raises InputError; where it is refinement that fails, the folder is
+    there all the same, with `unrefined.mp4`.
     """
     from physgen.report.folder import output_folder, whole_folder
+    from physgen.report.perception import perception
     from physgen.report.record import RunRecord, inputs
     from physgen.report.video import Format
 
@@ -80,10 +97,13 @@ def render_scene(
         lints = lint(scene, compiled)
     for problem in lints:
         odd(problem)
+    with record.stage("report"):
+        seen = perception(scene, compiled, maps) if page is Page.FULL else None
     filming = Filming(scene, compiled, maps, device, record)
     del maps
     kinds = tuple(formats) if formats else (Format.MP4,)
     faults: Sequence[Problem] = ()
+    retouched = None
     with ExitStack() as held:
         footage = None
         if scene.refine.backend != "none":
@@ -101,14 +121,16 @@ def render_scene(
                 record.chaos = chaos(compiled.world, progress).as_dict()
         folder = held.enter_context(whole_folder(final))
         if footage is not None:
-            faults = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
-            first = footage.rgb[0]
+            outcome = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
+            faults, retouched, first = outcome.faults, outcome.compared, footage.rgb[0]
         else:
             count = len(filming.shot(trajectory).order)
             frames = filming.annotated(filming.frames(trajectory), trajectory)
             record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
         with record.stage("report"):
-            _report(filming, trajectory, first, record, folder, kinds)
+            trajectory.save(folder / "trajectory.npz")
+            if page is not Page.NONE:
+                _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched)
         _manifest(record, folder)
     if faults:
         fix = "the frames are kept: once that is mended, nothing is simulated twice"
@@ -136,22 +158,33 @@ def _report(
     record: RunRecord,
     folder: Path,
     kinds: Sequence[Format],
+    page: Page,
+    seen: Perception | None,
+    retouched: Comparison | None,
 ) -> None:
-    """Trajectory and page; `first` is the clip's first frame, unrefined."""
+    """The page; `first` is the clip's first frame, unrefined."""
     from physgen.report.page import report_page
-    from physgen.report.video import Format
+    from physgen.report.player import player_data
     from physgen.scene.write import scene_text
 
-    trajectory.save(folder / "trajectory.npz")
-    name = "video" if record.frames else "unrefined"
-    video = next((kind.named(name) for kind in kinds if kind is not Format.PNG), "frames/00000.png")
+    made = [
+        kind.named("video" if record.frames else "unrefined")
+        for kind in kinds
+        if (record.frames or kind is kinds[0])
+    ]
+    video = next((file for file in made if "." in file), f"{made[0]}/00000.png")
     text = scene_text(filming.scene.document)
     if filming.scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
         first = next(
             render(filming.stage, trajectory)
         ).rgb  # outlines and forces are drawn on the photo itself
-    page = report_page(filming.scene, filming.compiled.world, record, first, video, text)
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    beside = video if video.endswith(".mp4") else None
+    scene, world = filming.scene, filming.compiled.world
+    player = None
+    if page is Page.FULL:
+        player = player_data(scene, world, trajectory, filming.stage, filming.shot(trajectory), beside)
+    html = report_page(scene, world, record, first, video, text, player, seen, retouched)
+    (folder / "report.html").write_text(html, encoding="utf-8")
 
 
 def _manifest(record: RunRecord, folder: Path) -> None:

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.crew import Choice, Plan, why
-from physgen.photometry import decode
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.stages import simulate
 from physgen.pipeline.watch import Progress, Warn
@@ -26,8 +25,9 @@ if TYPE_CHECKING:
     from physgen.cache.footage import Footage
     from physgen.refine.refining import How
     from physgen.refine.roles import Denoiser
-    from physgen.report.changes import Changes
     from physgen.render.stage import Frame
+    from physgen.report.changes import Changes
+    from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
     from physgen.report.video import Format
     from physgen.scene.model import Scene
@@ -64,6 +64,16 @@ class Refiners:
         self._made.clear()
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """How refinement went."""
+
+    faults: Sequence[Problem]
+    """What went wrong; nothing where it is empty."""
+    compared: Comparison | None
+    """A frame before and after."""
+
+
 def how(scene: Scene) -> How:
     """`refine:` of a scene, with the prompt that its labels make unless it has one."""
     from physgen.refine.prompts import prompt_of
@@ -92,6 +102,7 @@ def guided(
     from physgen.cache.footage import Add, footage
     from physgen.cache.keys import guidance_key
     from physgen.cache.store import opened
+    from physgen.render.matte import coverage
 
     def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
         progress("simulate", 0, 1)
@@ -104,9 +115,9 @@ def guided(
             with record.stage("render"):
                 frame = next(frames)
             with record.stage("cover"):
-                coverage = decode(next(mattes).rgb[..., 0])
+                covered = coverage(next(mattes))
             with record.stage("keep"):
-                add(frame.rgb, coverage, frame.ids)
+                add(frame.rgb, covered, frame.ids)
             progress("render", index + 1, count)
         return trajectory, {}
 
@@ -123,16 +134,19 @@ def refined(
     kinds: Sequence[Format],
     record: RunRecord,
     progress: Progress,
-) -> Sequence[Problem]:
-    """Writes the clip unrefined and, in all `kinds`, refined; what went wrong with the latter, if anything."""
+) -> Outcome:
+    """Writes the clip unrefined and, in all `kinds`, refined."""
     from physgen.percepts.maps import write_png
     from physgen.refine.refining import Refinement
     from physgen.report.changes import Changes
+    from physgen.report.perception import compared
 
     scene, trajectory = filming.scene, footage.trajectory
     order = filming.shot(trajectory).order
 
-    def write(pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str) -> list[str]:
+    def write(
+        pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str, doing: str = ""
+    ) -> list[str]:
         frames = filming.annotated(_frames(footage, pictures, order), trajectory)
         return written(frames, len(order), scene, folder, kinds, record, progress, name=name, stage=stage)[0]
 
@@ -145,16 +159,21 @@ def refined(
         changes = Changes(len(footage.rgb), scene.render.fps)
         made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
         with _played(made, order, scene.video_size, len(footage.rgb)) as pictures:
-            record.frames = write(pictures, kinds, "video", "refine")
+            record.frames = write(pictures, kinds, "video", "refine", "decode")
     except InputError as error:
         for kind in kinds:
             _removed(folder / kind.named("video"))
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
-        return error.problems
-    record.refine = {"backend": name, **refinement.note(), "changes": changes.figures()}
-    write_png(folder / STRIP, changes.picture())
-    return ()
+        return Outcome(error.problems, None)
+    picture = changes.picture()
+    write_png(folder / STRIP, picture)
+    strip = {"file": STRIP, "size": [picture.shape[1], picture.shape[0]]}
+    told = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
+    record.refine = told
+    before, after = ("as it was drawn", footage.rgb[changes.most]), ("refined", changes.refined)
+    said = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
+    return Outcome((), compared("refined", "Refined", said, before, after))
 
 
 def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:

@@ -33,10 +33,11 @@ def written(
     *,
     name: str = "video",
     stage: str = "render",
+    doing: str = "",
 ) -> tuple[list[str], U8]:
     """Writes `count` frames into `folder` as `name`, in all `kinds`; returns their hashes, and the first.
 
-    What making the frames costs is the `stage`'s, and the rest is encoding's.
+    What making the frames costs is the `stage`'s, the rest encoding's; `doing` is what `progress` is told instead.
     """
     from physgen.report.record import StageTime, frame_hash
     from physgen.report.video import alongside, open_video
@@ -60,7 +61,7 @@ def written(
                     first = frame.rgb.copy()  # it may be one of a batch
                 with record.stage("encode"):
                     write(frame.rgb)
-                progress(stage, index + 1, count)
+                progress(doing or stage, index + 1, count)
         with record.stage("encode"):
             files.close()
     # the encoder's own threads run on while frames are made: its share is what making them did not take

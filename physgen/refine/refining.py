@@ -58,7 +58,8 @@ def no_step(how: How, place: Place, path: str) -> Problem | None:
         return None
     found, least = f"{how.strength:g}", -(-50 // how.steps) / 100
     what = f"leaves none of {how.steps} steps to run"
-    return Problem(place, path, found, what, f"write at least {least:g}, or refine: {{backend: none}}")
+    instead = ", or refine: {backend: none}" if path else ""  # of a scene, not of a flag
+    return Problem(place, path, found, what, f"write at least {least:g}{instead}")
 
 
 class Refinement:

@@ -6,9 +6,7 @@ the processor and on a GPU: it is right by construction, and stays so whatever t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +17,6 @@ from physgen.render.sprites import Sprite
 from physgen.render.stage import Frame, Stage
 
 F32 = NDArray[np.float32]
-U8 = NDArray[np.uint8]
 
 NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
 """Even, from all around: nothing is shaded."""
@@ -54,24 +51,6 @@ def _white(sprite: Sprite) -> Sprite:
     return replace(sprite, light=thrice(sprite.coverage), rest=None, ball=ball, relief=None)
 
 
-class Coverage(Sequence[F32]):
-    """The coverage of frames one after the other, (H, W) 0..1 each: linear light of a matte's frames.
-
-    Kept as the codes that were drawn, a byte a pixel; made floats when asked for.
-    """
-
-    def __init__(self, frames: Iterable[Frame]) -> None:
-        """`frames` are those of a matte."""
-        self._codes: list[U8] = [np.ascontiguousarray(frame.rgb[..., 0]) for frame in frames]
-
-    @overload
-    def __getitem__(self, index: int) -> F32: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[F32]: ...
-    def __getitem__(self, index: int | slice) -> F32 | list[F32]:
-        if isinstance(index, slice):
-            return [decode(codes) for codes in self._codes[index]]
-        return decode(self._codes[index])
-
-    def __len__(self) -> int:
-        return len(self._codes)
+def coverage(frame: Frame) -> F32:
+    """(H, W) 0..1 of all objects together: the linear light of a matte's frame."""
+    return decode(frame.rgb[..., 0])

@@ -11,13 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.report.strip import COLUMNS, Column, column, strip
+from physgen.report.strip import COLUMNS, LUMA, Column, column, strip
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-LUMA = np.array([[0.2126, 0.7152, 0.0722]], np.float32)
-"""ITU-R BT.709, of sRGB codes."""
+CHANNELS = 3
 NEAR = 0.05
 """Of the frame's diagonal: so far from an object its shadow, and what it reflects, is near it."""
 PLACES = ("objects", "near", "elsewhere")
@@ -42,6 +41,11 @@ class Changes:
     count: int
     """Frames of the clip."""
     fps: float
+    most: int = 0
+    """The frame that changed most."""
+    refined: U8 = field(default_factory=lambda: np.zeros((0, 0, 3), np.uint8))
+    """(H, W, 3) sRGB: what became of it."""
+    _largest: float = -1.0
     _columns: list[Column] = field(default_factory=list)
     _last: tuple[U8, U8, NDArray[np.int16]] | None = None
     """The frame before: guidance, refined, and their difference."""
@@ -57,21 +61,24 @@ class Changes:
     def add(self, guidance: U8, refined: U8, coverage: F32) -> None:
         """The next frame: (H, W, 3) sRGB twice, and (H, W) coverage of objects, 0..1."""
         difference = np.subtract(refined, guidance, dtype=np.int16)
-        change = _mean(cv2.absdiff(refined, guidance))
+        change = _summed(np.asarray(cv2.absdiff(refined, guidance), np.uint8))
         self._near = NEAR * float(np.hypot(*change.shape))
         for k, share in enumerate(_shares(coverage, self._near)):
-            self._sums[k] += float(np.vdot(share, change)), float(share.sum(dtype=np.float64))
+            pixels = float(share.sum(dtype=np.float64))
+            self._sums[k] += float((share * change).sum(dtype=np.float64)) / CHANNELS, pixels
         at = self._seen
         if self._last is None:
-            self._first = float(change.mean(dtype=np.float64))
+            self._first = float(change.mean(dtype=np.float64)) / CHANNELS
         else:
             before, after, between = self._last
             self._guided.to(cv2.norm(guidance, before, cv2.NORM_L1) / guidance.size, at)
             self._refined.to(cv2.norm(refined, after, cv2.NORM_L1) / guidance.size, at)
             self._apart.to(cv2.norm(difference, between, cv2.NORM_L1) / guidance.size, at)
         if at in self._shown():
-            luma = np.asarray(cv2.transform(difference.astype(np.float32), LUMA), np.float32)
+            luma = np.asarray(cv2.transform(difference.astype(np.float32), LUMA[None]), np.float32)
             self._columns.append(column(at / self.fps, guidance, refined, luma, coverage))
+        if (mean := float(change.mean(dtype=np.float64))) > self._largest:
+            self._largest, self.most, self.refined = mean, at, refined.copy()
         self._last = guidance, refined, difference
         self._seen += 1
 
@@ -111,10 +118,9 @@ class Changes:
         return set(np.linspace(0, self.count - 1, min(COLUMNS, self.count)).round().astype(int).tolist())
 
 
-def _mean(codes: NDArray[np.generic]) -> F32:
+def _summed(codes: U8) -> F32:
     """(H, W) of (H, W, 3): over the channels."""
-    third = np.full((1, 3), 1 / 3, np.float32)
-    return np.asarray(cv2.transform(codes.astype(np.float32), third), np.float32)
+    return np.asarray(cv2.transform(codes.astype(np.float32), np.ones((1, CHANNELS), np.float32)), np.float32)
 
 
 def _shares(coverage: F32, near: float) -> tuple[F32, F32, F32]:

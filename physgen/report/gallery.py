@@ -23,6 +23,7 @@ from physgen.problems import InputError
 from physgen.report.clips import Clip, clips_in
 from physgen.report.posters import across, pictures, shown
 from physgen.report.swept import Swept, swept
+from physgen.report.templates import template
 from physgen.resources import resource
 from physgen.scene.words import natural
 from physgen.whole import set_aside, write_whole
@@ -113,7 +114,7 @@ def gallery_page(
         "grid": _is_sheet(keys, len(clips)),
         "single": single,
     }
-    page: str = _template("gallery.html.j2").render(
+    page: str = template("gallery.html.j2").render(
         title=title,
         mark=MARK,
         cards=cards,
@@ -148,16 +149,6 @@ def told(value: float | str | None) -> str:
     ['0.1', '30625', '1234570', '1e-07', 'side', '']
     """
     return f"{float(f'{value:.6g}'):.10g}" if isinstance(value, float) else value or ""
-
-
-def _template(name: str) -> Any:
-    import jinja2
-
-    loader = jinja2.FileSystemLoader(resource("templates", name).parent)
-    environment = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template(name)
 
 
 def _title(names: Sequence[str]) -> str:

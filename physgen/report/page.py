@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import base64
 import shlex
-from math import degrees
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen import __version__
 from physgen.compile.pairs import pair_table
-from physgen.compile.world import Body, World
+from physgen.compile.world import World
+from physgen.problems import Problem
 from physgen.report.holds import drawn, listed
+from physgen.report.parameters import COLUMNS, edits, parameter_rows
+from physgen.report.perception import Comparison, Perception
+from physgen.report.player import Data, script_json
+from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, versions
+from physgen.report.refinement import refinement
+from physgen.report.templates import template
 from physgen.resources import resource
 from physgen.scene.model import Load, Play, Render, Scene, View
 
@@ -23,26 +33,57 @@ U8 = NDArray[np.uint8]
 
 LONGEST_ARROW = 0.14
 """Of the canvas's diagonal."""
+MOST_TOUCHES = 200
+"""Rows of the table of contacts."""
 
 
 def report_page(
-    scene: Scene, world: World, record: RunRecord, first: U8, video: str | None, scene_text: str
+    scene: Scene,
+    world: World,
+    record: RunRecord,
+    first: U8,
+    video: str | None,
+    scene_text: str,
+    player: Data | None = None,
+    seen: Perception | None = None,
+    retouched: Comparison | None = None,
 ) -> str:
-    """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it."""
+    """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
+
+    `player` is what `player_data` gives; without it, or without scripts, the page has that picture and the video.
+    `seen` is what was perceived of the photo, `retouched` a frame before and after refinement.
+    """
     width, height = scene.size
-    longest = max((stage.wall for stage in record.stages.values()), default=1.0) or 1.0
-    page: str = _template("report.html.j2").render(
+    page: str = template("report.html.j2").render(
         title=scene.name,
         size=(width, height),
         video_size=scene.video_size,
-        frames=len(record.frames),
+        frames=len(record.frames or record.unrefined),
         fps=scene.render.fps,
         duration=world.duration,
         video=video,
+        refined=refinement(record.refine),
         photo=_data_uri(first),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=_walls(scene, world),
-        objects=[_object(scene, k, body) for k, body in enumerate(world.bodies)],
+        objects=[
+            {
+                "name": item.name,
+                "label": item.label,
+                "motion": item.motion.value,
+                "path": " ".join(f"M{_points(ring + body.center)}Z" for ring in body.rings),
+            }
+            for item, body in zip(scene.objects, world.bodies, strict=True)
+        ],
+        columns=COLUMNS,
+        parameters=parameter_rows(scene, world, record.variant),
+        edits=edits(scene, record.overrides, record.variant),
+        played=_played(scene.render),
+        count=len(world.times),
+        touch_count=0 if player is None else len(player["touches"]),
+        touches=[] if player is None else _touches(player, world),
+        data=None if player is None else script_json(player),
+        script=_script(),
         arrows=_arrows(world),
         held=drawn(scene, world),
         holds=listed(scene),
@@ -52,30 +93,44 @@ def report_page(
         chaos=_chaos(record),
         combine=world.combine.value,
         pairs=pair_table(world),
-        stages=[
-            {
-                "name": name,
-                "wall": f"{t.wall:.3f}",
-                "cpu": f"{t.cpu:.3f}",
-                "share": round(100 * t.wall / longest, 1),
-            }
-            for name, t in record.stages.items()
-            if name != "report"  # this page, not yet done
-        ],
-        command=shlex.join(record.command),
-        scene_text=scene_text,
-        versions=versions(),
-        inputs=record.inputs,
+        perception=seen,
+        retouched=retouched,
+        provenance=provenance(record, scene_text, _file(scene)),
+        version=__version__,
     )
     return page
 
 
-def _template(name: str) -> Any:
-    import jinja2
+def failed_page(name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str) -> str:
+    """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read."""
+    page: str = template("failed.html.j2").render(
+        title=name,
+        problems=[
+            (str(p.place), p.path, " ".join(filter(None, (p.found, p.expected))), p.fix) for p in problems
+        ],
+        command=shlex.join(command),
+        scene_text=scene_text,
+        versions=versions(),
+    )
+    return page
 
-    loader = jinja2.FileSystemLoader(resource("templates", name).parent)
-    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    return environment.get_template(name)
+
+def _file(scene: Scene) -> str | None:
+    """The scene's file as it was written; None where it cannot be read."""
+    try:
+        return Path(scene.place("").file).read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return None
+
+
+PARTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quantities", "charts", "page")
+"""Of the player's script, in the order in which they build on each other."""
+
+
+@cache
+def _script() -> str:
+    parts = [resource("templates", "player", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
+    return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();"
 
 
 def _data_uri(rgb: U8) -> str:
@@ -99,31 +154,6 @@ def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
         }
         for wall, b in zip(world.walls, scene.boundaries, strict=True)
     ]
-
-
-def _object(scene: Scene, index: int, body: Body) -> dict[str, Any]:
-    item = scene.objects[index]
-    shape = f"circle, r {body.radius:.1f} px" if body.radius is not None else _polygon(body)
-    return {
-        "name": item.name,
-        "label": item.label,
-        "path": " ".join(f"M{_points(ring + body.center)}Z" for ring in body.rings),
-        "shape": shape,
-        "mass": f"{body.mass:,.4g}" if body.mass < 1e6 else f"{body.mass:.3e}",
-        "moment": f"{body.moment:.3e}",
-        "friction": f"{item.friction:g}",
-        "elasticity": f"{item.elasticity:g}",
-        "velocity": f"{body.velocity[0]:g}, {body.velocity[1]:g}",
-        "spin": f"{degrees(body.spin):g}",
-        "motion": item.motion.value,
-        "provenance": ", ".join(f"{key}: {source}" for key, source in item.provenance.items()),
-    }
-
-
-def _polygon(body: Body) -> str:
-    corners = sum(len(ring) for ring in body.rings)
-    pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
-    return f"polygon, {corners} corners{pieces}"
 
 
 def _arrows(world: World) -> list[dict[str, Any]]:
@@ -150,6 +180,22 @@ def _arrows(world: World) -> list[dict[str, Any]]:
                 x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
                 arrows.append({"kind": kind, "x1": x1, "y1": y1, "x2": x2, "y2": y2, "title": title})
     return arrows
+
+
+def _touches(player: Data, world: World) -> list[dict[str, Any]]:
+    """Rows of the table of contacts, the strongest where there are too many, by time."""
+    names = [name for name, _ in world.surfaces]
+    newton = player["scale"] and 1000 * player["scale"]
+    strongest = sorted(player["touches"], key=lambda touch: -touch[4])[:MOST_TOUCHES]
+    return [
+        {
+            "begin": begin,
+            "pair": (names[first], names[second]),
+            "lasts": None if end is None else f"{end - begin:.3f} s",
+            "impulse": f"{given / newton:.3g} N·s" if newton else f"{given:.3g} g·px/s",
+        }
+        for first, second, begin, end, given in sorted(strongest, key=lambda touch: (touch[2], touch[:2]))
+    ]
 
 
 def _engine(record: RunRecord) -> list[str]:

@@ -97,7 +97,7 @@ def _panels(perceived: Perceived) -> Sequence[tuple[str, U8]]:
     if "light" in document:
         panels.append(_lit(document["light"], size))
     if maps.shadows is not None:
-        panels.append(("whose shadow lies where", shown(_owned(maps.rgb, maps.shadows))))
+        panels.append(("whose shadow lies where", shown(owned(maps.rgb, maps.shadows))))
     clean = maps.background if maps.clean is None else maps.clean
     if clean is not None:
         what = "without the objects" if maps.clean is None else "without the objects and their shadows"
@@ -173,7 +173,7 @@ def _lit(said: Mapping[str, Any], size: tuple[int, int]) -> tuple[str, U8]:
     return f"light from ({x:g}, {y:g}, {z:g}), {share:.0%} of it from all around", card
 
 
-def _owned(rgb: U8, owners: NDArray[np.uint16]) -> U8:
+def owned(rgb: U8, owners: NDArray[np.uint16]) -> U8:
     """The photo in grey, shadows in the colours of the objects that throw them."""
     grey = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB).astype(np.float32)
     result = 0.8 * grey

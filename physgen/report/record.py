@@ -24,6 +24,8 @@ from physgen.scene.model import Scene
 from physgen.whole import write_whole
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
+REFINING = ("torch", "diffusers")
+"""Libraries of models, which tell their versions where they ran."""
 
 
 @dataclass
@@ -67,6 +69,11 @@ class RunRecord:
     """What drew the frames: the processor, or a GPU and the torch that it was told by."""
     chaos: dict[str, Any] | None = None
     """See `simulate.chaos.Chaos.as_dict`; None where it was not asked for."""
+    refine: dict[str, Any] | None = None
+    """`backend`, what `refine.refining.Refinement.note` tells, and `changes`, see `report.changes.Changes.figures`; or
+    `backend` and why it `failed`. `strip`: the `file` that shows what changed, and its `size`. None: nobody asked."""
+    unrefined: list[str] = field(default_factory=list)
+    """SHA-256 of the RGB bytes of each frame as it was before it was refined; none where nobody asked."""
 
     @contextmanager
     def stage(self, name: str, clock: Callable[[], float] = time.process_time) -> Iterator[None]:
@@ -87,7 +94,7 @@ class RunRecord:
             "command": self.command,
             "variant": self.variant,
             "overrides": self.overrides,
-            "versions": versions(),
+            "versions": versions(self.refine),
             "platform": {"machine": platform.machine(), "system": platform.system()},
             "device": self.device,
             "inputs": self.inputs,
@@ -95,6 +102,7 @@ class RunRecord:
             "effort": self.effort,
             "energy_imbalance": self.imbalance,
             "chaos": self.chaos,
+            "refine": self.refine,
             "warnings": self.warnings,
             "stages": {
                 name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()
@@ -104,19 +112,20 @@ class RunRecord:
             "files": self.files,
             "samples": self.samples,
             "frames": self.frames,
+            "unrefined": self.unrefined,
             "document": self.document,
         }
 
 
-def versions() -> dict[str, str]:
-    """Of physgen, Python and the libraries whose results reach the output."""
+def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
+    """Of physgen, Python and the libraries whose results reach the output, those told in `refine` among them."""
     found = {"physgen": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
             found[name] = "unknown"
-    return found
+    return found | {name: str(refine[name]) for name in REFINING if refine and name in refine}
 
 
 def peak_memory() -> int:
@@ -146,8 +155,12 @@ def frame_hash(rgb: NDArray[np.uint8]) -> str:
 
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
-    text = json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
-    write_whole(path, text.encode("utf-8"))
+    write_whole(path, json_text(data).encode("utf-8"))
+
+
+def json_text(data: object) -> str:
+    """Indented; arrays and paths among the data are written out."""
+    return json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
 
 
 def _plain(value: object) -> object:

@@ -15,7 +15,6 @@ from physgen.render.ink import Colour, Layer, breadth
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
-Array = NDArray[np.float64]
 Size = tuple[int, int]
 """Width and height, px."""
 Piece = str | U8
@@ -37,19 +36,19 @@ WARM: Colour = (178, 24, 43)
 COOL: Colour = (33, 102, 172)
 PALE = 176, 236
 """Grey levels that black and white have beneath the colours of change."""
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+"""ITU-R BT.709, of sRGB codes."""
 BORDER = 0.5
 """Of a pixel, that an object covers on its outline."""
-PEN = 0.8
-"""px: width of an outline."""
-LINES: Colour = (70, 74, 84)
+LINES: Colour = (58, 62, 72)
 ROBUST = 99.8
 """Percentile of one panel's changes that full colour stands for at least: a few odd pixels do not pale the rest."""
 STEPS = (1, 2, 5, 10, 20, 50, 100, 255)
 """Grey levels that full colour may stand for."""
 BAR = 150
 """px: length of the scale."""
-FINE = 4
-"""Sub-pixels a side when outlines are traced."""
+FINE, PEN = 4, 3
+"""Sub-pixels a side where outlines are drawn, and how many a line is wide."""
 
 
 @dataclass(frozen=True)
@@ -64,15 +63,15 @@ class Column:
     """(h, w, 3) sRGB."""
     change: F32
     """(h, w) grey levels of luma (ITU-R BT.709) by which the refined is brighter."""
-    outlines: Sequence[Array]
-    """(K, 2) px each: where objects cover half of a pixel."""
+    outlines: F32
+    """(h, w) 0..1: how much of each pixel the line takes along which objects cover half."""
 
 
 def panel(size: Size) -> Size:
     """Width and height of a panel for frames of this size.
 
     >>> panel((1920, 1080)), panel((1080, 1920))
-    ((242, 136), (169, 300))
+    ((243, 137), (169, 300))
     """
     widest = (WIDEST - _left() - COLUMNS * GAP) // COLUMNS
     scale = min(widest / size[0], TALLEST / size[1])
@@ -95,7 +94,7 @@ def full(columns: Sequence[Column]) -> int:
     if not any(one.change.any() for one in columns):
         return 0
     most = max(float(np.percentile(np.abs(one.change), ROBUST)) for one in columns)
-    return next((step for step in STEPS if most <= step), STEPS[-1])
+    return next((step for step in STEPS if most < step + 0.5), STEPS[-1])
 
 
 def strip(columns: Sequence[Column]) -> U8:
@@ -133,21 +132,19 @@ def strip(columns: Sequence[Column]) -> U8:
 
 
 def changed(one: Column, levels: int) -> U8:
-    """(h, w, 3) sRGB: the guidance in pale grey, where it is brighter now in warm colours, where darker in cool ones."""
-    grey = one.guidance @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    """(h, w, 3) sRGB: the guidance in pale grey, warm where it is brighter now and cool where darker, with outlines."""
+    grey = one.guidance @ LUMA
     picture = coloured(PALE[0] + (PALE[1] - PALE[0]) * grey / 255, one.change, levels)
-    lines = Layer((picture.shape[1], picture.shape[0]), 0.0)
-    for points in one.outlines:
-        lines.line(points, PEN, closed=True)
-    lines.onto(picture, LINES)
-    return picture
+    mixed = picture + one.outlines[..., None] * (np.array(LINES, np.float32) - picture)
+    return np.asarray(np.rint(mixed), np.uint8)
 
 
 def coloured(grey: NDArray[np.floating], change: NDArray[np.floating], levels: int) -> U8:
     """(h, w, 3) sRGB of grey (h, w) 0..255 beneath; `change` (h, w) grey levels of either sign."""
     share = np.minimum(np.abs(change) / max(levels, 1), 1)[..., None]
     colour = np.where(change[..., None] > 0, np.array(WARM, np.float32), np.array(COOL, np.float32))
-    return np.rint(grey[..., None] * (1 - share) + colour * share).astype(np.uint8)
+    mixed = grey[..., None] * (1 - share) + colour * share
+    return np.asarray(np.rint(mixed), np.uint8)
 
 
 def _key(levels: int) -> list[list[Piece]]:
@@ -192,12 +189,10 @@ def _sized(picture: F32, size: Size) -> F32:
     return np.asarray(cv2.resize(picture, size, interpolation=how), np.float32)
 
 
-def _outlines(coverage: F32, size: Size) -> list[Array]:
-    """(K, 2) px of a panel each. Beyond the frame things go on, so that no line runs along its border."""
-    beyond = 2 * FINE
+def _outlines(coverage: F32, size: Size) -> F32:
+    """See `Column.outlines`. Beyond the frame things go on: no line runs along its border."""
     fine = _sized(coverage, (size[0] * FINE, size[1] * FINE))
-    fine = np.asarray(cv2.copyMakeBorder(fine, *[beyond] * 4, cv2.BORDER_REPLICATE))
     covered = (fine >= BORDER).astype(np.uint8)
-    found, _ = cv2.findContours(covered, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    rings = (cv2.approxPolyDP(ring, 0.6, True)[:, 0] for ring in found)
-    return [(ring - beyond + 0.5) / FINE - 0.5 for ring in rings if len(ring) > 2]
+    wider = cv2.dilate(covered, np.ones((3, 3), np.uint8))
+    narrower = cv2.erode(covered, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * PEN - 1, 2 * PEN - 1)))
+    return _sized((wider - narrower).astype(np.float32), size)

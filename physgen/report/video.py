@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
+from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
 from pathlib import Path
 from queue import Queue
@@ -48,6 +49,9 @@ class Format(Enum):
 LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
 """px of a side that the encoders take."""
 
+NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
+"""Errors of a disk that takes no more."""
+
 Write = Callable[[U8], None]
 WAITING = 4
 """Frames between the one that is drawn and the one that is encoded."""
@@ -73,6 +77,8 @@ def open_video(
         with opener(folder / kind.named(name), size, rate) as write:
             yield write
     except FFmpegError as error:
+        if error.errno in NO_ROOM:
+            raise OSError(error.errno, error.strerror, str(folder / kind.file)) from None
         found = f"{size[0]} x {size[1]} px at {fps:g} fps"
         expected = f"could not be encoded ({error.strerror or error})"
         raise InputError.of(f"--format {kind.value}", found, expected, "render with --format png") from None

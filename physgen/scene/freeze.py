@@ -64,7 +64,7 @@ def frozen(root: Node, name: str, source: Source, ground: Ground) -> model.Scene
         fields=_named(data["fields"], _field),
         light=_light(data["light"]) if "light" in data else None,
         render=_render(data["render"]),
-        refine=_refine(data["refine"]),
+        refine=refinement(data["refine"]),
         maps=MappingProxyType({name: _pair(ends) for name, ends in data.get("maps", {}).items()}),
         places=MappingProxyType(dict(_places(root, ()))),
         document=MappingProxyType(data),
@@ -72,7 +72,8 @@ def frozen(root: Node, name: str, source: Source, ground: Ground) -> model.Scene
     )
 
 
-def _refine(item: Mapping[str, Any]) -> model.Refine:
+def refinement(item: Mapping[str, Any]) -> model.Refine:
+    """`refine:` as plain data, its defaults filled in."""
     return model.Refine(
         backend=item["backend"],
         strength=float(item["strength"]),

@@ -15,6 +15,7 @@ from typing import Any
 
 from physgen.framing import video_size
 from physgen.problems import Place
+from physgen.showing import html
 
 Point = tuple[float, float]
 """x px, y px."""
@@ -428,6 +429,10 @@ class Scene:
     def video_size(self) -> tuple[int, int]:
         """Width and height of the video, px."""
         return video_size(self.size, self.render.scale, self.render.size)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return html(self)
 
     def place(self, path: str) -> Place:
         """Where a value came from: its own place, or its nearest ancestor's."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry import Pose
+from physgen.showing import html
 from physgen.whole import write_whole
 
 Array = NDArray[np.float64]
@@ -106,6 +107,10 @@ class Trajectory:
         flows = [float(np.ptp(part)) for part in (e.kinetic, e.potential, e.dissipated, e.work)]
         flow = max(least, float(e.kinetic.max()), *flows)
         return float(np.ptp(total)) / flow if flow > 0 else 0.0
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return html(self)
 
     def sample_hashes(self) -> list[str]:
         """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""

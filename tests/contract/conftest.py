@@ -40,6 +40,26 @@ class Tiny:
 
 
 @pytest.fixture(scope="session")
+def video(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    """Kind of weights, options -> a video model that runs on tiny ones; with the same options, the same model."""
+    from physgen import backends
+    from tests.contract.tiny_video import VARIANTS
+
+    root, paths, made = tmp_path_factory.mktemp("video"), {}, {}
+
+    def model(variant: str, dtype: str = "auto", **options: Any) -> Any:
+        row, build = VARIANTS[variant]
+        if variant not in paths:
+            paths[variant] = build(root / variant)
+        key = (variant, dtype, *sorted(options.items()))
+        if key not in made:
+            made[key] = backends.make("refine", row, Setup(paths[variant], "cpu", dtype, options))
+        return made[key]
+
+    return model
+
+
+@pytest.fixture(scope="session")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Tiny:
     if importlib.util.find_spec("torch"):
         import torch

@@ -83,6 +83,7 @@ def wan(folder: Path, looks: bool = False, experts: bool = False, ti2v: bool = F
         base_dim=4, z_dim=4, dim_mult=[1, 1, 1, 1], num_res_blocks=1, temperal_downsample=[False, True, True],
         latents_mean=[0.1, -0.2, 0.0, 0.3], latents_std=[0.5, 0.8, 1.1, 0.9],
     ).eval()  # fmt: skip
+    parts["vae"].decoder.conv_out.weight.data *= 8  # else all that it draws is grey
     parts["scheduler"] = UniPCMultistepScheduler(
         prediction_type="flow_prediction", use_flow_sigmas=True, flow_shift=3.0
     )
@@ -134,7 +135,7 @@ def cogvideox(folder: Path, kind: str = "2b", looks: bool = False, **more: Any) 
     parts["vae"] = AutoencoderKLCogVideoX(
         down_block_types=("CogVideoXDownBlock3D",) * 4, up_block_types=("CogVideoXUpBlock3D",) * 4,
         block_out_channels=(4, 4, 4, 4), latent_channels=4, layers_per_block=1, norm_num_groups=2,
-        sample_height=64, sample_width=64, scaling_factor=0.7, invert_scale_latents=looks,
+        sample_height=96, sample_width=160, scaling_factor=0.7, invert_scale_latents=looks,
     ).eval()  # fmt: skip
     parts["scheduler"] = CogVideoXDPMScheduler(
         prediction_type="v_prediction", snr_shift_scale=3.0, timestep_spacing="trailing", rescale_betas_zero_snr=True,

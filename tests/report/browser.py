@@ -39,6 +39,52 @@ def launched() -> Iterator[Any]:
             browser.close()
 
 
+G, V = 600.0, 40.0
+FALL = f"""\
+physgen: 1
+size: [320, 400]
+world: {{pixels_per_meter: 200, gravity: [0, {G:g}], duration: 1.5}}
+objects:
+  ball:
+    shape: {{circle: {{center: [60, 50], radius: 18}}}}
+    mass: 50
+    elasticity: 0.8
+    friction: 0
+    velocity: [{V:g}, 0]
+  block:
+    label: </script><script>window.broken = 1</script><img src=x onerror="window.broken = 2">
+    shape: {{box: {{center: [240, 350], size: [60, 60]}}}}
+    mass: 200
+  rung: {{shape: {{box: {{center: [250, 120], size: [80, 10]}}}}, motion: static}}
+boundaries:
+  floor: {{segment: [[-1000, 380], [1000, 380]], elasticity: 0.8, friction: 0.4}}
+"""
+"""Of a ball that falls, px/s² and px/s; `LANDS` is when it does, s."""
+LANDS = float(np.sqrt(2 * (380 - 18 - 50) / G))
+LONG = """\
+physgen: 1
+size: [480, 300]
+world: {duration: 0.5}
+objects:
+  a-name-as-long-as-names-may-be-with-sixty-four-letters-in-it-all:
+    label: Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde
+    shape: {circle: {center: [80, 60], radius: 22}}
+    mass: 120
+    from: {mass: table 0.4, label: clip 0.3}
+  b:
+    label: "صندوق خشبي قديم جدا من خشب الأبنوس المطعم بالعاج والصدف"
+    shape: {box: {center: [240, 200], size: [60, 50]}}
+  c:
+    label: 非常长的标签用来检查中文换行和溢出的情况是否正常工作没有空格
+    shape: {box: {center: [400, 200], size: [60, 50]}}
+  d: {label: 🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈, shape: {circle: {center: [160, 60], radius: 12}}}
+boundaries:
+  floor: {segment: [[-100, 280], [600, 280]]}
+variants:
+  heavy: {objects.b.mass: 900}
+"""
+
+
 @dataclass
 class Opened:
     """A page, and what it said and asked for while it was open."""
@@ -98,3 +144,33 @@ def opened(browser: Any, file: Path, *, ready: bool = True, **how: Any) -> Itera
         yield seen
     finally:
         context.close()
+
+
+def report(pages: Path, name: str) -> Path:
+    return pages / name / "report.html"
+
+
+def middle(pixels: np.ndarray, colour: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(x, y) px of the photo: the middle of all pixels that look like `colour`, of a thing that does not turn."""
+    near = np.abs(pixels[..., :3] - colour).max(axis=2) < 12
+    assert near.any()
+    rows, columns = np.nonzero(near)
+    return (np.array([columns.mean(), rows.mean()]) + 0.5) * size[0] / pixels.shape[1] - 0.5
+
+
+def at(pixels: np.ndarray, x: float, y: float, size: tuple[int, int]) -> np.ndarray:
+    """The colour that is drawn at a place of the photo."""
+    large = pixels.shape[1] / size[0]
+    return pixels[int((y + 0.5) * large), int((x + 0.5) * large), :3]
+
+
+def ball(seen: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Its colour, and how far its centre is from the middle of that colour: its spoke has another."""
+    seen.seek(0)
+    colour = at(seen.pixels(), 60, 57, (320, 400))
+    return colour, np.array(fallen(0)) - middle(seen.pixels(), colour, (320, 400))
+
+
+def fallen(time: float) -> tuple[float, float]:
+    """Where the ball is before it lands."""
+    return 60 + V * time, 50 + G * time**2 / 2

@@ -99,7 +99,9 @@ def test_everything_that_is_written() -> None:
         model.Play.BACKWARD, None, (832, 480),
         (model.Sight(0, (250, 180), None, 1.5), model.Sight(1, None, "ball", 2)), 3,
     )  # fmt: skip
-    assert found.refine == model.Refine("svd", 0.3, 4, 20, 7)
+    assert found.refine == model.Refine(
+        "wan", 0.3, 4, 20, 7, "a red ball, a photograph", "cartoon", 6, 0.5, 0.75
+    )
     assert found.maps == {"depth": (1, 9.5), "shading": (0, 2)}
     assert found.variants == ("hard",)
 
@@ -114,7 +116,7 @@ def test_defaults(tmp_path: Path) -> None:
         model.View.SIDE, 100, (0, 980), 0, model.Combine.GEOMETRIC, 2, 960, 4, None
     )
     assert found.render == model.Render(30, None, True, True, 0, (), 1, model.Play.FORWARD, None, None, (), 1)
-    assert found.refine == model.Refine("none", 0.5, 5, 50, 0)
+    assert found.refine == model.Refine("none", 0.5, 5, 50, 0, None, "", None, 0, 1)
     assert (found.light, found.forces, found.boundaries, found.maps, found.variants) == (None, (), (), {}, ())
     assert (found.joints, found.fields) == ((), ())
 

@@ -35,10 +35,11 @@ class AnimateDiff:
 
     def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
         self.pipe, self._device, self._dtype = pipe, device, dtype
-        # as the adapters were trained: PNDM, which most such weights bring, takes steps twice. The last step is to
-        # reach the picture itself, as in the authors' code, where many of these configurations stop just before
+        pipe.register_modules(motion_adapter=None)  # the network has it now: 1.7 GB twice
+        # the authors' own: PNDM, which most such weights bring, takes steps twice. Spaced so, every step ends where the
+        # next begins (with `linspace` 8 steps of 1000 end 18 early), and the last at the picture itself
         self._scheduler = DDIMScheduler.from_config(
-            pipe.scheduler.config, clip_sample=False, timestep_spacing="linspace", beta_schedule="linear",
+            pipe.scheduler.config, clip_sample=False, timestep_spacing="leading", beta_schedule="linear",
             steps_offset=1, set_alpha_to_one=True,
         )  # fmt: skip
 
@@ -74,41 +75,30 @@ class AnimateDiff:
         return found[0].transpose(0, 1)
 
 
-def animatediff(setup: Setup) -> Sampler:
-    """The backend `animatediff`; its weights are `ADAPTER,BASE`, or a whole pipeline's folder."""
-    # upstream's own guidance: PhysGen's inference of SEINE
-    return Sampler(Kind("animatediff", WHAT, 8.0, trained, load), setup)
-
-
 def trained(weights: tuple[str, ...]) -> Trained:
     """What the configurations say."""
     adapter, base = _parts(weights)
     found = index(base, WHAT)
-    unet, vae = config(base, "unet", WHAT), config(base, "vae", WHAT)
     if adapter is None:
         expect(base, str(found.get("_class_name")), KNOWN, WHAT)
-        most = unet.get("motion_max_seq_length", 32)
+        unet = motion = config(base, "unet", WHAT)
     else:
-        _fit(adapter, base, found, unet)
-        most = config(adapter, "", WHAT).get("motion_max_seq_length", 32)
+        motion = config(adapter, "", WHAT)
+        kind = str(motion.get("_class_name"))
+        if kind != "MotionAdapter":
+            fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
+            raise InputError.of(REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix)
+        plain = found.get("unet", ["", ""])[1] == "UNet2DConditionModel" and "text_encoder_2" not in found
+        unet = config(base, "unet", WHAT) if plain else {}
+        if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
+            what = f"is a {found.get('_class_name')} that the adapter does not fit"
+            fix = "name weights of Stable Diffusion 1.5 after the comma"
+            raise InputError.of(REFINE.name, f'"{base}"', what, fix)
+    vae, most = config(base, "vae", WHAT), motion.get("motion_max_seq_length", 32)
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
     return Trained(Grid(cell, cell * levels, (side * cell) ** 2, 1, 1, min(FRAMES, most)), most)
-
-
-def _fit(adapter: str, base: str, found: dict[str, Any], unet: dict[str, Any]) -> None:
-    """Raises InputError where an adapter cannot be put into a base."""
-    told = config(adapter, "", WHAT)
-    kind = str(told.get("_class_name"))
-    if kind != "MotionAdapter":
-        fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
-        raise InputError.of(REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix)
-    plain = found.get("unet", ["", ""])[1] == "UNet2DConditionModel" and "text_encoder_2" not in found
-    if not plain or list(told["block_out_channels"]) != list(unet["block_out_channels"]):
-        fix = "name weights of Stable Diffusion 1.5 after the comma"
-        what = f"is a {found.get('_class_name')} that the adapter does not fit"
-        raise InputError.of(REFINE.name, f'"{base}"', what, fix)
 
 
 def _parts(weights: tuple[str, ...]) -> tuple[str | None, str]:
@@ -133,3 +123,12 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDi
         parts["motion_adapter"] = loaded(motion, adapter, WHAT, REFINE)
     pipe = pipeline(AnimateDiffVideoToVideoPipeline, base, dtype, WHAT, AutoencoderKL, **parts)
     return AnimateDiff(pipe, device, dtype)
+
+
+KIND = Kind("animatediff", WHAT, 8.0, trained, load)
+"""Guided as upstream guides SEINE."""
+
+
+def animatediff(setup: Setup) -> Sampler:
+    """The backend `animatediff`; its weights are `ADAPTER,BASE`, or a whole pipeline's folder."""
+    return Sampler(KIND, setup)

@@ -106,11 +106,6 @@ class CogVideoX:
         return found[0]
 
 
-def cogvideox(setup: Setup) -> Sampler:
-    """The backend `cogvideox`."""
-    return Sampler(Kind("cogvideox", WHAT, 6.0, trained, load), setup)
-
-
 def trained(weights: tuple[str, ...]) -> Trained:
     """What the configurations say."""
     (one,) = weights
@@ -133,3 +128,12 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> CogVideoX
     """The pipeline."""
     pipe = pipeline(DiffusionPipeline, weights[0], dtype, WHAT, AutoencoderKLCogVideoX)
     return CogVideoX(pipe, device, dtype)
+
+
+KIND = Kind("cogvideox", WHAT, 6.0, trained, load)
+"""Guided as its authors advise."""
+
+
+def cogvideox(setup: Setup) -> Sampler:
+    """The backend `cogvideox`."""
+    return Sampler(KIND, setup)

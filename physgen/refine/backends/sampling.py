@@ -156,8 +156,8 @@ class Sampler:
 
     def begin(self, frames: Sequence[U8], said: Said, steps: int, count: int) -> F32:
         """See `Denoiser`."""
+        network = self._network
         with held_to_memory():
-            network = self._network
             self._tile(network.pipe.vae, frames[0].shape[0] * frames[0].shape[1])
             guidance = self._kind.guidance if said.guidance is None else said.guidance
             told = network.told(said.prompt)
@@ -224,7 +224,6 @@ class Sampler:
             return False
         finally:
             self._run = under_way
-            freed()
         return True
 
     def note(self) -> Mapping[str, Any]:
@@ -261,7 +260,7 @@ class Sampler:
 def held_to_memory() -> Iterator[None]:
     """Inference; where a device's memory does not suffice, all is given back and MemoryError raised."""
     try:
-        with torch.inference_mode():
+        with torch.no_grad():  # not inference_mode: offloading puts other tensors into parameters
             yield
     except (RuntimeError, MemoryError) as error:
         if not of_memory(error):

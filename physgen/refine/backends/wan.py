@@ -70,7 +70,7 @@ class Wan:
         )  # fmt: skip
         mask = read.attention_mask.to(self._device)
         found = self.pipe.text_encoder(read.input_ids.to(self._device), mask).last_hidden_state
-        told: Tensor = found.to(self._dtype) * mask[..., None].to(self._dtype)
+        told: Tensor = found.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
         return told
 
     def shown(self, frame: Tensor, latents: int) -> tuple[Tensor, Tensor | None] | None:
@@ -135,11 +135,6 @@ class Wan:
         return much if float(time) >= edge * self._scheduler.config.num_train_timesteps else little
 
 
-def wan(setup: Setup) -> Sampler:
-    """The backend `wan`."""
-    return Sampler(Kind("wan", WHAT, 5.0, trained, load), setup)
-
-
 def trained(weights: tuple[str, ...]) -> Trained:
     """What the configurations say."""
     (one,) = weights
@@ -162,3 +157,12 @@ def trained(weights: tuple[str, ...]) -> Trained:
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
     """The pipeline."""
     return Wan(pipeline(DiffusionPipeline, weights[0], dtype, WHAT, AutoencoderKLWan), device, dtype)
+
+
+KIND = Kind("wan", WHAT, 5.0, trained, load)
+"""Guided as its authors advise."""
+
+
+def wan(setup: Setup) -> Sampler:
+    """The backend `wan`."""
+    return Sampler(KIND, setup)

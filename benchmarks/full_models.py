@@ -1,0 +1,160 @@
+"""Video models of the published sizes, filled with random numbers where they run: figures of speed and memory alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import diffusers
+import torch
+from diffusers import (
+    AnimateDiffVideoToVideoPipeline,
+    AutoencoderKL,
+    AutoencoderKLCogVideoX,
+    AutoencoderKLWan,
+    CogVideoXDDIMScheduler,
+    CogVideoXPipeline,
+    CogVideoXTransformer3DModel,
+    DDIMScheduler,
+    MotionAdapter,
+    UNet2DConditionModel,
+    UniPCMultistepScheduler,
+    WanPipeline,
+    WanTransformer3DModel,
+)
+from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer, T5Config, T5EncoderModel, T5Tokenizer
+
+from physgen.backends import Setup
+from physgen.perceive.backends.models import device_of
+from physgen.refine.backends import animatediff, cogvideox, wan
+from physgen.refine.backends.sampling import Kind, Sampler
+
+diffusers.logging.set_verbosity_error()  # it warns of casts that change nothing
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
+
+
+def made(
+    kind: Kind, network: Callable[..., Any], build: Callable[[], Any], folder: Path, setup: Setup
+) -> Sampler:
+    """`kind` on the parts that `build` makes: configurations go through the folder, weights are made in place."""
+    device = device_of(setup)
+
+    def load(_: Any, where: str, dtype: torch.dtype) -> Any:
+        torch.manual_seed(0)
+        before = torch.get_default_dtype()
+        torch.set_default_dtype(dtype)
+        try:
+            with unfilled(), torch.device(where):
+                pipe = build()
+        finally:
+            torch.set_default_dtype(before)
+        pipe.vae.to(torch.float32)
+        for part in pipe.components.values():
+            if isinstance(part, torch.nn.Module):
+                part.eval().requires_grad_(False)
+                for weight in part.parameters():
+                    weight.uniform_(-0.02, 0.02)
+        pipe.set_progress_bar_config(disable=True)
+        return network(pipe, where, dtype)
+
+    with torch.device("meta"):
+        pipe = build()
+    for name, part in pipe.components.items():
+        if hasattr(part, "save_config"):
+            part.save_config(folder / name)
+    index = {name: ["diffusers", type(part).__name__] for name, part in pipe.components.items()}
+    (folder / "model_index.json").write_text(json.dumps({"_class_name": type(pipe).__name__, **index}))
+    return Sampler(replace(kind, load=load), replace(setup, weights=str(folder), device=device))
+
+
+@contextmanager
+def unfilled() -> Iterator[None]:
+    """Weights are left as they are found: the libraries would draw them with care, twice."""
+    names = [name for name in dir(torch.nn.init) if name.endswith("_") and not name.startswith("_")]
+    kept = {name: getattr(torch.nn.init, name) for name in names}
+    for name in names:
+        setattr(torch.nn.init, name, lambda tensor, *_, **__: tensor)
+    try:
+        yield
+    finally:
+        for name, fill in kept.items():
+            setattr(torch.nn.init, name, fill)
+
+
+def _clip_text(folder: Path) -> dict[str, Any]:
+    words = ["<|startoftext|>", "<|endoftext|>", *LETTERS, *(f"{letter}</w>" for letter in LETTERS)]
+    (folder / "vocab.json").write_text(json.dumps({word: k for k, word in enumerate(words)}))
+    (folder / "merges.txt").write_text("#version: 0.2\n")
+    tokens = CLIPTokenizer(
+        vocab=str(folder / "vocab.json"), merges=str(folder / "merges.txt"), model_max_length=77
+    )
+    config = CLIPTextConfig(
+        hidden_size=768, intermediate_size=3072, num_attention_heads=12, num_hidden_layers=12,
+        bos_token_id=0, eos_token_id=1, pad_token_id=1,
+    )  # fmt: skip
+    return {"text_encoder": CLIPTextModel(config), "tokenizer": tokens}
+
+
+def _t5_text() -> dict[str, Any]:
+    """As wide as the real ones, with one layer of 24: they run once, and would take 10 GB."""
+    pieces = ["<pad>", "</s>", "<unk>", "▁", *LETTERS]
+    size = {"d_model": 4096, "d_kv": 64, "d_ff": 10240, "num_layers": 1, "num_heads": 64}
+    tokens = T5Tokenizer(vocab=[(piece, -1.0) for piece in pieces], extra_ids=0)
+    return {"text_encoder": T5EncoderModel(T5Config(vocab_size=len(pieces), **size)), "tokenizer": tokens}
+
+
+def stable_diffusion(folder: Path, setup: Setup) -> Sampler:
+    """Stable Diffusion 1.5 with a motion adapter v1-5-3."""
+
+    def build() -> Any:
+        unet = UNet2DConditionModel(sample_size=64, cross_attention_dim=768, attention_head_dim=8)
+        vae = AutoencoderKL(
+            block_out_channels=[128, 256, 512, 512], latent_channels=4, sample_size=512,
+            down_block_types=["DownEncoderBlock2D"] * 4, up_block_types=["UpDecoderBlock2D"] * 4, layers_per_block=2,
+        )  # fmt: skip
+        return AnimateDiffVideoToVideoPipeline(
+            unet=unet, vae=vae, motion_adapter=MotionAdapter(use_motion_mid_block=False),
+            scheduler=DDIMScheduler(beta_start=0.00085, beta_end=0.012), **_clip_text(folder),
+        )  # fmt: skip
+
+    return made(animatediff.KIND, animatediff.AnimateDiff, build, folder, setup)
+
+
+def wan_small(folder: Path, setup: Setup) -> Sampler:
+    """Wan 2.1 T2V 1.3B."""
+
+    def build() -> Any:
+        network = WanTransformer3DModel(
+            num_attention_heads=12, attention_head_dim=128, ffn_dim=8960, num_layers=30, text_dim=4096
+        )
+        scheduler = UniPCMultistepScheduler(
+            prediction_type="flow_prediction", use_flow_sigmas=True, flow_shift=3.0
+        )
+        return WanPipeline(transformer=network, vae=AutoencoderKLWan(), scheduler=scheduler, **_t5_text())
+
+    return made(wan.KIND, wan.Wan, build, folder, setup)
+
+
+def cogvideox_2b(folder: Path, setup: Setup) -> Sampler:
+    """CogVideoX-2b."""
+
+    def build() -> Any:
+        vae = AutoencoderKLCogVideoX(
+            down_block_types=("CogVideoXDownBlock3D",) * 4, up_block_types=("CogVideoXUpBlock3D",) * 4
+        )
+        scheduler = CogVideoXDDIMScheduler(prediction_type="v_prediction", timestep_spacing="trailing")
+        return CogVideoXPipeline(
+            transformer=CogVideoXTransformer3DModel(), vae=vae, scheduler=scheduler, **_t5_text()
+        )
+
+    return made(cogvideox.KIND, cogvideox.CogVideoX, build, folder, setup)
+
+
+FULL: Mapping[str, Callable[[Path, Setup], Sampler]] = {
+    "animatediff": stable_diffusion, "wan": wan_small, "cogvideox": cogvideox_2b,
+}  # fmt: skip
+"""A folder for configurations and a setup -> the backend."""

@@ -1,0 +1,72 @@
+"""Flags of `refine`; what a scene's `refine:` says is told by the schema, ranges and defaults too."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from physgen.flags.values import of, positive
+from physgen.scene.schema import at
+
+KEYS = ("strength", "stop", "steps", "seed", "prompt", "negative", "guidance", "lock", "detail")
+"""Of `refine:`, as flags."""
+LETTERS = {"number": "X", "integer": "N", "string": "TEXT"}
+
+
+def refine(sub: argparse.ArgumentParser) -> None:
+    """Those of the command."""
+    sub.add_argument(
+        "video",
+        metavar="VIDEO",
+        type=Path,
+        help="mp4, mov, gif, webp ..., or a folder of one picture a frame",
+    )
+    sub.add_argument(
+        "--masks",
+        metavar="DIR",
+        type=Path,
+        help="where objects are: a folder of one picture a frame, a video, or one picture for all frames; grey of 8 "
+        "bits is coverage, of 16 bits, palettes and colours tell objects apart; without it everything may change",
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        type=Path,
+        help="the refined video, .mp4, .gif or .webp, or a folder for PNG frames; a record goes beside it as .json; "
+        "default: VIDEO-STEM.refined.mp4 in the current folder",
+    )
+    sub.add_argument(
+        "--backend",
+        metavar="NAME[:WEIGHTS]",
+        help="who refines, and the hub id or path of what it loads; see physgen backends; default: animatediff, or "
+        "what physgen.toml says",
+    )
+    for key in KEYS:
+        part = at(f"refine.{key}")
+        default = f" Default: {part['default']}." if part.get("default", "") != "" else ""
+        about = NO_LABELS if key == "prompt" else part["description"]
+        sub.add_argument(
+            f"--{key}",
+            metavar=LETTERS[part["type"]],
+            type=of(part),
+            help=f"{about}{default}".replace("%", "%%"),
+        )
+    sub.add_argument(
+        "--keep-first",
+        action="store_true",
+        help="the first frame stays as it is; what follows leaves it slowly",
+    )
+    sub.add_argument(
+        "--fps", metavar="RATE", type=positive, help="frames a second of the result; default: as the video's"
+    )
+    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
+    sub.add_argument(
+        "--device", metavar="DEVICE", help="where the model runs: auto, cpu, cuda, cuda:1 or mps"
+    )
+    sub.add_argument("--dtype", metavar="TYPE", help="its numbers: auto, float32, float16 or bfloat16")
+    sub.add_argument("--json", action="store_true", help="print the output's path and the record as JSON")
+
+
+NO_LABELS = "What the model is told that the video shows. Default: nothing."
+"""A scene knows its objects' labels, a video does not."""

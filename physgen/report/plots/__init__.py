@@ -1,0 +1,1 @@
+"""World and trajectory -> figures for papers, by matplotlib: energy, paths, contacts, and strips of frames."""

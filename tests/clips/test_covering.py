@@ -1,0 +1,179 @@
+"""What the numbers of masks mean, by their kind; how many and how large they must be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from pytest import approx
+
+from physgen.clips.covering import Coverage, open_coverage
+from physgen.clips.reading import open_clip
+from physgen.problems import InputError
+from physgen.report.video import Format, open_video
+
+SIZE = (24, 16)
+SOFT = np.zeros((16, 24), np.uint8)
+SOFT[4:12, 4:12] = 255
+SOFT[3, 4:12], SOFT[12, 4:12] = 128, 1
+IDS = np.zeros((16, 24), np.uint8)
+IDS[2:6, 2:6], IDS[8:12, 10:20] = 1, 7
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    (tmp_path / "video").mkdir()
+    for k in range(3):
+        Image.fromarray(np.full((16, 24, 3), 80 + k, np.uint8)).save(tmp_path / "video" / f"{k}.png")
+    return tmp_path / "video"
+
+
+def saved(folder: Path, *pictures: Image.Image, kind: str = "png", **how) -> Path:
+    folder.mkdir()
+    for k, picture in enumerate(pictures):
+        picture.save(folder / f"{k}.{kind}", **how)
+    return folder
+
+
+def opened(masks: Path, video: Path) -> Coverage:
+    return open_coverage(masks, open_clip(video))
+
+
+def told(masks: Path, video: Path) -> str:
+    with pytest.raises(InputError) as error:
+        opened(masks, video)
+    [problem] = error.value.problems
+    return str(problem)
+
+
+def palette(colours: list[tuple[int, int, int]]) -> Image.Image:
+    picture = Image.fromarray(IDS, "L").convert("P")
+    picture.putdata(IDS.ravel().tolist())
+    picture.putpalette([c for colour in colours for c in colour])
+    return picture
+
+
+GREY = Image.fromarray(SOFT)
+EIGHT = [(0, 0, 0), *[(20 * k, 250 - 20 * k, 90) for k in range(1, 8)]]
+KINDS = {
+    "grey is coverage": (GREY, SOFT / 255, "coverage"),
+    "grey in colour is coverage": (GREY.convert("RGB"), SOFT / 255, "coverage"),
+    "black and white": (Image.fromarray(SOFT > 100), SOFT > 100, "coverage"),
+    "opacity": (Image.merge("RGBA", [*Image.new("RGB", SIZE, "red").split(), GREY]), SOFT / 255, "coverage"),
+    "grey that is opaque": (Image.merge("LA", [GREY, Image.new("L", SIZE, 255)]), SOFT / 255, "coverage"),
+    "a palette of greys, turned over": (GREY.convert("RGB").quantize(8), SOFT / 255, "coverage"),
+    "16 bits are ids": (Image.fromarray(IDS.astype(np.uint16) * 9), IDS > 0, "ids"),
+    "16 bits are ids up to the brightest": (Image.fromarray(IDS.astype(np.uint16) * 9000), IDS > 0, "ids"),
+    "a palette of colours": (palette(EIGHT), IDS > 0, "ids"),
+    "a palette whose ground is no black": (palette([(70, 0, 80), *EIGHT[1:]]), IDS > 0, "ids"),
+    "colours": (palette(EIGHT).convert("RGB"), IDS > 0, "ids"),
+    "few ids": (Image.fromarray(IDS), IDS > 0, "ids"),
+}
+
+
+@pytest.mark.parametrize(("picture", "wanted", "meaning"), KINDS.values(), ids=KINDS)
+def test_kinds_of_masks(picture: Image.Image, wanted, meaning: str, tmp_path: Path, video: Path) -> None:
+    covered = opened(saved(tmp_path / "masks", *[picture] * 3), video)
+    assert covered.meaning == meaning
+    assert len(covered.frames) == 3
+    for frame in covered.frames:
+        assert frame.dtype == np.float32
+        assert frame == approx(np.asarray(wanted, np.float32), abs=1e-6)
+    said = [str(remark) for remark in covered.remarks]
+    guessed = f"{tmp_path / 'masks'}: warning: is nowhere brighter than 7, so its numbers are taken for ids; "
+    fix = "anything but 0 is taken for an object; coverage goes up to 255"
+    assert said == ([guessed + fix] if np.array_equal(picture, IDS) and picture.mode == "L" else [])
+
+
+def test_a_dark_mask_beside_bright_ones_is_coverage(tmp_path: Path, video: Path) -> None:
+    """An object that comes in: its first frame alone could be ids."""
+    faint = Image.fromarray((SOFT // 32).astype(np.uint8))
+    covered = opened(saved(tmp_path / "masks", faint, GREY, GREY), video)
+    assert covered.frames[0].max() == approx(7 / 255)
+    assert covered.meaning == "coverage"
+
+
+def test_one_picture_serves_all_frames(tmp_path: Path, video: Path) -> None:
+    GREY.save(tmp_path / "mask.png")
+    covered = opened(tmp_path / "mask.png", video)
+    assert len(covered.frames) == 3
+    assert all(frame == approx(SOFT / 255) for frame in covered.frames)
+
+
+@pytest.mark.parametrize("kind", [Format.MP4, Format.GIF, Format.WEBP])
+def test_a_video_of_masks_is_coverage(kind: Format, tmp_path: Path, video: Path) -> None:
+    with open_video(tmp_path, kind, SIZE, 24) as put:
+        for k in range(3):
+            put(np.repeat(np.roll(SOFT, 2 * k, axis=1)[..., None], 3, axis=2))
+    covered = opened(tmp_path / kind.file, video)
+    for k, frame in enumerate(covered.frames):
+        assert np.abs(frame - np.roll(SOFT, 2 * k, axis=1) / 255).mean() < 0.02
+        assert frame[8, 8 + 2 * k] > 0.97
+
+
+def test_masks_of_a_scene_fit_the_video_that_was_made_of_it(tmp_path: Path) -> None:
+    """Sides of an MP4 are even; of 23 x 15 px, the last column and row are there twice."""
+    with open_video(tmp_path, Format.MP4, (23, 15), 24) as put:
+        for _ in range(3):
+            put(np.full((15, 23, 3), 90, np.uint8))
+    covered = opened(
+        saved(tmp_path / "masks", *[Image.fromarray(SOFT[:15, :23])] * 3), tmp_path / "video.mp4"
+    )
+    assert covered.frames[1] == approx(np.pad(SOFT[:15, :23], ((0, 1), (0, 1)), mode="edge") / 255)
+
+
+def test_masks_that_do_not_fit_are_told_by_name(tmp_path: Path, video: Path) -> None:
+    small = Image.fromarray(np.ascontiguousarray(SOFT[:14]))
+    path = saved(tmp_path / "masks", GREY, small, small)
+    expected = "24 x 14 px differs from the video's 24 x 16 px; make masks the video's size"
+    assert told(path, video) == f"{path / '1.png'}: {expected}"
+    less = Image.fromarray(np.ascontiguousarray(np.pad(SOFT, ((0, 0), (0, 1)))))
+    assert "25 x 16 px differs" in told(saved(tmp_path / "wide", less, less, less), video)
+    less.save(tmp_path / "one.png")
+    assert told(tmp_path / "one.png", video).startswith(f"{tmp_path / 'one.png'}: 25 x 16 px differs")
+
+
+def test_too_few_masks_are_counted(tmp_path: Path, video: Path) -> None:
+    path = saved(tmp_path / "masks", GREY)
+    assert (
+        told(path, video) == f"{path}: 1 mask for 3 frames; name the picture itself to use one for all frames"
+    )
+    with open_video(tmp_path, Format.GIF, SIZE, 24) as put:
+        for k in range(5):
+            put(np.full((16, 24, 3), 50 * k, np.uint8))
+    assert (
+        told(tmp_path / "video.gif", video)
+        == f"{tmp_path / 'video.gif'}: 5 masks for 3 frames; give one mask a frame"
+    )
+
+
+def test_what_compression_has_spoilt_is_refused(tmp_path: Path, video: Path) -> None:
+    colours = palette(EIGHT).convert("RGB")
+    path = saved(tmp_path / "masks", *[colours] * 3, kind="jpg")
+    assert told(path, video) == (
+        f"{path / '0.jpg'}: is a JPEG in colour, whose compression changes ids; save it as PNG, or in grey"
+    )
+    with open_video(tmp_path, Format.MP4, SIZE, 24) as put:
+        for _ in range(3):
+            put(np.asarray(colours))
+    assert "video.mp4: frame 0: is in colour; save masks in grey, white where objects are" in told(
+        tmp_path / "video.mp4", video
+    )
+    grey = saved(tmp_path / "grey", *[GREY] * 3, kind="jpg", quality=95)
+    assert np.abs(opened(grey, video).frames[0] - SOFT / 255).max() < 0.1
+
+
+def test_masks_of_nothing_are_said(tmp_path: Path, video: Path) -> None:
+    [remark] = opened(saved(tmp_path / "masks", *[Image.new("L", SIZE)] * 3), video).remarks
+    assert str(remark).endswith("masks: warning: covers nothing; no object is held")
+
+
+def test_our_own_maps_are_read(tmp_path: Path, video: Path) -> None:
+    """masks.png has ids of 16 bits, coverage.png 8 bits of coverage."""
+    cv2.imwrite(str(tmp_path / "masks.png"), IDS.astype(np.uint16))
+    cv2.imwrite(str(tmp_path / "coverage.png"), SOFT)
+    assert opened(tmp_path / "masks.png", video).frames[2] == approx((IDS > 0).astype(np.float32))
+    assert opened(tmp_path / "coverage.png", video).frames[2] == approx(SOFT / 255)

@@ -1,0 +1,525 @@
+"""Video models from frames to frames: what stays, what changes, and what is refused; on tiny ones of the real classes.
+
+`test_refine_pipelines.py` holds their arithmetic against diffusers' own pipelines.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import pickle
+import shutil
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+import torch
+
+from physgen import backends
+from physgen.backends import Setup
+from physgen.problems import InputError
+from physgen.refine.backends import loading, sampling
+from physgen.refine.refining import How, Refinement
+from physgen.refine.roles import Denoiser, Said
+from tests.contract.tiny_video import VARIANTS, animatediff, cogvideox, wan
+
+ROWS = {"animatediff": "animatediff", "wan": "wan", "cogvideox": "cogvideox-2b"}
+"""A kind of weights for each backend."""
+SIZE = 37, 23
+HOW = How(0.5, 1, 4, 0, Said("a red ball", "blur", 3.0), lock=0.0, detail=1.0, hold=0)
+Video = Callable[..., Any]
+
+
+def clip(count: int, size=SIZE) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """A disc that moves over a ramp, and its coverage."""
+    width, height = size
+    y, x = np.mgrid[:height, :width]
+    frames, coverage = [], []
+    for k in range(count):
+        cover = np.clip(6.5 - np.hypot(x - 8 - k, y - 11), 0, 1).astype(np.float32)
+        ramp = np.stack([40 + 3 * x, 60 + 4 * y, 0 * x + 120], axis=-1)
+        frames.append(np.rint(ramp + cover[..., None] * (np.array([220, 200, 60]) - ramp)).astype(np.uint8))
+        coverage.append(cover)
+    return frames, coverage
+
+
+def refined(model: Denoiser, how: How = HOW, count: int = 7, size=SIZE, covers: float | None = None, **more):
+    frames, coverage = clip(count, size)
+    if covers is not None:
+        coverage = [np.full(cover.shape, covers, np.float32) for cover in coverage]
+    made = list(Refinement(model, how, size, count, **more).frames(frames, coverage))
+    assert [(frame.shape, frame.dtype) for frame in made] == [(f.shape, f.dtype) for f in frames]
+    return np.stack(made)
+
+
+def change(made: np.ndarray, size=SIZE) -> np.ndarray:
+    """(F,) mean grey levels by which frames differ from the guidance."""
+    return np.abs(made.astype(float) - clip(len(made), size)[0]).mean(axis=(1, 2, 3))
+
+
+# ---- what stays --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(variant: str, count: int, video: Video):
+    """Odd sizes and counts, which no model takes, come back as they were."""
+    model = video(variant)
+    made = refined(model, replace(HOW, stop=0), count, covers=1.0, weight=lambda k, n: 0.0)
+    assert np.array_equal(made, clip(count)[0])
+
+
+@pytest.fixture
+def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
+    """How far refined latents are from the guidance's, by latent frame: a decoder of random numbers tells little."""
+    decoded: list[np.ndarray] = []
+
+    def distance(model: Denoiser, how: How, count: int = 7) -> np.ndarray:
+        decoded.clear()
+        real = type(model).decode
+        monkeypatch.setattr(type(model), "decode", lambda own, z: decoded.append(z) or real(own, z))
+        made = refined(model, how, count, covers=0.0)
+        monkeypatch.undo()
+        z, guidance = decoded
+        assert np.array_equal(made[0], clip(1)[0][0]) == bool(how.hold)
+        return np.abs(z - guidance).mean(axis=(1, 2, 3))
+
+    return distance
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
+    variant: str, video: Video, apart
+):
+    far = apart(video(variant), replace(HOW, hold=6))
+    assert far[0] == 0
+    assert far.max() > 0.1
+    assert np.diff(far).max() < 0.7 * far.max()
+
+
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_strength_decides_how_far_it_goes(variant: str, video: Video, apart):
+    plain = replace(HOW, said=Said("a red ball", "", 1.0))
+    ways = [(500, 0.002), (8, 0.125), (8, 0.5)]
+    far = [apart(video(variant), replace(plain, steps=n, strength=s), 5).mean() for n, s in ways]
+    assert far == sorted(far)
+    assert 0 < far[0] < 0.1 < far[-1]  # noise has the size 1
+
+
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_half_of_fifty_steps_run_and_twenty_are_fused(variant: str, video: Video):
+    heard: list[tuple[str, int, int]] = []
+    frames, coverage = clip(1)
+    how = replace(HOW, steps=50, stop=5, said=Said("", "", 1.0))
+    run = Refinement(video(variant), how, SIZE, 1, lambda *step: heard.append(step))
+    list(run.frames(frames, coverage))
+    assert heard == [("refine", k, 25) for k in range(26)]
+    assert (run.note()["steps_run"], run.note()["steps_fused"]) == (25, 20)
+
+
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_the_seed_decides_and_nothing_else(variant: str, video: Video):
+    model = video(variant)
+    torch.manual_seed(1)
+    first = refined(model)
+    torch.manual_seed(2)
+    assert np.array_equal(first, refined(model))
+    assert not np.array_equal(first, refined(model, replace(HOW, seed=1)))
+
+
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
+    """Classifier-free guidance is linear in its scale, and at 1 there is nothing to be guided from."""
+    model, frames = video(variant), clip(5, (32, 32))[0]
+    said, passes = {}, []
+
+    def counted(real: Callable[..., Any], scale: float, *told: Any) -> Any:
+        passes.append(scale)
+        return real(*told)
+
+    for scale in (1.0, 2.0, 4.0):
+        z = model.begin(frames, Said("a red ball", "blur", scale), 4, 2)
+        network = model._network
+        network.predict = partial(counted, network.predict, scale)
+        said[scale] = model.predict(model.noised(z, np.ones_like(z), 0), 0, 0)
+        del network.predict
+    assert [passes.count(scale) for scale in said] == [1, 2, 2]
+    step = said[2.0] - said[1.0]
+    assert np.abs(step).max() > 0
+    assert np.allclose(said[4.0] - said[1.0], 3 * step, atol=1e-4 * np.abs(said[4.0]).max())
+
+
+# ---- windows -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("variant", "window", "latents"),
+    [("animatediff", 8, 8), ("wan", 9, 3), ("wan-looks", 9, 3), ("cogvideox-2b", 9, 3),
+     ("cogvideox-1.5", 9, 4), ("cogvideox-looks", 9, 3)],
+)  # fmt: skip
+def test_a_long_clip_is_seen_in_windows(variant: str, window: int, latents: int, video: Video):
+    model = video(variant, window=window)
+    seen, begun = [], []
+    frames, coverage = clip(21)
+    run = Refinement(model, HOW, SIZE, 21)
+    model.begin(frames[:1] * 5, HOW.said, 4, 2)  # so that it is loaded
+    network, predict, shown = model._network, model._network.predict, model._network.shown
+    network.predict = lambda z, *told: seen.append(len(z)) or predict(z, *told)
+    network.shown = lambda frame, many: begun.append((frame.numpy(), many)) or shown(frame, many)
+    made = np.stack(list(run.frames(frames, coverage)))
+    del network.predict, network.shown
+    windows = run.note()["windows"]
+    assert set(seen) == {latents}
+    assert len(windows) > 1
+    assert len(begun) == len(windows)  # each window is told of its first frame once, whatever the steps
+    stride = model.grid.stride
+    for (frame, many), (first, last) in zip(begun, windows, strict=True):
+        assert many == last - first == latents
+        at = first if stride == 1 or not first else 1 + (first - 1) * stride
+        there = ((frame[:, :23, :37] + 1) * 127.5).round().astype(np.uint8).transpose(1, 2, 0)
+        assert np.array_equal(there, frames[at])
+    still = refined(model, replace(HOW, stop=0), 21, covers=1.0, weight=lambda k, n: 0.0)
+    assert np.array_equal(still, frames)
+    far = change(made)
+    assert np.abs(np.diff(far)).max() < far.max()
+
+
+def test_a_window_is_no_longer_than_the_model_can_see(video: Video):
+    with pytest.raises(
+        InputError, match=r"animatediff.window: 33 is more than the 32 frames that the model can see"
+    ):
+        video("animatediff", window=33)
+    assert video("animatediff").grid.window == 16
+
+
+@pytest.mark.parametrize("variant", ["wan-looks", "cogvideox-looks", "cogvideox-1.5-looks"])
+def test_a_first_frame_that_is_shown_is_seen(variant: str, video: Video):
+    model, frames = video(variant), clip(13, (32, 32))[0]
+    other = [np.full_like(frames[0], 200), *frames[1:]]
+    z = model.begin(frames, Said("", "", 1.0), 4, 2)
+    one = model.predict(z, 0, 0)
+    model.begin(other, Said("", "", 1.0), 4, 2)
+    assert np.abs(one - model.predict(z, 0, 0)).max() > 1e-4
+    model.begin([frames[0], *other[1:]], Said("", "", 1.0), 4, 2)
+    assert np.allclose(one, model.predict(z, 0, 0))
+
+
+# ---- numbers and memory ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_half_the_digits(variant: str, video: Video):
+    model, whole = video(variant, "bfloat16"), video(variant)
+    made = refined(model, count=2)
+    assert model.note()["dtype"] == "bfloat16"
+    network = model._network.pipe
+    assert network.vae.dtype == torch.float32  # what is shown are differences of what it decodes
+    assert (network.unet if variant == "animatediff" else network.transformer).dtype == torch.bfloat16
+    assert np.abs(made.astype(int) - refined(whole, count=2)).mean() < 0.5 * change(made).mean()
+
+
+@pytest.mark.parametrize("variant", ROWS.values())
+def test_numbers_that_are_none_are_told(variant: str, video: Video):
+    model = video(variant)
+    model.begin(clip(1, (32, 32))[0], HOW.said, 4, 2)
+    real = model._network.predict
+    model._network.predict = lambda z, *told: real(z, *told) * torch.nan
+    with pytest.raises(InputError, match=r"refine: float32 leaves no finite picture; write --dtype float32"):
+        refined(model, covers=0.0)
+    del model._network.predict
+
+
+@pytest.mark.parametrize(
+    ("variant", "kind"),
+    [("animatediff", "device"), ("wan", "processor"), ("cogvideox-2b", "device")],
+)
+def test_memory_that_does_not_suffice_is_told_with_what_would_fit(variant: str, kind: str, video: Video):
+    model, size = video(variant), (64, 64) if variant == "wan" else (32, 32)
+    side = size[0] // 2 if variant == "cogvideox-2b" else size[0] * 3 // 4
+    model.begin(clip(1, size)[0], HOW.said, 4, 2)
+    real = model._network.predict
+
+    def short(z: Any, *told: Any) -> Any:
+        if z.shape[-1] * model.grid.cell > side:
+            if kind == "device":
+                raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB.")
+            torch.empty(1 << 50)  # the processor's own words
+        return real(z, *told)
+
+    model._network.predict = short
+    with pytest.raises(InputError) as caught:
+        refined(model, size=size)
+    assert not model.fits(size[0], 2)
+    assert model.fits(side, 2)
+    del model._network.predict
+    assert model.fits(size[0], 2)
+    (problem,) = caught.value.problems
+    assert f"{size[0]} x {size[1]} px do not fit into the memory" in str(problem)
+    assert f"write resolution = {side}" in problem.fix
+    assert refined(model, size=size).shape[0] == 7  # and nothing is broken
+
+
+def test_what_failed_holds_no_memory(video: Video):
+    model = video("wan")
+    frames = clip(1, (32, 32))[0]
+    model.begin(frames, HOW.said, 4, 2)
+    held = []
+
+    def short(z: Any, *told: Any) -> Any:
+        large = torch.zeros(1000)
+        held.append(weakref.ref(large))
+        raise torch.OutOfMemoryError("CUDA out of memory.")
+
+    model._network.predict = short
+    try:
+        model.predict(model.begin(frames, HOW.said, 4, 2), 0, 0)
+    except MemoryError:
+        assert held[0]() is None  # while the error is still about
+    del model._network.predict
+    assert held
+
+
+def test_a_trial_leaves_the_video_under_way_alone(video: Video):
+    model = video("wan-looks")
+    z = model.begin(clip(5, (32, 32))[0], HOW.said, 4, 2)
+    before = model.predict(z, 0, 0)
+    assert model.fits(16, 2)
+    assert np.array_equal(before, model.predict(z, 0, 0))
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
+    model = backends.make("refine", name, tiny.setup("refine", name))
+    first = refined(model, count=2)
+    gone = weakref.ref(model._network.pipe.vae)
+    model.close()
+    gc.collect()
+    assert gone() is None
+    # weights lie elsewhere in memory now, where sums may be taken in another order
+    assert np.abs(first.astype(int) - refined(model, count=2)).max() <= 1
+
+
+@pytest.mark.parametrize("variant", ["animatediff", "wan-looks", "cogvideox-2b"])
+def test_parts_that_come_and_go_do_the_same(variant: str, video: Video, monkeypatch: pytest.MonkeyPatch):
+    """The processor stands for the GPU: the same hooks bring each part when it is called."""
+    monkeypatch.setattr(sampling, "may_offload", lambda *_: None)
+    model = video(variant, offload="model")
+    made = refined(model, count=5)
+    assert model.note()["offload"] == "model"
+    assert {type(hook).__name__ for hook in model._network.pipe._all_hooks} == {"UserCpuOffloadHook"}
+    assert np.abs(made.astype(int) - refined(video(variant), count=5)).max() <= 1
+
+
+def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch):
+    class Pipe:
+        """A pipeline of 4,000 bytes."""
+
+        components: ClassVar = {"vae": torch.nn.Linear(999, 1), "scheduler": object()}
+        told: ClassVar[list[str]] = []
+
+        def to(self, device: str) -> None:
+            self.told.append("all")
+
+        def enable_model_cpu_offload(self, device: str) -> None:
+            self.told.append("parts")
+
+        def enable_sequential_cpu_offload(self, device: str) -> None:
+            self.told.append("parts of parts")
+
+    for free, offload, how in (
+        (5000, "auto", "model"), (6000, "auto", "none"), (10, "none", "none"), (10**9, "sequential", "sequential")
+    ):  # fmt: skip
+        monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device, free=free: (free, 10**9))
+        assert loading.placed(Pipe(), offload, "cuda:0") == how
+    assert Pipe.told == ["parts", "all", "all", "parts of parts"]
+    assert loading.placed(Pipe(), "auto", "cpu") == "none"
+
+
+# ---- options -----------------------------------------------------------------------------------------------------
+
+
+def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
+    model = video("animatediff", resolution=16)
+    run = Refinement(model, HOW, SIZE, 2)
+    made = list(run.frames(*clip(2)))
+    assert run.note()["size"] == [20, 13]  # 16 x 16 px, in the photo's shape
+    assert made[0].shape == (23, 37, 3)
+    assert np.array_equal(
+        refined(model, replace(HOW, stop=0), 2, covers=1.0, weight=lambda k, n: 0.0), clip(2)[0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("variant", "told", "tiled"),
+    [("animatediff", True, True), ("wan", "on", True), ("cogvideox-2b", False, False)],
+)
+def test_the_vae_goes_in_tiles_where_it_is_told_to(variant: str, told: Any, tiled: bool, video: Video):
+    model = video(variant, tiling=told)
+    model.begin(clip(1, (32, 32))[0], Said("", "", 1.0), 2, 1)
+    assert model.note()["tiling"] is model._network.pipe.vae.use_tiling is tiled
+
+
+def test_the_vae_goes_in_tiles_where_frames_are_larger_than_it_was_trained_on(video: Video):
+    model = video("cogvideox-2b", resolution=256)
+    for side, tiled in ((64, False), (80, True), (64, False)):
+        model.begin([np.zeros((side, side, 3), np.uint8)], Said("", "", 1.0), 2, 1)
+        assert model.note()["tiling"] is model._network.pipe.vae.use_tiling is tiled
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"offload": "model"}, r'wan.offload: "model" needs a GPU, and this runs on cpu; leave it out'),
+        ({"offload": "some"}, r"wan.offload: 'some' is not one of auto, none, model, sequential"),
+        ({"tiling": "yes"}, r"wan.tiling: 'yes' is not one of auto, on, off"),
+        ({"resolution": 8}, r"wan.resolution: 8 is not a whole number from 16 on; leave it out"),
+        ({"windows": 8}, r'wan.windows: "windows" means nothing here; did you mean window\?'),
+    ],
+)
+def test_wrong_options_are_told(options: dict[str, Any], message: str, video: Video):
+    with pytest.raises(InputError, match=message):
+        video("wan", **options)
+
+
+# ---- weights -----------------------------------------------------------------------------------------------------
+
+
+def made(name: str, weights: str) -> Any:
+    return backends.make("refine", name, Setup(weights, "cpu"))
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_missing_weights_are_named_before_any_work(name: str):
+    own = backends.find("refine", name).weights[0].id
+    for said, id_ in ((f"nobody/no-{name}", f"nobody/no-{name}"), ("", own)):
+        with pytest.raises(InputError) as caught:
+            made(name, said)
+        (problem,) = caught.value.problems
+        assert str(problem).startswith(f'--refine: "{id_}" holds the weights of')
+        assert problem.fix == f"run hf download {id_}, or write NAME:PATH"
+    with pytest.raises(InputError, match=r'--refine: "no/such/folder" is not there: the weights of'):
+        made(name, "no/such/folder")
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_a_folder_of_something_else_is_refused(name: str, tmp_path: Path):
+    (tmp_path / "notes.txt").write_text("no weights")
+    with pytest.raises(InputError, match=r'--refine: ".*" does not load as .*; fetch it again'):
+        made(name, str(tmp_path))
+
+
+def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path):
+    wans, cogs, two = wan(tmp_path / "wan"), cogvideox(tmp_path / "cog"), animatediff(tmp_path / "two")
+    adapter, base = two.split(",")
+    for name, said, message in (
+        ("wan", cogs, r"is a CogVideoXPipeline: not for Wan; write cogvideox:"),
+        ("cogvideox", wans, r"is a WanPipeline: not for CogVideoX; write wan:"),
+        ("animatediff", wans, r"is a WanPipeline: not for AnimateDiff; write wan:"),
+        ("wan", base, r"is a StableDiffusionPipeline: not for Wan; name weights of a WanPipeline"),
+        (
+            "animatediff",
+            f"{adapter},{wans}",
+            r"is a WanPipeline that the adapter does not fit; name weights of",
+        ),
+        (
+            "animatediff",
+            f"{base}/unet,{base}",
+            r"is a UNet2DConditionModel: no motion adapter; name a motion",
+        ),
+        ("animatediff", f"{two},{base}", r"names 3 weights for animatediff; write at most 2"),
+    ):
+        with pytest.raises(InputError, match=message):
+            made(name, said)
+    narrow = json.loads((Path(adapter) / "config.json").read_text()) | {"block_out_channels": [16, 64]}
+    (Path(adapter) / "config.json").write_text(json.dumps(narrow))
+    with pytest.raises(InputError, match=r"is a StableDiffusionPipeline that the adapter does not fit"):
+        made("animatediff", two)
+
+
+def test_weights_that_want_what_is_not_given_are_refused(tmp_path: Path):
+    with pytest.raises(InputError, match=r"tells every frame a noise of its own .*; name Wan 2.1, or"):
+        made("wan", wan(tmp_path / "wan", ti2v=True))
+    folder = Path(cogvideox(tmp_path / "cog", "5b", looks=True))
+    told = json.loads((folder / "transformer/config.json").read_text())
+    told["use_learned_positional_embeddings"] = True  # as CogVideoX-5b-I2V has it
+    (folder / "transformer/config.json").write_text(json.dumps(told))
+    with pytest.raises(InputError, match=r"has learnt frames of one size alone: .*choose CogVideoX-2b"):
+        made("cogvideox", str(folder))
+
+
+def test_broken_weights_are_told_when_they_are_read(tmp_path: Path):
+    folder = Path(wan(tmp_path / "wan"))
+    (folder / "transformer/diffusion_pytorch_model.safetensors").write_bytes(b"no numbers")
+    model = made("wan", str(folder))
+    with pytest.raises(InputError, match=r'--refine: ".*" does not load as Wan .*; fetch it again'):
+        refined(model)
+
+
+def test_weights_larger_than_the_memory_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    model = made("wan", wan(tmp_path / "wan"))
+    monkeypatch.setattr(loading, "unmoved", lambda *_, **__: torch.empty(1 << 50))
+    with pytest.raises(
+        InputError, match=r'--refine: ".*" does not fit into the memory: .*; choose a smaller'
+    ):
+        refined(model)
+
+
+def test_pickled_weights_are_not_opened(tmp_path: Path):
+    folder = Path(wan(tmp_path / "wan"))
+    (folder / "vae/diffusion_pytorch_model.safetensors").unlink()
+    (folder / "vae/diffusion_pytorch_model.bin").write_bytes(pickle.dumps(Trap(str(tmp_path / "ran"))))
+    with pytest.raises(InputError, match="safetensors"):
+        refined(made("wan", str(folder)))
+    assert not (tmp_path / "ran").exists()
+
+
+class Trap:
+    """Leaves a file where it is unpickled."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return open, (self.path, "w")
+
+
+def test_the_record_tells_which_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    here = Path(wan(tmp_path / "wan"))
+    model = made("wan", str(here))
+    refined(model, count=1)
+    note = model.note()
+    assert note.items() >= {
+        "weights": str(here), "device": "cpu", "dtype": "float32", "scheduler": "FlowMatchEulerDiscreteScheduler",
+        "guidance": 3.0, "offload": "none", "tiling": False, "torch": torch.__version__,
+    }.items()  # fmt: skip
+    json.dumps(note)
+    moved = shutil.copytree(here, tmp_path / "elsewhere")
+    assert made("wan", str(moved)).note()["revision"] == note["revision"]
+    file = moved / "transformer/config.json"
+    file.write_text(file.read_text().replace('"ffn_dim": 16', '"ffn_dim": 61'))
+    assert made("wan", str(moved)).note()["revision"] != note["revision"]
+    # from the hub's cache: the commit
+    home = tmp_path / "hub/models--some--wan"
+    shutil.copytree(here, home / "snapshots/5af5c01")
+    (home / "refs").mkdir()
+    (home / "refs/main").write_text("5af5c01")
+    from huggingface_hub import constants
+
+    monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path / "hub"))
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hub"))
+    cached = made("wan", "some/wan")
+    assert cached.note()["revision"] == "5af5c01"
+    assert cached.grid == model.grid
+
+
+def test_the_adapter_alone_is_put_into_the_rows_own_base(tmp_path: Path):
+    adapter = animatediff(tmp_path).split(",")[0]
+    own = backends.find("refine", "animatediff").weights[1].id
+    for said in (adapter, f"{adapter},"):
+        with pytest.raises(InputError, match=f'"{own}" holds the weights'):
+            made("animatediff", said)

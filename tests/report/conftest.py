@@ -1,0 +1,37 @@
+"""Pages as `physgen render` leaves them, and a browser that stays open for all tests of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import FALL, LONG, launched
+
+from physgen import pipeline
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    with launched() as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders `fall`, `back`, `there`, `long-heavy`, `empty` and `one` as `physgen render` leaves them."""
+    home = tmp_path_factory.mktemp("pages")
+    texts = {
+        "fall": FALL,
+        "back": FALL + "render: {play: backward}\n",
+        "there": FALL + "render: {play: there-and-back, slow: 2, fps: 20}\n",
+        "empty": "physgen: 1\nsize: [160, 120]\nobjects: {}\n",
+        "one": FALL + "render: {frames: 1}\n",
+        "long": LONG,
+    }
+    for name, text in texts.items():
+        (home / f"{name}.yaml").write_text(text, encoding="utf-8")
+        more = {"variant": "heavy", "overrides": ["objects.c.friction=0.9"]} if name == "long" else {}
+        pipeline.render_scene(home / f"{name}.yaml", home / "out", ask_chaos=name == "long", **more)
+    return home / "out"

@@ -1,0 +1,237 @@
+"""The page in a real browser: what charts tell, whoever reads it, whatever is in it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import LANDS, G, V, ball, fallen, middle, opened, report
+from pytest import approx
+
+from physgen import pipeline
+from physgen.problems import InputError
+from physgen.render.touches import between
+from physgen.report.page import PARTS, failed_page
+from physgen.resources import resource
+
+OUTSIDE = """() => [...document.querySelectorAll('body *')]
+  .filter(e => !e.closest('.scroll, pre, svg, .unseen, .skip, [hidden], script'))
+  .filter(e => [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
+  .filter(e => { const b = e.getBoundingClientRect(); return b.width && (b.right > innerWidth + 1 || b.left < -1); })
+  .map(e => e.outerHTML.slice(0, 120))"""
+"""Elements with text of their own that reach beyond the page."""
+
+
+# ---- charts ----------------------------------------------------------------------------------------------------------
+
+
+def readout(seen: Any, chart: int) -> dict[str, str]:
+    rows = seen.page.evaluate(
+        "n => [...document.querySelectorAll('.chart')[n].querySelectorAll('.readout > div')]"
+        ".map(d => [d.querySelector('dt').textContent, d.querySelector('dd').childNodes[0].textContent])",
+        chart,
+    )
+    return dict(rows)
+
+
+def number(text: str) -> float:
+    return float(text.split(" ")[0].replace("−", "-"))
+
+
+def test_charts_tell_what_nature_does(browser: Any, pages: Path) -> None:
+    """Of a ball that falls: v² = vx² + (g t)²; energy goes from potential to kinetic; momentum is m v."""
+    t = 0.8
+    with opened(browser, report(pages, "fall")) as seen:
+        seen.seek(t)
+        seen.page.wait_for_timeout(120)
+        speed, height = readout(seen, 3), readout(seen, 4)
+        assert number(speed["ball"]) == approx(np.hypot(V, G * t) / 200, rel=6e-3)
+        assert speed["ball"].endswith(" m/s")
+        assert number(height["ball"]) == approx((399.5 - fallen(t)[1]) / 200, rel=6e-3)
+        energy = readout(seen, 1)
+        joule = 1000 * 200**2
+        kinetic = 0.5 * 50 * (V**2 + (G * t) ** 2) / joule
+        assert {v.split(" ")[1] for v in energy.values()} == {"mJ"}
+        assert number(energy["kinetic"]) / 1000 == approx(kinetic, rel=6e-3)
+        assert number(energy["kinetic"]) + number(energy["potential"]) == approx(
+            1000 * (0.5 * 50 * V**2 + 50 * G * (380 - 18 - 50)) / joule, rel=0.02
+        )
+        assert number(readout(seen, 2)["to the right"]) == approx(50 * V / (1000 * 200) * 1000, rel=6e-3)
+
+
+def test_hovering_reads_and_a_click_seeks(browser: Any, pages: Path) -> None:
+    with opened(browser, report(pages, "fall")) as seen:
+        plot = seen.page.locator(".chart .plot").nth(3)
+        plot.scroll_into_view_if_needed()
+        box = plot.bounding_box()
+        x = box["x"] + 56 + (box["width"] - 66) * 0.4
+        seen.page.mouse.move(x, box["y"] + 40)
+        told = seen.page.text_content("[data-part=when]")
+        hovered = float(re.search(r"[\d.]+", told)[0])
+        assert told.startswith("hovering")
+        assert hovered == approx(0.4 * 44 / 30, abs=0.01)
+        assert number(readout(seen, 3)["ball"]) == approx(np.hypot(V, G * hovered) / 200, rel=0.01)
+        assert seen.time == 0
+        seen.page.mouse.click(x, box["y"] + 40)
+        assert seen.time == approx(hovered, abs=2e-3)
+        seen.page.mouse.move(5, 5)
+        assert seen.page.text_content("[data-part=when]").startswith("at ")
+
+
+def test_objects_are_chosen(browser: Any, pages: Path) -> None:
+    with opened(browser, report(pages, "fall")) as seen:
+        lines = "() => document.querySelectorAll('.chart')[3].querySelectorAll('.line').length"
+        seen.page.click("[data-part=all]")
+        assert seen.page.evaluate(lines) == 3
+        seen.page.click("[data-part=objects] button:has-text('ball')")
+        assert seen.page.evaluate(lines) == 2
+        assert "ball" not in readout(seen, 3)
+
+
+def test_the_table_of_contacts_seeks(browser: Any, pages: Path) -> None:
+    with opened(browser, report(pages, "fall")) as seen:
+        seen.page.click("summary:has-text('Contacts')")
+        row = (
+            seen.page.locator("tr", has=seen.page.locator("bdi", has_text="ball"))
+            .filter(has_text="floor")
+            .first
+        )
+        row.locator("button").click()
+        assert seen.time == approx(LANDS, abs=2e-3)
+
+
+# ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
+
+
+def test_a_label_is_text(browser: Any, pages: Path) -> None:
+    with opened(browser, report(pages, "fall")) as seen:
+        assert seen.page.evaluate("() => window.broken") is None
+        assert "<script>window.broken = 1</script>" in seen.page.inner_text("#parameters")
+        assert seen.errors == []
+
+
+@pytest.mark.parametrize("name", ["empty", "one", "long-heavy"])
+def test_other_scenes_work(browser: Any, pages: Path, name: str) -> None:
+    with opened(browser, report(pages, name)) as seen:
+        for key in (".", "End", " ", "o", "v", "t", "c", "i"):
+            seen.page.keyboard.press(key)
+        seen.drawn()
+        assert seen.errors == []
+        assert seen.page.is_visible("canvas")
+
+
+def test_a_failed_scene_has_a_page(browser: Any, tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text(
+        "physgen: 1\nsize: [10, 10]\nobjects: {a: {shape: auto, mass: <b>heavy</b>}}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        pipeline.load(tmp_path / "bad.yaml")
+    text = (tmp_path / "bad.yaml").read_text()
+    page = failed_page("bad", caught.value.problems, ["physgen", "render", "bad.yaml"], text)
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    with opened(browser, tmp_path / "report.html", ready=False) as seen:
+        told = seen.page.inner_text("main")
+        assert '"<b>heavy</b>" is not a number' in told
+        assert seen.errors == []
+        assert [u for u in seen.asked if not u.startswith(("file:", "data:"))] == []
+
+
+def test_without_its_video_the_page_still_plays(browser: Any, pages: Path, tmp_path: Path) -> None:
+    """As it comes by mail: the file alone."""
+    shutil.copy(report(pages, "fall"), tmp_path / "report.html")
+    with opened(browser, tmp_path / "report.html") as seen:
+        seen.page.wait_for_selector("[data-part=missing]:visible")
+        colour, start = ball(seen)
+        shown = seen.seek(0.5)
+        assert start + middle(seen.pixels(), colour, (320, 400)) == approx(fallen(shown), abs=0.2)
+        assert [error for error in seen.errors if "ERR_FILE_NOT_FOUND" not in error] == []
+
+
+def test_without_scripts_the_picture_the_video_and_the_tables_stay(browser: Any, pages: Path) -> None:
+    with opened(browser, report(pages, "fall"), ready=False, java_script_enabled=False) as seen:
+        for what in ("svg.photo", "video[controls]", "table.parameters", "noscript p"):
+            assert seen.page.is_visible(what), what
+        for what in ("canvas", "[data-part=play]", "#physics"):
+            assert not seen.page.is_visible(what), what
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", ["long-heavy", "fall"])
+def test_axe_finds_nothing_serious(browser: Any, pages: Path, name: str, scheme: str) -> None:
+    from axe_playwright_python.sync_playwright import Axe
+
+    with opened(browser, report(pages, name), color_scheme=scheme) as seen:
+        for summary in seen.page.locator("summary").all():
+            summary.click()
+        seen.page.wait_for_timeout(100)
+        found = Axe().run(seen.page).response["violations"]
+        serious = [
+            (v["id"], [node["html"][:120] for node in v["nodes"]][:3])
+            for v in found
+            if v["impact"] in ("serious", "critical")
+        ]
+        assert serious == []
+
+
+@pytest.mark.parametrize("width", [360, 390, 768, 1280])
+@pytest.mark.parametrize("name", ["long-heavy", "fall"])
+def test_nothing_flows_over(browser: Any, pages: Path, name: str, width: int) -> None:
+    """No text leaves the page or is cut off by its box, but in tables and listings that scroll."""
+    phone = {"has_touch": True, "is_mobile": True} if width < 500 else {}
+    with opened(browser, report(pages, name), viewport={"width": width, "height": 800}, **phone) as seen:
+        for summary in seen.page.locator("summary:visible").all():
+            summary.click()
+        assert seen.page.evaluate("() => [innerWidth, document.documentElement.scrollWidth]") == [
+            width,
+            width,
+        ]
+        out = seen.page.evaluate(OUTSIDE)
+        assert out == []
+
+
+def test_contacts_are_where_the_renderer_finds_them(browser: Any, tmp_path: Path) -> None:
+    """The script's geometry beside the renderer's, over many poses of many shapes."""
+    text = """\
+physgen: 1
+size: [200, 200]
+objects:
+  a: {shape: {circle: {center: [50, 50], radius: 12}}}
+  b: {shape: {circle: {center: [90, 60], radius: 20}}}
+  c: {shape: {box: {center: [150, 60], size: [40, 20], angle: 20}}}
+  d: {shape: {polygon: [[60, 120], [100, 110], [120, 150], [80, 170]]}}
+boundaries:
+  w: {polyline: [[10, 190], [100, 180], [190, 195]]}
+"""
+    (tmp_path / "scene.yaml").write_text(text)
+    world = pipeline.compile(pipeline.load(tmp_path / "scene.yaml"), None).world
+    data = {"walls": [{"chains": [chain.tolist() for chain in wall.chains]} for wall in world.walls]}
+    bodies = [
+        {"rings": [ring.tolist() for ring in body.rings]}
+        | ({} if body.radius is None else {"radius": body.radius})
+        for body in world.bodies
+    ]
+    random = np.random.default_rng(3)
+    cases, expected = [], []
+    for _ in range(60):
+        poses = np.column_stack([random.uniform(20, 180, (4, 2)), random.uniform(-4, 4, 4)])
+        first, second = sorted(random.choice(5, 2, replace=False).tolist())
+        points, gap = between(world, poses, first, second)
+        cases.append([[{"x": x, "y": y, "a": a} for x, y, a in poses.tolist()], first, second])
+        expected.append((gap, points.mean(axis=0)))
+    parts = [
+        resource("templates", "player", f"{part}.js").read_text()
+        for part in PARTS
+        if part in ("motion", "touch")
+    ]
+    script = "([data, bodies, cases]) => {" + "\n".join(parts)
+    script += "return cases.map(([poses, one, two]) => touching(data, bodies, poses, one, two)); }"
+    page = browser.new_page()
+    found = page.evaluate(script, [data, bodies, cases])
+    page.close()
+    for got, (gap, point) in zip(found, expected, strict=True):
+        assert got["gap"] == approx(gap, abs=1e-9)
+        assert np.mean(got["points"], axis=0) == approx(point, abs=1e-6)

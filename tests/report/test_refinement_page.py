@@ -1,0 +1,120 @@
+"""What report, manifest and gallery tell of a refinement, and of one that failed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from physgen import pipeline
+from physgen.report.changes import Changes
+from physgen.report.clips import clips_in
+from physgen.report.page import report_page
+from physgen.report.record import RunRecord, write_json
+
+SCENE = """\
+physgen: 1
+size: [200, 150]
+objects: {bob: {shape: {circle: {center: [50, 60], radius: 10}}}}
+"""
+NOTE = {
+    "backend": "animatediff",
+    "strength": 0.5,
+    "steps": 50,
+    "steps_run": 25,
+    "steps_fused": 20,
+    "seed": 7,
+    "prompt": "<script>alert(1)</script>",
+    "negative": "",
+    "size": [512, 288],
+    "windows": [[0, 16], [8, 24]],
+    "device": "cuda",
+    "weights": "a/b",
+    "offload": False,
+    "torch": "2.9.0",
+    "diffusers": "0.36.0",
+}
+
+
+def page_of(tmp_path: Path, refine: dict | None, video: str = "video.mp4") -> str:
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    scene = pipeline.load(tmp_path / "scene.yaml")
+    record = RunRecord("scene", ["physgen"], refine=refine, unrefined=["0"] * 12)
+    return report_page(
+        scene, pipeline.compile(scene, None).world, record, np.zeros((150, 200, 3), np.uint8), video, SCENE
+    )
+
+
+def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
+    changes, coverage = Changes(3, 8.0), np.zeros((20, 40), np.float32)
+    coverage[5:15, 5:15] = 1
+    for k in range(3):
+        before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + 3 * k))
+        changes.add(before, after, coverage)
+    strip = {"file": "refinement.png", "size": [1600, 507]}
+    page = page_of(tmp_path, {**NOTE, "changes": changes.figures(), "strip": strip})
+    start = page.index('<section id="refinement"')
+    section = page[start : page.index("</section>", start)]
+    assert page.index("</figure>") < start
+    assert 'src="refinement.png"' in section
+    assert "<script>alert" not in page
+    for words in (
+        "&lt;script&gt;alert(1)&lt;/script&gt;",
+        "25 of 50 run, 20 of them fused with the guidance",
+        "0..15, 8..23",
+        "512 × 288 px",
+        '<td>on objects</td><td class="told">2.00</td>',
+        "1.00 before, 3.00 refined, 3 times",
+        '<td>offload</td><td class="told">no</td>',
+    ):
+        assert words in section
+    assert "negative" not in section, "nothing is told of it"
+    assert "The rendered video, refined." in page
+    assert "<dt>torch</dt><dd>2.9.0</dd>" in page
+    assert "<dt>diffusers</dt><dd>0.36.0</dd>" in page
+
+
+def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
+    page = page_of(
+        tmp_path, {"backend": "wan", "failed": "refine: <b> do not fit; write less"}, "unrefined.mp4"
+    )
+    assert "The rendered video, not refined." in page
+    assert 'src="unrefined.mp4"' in page
+    assert "<li>refine: &lt;b&gt; do not fit; write less</li>" in page
+    assert "12 frames" in page
+    assert "Mean change" not in page
+
+
+def test_without_refinement_nothing_is_said_of_it(tmp_path: Path) -> None:
+    page = page_of(tmp_path, None)
+    assert "Refinement" not in page
+    assert "The rendered video." in page
+
+
+def test_the_manifest_tells_of_it() -> None:
+    record = RunRecord("scene", ["physgen"], refine=dict(NOTE), unrefined=["a", "b"])
+    manifest = record.manifest()
+    assert manifest["refine"] == NOTE
+    assert manifest["unrefined"] == ["a", "b"]
+    assert manifest["versions"]["torch"] == "2.9.0"
+    plain = RunRecord("scene", ["physgen"]).manifest()
+    assert plain["refine"] is None
+    assert "torch" not in plain["versions"]
+
+
+def test_the_gallery_falls_back_to_the_clip_as_it_was(tmp_path: Path) -> None:
+    for name, files, frames in (
+        ("failed", ["report.html", "unrefined.mp4"], 0),
+        ("refined", ["unrefined.mp4", "video.gif"], 3),
+    ):
+        record = RunRecord(name, ["physgen"], files=dict.fromkeys(files, "0"), unrefined=["0"] * 3)
+        record.frames, record.document = ["0"] * frames, {"objects": {"a": {}}}
+        record.video = {"size": [64, 48], "fps": 30.0}
+        (tmp_path / name).mkdir()
+        for file in files:
+            (tmp_path / name / file).write_bytes(b"-")
+        write_json(tmp_path / name / "manifest.json", record.manifest())
+    clips = {clip.name: clip for clip in clips_in([tmp_path])}
+    assert clips["failed"].film == tmp_path / "failed" / "unrefined.mp4"
+    assert clips["refined"].film == tmp_path / "refined" / "video.gif"
+    assert {clip.frames for clip in clips.values()} == {3}
