@@ -147,7 +147,9 @@ def _set_apart(
     edits: Sequence[Sequence[tuple[Way, Any]]], trees: Sequence[Mapping[Way, Value]]
 ) -> dict[Way, bool]:
     """Ways of what `--set` says, as far as they name one value each; whether they differ is seen later."""
-    leaves = {leaf for edit in edits for way, value in edit for leaf, _ in _leaves(value, way) if _told_of(leaf)}
+    leaves = {
+        leaf for edit in edits for way, value in edit for leaf, _ in _leaves(value, way) if _told_of(leaf)
+    }
     stars = [leaf for leaf in leaves if "*" in leaf]
     known = {way for tree in trees for way in tree} if stars else set()
     return dict.fromkeys((way for way in known if any(_of([way], star) for star in stars)), False) | {
