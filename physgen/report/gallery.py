@@ -7,7 +7,6 @@ again makes only what is new. Everything from outside is escaped.
 from __future__ import annotations
 
 import base64
-import json
 import os
 import re
 from collections import Counter
@@ -23,7 +22,7 @@ from physgen.problems import InputError
 from physgen.report.clips import Clip, clips_in
 from physgen.report.posters import across, pictures, shown
 from physgen.report.swept import Swept, swept
-from physgen.report.templates import template
+from physgen.report.templates import script_json, template
 from physgen.resources import resource
 from physgen.scene.words import natural
 from physgen.whole import set_aside, write_whole
@@ -136,12 +135,6 @@ def gallery_page(
     return page
 
 
-def script_json(data: object) -> str:
-    """JSON that is safe inside a script element."""
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-
-
 def told(value: float | str | None) -> str:
     """A value as the page writes it.
 
@@ -205,7 +198,7 @@ def _card(
     """What the template shows of one clip; under `data`, what the script needs to know."""
     values = [key.values[number] for key in keys]
     film = "" if clip.film is None or single or clip.film.suffix not in KINDS else _link(clip.film, home)
-    where = _link(clip.home.parent, home) if alike else ""
+    where = _link(clip.home.parent, home).removeprefix("./").removeprefix(".") if alike else ""
     labels = list(clip.labels.items())
     data = {
         "name": clip.name,
@@ -240,7 +233,7 @@ def _card(
         "number": number,
         "name": clip.name,
         "href": data["href"],
-        "where": where.removeprefix("./"),
+        "where": where,
         "poster": shot.poster,
         "strip": shot.strip if single else "",
         "size": clip.size,

@@ -68,6 +68,7 @@ function drawSheet(shown) {
   ].filter(Boolean).join(" ");
   const caption = make("caption", said ? { text: said } : { className: "unseen", text: `Clips by ${x.name}${y ? ` and ${y.name}` : ""}` });
   sheet.append(make("table", {}, [caption, head, body]));
+  sheet.style.setProperty("--columns", across.texts.length);
   sheet.classList.toggle("dense", across.texts.length > 8);
 }
 
