@@ -44,10 +44,11 @@ function drawSheet(shown) {
   sheet.replaceChildren();
   const [x, y] = axes();
   if (!x || !shown.length) return;
-  const across = places(x, shown), down = places(y, shown);
+  const has = axis => { const values = axis && valuesOf(axis.path); return n => !values || values[n] !== null; };
+  const both = shown.filter(has(x)).filter(has(y));
+  const across = places(x, both), down = places(y, both);
   const cells = new Map();
-  for (const n of shown) {
-    if (!across.of.has(n) || !down.of.has(n)) continue;
+  for (const n of both) {
     const at = `${down.of.get(n)},${across.of.get(n)}`;
     cells.set(at, [...(cells.get(at) ?? []), n]);
   }
