@@ -22,6 +22,7 @@ from urllib.parse import quote
 from physgen.compile.assemble import Compiled
 from physgen.compile.world import World
 from physgen.problems import InputError
+from physgen.report.clips import FILMS, UNREFINED
 from physgen.report.drawing import paths_svg, scene_svg, world_svg
 from physgen.report.templates import template
 from physgen.scene.model import Scene, View
@@ -29,7 +30,6 @@ from physgen.simulate.trajectory import Trajectory
 
 INLINE = 8 * 2**20
 """Bytes of a video that goes into the notebook; a larger one is linked."""
-VIDEOS = ("video.mp4", "video.webp", "video.gif", "unrefined.mp4", "frames/00000.png")
 Facts = list[tuple[str, str]]
 
 
@@ -65,7 +65,7 @@ def show(folder: str | Path) -> Clip:
     except (OSError, ValueError, KeyError, TypeError) as error:
         fix = "name one that render made, such as out/dominoes"
         raise InputError.of(str(path), "", "is no folder of a clip", fix) from error
-    video = next((file for file in VIDEOS if file in files and (path / file).is_file()), None)
+    video = next((file for file in (*FILMS, *UNREFINED) if file in files and (path / file).is_file()), None)
     return Clip(path, name, video, manifest)
 
 
@@ -82,7 +82,7 @@ class Clip:
     def _repr_html_(self) -> str:
         """A player."""
         size = self.manifest.get("video", {}).get("size") or [0, 0]
-        frames = len(self.manifest.get("frames", ()))
+        frames = len(self.manifest.get("frames") or self.manifest.get("unrefined", ()))
         facts = [f"{size[0]} × {size[1]} px", f"{frames} frame{'s' * (frames != 1)}"]
         facts += (
             [f"{len(warnings)} warning{'s' * (len(warnings) != 1)}"] if (warnings := self._warnings()) else []

@@ -204,6 +204,8 @@ def _guarded(crew: Crew) -> Iterator[None]:
 def _kind(output: Path, video: Path, masks: Path | None) -> Format:
     """What is to be written, by the name's ending; refused before anything is read or overwritten."""
     kind = WRITTEN.get(output.suffix.lower(), Format.PNG)
+    if output.name in ("", ".."):
+        raise InputError.of("-o", f'"{output}"', "is no name", "name a file, e.g. refined.mp4")
     if output.suffix and kind is Format.PNG:
         fix = f"end it in {', '.join(WRITTEN)}, or name a folder for PNG frames"
         raise InputError.of("-o", f'"{output}"', "is no name for a video", fix)

@@ -6,11 +6,12 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen import pipeline
+from physgen.configured import plan
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.traces import clear, leave, trace_of
@@ -19,6 +20,22 @@ from physgen.whole import meant
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ProcessPoolExecutor
+
+
+@dataclass(frozen=True)
+class Refiner:
+    """Whose weights refine, and on what, as the command said it."""
+
+    setting: str = ""
+    """`NAME[:WEIGHTS]`."""
+    config: Path | None = None
+    """In place of the files physgen.toml."""
+    device: str | None = None
+
+    def plan(self) -> Plan:
+        """With what the files say. Raises InputError."""
+        settings = [f"refine={self.setting}"] if self.setting else []
+        return plan(settings, config=self.config, device=self.device)
 
 
 @dataclass(frozen=True)
@@ -34,8 +51,7 @@ class Job:
     command: tuple[str, ...]
     chaos: bool = False
     device: str = "cpu"
-    plan: Plan = field(default_factory=Plan)
-    """Whose weights refine, and where."""
+    refiner: Refiner = Refiner()
     cached: bool = True
     page: pipeline.Page = pipeline.Page.FULL
 
@@ -63,7 +79,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             command=job.command,
             ask_chaos=job.chaos,
             device=job.device,
-            refiners=_refiners(job.plan),
+            refiners=_refiners(job.refiner),
             cached=job.cached,
             page=job.page,
             progress=progress,
@@ -76,16 +92,14 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     return Done(job, folder, tuple(warnings))
 
 
-_REFINERS: list[tuple[Plan, pipeline.Refiners]] = []
+_REFINERS: dict[Refiner, pipeline.Refiners] = {}
 """Of this process: models are loaded once, not for every clip."""
 
 
-def _refiners(plan: Plan) -> pipeline.Refiners:
-    for known, made in _REFINERS:
-        if known == plan:
-            return made
-    _REFINERS.append((plan, pipeline.Refiners(plan)))
-    return _REFINERS[-1][1]
+def _refiners(who: Refiner) -> pipeline.Refiners:
+    if who not in _REFINERS:
+        _REFINERS[who] = pipeline.Refiners(who.plan)
+    return _REFINERS[who]
 
 
 def _failure(job: Job, error: BaseException) -> Problem:
@@ -102,13 +116,20 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
 
     What cannot be written is not: the problems were told.
     """
+    from physgen.report.page import failed_page
+
     job = done.job
     with suppress(InputError, OSError):
         name = pipeline.output_name(job.path, job.variant)
         if done.folder is not None:
             clear(out, name)
         elif gallery:
-            leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems))
+            try:
+                text = Path(job.path).read_text(encoding="utf-8")
+            except (OSError, ValueError):
+                text = ""
+            page = failed_page(name, done.problems, job.command, text)
+            leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems), page)
 
 
 def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:

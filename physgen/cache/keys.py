@@ -18,7 +18,7 @@ from physgen.report.record import file_hash, versions
 from physgen.scene.files import MAPS
 from physgen.scene.model import Scene
 
-ROOMS = ("compile", "outline", "perceive", "percepts", "render", "scene", "shadow", "simulate")
+ROOMS = ("compile", "outline", "perceive", "percepts", "pipeline", "render", "scene", "shadow", "simulate")
 """Whose code makes unrefined frames; `perceive` fills what objects leave behind."""
 AFTERWARDS = {
     "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants"},

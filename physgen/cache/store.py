@@ -92,10 +92,14 @@ class Store:
 
     @contextmanager
     def fill(self, key: str) -> Iterator[Filling | None]:
-        """A folder to write to, which is the entry when the block ends; None, and the user told, where none can be.
+        """A folder to write to, which is the entry when the block ends; None where nothing is to be kept, and, the user
+        told, where it cannot be.
 
         Whatever the block raises is raised, and nothing is kept. Where another process was faster, its entry stays.
         """
+        if not self.most_bytes:
+            yield None
+            return
         try:
             folder, lease = self._begun(key)
         except OSError as error:

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 
 from physgen.cli.printing import OK, Bar, print_json, tell, tell_kept, tell_problems
 from physgen.flags import WRONG_INPUT
-from physgen.problems import InputError, Problem, Severity
+from physgen.problems import InputError, Place, Problem, Severity
 from physgen.whole import write_whole
 
 if TYPE_CHECKING:
-    from physgen.batch.pool import Job
-    from physgen.crew import Plan
+    from physgen.batch.pool import Job, Refiner
 
 
 def check(options: argparse.Namespace) -> int:
@@ -97,7 +96,7 @@ def render(options: argparse.Namespace) -> int:
     from physgen.report.video import Format
 
     formats = tuple(Format(name) for name in options.format)
-    plan, overrides = _refining(options)
+    refiner, overrides = _refining(options)
     jobs = [
         Job(
             path,
@@ -109,7 +108,7 @@ def render(options: argparse.Namespace) -> int:
             tuple(options.command_line),
             options.chaos,
             options.device,
-            plan,
+            refiner,
             options.cache,
             pipeline.Page(options.report),
         )
@@ -154,17 +153,19 @@ def _gallery(root: Path, bar: Bar) -> Path:
     return made.index
 
 
-def _refining(options: argparse.Namespace) -> tuple[Plan, tuple[str, ...]]:
+def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
     """Whose weights refine, and on what; and what the flags set in every scene."""
-    from physgen.configured import plan
+    from physgen.batch.pool import Refiner
+    from physgen.crew import choices
 
-    settings = [] if options.refine is None else [f"refine={options.refine}"]
     device = (
         None if options.device == "cpu" else options.device
     )  # the processor draws, unless one says otherwise
-    made = plan(settings, config=options.config, device=device)
-    chosen = [] if options.refine is None else [f"refine.backend={made.choices['refine'].name}"]
-    return made, (*options.set, *chosen)
+    who = Refiner(options.refine or "", options.config, device)
+    if options.refine is None:
+        return who, tuple(options.set)
+    name = choices([f"refine={options.refine}"], Place("--refine"))["refine"].name
+    return who, (*options.set, f"refine.backend={name}")
 
 
 def _one_variant(options: argparse.Namespace) -> str | None:

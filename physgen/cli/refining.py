@@ -52,15 +52,14 @@ def refine(options: argparse.Namespace) -> int:
 
 def _plan(options: argparse.Namespace) -> Plan:
     """Who refines: the flag's, else the configuration's, else the default; nobody else is asked for anything."""
-    from physgen.configured import found, plan
+    from physgen.configured import plan
     from physgen.refine_video import BACKEND, ROLE
 
-    if options.config is None:
-        for path in found():
-            tell(f"{path}: says who refines, where no flag does")
     flag = [f"{ROLE}={options.backend.removeprefix(f'{ROLE}=')}"] if options.backend else []
     whole = plan(flag, config=options.config, device=options.device, dtype=options.dtype)
     who = whole.choices.get(ROLE) or choice(ROLE, BACKEND)
+    if ROLE in whole.choices and not options.backend:
+        tell(f"{who.place.file}: says who refines, where no flag does")
     if who.name == "none":
         fix = "name who refines, e.g. --backend animatediff; physgen backends lists them"
         raise InputError.of(str(who.place), '"none"', "leaves the video as it is", fix)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
@@ -123,6 +124,8 @@ def render_scene(
         if footage is not None:
             outcome = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
             faults, retouched, first = outcome.faults, outcome.compared, footage.rgb[0]
+            if faults and _is_refined(final):  # hours of work may be in it
+                raise InputError([*faults, _left(final, "keeps the clip that was refined before")])
         else:
             count = len(filming.shot(trajectory).order)
             frames = filming.annotated(filming.frames(trajectory), trajectory)
@@ -133,10 +136,22 @@ def render_scene(
                 _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched)
         _manifest(record, folder)
     if faults:
-        fix = "the frames are kept: once that is mended, nothing is simulated twice"
-        there = Problem(Place(str(final)), "", "", "has the clip without refinement", fix, Severity.WARNING)
-        raise InputError([*faults, there])
+        raise InputError([*faults, _left(final, "has the clip without refinement")])
     return final
+
+
+def _is_refined(folder: Path) -> bool:
+    """Whether an earlier run left a refined clip there."""
+    try:
+        told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return bool(told["refine"] and told["frames"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _left(folder: Path, what: str) -> Problem:
+    fix = "once that is mended, frames come from the cache: nothing is simulated twice"
+    return Problem(Place(str(folder)), "", "", what, fix, Severity.WARNING)
 
 
 def _unbalanced(scene: Scene, world: World, trajectory: Trajectory, record: RunRecord) -> Problem | None:

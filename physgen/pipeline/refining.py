@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,9 +41,11 @@ STRIP = "refinement.png"
 class Refiners:
     """Models that refine, by the name of their backend: made when first asked for, kept for the next clip."""
 
-    def __init__(self, plan: Plan | None = None) -> None:
-        """`plan` names weights, device and options; its choice for `refine` counts where a scene names that backend."""
-        self._plan = plan or Plan()
+    def __init__(self, plan: Callable[[], Plan] = Plan) -> None:
+        """`plan` tells weights, device and options, and is asked when the first model is; its choice for `refine`
+        counts where a scene names that backend.
+        """
+        self._ask = plan
         self._made: dict[str, Denoiser] = {}
 
     def model(self, name: str) -> Denoiser:
@@ -51,9 +53,10 @@ class Refiners:
         from physgen import backends
 
         if name not in self._made:
-            said = self._plan.choices.get("refine")
+            plan = self._ask()
+            said = plan.choices.get("refine")
             choice = said if said is not None and said.name == name else Choice(name)
-            setup = replace(self._plan, choices={"refine": choice}).setup("refine")
+            setup = replace(plan, choices={"refine": choice}).setup("refine")
             self._made[name] = backends.make("refine", name, setup)
         return self._made[name]
 
@@ -148,7 +151,10 @@ def refined(
         pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str, doing: str = ""
     ) -> list[str]:
         frames = filming.annotated(_frames(footage, pictures, order), trajectory)
-        return written(frames, len(order), scene, folder, kinds, record, progress, name=name, stage=stage)[0]
+        count = len(order)
+        return written(
+            frames, count, scene, folder, kinds, record, progress, name=name, stage=stage, doing=doing
+        )[0]
 
     record.unrefined = write(iter(footage.rgb.shown(order)), kinds[:1], "unrefined", "read")
     name = scene.refine.backend
@@ -156,9 +162,10 @@ def refined(
         with record.stage("load model"), _guarded(name):
             model = refiners.model(name)
         refinement = Refinement(model, how(scene), scene.video_size, len(footage.rgb), progress)
-        changes = Changes(len(footage.rgb), scene.render.fps)
+        step = float(trajectory.times[1] - trajectory.times[0]) if len(trajectory.times) > 1 else 1.0
+        changes = Changes(len(footage.rgb), 1 / step)
         made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
-        with _played(made, order, scene.video_size, len(footage.rgb)) as pictures:
+        with _played(made, order, scene.video_size, len(footage.rgb), folder, record) as pictures:
             record.frames = write(pictures, kinds, "video", "refine", "decode")
     except InputError as error:
         for kind in kinds:
@@ -208,17 +215,28 @@ def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> I
 
 @contextmanager
 def _played(
-    frames: Iterator[U8], order: Sequence[int], size: tuple[int, int], count: int
+    frames: Iterator[U8],
+    order: Sequence[int],
+    size: tuple[int, int],
+    count: int,
+    folder: Path,
+    record: RunRecord,
 ) -> Iterator[Iterator[U8]]:
     """Pictures of all samples, one after the other -> in the order of play; where they come again, from a file."""
     if list(order) == list(range(count)):
         yield frames
         return
-    with tempfile.TemporaryFile() as file:
-        spool = np.memmap(file, np.uint8, "w+", shape=(count, size[1], size[0], 3))
-        for k, rgb in enumerate(frames):
-            spool[k] = rgb
-        yield (np.array(spool[k]) for k in order)
+    shape = (size[1], size[0], 3)
+    with tempfile.TemporaryFile(dir=folder) as file:
+        with record.stage("refine"):
+            for rgb in frames:
+                file.write(np.ascontiguousarray(rgb).data)
+
+        def read(sample: int) -> U8:
+            file.seek(sample * shape[0] * shape[1] * 3)
+            return np.frombuffer(file.read(shape[0] * shape[1] * 3), np.uint8).reshape(shape)
+
+        yield map(read, order)
 
 
 def _removed(path: Path) -> None:

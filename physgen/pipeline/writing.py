@@ -42,6 +42,7 @@ def written(
     from physgen.report.record import StageTime, frame_hash
     from physgen.report.video import alongside, open_video
 
+    clock = time.process_time if stage == "refine" else time.thread_time  # a model has threads of its own
     hashes = []
     making = record.stages.setdefault(stage, StageTime())
     encoding = record.stages.setdefault("encode", StageTime())
@@ -54,7 +55,7 @@ def written(
             ]
         with alongside(writers) as write:
             for index in range(count):
-                with record.stage(stage, time.thread_time):
+                with record.stage(stage, clock):
                     frame = next(frames)
                     hashes.append(frame_hash(frame.rgb))
                 if index == 0:
@@ -65,5 +66,5 @@ def written(
         with record.stage("encode"):
             files.close()
     # the encoder's own threads run on while frames are made: its share is what making them did not take
-    encoding.cpu = encoded + time.process_time() - started - (making.cpu - made)
+    encoding.cpu = max(encoded, encoded + time.process_time() - started - (making.cpu - made))
     return hashes, first

@@ -17,6 +17,8 @@ U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 Size = tuple[int, int]
 """Width and height, px."""
+MOST = 1.5
+"""Times the area that a model was trained on that padding may lead to."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,16 @@ def fitted(size: Size, grid: Grid) -> Fit:
     """How frames of `size` are shown to a model with this grid."""
     scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
     width, height = (max(1, round(side * scale)) for side in size)
-    padded = ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
+    most = max(MOST * grid.area, grid.side**2)
+    while (padded := _padded(width, height, grid))[0] * padded[
+        1
+    ] > most:  # a ribbon: padding made it much larger
+        width, height = max(1, round(width * 0.9)), max(1, round(height * 0.9))
     return Fit(size, (width, height), padded)
+
+
+def _padded(width: int, height: int, grid: Grid) -> Size:
+    return ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
 
 
 def latent_frames(frames: int, grid: Grid) -> int:

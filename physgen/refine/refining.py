@@ -126,7 +126,7 @@ class Refinement:
             held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
         )
         if not np.isfinite(z).all():
-            fix = "write --dtype float32, or dtype in physgen.toml"
+            fix = 'write dtype = "float32" in physgen.toml'
             raise InputError.of("refine", str(model.note().get("dtype", "")), "leaves no finite picture", fix)
         for index, (refined, guided) in enumerate(_paired(model.decode(z), model.decode(z0))):
             if index >= self._count:
@@ -144,7 +144,7 @@ class Refinement:
     def _too_large(self) -> Problem:
         """What is said where the memory does not suffice: the largest that does, found by trying."""
         width, height = self._fit.padded
-        frames = min(self._latents, self._model.grid.window)
+        frames = self._latents  # some models read and decode a clip as a whole
         found = f"{frames} latent frames of {width} x {height} px"
         side = int((width * height) ** 0.5)
         for part in (3 / 4, 1 / 2, 3 / 8, 1 / 4):
@@ -152,12 +152,11 @@ class Refinement:
                 self._model.grid.side, int(side * part) // self._model.grid.side * self._model.grid.side
             )
             if self._model.fits(smaller, frames):
-                fix = (
-                    f"{smaller} x {smaller} px fit: write resolution = {smaller} in its table of physgen.toml"
-                )
+                told = f"write resolution = {smaller} in the backend's table of physgen.toml"
+                fix = f"{smaller} x {smaller} px fit: {told}"
                 break
         else:
-            fix = "not even a quarter of the width fits: choose a smaller model, or --dtype bfloat16"
+            fix = "not even a quarter of the width fits: choose a smaller model, or refine fewer frames"
         return Problem(Place("refine"), "", found, "do not fit into the memory of the device", fix)
 
     def note(self) -> Mapping[str, Any]:

@@ -76,7 +76,7 @@ class Denoiser(Protocol):
         ...
 
     def fits(self, side: int, frames: int) -> bool:
-        """Whether the device can take a step with so many latent frames of `side` x `side` px, and decode them."""
+        """Whether the device can read so many latent frames of `side` x `side` px, take a step, and decode them."""
         ...
 
     def note(self) -> Mapping[str, Any]:

@@ -8,6 +8,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,10 @@ def _rendered(folder: Path) -> Clip | None:
         files, frames = told["files"], told["frames"]
         fault = (told.get("refine") or {}).get("failed")
         document, video = told["document"], told["video"]
+        if not all(isinstance(item, dict) for item in document.get("objects", {}).values()):
+            return None
+        if not isfinite(float(video["fps"])):
+            return None
         films = (name for name in (*FILMS, *UNREFINED) if name in files and (folder / name).is_file())
         film = next(films, None)
         return Clip(
@@ -163,6 +168,7 @@ def _failed(file: Path, trace: Trace) -> Clip:
         trace.overrides,
         warnings=trace.warnings,
         problems=trace.problems or ("failed",),
+        report=page if (page := file.with_suffix(".html")).is_file() else None,
         time=file.stat().st_mtime,
     )
 

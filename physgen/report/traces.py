@@ -11,6 +11,7 @@ from typing import Any
 
 from physgen.problems import Problem, Severity
 from physgen.report.record import write_json
+from physgen.whole import write_whole
 
 ENDING = ".failed.json"
 
@@ -45,21 +46,23 @@ def trace_of(
     return Trace(scene, path, variant, tuple(overrides), tuple(command), errors, warnings)
 
 
-def leave(out: Path, trace: Trace) -> None:
-    """Write it, whole, in place of an earlier one; a file of somebody else's in that place stays as it is."""
+def leave(out: Path, trace: Trace, page: str) -> None:
+    """Write it and its `page`, whole, in place of an earlier one; a file of somebody else's there stays as it is."""
     file = out / f"{trace.scene}{ENDING}"
     if file.exists() and trace_in(file) is None:
         return
     out.mkdir(parents=True, exist_ok=True)
     write_json(file, {"failed": 1, **vars(trace)})
+    write_whole(file.with_suffix(".html"), page.encode("utf-8"))
 
 
 def clear(out: Path, scene: str) -> None:
     """The clip is there: take away what an earlier failure left, if it is ours."""
     file = out / f"{scene}{ENDING}"
     if trace_in(file) is not None:
-        with suppress(OSError):
-            file.unlink()
+        for left in (file.with_suffix(".html"), file):
+            with suppress(OSError):
+                left.unlink()
 
 
 def trace_in(file: Path) -> Trace | None:

@@ -229,7 +229,9 @@ def test_numbers_that_are_none_are_told(variant: str, video: Video):
     model.begin(clip(1, (32, 32))[0], HOW.said, 4, 2)
     real = model._network.predict
     model._network.predict = lambda z, *told: real(z, *told) * torch.nan
-    with pytest.raises(InputError, match=r"refine: float32 leaves no finite picture; write --dtype float32"):
+    with pytest.raises(
+        InputError, match=r"refine: float32 leaves no finite picture; write dtype = \"float32\""
+    ):
         refined(model, covers=0.0)
     del model._network.predict
 

@@ -193,9 +193,9 @@ def test_the_record_tells_what_ran() -> None:
     ("most", "told"),
     [
         (2000, "11 latent frames of 64 x 40 px do not fit into the memory of the device; 32 x 32 px fit: "
-               "write resolution = 32 in its table of physgen.toml"),
+               "write resolution = 32 in the backend's table of physgen.toml"),
         (3, "11 latent frames of 64 x 40 px do not fit into the memory of the device; not even a quarter of the "
-            "width fits: choose a smaller model, or --dtype bfloat16"),
+            "width fits: choose a smaller model, or refine fewer frames"),
     ],
 )  # fmt: skip
 def test_too_little_memory_is_told_with_what_fits(most: int, told: str) -> None:
@@ -212,7 +212,7 @@ class Broken(Gaussian):
 
 
 def test_a_model_that_overflows_is_told_of() -> None:
-    with pytest.raises(InputError, match="leaves no finite picture; write --dtype float32"):
+    with pytest.raises(InputError, match="leaves no finite picture; write dtype = "):
         refined(Broken())
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends, cli
+from physgen import backends, cli, pipeline
 from physgen.backends import Backend
 
 SCENE = """\
@@ -36,7 +36,7 @@ def _exact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         Backend("refine", "broken", "gaussian:broken", "Raises.", told=True),
     )
     monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, *more))
-    monkeypatch.setattr("physgen.batch.pool._REFINERS", [])
+    monkeypatch.setattr("physgen.batch.pool._REFINERS", {})
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     Path("pair.yaml").write_text(SCENE, encoding="utf-8")
@@ -129,6 +129,32 @@ def test_what_fails_leaves_the_clip_unrefined(capsys: pytest.CaptureFixture[str]
     page = Path("out/pair/report.html").read_text(encoding="utf-8")
     assert "no such luck" in page
     assert 'src="unrefined.mp4"' in page
+
+
+def test_what_fails_leaves_an_earlier_refined_clip_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    before = rendered("--refine", "exact")
+    assert rendered("--refine", "broken", code=2) == before
+    assert "out/pair: warning: keeps the clip that was refined before" in capsys.readouterr().err
+    assert len(frames("out/pair/video.mp4")) == len(before["frames"])
+
+
+def test_a_configuration_that_is_wrong_concerns_only_what_is_refined() -> None:
+    Path("physgen.toml").write_text('[backend]\nrefine = "nobody"\n', encoding="utf-8")
+    assert rendered()["frames"]
+    assert "nobody" in rendered("--refine", "exact", code=2)["refine"]["failed"]
+
+
+def test_steps_are_told_and_then_frames() -> None:
+    told = []
+    where = {
+        "overrides": ["refine.backend=exact", "render.play=backward"],
+        "progress": lambda *said: told.append(said),
+    }
+    pipeline.render_scene("pair.yaml", "out", **where)
+    assert told.index(("refine", 5, 5)) < told.index(("decode", 1, 8))
+    assert told[-1] == ("decode", 8, 8)
+    stages = json.loads(Path("out/pair/manifest.json").read_text())["stages"]
+    assert stages["refine"]["wall"] > stages["read"]["wall"]
 
 
 def test_no_memory_says_what_fits(capsys: pytest.CaptureFixture[str]) -> None:

@@ -107,10 +107,12 @@ def loaded(load: Callable[[str], T], weights: str, what: str, flag: Flag = BACKE
     except InputError:
         raise
     except torch.cuda.OutOfMemoryError as error:
-        raise refused(f"does not fit into the GPU: {_line(error)}", "write --device cpu") from error
+        raise refused(
+            f"does not fit into the GPU: {_line(error)}", 'write device = "cpu" in physgen.toml'
+        ) from error
     except Exception as error:  # what a library says of files that are no model is of every type
         if of_memory(error):
-            fix = "choose a smaller model, or --dtype bfloat16"
+            fix = 'choose a smaller model, or write dtype = "bfloat16" in physgen.toml'
             raise refused(f"does not fit into the memory: {_line(error)}", fix) from error
         if local:
             raise refused(f"does not load as {what} ({_line(error)})", "fetch it again") from error

@@ -19,6 +19,8 @@ from physgen.roster import hub_cache
 REFINE = Flag("--refine", "NAME:PATH")
 NAMES = {"AnimateDiff": "animatediff", "Wan": "wan", "CogVideoX": "cogvideox"}
 """What names of pipelines begin with -> the backend that they are for."""
+LIBRARIES = ("diffusers", "transformers")
+"""Whose classes the parts of a pipeline may be."""
 HEAD = 1 << 20
 """Bytes of each file that its folder's digest reads."""
 FULL = 0.7
@@ -27,7 +29,12 @@ FULL = 0.7
 
 def index(weights: str, what: str) -> dict[str, Any]:
     """`model_index.json`: which pipeline weights are of, and of which classes its parts are."""
-    return loaded(lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE)
+    found = loaded(lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE)
+    for part, kind in found.items():
+        if isinstance(kind, list) and kind[0] not in (None, *LIBRARIES):  # a module of its own: a program
+            said = f"would run {kind[0]} for its {part}"
+            raise InputError.of(REFINE.name, f'"{weights}"', said, "name weights of plain parts")
+    return found
 
 
 def config(weights: str, part: str, what: str) -> dict[str, Any]:

@@ -162,9 +162,10 @@ class Sampler:
             guidance = self._kind.guidance if said.guidance is None else said.guidance
             told = network.told(said.prompt)
             untold = network.told(said.negative) if guidance > 1 else None
+            network.pipe.maybe_free_model_hooks()  # what reads text leaves the GPU to what reads frames
             self._run = Run(network.schedule(steps, count), frames, guidance, told, untold)
             latents = _array(network.encode(_video(frames)))
-            network.pipe.maybe_free_model_hooks()  # what reads text and frames leaves the GPU to what denoises
+            network.pipe.maybe_free_model_hooks()  # and that to what denoises
         return latents
 
     def _tile(self, vae: Any, area: int) -> None:
@@ -217,7 +218,7 @@ class Sampler:
         under_way, nothing = self._run, np.zeros((side, side, 3), np.uint8)
         try:
             latents = self.begin([nothing] * frames_held(frames, self.grid), Said("", "", None), 1, 1)
-            self.predict(latents, 0, 0)
+            self.predict(latents[: self.grid.window], 0, 0)
             for _ in self.decode(latents):
                 pass
         except MemoryError:
@@ -272,8 +273,10 @@ def held_to_memory() -> Iterator[None]:
 
 def _video(frames: Sequence[U8]) -> Tensor:
     """(F, 3, H, W) in -1..1."""
-    shown = torch.from_numpy(np.stack(frames)).permute(0, 3, 1, 2)
-    return shown.to(torch.float32) / 127.5 - 1
+    shown = torch.empty((len(frames), 3, *frames[0].shape[:2]), dtype=torch.float32)
+    for place, frame in zip(shown, frames, strict=True):  # one by one: the clip is held once
+        place.copy_(torch.from_numpy(frame).permute(2, 0, 1)).div_(127.5).sub_(1)
+    return shown
 
 
 def _array(values: Tensor) -> F32:

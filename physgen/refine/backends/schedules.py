@@ -32,19 +32,42 @@ class Schedule:
 
 
 def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
-    """The last `count` of `steps` by DDIM (Song et al. 2021), deterministic."""
-    scheduler.set_timesteps(steps)
-    times = scheduler.timesteps[-count:]
+    """The last `count` of `steps` by DDIM (Song et al. 2021), deterministic; `scheduler` is left as it is.
+
+    The libraries' own step goes 1000 // `steps` levels on, which is where the next begins only if `steps` divides 1000:
+    else noise would stay. Here every step ends where the next begins, and the last at the picture itself.
+    """
+    told, kept = scheduler.config, scheduler.alphas_cumprod.numpy().astype(np.float64)
+    times = levels(len(kept), steps, told.timestep_spacing, told.get("steps_offset", 0))[-count:]
+    a = np.append(kept[times], 1.0)
+    signal, noise_part = np.sqrt(a).astype(np.float32), np.sqrt(1 - a).astype(np.float32)
 
     def noised(latents: F32, noise: F32, k: int) -> F32:
-        z, n = torch.from_numpy(latents), torch.from_numpy(noise)
-        return np.asarray(scheduler.add_noise(z, n, times[k : k + 1]).numpy(), np.float32)
+        return np.asarray(signal[k] * latents + noise_part[k] * noise, np.float32)
 
     def stepped(prediction: F32, latents: F32, k: int) -> F32:
-        found = scheduler.step(torch.from_numpy(prediction), int(times[k]), torch.from_numpy(latents))
-        return np.asarray(found.prev_sample.numpy(), np.float32)
+        s, n = signal[k], noise_part[k]
+        if told.prediction_type == "v_prediction":
+            z0, noise = s * latents - n * prediction, s * prediction + n * latents
+        elif told.prediction_type == "sample":
+            z0, noise = prediction, (latents - s * prediction) / n
+        else:
+            z0, noise = (latents - n * prediction) / s, prediction
+        return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
 
-    return Schedule(type(scheduler).__name__, times, noised, stepped)
+    return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
+
+
+def levels(most: int, steps: int, spacing: str, offset: int) -> NDArray[np.int64]:
+    """(steps,) of `most` levels, the noisiest first, evenly spread; as diffusers has them where `steps` divides `most`.
+
+    >>> levels(1000, 4, "leading", 1).tolist(), levels(1000, 4, "trailing", 0).tolist()
+    ([751, 501, 251, 1], [999, 749, 499, 249])
+    """
+    down = np.arange(steps)[::-1]
+    if spacing == "trailing":
+        return np.asarray(np.round((down + 1) * most / steps) - 1, np.int64)
+    return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
 
 
 def euler(scheduler: Any, steps: int, count: int) -> Schedule:
