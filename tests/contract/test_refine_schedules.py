@@ -1,4 +1,4 @@
-"""Steps of DDIM: as diffusers takes them where their count divides 1000, and without leaving noise where it does not."""
+"""Steps of DDIM: as diffusers takes them where their count divides 1000, and leaving no noise where it does not."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def test_no_noise_is_left(name: str, steps: int) -> None:
     schedule = ddim(scheduler, steps, steps)
     z = schedule.noised(z0, noise, 0)
     for k, time in enumerate(schedule.times.tolist()):
-        assert z == approx(schedule.noised(z0, noise, k), abs=1e-4)
+        assert z == approx(schedule.noised(z0, noise, k), abs=1e-3)
         z = schedule.stepped(told(scheduler, z0, noise, time), z, k)
-    assert z == approx(z0, abs=1e-4)
+    assert z == approx(z0, abs=1e-3)
 
 
 @pytest.mark.parametrize("name", SCHEDULERS)
