@@ -122,7 +122,6 @@ def opened(browser: object, page: Path, view: str) -> dict[str, float]:
         row["search"] = tab.evaluate(took % ask)
         tab.evaluate("() => document.querySelector('[data-part=reset]').click()")
         row["sort"] = tab.evaluate(took % sort)
-    row["fetched"] = tab.evaluate("() => performance.getEntriesByType('resource').length")
     context.close()
     return row
 

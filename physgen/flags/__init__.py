@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from physgen import __version__
+from physgen.flags.exhibiting import exhibit
 from physgen.flags.measures import measures
 from physgen.flags.perceiving import perceive, who
 from physgen.flags.plots import plots
@@ -175,21 +176,7 @@ def build_parser() -> argparse.ArgumentParser:
         "Folders of clips to one page that shows them all; a sweep by its axes.",
         "physgen gallery out sweep -o gallery.html",
     )
-    sub.add_argument(
-        "folders", metavar="DIR", type=Path, nargs="+", help="what physgen rendered into, at any depth"
-    )
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="write the page here, pictures beside it; default: index.html in DIR, or here for several",
-    )
-    sub.add_argument("--title", metavar="TEXT", help="what stands above it; default: the folders' names")
-    sub.add_argument(
-        "--single-file", action="store_true", help="put pictures and videos into the page, to be mailed"
-    )
-    sub.add_argument("--json", action="store_true", help="print what was written as JSON")
+    exhibit(sub)
 
     sub = command(
         "evaluate",

@@ -7,8 +7,6 @@ again makes only what is new. Everything from outside is escaped.
 from __future__ import annotations
 
 import base64
-import json
-import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,13 +14,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from physgen import __version__
 from physgen.problems import InputError
+from physgen.report.cards import KINDS, Pictured, card, link, told
 from physgen.report.clips import Clip, clips_in
-from physgen.report.posters import across, pictures, shown
+from physgen.report.posters import pictures
 from physgen.report.swept import Swept, swept
+from physgen.report.templates import script_json, template
 from physgen.resources import resource
 from physgen.scene.words import natural
 from physgen.whole import set_aside, write_whole
@@ -35,7 +34,6 @@ MAILED = 50_000_000
 """Bytes of a single file above which few would mail it."""
 PARTS = ("state", "choose", "shots", "clock", "sheet", "look", "page")
 """Of the script, in the order in which they build on each other."""
-KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
 FEW = 8
 """Values of a key that are offered one by one; more make a range."""
 BARS = 16
@@ -52,14 +50,6 @@ class Gallery:
     failures: int
     bytes: int
     """Of the page itself."""
-
-
-@dataclass(frozen=True)
-class Pictured:
-    """Where a clip's poster and strip are, as the page names them: paths or data URIs; empty where it has none."""
-
-    poster: str = ""
-    strip: str = ""
 
 
 def write_gallery(
@@ -103,17 +93,17 @@ def gallery_page(
     parts = [resource("templates", "gallery", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
     alike = {name for name, count in Counter(clip.name for clip in clips).items() if count > 1}
     cards = [
-        _card(k, clip, shot, keys, home, clip.name in alike, single)
+        card(k, clip, shot, keys, home, clip.name in alike, single)
         for k, (clip, shot) in enumerate(zip(clips, pictured, strict=True))
     ]
     labels = Counter(label for clip in clips for label in clip.labels)
     data = {
-        "clips": [card.pop("data") for card in cards],
+        "clips": [shown.pop("data") for shown in cards],
         "keys": [_axis(key) for key in keys],
         "grid": _is_sheet(keys, len(clips)),
         "single": single,
     }
-    page: str = _template("gallery.html.j2").render(
+    page: str = template("gallery.html.j2").render(
         title=title,
         mark=MARK,
         cards=cards,
@@ -135,42 +125,12 @@ def gallery_page(
     return page
 
 
-def script_json(data: object) -> str:
-    """JSON that is safe inside a script element."""
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-
-
-def told(value: float | str | None) -> str:
-    """A value as the page writes it.
-
-    >>> [told(value) for value in (0.1, 30625.0, 1234567.0, 1e-7, "side", None)]
-    ['0.1', '30625', '1234570', '1e-07', 'side', '']
-    """
-    return f"{float(f'{value:.6g}'):.10g}" if isinstance(value, float) else value or ""
-
-
-def _template(name: str) -> Any:
-    import jinja2
-
-    loader = jinja2.FileSystemLoader(resource("templates", name).parent)
-    environment = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template(name)
-
-
 def _title(names: Sequence[str]) -> str:
     return ", ".join(dict.fromkeys(names)) if 0 < len(set(names)) <= 3 and all(names) else "Gallery"
 
 
 def _day(time: float) -> str:
     return datetime.fromtimestamp(time, UTC).date().isoformat() if time > 0 else ""
-
-
-def _link(path: Path, home: Path) -> str:
-    relative = Path(os.path.relpath(path.absolute(), home.absolute())).as_posix()
-    return quote(relative if relative.startswith("../") else f"./{relative}")
 
 
 def _pictured(clip: Clip, files: Path, single: bool) -> Pictured:
@@ -191,7 +151,7 @@ def _pictured(clip: Clip, files: Path, single: bool) -> Pictured:
                 write_whole(path, data)
     if single:
         return Pictured(*(f"data:image/webp;base64,{base64.b64encode(data).decode()}" for data in made))
-    return Pictured(*(_link(path, files.parent) for path in paths))
+    return Pictured(*(link(path, files.parent) for path in paths))
 
 
 def _sweep(files: Path, used: set[str]) -> None:
@@ -206,76 +166,6 @@ def _ours(index: Path) -> bool:
     with index.open("rb") as file:
         head = file.read(2000).decode("utf-8", "replace")
     return MARK in head or FORMERLY in head
-
-
-def _card(
-    number: int, clip: Clip, shot: Pictured, keys: Sequence[Swept], home: Path, alike: bool, single: bool
-) -> dict[str, Any]:
-    """What the template shows of one clip; under `data`, what the script needs to know."""
-    values = [key.values[number] for key in keys]
-    film = "" if clip.film is None or single or clip.film.suffix not in KINDS else _link(clip.film, home)
-    where = _link(clip.home.parent, home) if alike else ""
-    labels = list(clip.labels.items())
-    data = {
-        "name": clip.name,
-        "scene": clip.scene,
-        "variant": clip.variant,
-        "where": where,
-        "labels": [label for label, _ in labels],
-        "time": round(clip.time, 3),
-        "objects": clip.objects,
-        "fps": clip.fps,
-        "frames": clip.frames,
-        "shown": shown(clip.frames),
-        "across": across(clip.frames),
-        "size": clip.size,
-        "poster": bool(shot.poster),
-        "strip": shot.strip and ("held" if single else shot.strip),
-        "film": film,
-        "kind": "" if clip.film is None else KINDS.get(clip.film.suffix, ""),
-        "href": "" if clip.report is None or single else _link(clip.report, home),
-        "values": values,
-        "failed": bool(clip.problems),
-        "why": " ".join(clip.problems),
-        "made": bool(clip.document),
-        "warned": bool(clip.warnings),
-        "said": [*clip.overrides, *clip.warnings, *clip.problems],
-    }
-    split = {
-        key.name: key for key, value in zip(keys, values, strict=True) if value is not None and key.swept
-    }
-    return {
-        "data": data,
-        "number": number,
-        "name": clip.name,
-        "href": data["href"],
-        "where": where.removeprefix("./"),
-        "poster": shot.poster,
-        "strip": shot.strip if single else "",
-        "size": clip.size,
-        "variant": clip.variant,
-        "facts": _facts(clip),
-        "labels": labels[:3],
-        "more": len(labels) - 3,
-        "values": [
-            (name, told(key.values[number]), key.unit, key.path) for name, key in list(split.items())[:4]
-        ],
-        "warnings": _counted(len(clip.warnings), "warning"),
-        "settings": _counted(len(clip.overrides), "setting"),
-        "notes": "\n".join((*clip.warnings, *(f"--set {text}" for text in clip.overrides))),
-        "problems": clip.problems,
-    }
-
-
-def _facts(clip: Clip) -> str:
-    if not clip.document:
-        return "no clip"
-    wide, high = clip.size
-    return f"{_counted(clip.objects, 'object') or 'no objects'} · {clip.duration:.3g} s · {wide} × {high}"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' if count != 1 else ''}" if count else ""
 
 
 def _order(key: Swept) -> list[float | str]:

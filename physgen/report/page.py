@@ -20,11 +20,11 @@ from physgen.problems import Problem
 from physgen.report.holds import drawn, listed
 from physgen.report.parameters import COLUMNS, edits, parameter_rows
 from physgen.report.perception import Comparison, Perception
-from physgen.report.player import Data, script_json
+from physgen.report.player import Data
 from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import refinement
-from physgen.report.templates import template
+from physgen.report.templates import script_json, template
 from physgen.resources import resource
 from physgen.scene.model import Load, Play, Render, Scene, View
 

@@ -8,7 +8,6 @@ whenever things begin to touch.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -105,14 +104,6 @@ def player_data(
         "sprites": drawn.sprites,
         "shadows": drawn.shadows,
     }
-
-
-def script_json(data: Data) -> str:
-    """JSON that stays inside `<script>` whatever a label says."""
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    for sign in "<>&\u2028\u2029":  # the last two end lines in older scripts
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
 
 
 def column(values: Array, step: float) -> list[int]:

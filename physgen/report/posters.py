@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from physgen.report.video import glimpses
 
@@ -37,11 +38,44 @@ def pictures(film: Path, frames: int) -> tuple[bytes, bytes]:
 
     Raises OSError where the film cannot be read.
     """
-    taken = glimpses(film, shown(frames), SIDE)
+    taken = _taken(film, shown(frames))
     cells = [_within(frame, CELL) for frame in taken]
     cells += [np.zeros_like(cells[0])] * (-len(cells) % across(frames))
     rows = [np.concatenate(cells[k : k + across(frames)], 1) for k in range(0, len(cells), across(frames))]
     return _webp(taken[len(taken) // 2], QUALITY), _webp(np.concatenate(rows), STRIP_QUALITY)
+
+
+def _taken(film: Path, count: int) -> list[U8]:
+    """So many frames evenly from the first to the last, none larger than a poster; fewer come more than once."""
+    try:
+        found = {".mp4": glimpses, ".png": _of_folder}.get(film.suffix, _of_pages)(film, count, SIDE)
+    except (SyntaxError, ValueError, EOFError) as error:  # Pillow calls a broken PNG a SyntaxError
+        raise OSError(f"{film} cannot be read: {error}") from error
+    if not found:
+        raise OSError(f"{film} has no frames")
+    return [found[k * len(found) // count] for k in range(count)]
+
+
+def _of_pages(path: Path, count: int, side: int) -> list[U8]:
+    """Of a GIF or WebP."""
+    with Image.open(path) as pages:
+        found = []
+        for index in _evenly(getattr(pages, "n_frames", 1), count):
+            pages.seek(index)
+            found.append(_within(np.asarray(pages.convert("RGB")), side))
+    return found
+
+
+def _of_folder(path: Path, count: int, side: int) -> list[U8]:
+    """Of the folder of PNG that begins with `path`."""
+    files = sorted(path.parent.glob("*.png"))
+    return [
+        _within(np.asarray(Image.open(files[k]).convert("RGB")), side) for k in _evenly(len(files), count)
+    ]
+
+
+def _evenly(frames: int, count: int) -> list[int]:
+    return sorted(set(np.linspace(0, frames - 1, count).round().astype(int).tolist())) if frames else []
 
 
 def _within(rgb: U8, side: int) -> U8:

@@ -94,8 +94,7 @@ def _leaves(value: Any, way: Way = ()) -> Iterator[tuple[Way, Value]]:
     """Numbers and words of a document with their ways; vectors by component, outlines left out."""
     if isinstance(value, Mapping):
         for key, child in value.items():
-            told = way[:1] != ("objects",) or len(way) > 1  # below an object's name, not the name
-            if (way or key in SECTIONS) and not (told and key in UNSWEPT.get(str(way[0]) if way else "", ())):
+            if (way or key in SECTIONS) and _told_of((*way, str(key))):
                 yield from _leaves(child, (*way, str(key)))
     elif isinstance(value, list):
         if len(value) <= LONGEST or all(isinstance(item, Mapping) for item in value):
@@ -108,6 +107,12 @@ def _leaves(value: Any, way: Way = ()) -> Iterator[tuple[Way, Value]]:
         yield way, float(value)
     elif value is not None:
         yield way, str(value)
+
+
+def _told_of(way: Way) -> bool:
+    """Whether its key is none that is left out, at the section's level or below an object's name."""
+    depth = 2 if way[0] == "objects" else 1
+    return len(way) <= depth or way[depth] not in UNSWEPT.get(str(way[0]), ())
 
 
 def _edits(clip: Clip) -> list[tuple[Way, Any]]:
@@ -142,7 +147,9 @@ def _set_apart(
     edits: Sequence[Sequence[tuple[Way, Any]]], trees: Sequence[Mapping[Way, Value]]
 ) -> dict[Way, bool]:
     """Ways of what `--set` says, as far as they name one value each; whether they differ is seen later."""
-    leaves = {leaf for edit in edits for way, value in edit for leaf, _ in _leaves(value, way)}
+    leaves = {
+        leaf for edit in edits for way, value in edit for leaf, _ in _leaves(value, way) if _told_of(leaf)
+    }
     stars = [leaf for leaf in leaves if "*" in leaf]
     known = {way for tree in trees for way in tree} if stars else set()
     return dict.fromkeys((way for way in known if any(_of([way], star) for star in stars)), False) | {

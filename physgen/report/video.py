@@ -238,68 +238,24 @@ def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 
 
 def glimpses(path: Path, count: int, side: int) -> list[U8]:
-    """`count` frames of what `open_video` wrote, evenly from the first to the last: (H, W, 3) sRGB each.
+    """Of an MP4 that `open_video` wrote, up to `count` frames, evenly from the first to the last: (H, W, 3) sRGB.
 
-    None is longer than `side` px. `path` is the video, or the first of a folder of PNG. Raises OSError where it
-    cannot be read.
+    None is longer than `side` px; only these are converted, so it is quick. Raises OSError where it cannot be read.
     """
+    import av
     from av.error import FFmpegError
 
-    try:
-        taken = {".mp4": _of_mp4, ".png": _of_png}.get(path.suffix, _of_pages)(path, count, side)
-    except (FFmpegError, SyntaxError, ValueError) as error:  # Pillow calls a broken PNG a SyntaxError
-        raise OSError(f"{path} cannot be read: {error}") from error
-    if not taken:
-        raise OSError(f"{path} has no frames")
-    return [taken[k * len(taken) // count] for k in range(count)]
-
-
-def _evenly(frames: int, count: int) -> list[int]:
-    return sorted({int(k) for k in np.linspace(0, frames - 1, count).round()}) if frames else []
-
-
-def _inside(size: tuple[int, int], side: int) -> tuple[int, int]:
-    part = min(side / max(size), 1.0)
-    return max(round(size[0] * part), 1), max(round(size[1] * part), 1)
-
-
-def _of_mp4(path: Path, count: int, side: int) -> list[U8]:
-    import av
-
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        wanted = _evenly(stream.frames, count)
-        taken = []
-        for index, frame in enumerate(container.decode(stream)):
-            if index in wanted:
-                width, height = _inside((frame.width, frame.height), side)
-                small = frame.reformat(width, height, "rgb24", interpolation="AREA")
-                taken.append(np.asarray(small.to_ndarray(), np.uint8))
-    return taken
-
-
-def _of_pages(path: Path, count: int, side: int) -> list[U8]:
-    from PIL import Image
-
-    with Image.open(path) as pages:
-        taken = []
-        for index in _evenly(getattr(pages, "n_frames", 1), count):
-            pages.seek(index)
-            taken.append(_small(pages, side))
-    return taken
-
-
-def _of_png(path: Path, count: int, side: int) -> list[U8]:
-    from PIL import Image
-
-    files = sorted(path.parent.glob("*.png"))
     taken = []
-    for index in _evenly(len(files), count):
-        with Image.open(files[index]) as picture:
-            taken.append(_small(picture, side))
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            wanted = set(np.linspace(0, stream.frames - 1, count).round().astype(int).tolist())
+            part = min(side / max(stream.width, stream.height), 1.0)
+            width, height = max(round(stream.width * part), 1), max(round(stream.height * part), 1)
+            for index, frame in enumerate(container.decode(stream)):
+                if index in wanted:
+                    small = frame.reformat(width, height, "rgb24", interpolation="AREA")
+                    taken.append(np.asarray(small.to_ndarray(), np.uint8))
+    except (FFmpegError, IndexError) as error:
+        raise OSError(f"{path} cannot be read: {error}") from error
     return taken
-
-
-def _small(picture: Any, side: int) -> U8:
-    rgb = picture.convert("RGB")
-    return np.asarray(rgb.resize(_inside(rgb.size, side), reducing_gap=2.0), np.uint8)

@@ -44,10 +44,11 @@ function drawSheet(shown) {
   sheet.replaceChildren();
   const [x, y] = axes();
   if (!x || !shown.length) return;
-  const across = places(x, shown), down = places(y, shown);
+  const has = axis => { const values = axis && valuesOf(axis.path); return n => !values || values[n] !== null; };
+  const both = shown.filter(has(x)).filter(has(y));
+  const across = places(x, both), down = places(y, both);
   const cells = new Map();
-  for (const n of shown) {
-    if (!across.of.has(n) || !down.of.has(n)) continue;
+  for (const n of both) {
     const at = `${down.of.get(n)},${across.of.get(n)}`;
     cells.set(at, [...(cells.get(at) ?? []), n]);
   }
@@ -68,6 +69,7 @@ function drawSheet(shown) {
   ].filter(Boolean).join(" ");
   const caption = make("caption", said ? { text: said } : { className: "unseen", text: `Clips by ${x.name}${y ? ` and ${y.name}` : ""}` });
   sheet.append(make("table", {}, [caption, head, body]));
+  sheet.style.setProperty("--columns", across.texts.length);
   sheet.classList.toggle("dense", across.texts.length > 8);
 }
 

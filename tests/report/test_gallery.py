@@ -18,7 +18,7 @@ from pytest import approx
 from physgen.cli import main
 from physgen.problems import InputError
 from physgen.report.clips import clips_in
-from physgen.report.gallery import script_json, told, write_gallery
+from physgen.report.gallery import told, write_gallery
 from physgen.report.posters import across, pictures, shown
 from physgen.report.swept import swept
 from physgen.report.video import PALETTE_FRAMES, Format, glimpses
@@ -193,9 +193,8 @@ def test_a_strip_runs_from_the_first_frame_to_the_last(kind: Format) -> None:
 
 
 def test_few_of_many_frames_are_evenly_apart() -> None:
-    assert [frame.mean() for frame in glimpses(film(), 3, 16)] == approx(
-        [level(0), level(5), level(10)], abs=4
-    )
+    three = [frame.mean() for frame in glimpses(film(), 3, 16)]
+    assert three == approx([level(0), level(5), level(10)], abs=4)
     assert max(glimpses(film(), 1, 16)[0].shape) == 16
 
 
@@ -249,7 +248,6 @@ def test_what_comes_from_outside_is_text(tmp_path: Path) -> None:
     assert sum(tag == "script" for tag, _ in page.found) == 3
     assert not any("onerror" in attributes for _, attributes in page.found)
     assert page.data["clips"][0]["name"] == bad
-    assert json.loads(script_json({"a": "<!--\u2028"})) == {"a": "<!--\u2028"}
 
 
 def test_a_single_file_holds_all(tmp_path: Path, capsys) -> None:

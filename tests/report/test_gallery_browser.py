@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -12,7 +11,7 @@ from urllib.parse import unquote
 import cv2
 import numpy as np
 import pytest
-from browser import PHONE, launched, opened
+from browser import PHONE, opened
 from exhibits import FPS, FRAMES, document, exhibit, failure, level, sweep
 from pytest import approx
 
@@ -36,12 +35,6 @@ LEVEL = """([box, what]) => {
   return d.reduce((sum, v, k) => sum + (k % 4 < 3 ? v : 0), 0) / 192;
 }"""
 """The mean grey of a strip's canvas; a page from disk may read no picture of its own unless it lies inside it."""
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    with launched() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,8 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.report.changes import Changes
-from physgen.report.page import gallery_page, report_page
+from physgen.report.clips import clips_in
+from physgen.report.page import report_page
 from physgen.report.record import RunRecord, write_json
 
 SCENE = """\
@@ -69,9 +70,8 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
         assert words in section
     assert "negative" not in section, "nothing is told of it"
     assert "The rendered video, refined." in page
-    versions = page[page.index("versions and inputs") :]
-    assert "<td>torch</td><td>2.9.0</td>" in versions
-    assert "<td>diffusers</td><td>0.36.0</td>" in versions
+    assert "<dt>torch</dt><dd>2.9.0</dd>" in page
+    assert "<dt>diffusers</dt><dd>0.36.0</dd>" in page
 
 
 def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
@@ -109,9 +109,12 @@ def test_the_gallery_falls_back_to_the_clip_as_it_was(tmp_path: Path) -> None:
     ):
         record = RunRecord(name, ["physgen"], files=dict.fromkeys(files, "0"), unrefined=["0"] * 3)
         record.frames, record.document = ["0"] * frames, {"objects": {"a": {}}}
+        record.video = {"size": [64, 48], "fps": 30.0}
         (tmp_path / name).mkdir()
+        for file in files:
+            (tmp_path / name / file).write_bytes(b"-")
         write_json(tmp_path / name / "manifest.json", record.manifest())
-    page = gallery_page(tmp_path)
-    assert 'src="./failed/unrefined.mp4"' in page
-    assert 'src="./refined/video.gif"' in page
-    assert page.count("1 object, 3 frames") == 2
+    clips = {clip.name: clip for clip in clips_in([tmp_path])}
+    assert clips["failed"].film == tmp_path / "failed" / "unrefined.mp4"
+    assert clips["refined"].film == tmp_path / "refined" / "video.gif"
+    assert {clip.frames for clip in clips.values()} == {3}
