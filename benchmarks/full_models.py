@@ -29,7 +29,7 @@ from diffusers import (
 from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer, T5Config, T5EncoderModel, T5Tokenizer
 
 from physgen.backends import Setup
-from physgen.perceive.backends.models import device_of
+from physgen.perceive.backends.models import device_of, dtype_of
 from physgen.refine.backends import animatediff, cogvideox, wan
 from physgen.refine.backends.sampling import Kind, Sampler
 
@@ -42,33 +42,29 @@ def made(
 ) -> Sampler:
     """`kind` on the parts that `build` makes: configurations go through the folder, weights are made in place."""
     device = device_of(setup)
-
-    def load(_: Any, where: str, dtype: torch.dtype) -> Any:
-        torch.manual_seed(0)
-        before = torch.get_default_dtype()
-        torch.set_default_dtype(dtype)
-        try:
-            with unfilled(), torch.device(where):
-                pipe = build()
-        finally:
-            torch.set_default_dtype(before)
-        pipe.vae.to(torch.float32)
-        for part in pipe.components.values():
-            if isinstance(part, torch.nn.Module):
-                part.eval().requires_grad_(False)
-                for weight in part.parameters():
-                    weight.uniform_(-0.02, 0.02)
-        pipe.set_progress_bar_config(disable=True)
-        return network(pipe, where, dtype)
-
-    with torch.device("meta"):
-        pipe = build()
+    dtype = dtype_of(setup, device)
+    torch.manual_seed(0)
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(dtype)
+    try:
+        with unfilled(), torch.device(device):
+            pipe = build()
+    finally:
+        torch.set_default_dtype(before)
+    pipe.vae.to(torch.float32)
+    pipe.set_progress_bar_config(disable=True)
+    index = {"_class_name": type(pipe).__name__}
     for name, part in pipe.components.items():
+        index[name] = ["diffusers", type(part).__name__]
+        if isinstance(part, torch.nn.Module):
+            part.eval().requires_grad_(False)
+            for weight in part.parameters():
+                weight.uniform_(-0.02, 0.02)
         if hasattr(part, "save_config"):
             part.save_config(folder / name)
-    index = {name: ["diffusers", type(part).__name__] for name, part in pipe.components.items()}
-    (folder / "model_index.json").write_text(json.dumps({"_class_name": type(pipe).__name__, **index}))
-    return Sampler(replace(kind, load=load), replace(setup, weights=str(folder), device=device))
+    (folder / "model_index.json").write_text(json.dumps(index))
+    whole = replace(kind, load=lambda *_: network(pipe, device, dtype))
+    return Sampler(whole, replace(setup, weights=str(folder), device=device))
 
 
 @contextmanager
