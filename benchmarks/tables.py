@@ -347,17 +347,17 @@ def _refine(rows: list[dict]) -> list[str]:
     *models, ours = rows
     keys = ("guidance_off", "photo_off", "again_off", "seed_off")
     body = [[r["backend"], *(r[key] for key in keys), f"{r['cpu']:.1f}"] for r in models]
-    wide, high = ours["size"]
+    small, (wide, high) = models[0]["size"], ours["size"]
     return [
         "## Refining",
         "",
-        f"Tiny models of the real classes with random weights, {models[0]['frames']} frames of "
-        f"{models[0]['size'][0]} x {models[0]['size'][1]} px, 25 of 50 steps: they prove what must stay, and nothing",
-        "of quality, which is not measured yet. Grey levels by which frames differ: from the guidance where all is",
-        "object and nothing of the model's enters (largest); the first frame from the photo (largest); a second run",
-        "from the first (largest); another seed from it (mean). All but the network, for "
-        f"{ours['frames']} frames of {wide} x {high} px and",
-        f"25 steps: {ours['cpu']:.1f} s of one core.",
+        "Tiny models of the real classes with random weights prove what must stay, and nothing of quality, which is",
+        f"not measured yet. {models[0]['frames']} frames of {small[0]} x {small[1]} px, 25 of 50 steps. Grey "
+        "levels by which frames differ, at most: all from the",
+        "guidance, where all is object and nothing of the model's enters; the first from the photo; a second run from",
+        "the first; and on average another seed from it. CPU seconds of a run. All but the network, for "
+        f"{ours['frames']} frames of",
+        f"{wide} x {high} px in 25 steps: {ours['cpu']:.1f} s of one core.",
         "",
         *_table(["backend", "guidance", "photo", "again", "another seed", "CPU s"], body),
     ]

@@ -81,7 +81,7 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
         stages=slices,
         wall=f"{sum(stage.wall for name, stage in _timed(record)):.2f}",
         facts=_facts(record),
-        versions=versions(),
+        versions=versions(record.refine),
         hashes=tuple(record.inputs.items()),
         frames=_digest(record.frames),
     )
