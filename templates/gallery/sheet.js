@@ -78,7 +78,7 @@ function cell(found) {
   const link = clip.href && !several && !clip.failed;
   const values = keys.map((key, k) => (clip.values[k] === null || !key.swept ? "" : `${key.name} ${told[k].get(clip.values[k])}`)).filter(Boolean);
   const label = several ? `${found.length} clips, the first: ${clip.name}` : [clip.name, ...values].join(", ");
-  const box = clip.poster || data.single ? make("div", { className: "shot" }, [poster(n)].filter(Boolean)) : null;
+  const box = clip.poster || data.single ? make("div", { className: "shot" }) : null;
   const inside = clip.failed && !clip.strip
     ? make("div", { className: "why" }, [make("p", { className: "bad", text: "Failed" }), make("p", { text: clip.why })])
     : box ?? make("div", { className: "shot none" }, [make("span", { text: "no picture" })]);
@@ -86,7 +86,7 @@ function cell(found) {
   element.setAttribute("aria-label", clip.failed ? `${label}: failed` : label);
   if (several) element.append(make("span", { className: "more", text: `+${found.length - 1}` }));
   if (!link) element.addEventListener("click", () => look(found));
-  if (inside === box) makeShot(box, n);
+  if (inside === box) makeShot(box, n, () => box.prepend(...[poster(n)].filter(Boolean))); // its picture when it is seen
   return element;
 }
 
