@@ -34,8 +34,13 @@ class Refiner:
 
     def plan(self) -> Plan:
         """With what the files say. Raises InputError."""
-        settings = [f"refine={self.setting}"] if self.setting else []
-        return plan(settings, config=self.config, device=self.device)
+        told = plan(config=self.config, device=self.device)
+        said = told.choices.get("refine")
+        if not self.setting or (
+            said is not None and said.name == self.setting
+        ):  # a bare name: the file has its weights
+            return told
+        return plan([f"refine={self.setting}"], config=self.config, device=self.device)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from physgen.cli.printing import OK, Bar, print_json, tell, tell_kept, tell_problems
 from physgen.flags import WRONG_INPUT
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Problem, Severity
 from physgen.whole import write_whole
 
 if TYPE_CHECKING:
@@ -155,8 +155,8 @@ def _gallery(root: Path, bar: Bar) -> Path:
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
     """Whose weights refine, and on what; and what the flags set in every scene."""
+    from physgen import backends
     from physgen.batch.pool import Refiner
-    from physgen.crew import choices
 
     device = (
         None if options.device == "cpu" else options.device
@@ -164,7 +164,10 @@ def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
     who = Refiner(options.refine or "", options.config, device)
     if options.refine is None:
         return who, tuple(options.set)
-    name = choices([f"refine={options.refine}"], Place("--refine"))["refine"].name
+    name = options.refine.partition(":")[0]
+    if name not in backends.names("refine"):
+        fix = backends.choose(name, backends.names("refine"))
+        raise InputError.of("--refine", f'"{name}"', "is no backend that refines", fix)
     return who, (*options.set, f"refine.backend={name}")
 
 

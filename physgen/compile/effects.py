@@ -47,6 +47,11 @@ def _stages(scene: Scene) -> Iterator[Problem]:
 def _refine(scene: Scene) -> Iterator[Problem]:
     told = scene.refine
     if told.backend == "none":
+        for path, place in scene.places.items():
+            if path.startswith("refine.") and place.file.startswith("--set") and path != "refine.backend":
+                why = "has no effect: nobody refines"
+                value = str(getattr(told, path.removeprefix("refine.")))
+                yield warning(scene, path, value, why, "write --refine animatediff, or another backend")
         return
     run = floor(told.steps * told.strength + 0.5)
     if told.stop >= run:

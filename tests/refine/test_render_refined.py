@@ -144,6 +144,27 @@ def test_a_configuration_that_is_wrong_concerns_only_what_is_refined() -> None:
     assert "nobody" in rendered("--refine", "exact", code=2)["refine"]["failed"]
 
 
+def test_a_bare_name_takes_the_weights_of_the_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
+    import gaussian
+
+    made = []
+    monkeypatch.setattr(
+        gaussian, "made", lambda setup, make=gaussian.made: made.append(setup.weights) or make(setup)
+    )
+    Path("physgen.toml").write_text('[backend]\nrefine = "exact:some/weights"\n', encoding="utf-8")
+    rendered("--refine", "exact")
+    monkeypatch.setattr("physgen.batch.pool._REFINERS", {})
+    rendered("--refine", "exact:other/weights")
+    assert made == ["some/weights", "other/weights"]
+
+
+def test_settings_of_nobody_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    rendered("--set", "refine.lock=1")
+    assert "refine.lock: warning: 1.0 has no effect: nobody refines" in capsys.readouterr().err
+    assert rendered("--refine", "exat", code=2)["frames"]
+    assert '--refine: "exat" is no backend that refines; did you mean exact?' in capsys.readouterr().err
+
+
 def test_steps_are_told_and_then_frames() -> None:
     told = []
     where = {

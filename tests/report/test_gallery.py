@@ -273,9 +273,9 @@ def test_a_page_that_is_somebody_else_s_is_kept(tmp_path: Path, capsys) -> None:
 
 
 def test_an_empty_gallery_says_so(tmp_path: Path, capsys) -> None:
-    assert main(["gallery", str(tmp_path), "--title", "Nothing"]) == 0
-    assert "hold no clips of physgen" in capsys.readouterr().err
-    assert "No clips here yet" in (tmp_path / "index.html").read_text()
+    assert main(["gallery", str(tmp_path), "--title", "Nothing"]) == 2
+    assert "holds no clips of physgen; physgen render" in capsys.readouterr().err
+    assert not (tmp_path / "index.html").exists()
 
 
 def test_wrong_folders_are_refused_before_anything_is_written(tmp_path: Path, capsys) -> None:

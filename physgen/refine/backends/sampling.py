@@ -18,7 +18,7 @@ from torch import Tensor
 from physgen.backends import Setup
 from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted, of_memory
 from physgen.perceive.backends.options import OneOf, Option, Whole, read, switched
-from physgen.problems import InputError
+from physgen.problems import InputError, Problem
 from physgen.refine.backends.loading import REFINE, may_offload, named, placed, revision
 from physgen.refine.backends.schedules import Schedule
 from physgen.refine.cells import frames_held, latent_frames
@@ -121,8 +121,14 @@ class Sampler:
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
         may_offload(kind.name, self._options["offload"], self._device)
+        problems: list[Problem] = []
         for weights in self._weights:
-            loaded(lambda _: None, weights, kind.what, REFINE)  # is it here, or to be had
+            try:
+                loaded(lambda _: None, weights, kind.what, REFINE)  # is it here, or to be had
+            except InputError as error:
+                problems += error.problems
+        if problems:
+            raise InputError(problems)
         self._trained = kind.trained(self._weights)
         self.grid = self._asked()
         self._offload = ""
