@@ -15,7 +15,7 @@ def gallery(options: argparse.Namespace) -> int:
 
     folders: list[Path] = options.folders
     index = options.output or (folders[0] if len(folders) == 1 else Path()) / "index.html"
-    if not clips_in(folders):
+    if not index.is_dir() and not clips_in(folders):
         fix = "physgen render scene.yaml -o DIR makes some"
         raise InputError.of(", ".join(map(str, folders)), "", "holds no clips of physgen", fix)
     bar = Bar()
