@@ -162,9 +162,11 @@ def test_one_that_is_larger_than_the_bound_is_not_kept_and_drives_none_out(tmp_p
     put(store, "s-large", b"x" * 20 * KB)
     assert keys(store) == {"s-a"}
     assert "PHYSGEN_CACHE_BYTES" in str(told[0])
-    none = Store(tmp_path / "none", 0)
-    put(none, "s-a")
+    none = Store(tmp_path / "none", 0, told.append)
+    with none.fill("s-a") as filling:
+        assert filling is None
     assert none.sizes() == []
+    assert len(told) == 1  # nothing is to be kept: nothing is said
 
 
 def test_one_that_is_read_stays(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_one_bad_scene_does_not_stop_the_others(lesson: Path, tmp_path: Path, ca
     assert told.out == f"{tmp_path / 'out' / 'lesson'}\n{tmp_path / 'out' / 'index.html'}\n"
     assert 'objects.ball.mass: "heavy" is not a number; write grams, e.g. 170' in told.err
     left = sorted(p.name for p in (tmp_path / "out").iterdir())
-    assert left == ["bad.failed.json", "index.files", "index.html", "lesson"]
+    assert left == ["bad.failed.html", "bad.failed.json", "index.files", "index.html", "lesson"]
 
 
 def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys) -> None:

@@ -405,7 +405,7 @@ def test_too_little_memory_is_told_with_what_fits(clip: Path, tmp_path: Path, ca
     assert told.out == ""
     assert told.err.splitlines()[1:] == [
         "refine: 6 latent frames of 48 x 40 px do not fit into the memory of the device; 32 x 32 px fit: "
-        "write resolution = 32 in its table of physgen.toml"
+        "write resolution = 32 in the backend's table of physgen.toml"
     ]
     assert sorted(tmp_path.rglob("*")) == before
 
