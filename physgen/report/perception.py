@@ -199,7 +199,8 @@ def _masked(rgb: U8, labels: U16) -> U8:
     """The photo in pale grey, objects in colours, white where two meet or one ends."""
     grey = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB).astype(np.float32)
     colours = np.zeros((int(labels.max(initial=0)) + 1, 3), np.float32)
-    colours[1:] = [colour(i) for i in range(1, len(colours))]
+    for i in range(1, len(colours)):
+        colours[i] = colour(i)
     there = (labels > 0)[..., None]
     result = np.where(there, 0.4 * grey + 0.6 * colours[labels], 0.55 * grey)
     thick = max(1, round(max(labels.shape) / SIDE))
