@@ -23,8 +23,6 @@ from physgen.backends import Setup
 from physgen.problems import InputError
 from physgen.roster import cached
 
-os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")  # it tells of torchvision, which nobody here needs
-
 T = TypeVar("T")
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}

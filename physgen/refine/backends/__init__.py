@@ -3,3 +3,7 @@
 `sampling` is what they share: weights, devices, steps, memory. A model's own file knows its layout of latents, its
 text, its schedule, and what else it wants to be shown.
 """
+
+import os
+
+os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")  # it tells of torchvision, which nobody here needs
