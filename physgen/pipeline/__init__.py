@@ -1,4 +1,7 @@
-"""The house on one page: one call a stage, top-down. Scene file -> output folder.
+"""The house on one page: one call a stage, top-down. Photo -> scene file -> output folder.
+
+`stages` are the steps from file to frames; `perceiving` goes before them; `filming` and `writing` make frames and files
+of them, `refining` retouches what is filmed, and `clip` is the whole line.
 
 >>> from physgen import pipeline
 >>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
