@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from physgen.clips.covering import Coverage, open_coverage
 from physgen.clips.reading import Clip, in_folder, open_clip
-from physgen.crew import Crew, Plan, why
+from physgen.crew import Crew, Plan
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.refine.refining import How, Refinement, frames_of_hold, no_step
+from physgen.refine.refining import How, Refinement, frames_of_hold, guarded, no_step
 from physgen.refine.roles import Said
 from physgen.report.record import file_hash, frame_hash, json_text, versions
 from physgen.report.video import LONGEST, NO_ROOM, Format, alongside, open_video
@@ -169,14 +169,14 @@ def _run(
 ) -> dict[str, Any]:
     """The refined video, written `beside`; its part of the record."""
     clip, hashes = shown.clip, list[str]()
-    with _guarded(crew):
+    with guarded("--backend", crew.name(ROLE)):
         run = Refinement(crew.get(ROLE), how, clip.size, len(clip.frames), progress)
     frames = run.frames(clip.frames, shown.coverage())
     with _room(output), ExitStack() as stack:
         write = stack.enter_context(open_video(beside, kind, clip.size, shown.fps))
         put = stack.enter_context(alongside([write]))
         for index in range(len(clip.frames)):
-            with _guarded(crew):
+            with guarded("--backend", crew.name(ROLE)):
                 rgb = next(frames)
             hashes.append(frame_hash(rgb))
             put(rgb)
@@ -187,18 +187,6 @@ def _run(
         "refine": dict(run.note()),
         "frames": hashes,
     }
-
-
-@contextmanager
-def _guarded(crew: Crew) -> Iterator[None]:
-    """Whatever a model's library raises is one message."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        fix = "see what failed, or choose another backend"
-        raise InputError.of("--backend", f'"{crew.name(ROLE)}"', f"failed ({why(error)})", fix) from error
 
 
 def _kind(output: Path, video: Path, masks: Path | None) -> Format:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.crew import Choice, Plan, why
+from physgen.crew import Choice, Plan
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.stages import simulate
 from physgen.pipeline.watch import Progress, Warn
@@ -140,7 +140,7 @@ def refined(
 ) -> Outcome:
     """Writes the clip unrefined and, in all `kinds`, refined."""
     from physgen.percepts.maps import write_png
-    from physgen.refine.refining import Refinement
+    from physgen.refine.refining import Refinement, guarded
     from physgen.report.changes import Changes
     from physgen.report.perception import compared
 
@@ -159,7 +159,7 @@ def refined(
     record.unrefined = write(iter(footage.rgb.shown(order)), kinds[:1], "unrefined", "read")
     name = scene.refine.backend
     try:
-        with record.stage("load model"), _guarded(name):
+        with record.stage("load model"), guarded("--refine", name):
             model = refiners.model(name)
         refinement = Refinement(model, how(scene), scene.video_size, len(footage.rgb), progress)
         step = float(trajectory.times[1] - trajectory.times[0]) if len(trajectory.times) > 1 else 1.0
@@ -185,23 +185,13 @@ def refined(
 
 def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
     """The same frames; `changes` is told of each."""
+    from physgen.refine.refining import guarded
+
     for index in range(len(footage.rgb)):
-        with _guarded(name):
+        with guarded("--refine", name):
             rgb = next(frames)
         changes.add(footage.rgb[index], rgb, footage.coverage[index])
         yield rgb
-
-
-@contextmanager
-def _guarded(name: str) -> Iterator[None]:
-    """Whatever a model's library raises is one message."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        fix = "see what failed, or choose another backend"
-        raise InputError.of("--refine", f'"{name}"', f"failed ({why(error)})", fix) from error
 
 
 def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:

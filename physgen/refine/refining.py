@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.crew import why
 from physgen.problems import InputError, Place, Problem
 from physgen.refine.cells import Fit, cells, fitted, frames_held, held, latent_frames, lengthened, over_time
 from physgen.refine.fusion import Weight, each_step, fused, rising, steps_fused, steps_run
@@ -179,6 +181,18 @@ class Refinement:
         }
 
 
+@contextmanager
+def guarded(flag: str, name: str) -> Iterator[None]:
+    """Whatever the libraries of backend `name` raise is one message on the `flag` that chose it."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        fix = "see what failed, or choose another backend"
+        raise InputError.of(flag, f'"{name}"', f"failed ({why(error)})", fix) from error
+
+
 def _noised(model: Denoiser, noise: F32, latents: F32, k: int) -> F32:
     return model.noised(latents, noise, k)
 
@@ -189,4 +203,4 @@ def _paired(refined: Iterator[F32], guided: Iterator[F32]) -> Iterator[tuple[F32
         yield from zip(some, others, strict=True)
 
 
-__all__ = ["Fit", "How", "Refinement", "frames_of_hold", "no_step"]
+__all__ = ["Fit", "How", "Refinement", "frames_of_hold", "guarded", "no_step"]

@@ -35,6 +35,14 @@ function markers() {
   };
 }
 
+// Hovering a plot reads the time that `at` tells of an event; pressing or dragging goes there.
+function pointed(plot, at, hovering, seek) {
+  plot.addEventListener("pointermove", (event) => { hovering(at(event)); if (event.buttons & 1) seek(at(event)); });
+  plot.addEventListener("pointerdown", (event) => { plot.setPointerCapture(event.pointerId); seek(at(event)); });
+  plot.addEventListener("pointerleave", () => hovering(null));
+  plot.addEventListener("pointercancel", () => hovering(null));
+}
+
 // `what`: {title, note, kind, tall, stacked, last, series(): [{name, colour, dash, values, also}]}
 function makeChart(what, data, motion, units, seek, hovering) {
   const { times } = motion;
@@ -117,10 +125,7 @@ function makeChart(what, data, motion, units, seek, hovering) {
   }
 
   const at = (event) => timeAt(event.clientX - plot.getBoundingClientRect().left);
-  plot.addEventListener("pointermove", (event) => { hovering(at(event)); if (event.buttons & 1) seek(at(event)); });
-  plot.addEventListener("pointerdown", (event) => { plot.setPointerCapture(event.pointerId); seek(at(event)); });
-  plot.addEventListener("pointerleave", () => hovering(null));
-  plot.addEventListener("pointercancel", () => hovering(null));
+  pointed(plot, at, hovering, seek);
 
   return {
     element,
@@ -182,10 +187,7 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
     return Math.abs(across(best) - x) < REACH ? Math.min(best, motion.end) : time;
   };
   const at = (event) => near(event.clientX - plot.getBoundingClientRect().left);
-  plot.addEventListener("pointermove", (event) => { hovering(at(event)); if (event.buttons & 1) seek(at(event)); });
-  plot.addEventListener("pointerdown", (event) => { plot.setPointerCapture(event.pointerId); seek(at(event)); });
-  plot.addEventListener("pointerleave", () => hovering(null));
-  plot.addEventListener("pointercancel", () => hovering(null));
+  pointed(plot, at, hovering, seek);
 
   return {
     element,
