@@ -1,9 +1,12 @@
-"""Path of a scene file, flags -> frozen Scene; raises InputError with every problem at once."""
+"""Path of a scene file, flags -> frozen Scene; raises InputError with every problem at once.
+
+An `Opened` file makes any number of scenes.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,35 @@ MAX_EDITS = 20_000
 """Values that the variants of a file set, a * counted as often as it applies."""
 
 
+class Opened:
+    """A scene file that was read and checked, for any number of its variants: an edit costs what it changes.
+
+    Of a scene that is right, what an edit leaves as it was is not checked again.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], allow_outside: bool = False) -> None:
+        name = os.fspath(path)
+        self.file = Path(name)
+        self._source = Source(name, Path(os.path.abspath(self.file)).parent)
+        self._root = with_bases(read_scene(self.file, name), self.file, allow_outside)
+        self._files = Files(allow_outside)
+        self._own = Report()
+        self._ground = _check(self._root, self._own, self._files)
+        self._of_variants = tuple(_problems_of_variants(self._root, self._own, self._files))
+
+    def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> model.Scene:
+        """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
+        edited = _edited(self._root, overrides, variant, self._source)
+        report, ground = self._own, self._ground
+        if edited is not self._root:
+            report = Report() if self._own.problems else self._own.beyond()
+            ground = _check(edited, report, self._files)
+        problems = dict.fromkeys((*report.problems, *self._of_variants))
+        if problems:
+            raise InputError(problems)
+        return frozen(edited, scene_name(self.file), self._source, ground)
+
+
 def load(
     path: str | os.PathLike[str],
     overrides: Sequence[str] = (),
@@ -36,18 +68,7 @@ def load(
     Every variant of the file is checked, whichever is asked for. Paths in the file stay below its folder
     unless `allow_outside`; see files.py. Raises InputError with all problems, sorted by place.
     """
-    name = os.fspath(path)
-    file = Path(name)
-    source = Source(name, Path(os.path.abspath(file)).parent)
-    written = with_bases(read_scene(file, name), file, allow_outside)
-    files = Files(allow_outside)
-    edited = _edited(written, overrides, variant, source)
-    report = Report()
-    ground = _check(edited, report, files)
-    _check_variants(written, report if edited is written else Report(), report, files)
-    if report.problems:
-        raise InputError(report.problems)
-    return frozen(edited, scene_name(file), source, ground)
+    return Opened(path, allow_outside).scene(overrides, variant)
 
 
 def written(path: str | os.PathLike[str], allow_outside: bool = False) -> dict[str, Any]:
@@ -97,22 +118,19 @@ def _check(root: Node, report: Report, files: Files) -> Ground:
         return Ground()
 
 
-def _check_variants(root: Node, report: Report, into: Report, files: Files) -> None:
-    """Adds to `into` what each variant of the file would break that the file itself does not."""
+def _problems_of_variants(root: Node, own: Report, files: Files) -> Iterator[Problem]:
+    """What each variant of the file would break that the file itself, of which `own` tells, does not."""
     named = list(variants_of(root))
-    if not named or len(into.problems) > 100:
+    if not named or len(own.problems) > 100:
         return
     things = 16 + _things(root)
     edits = sum(targets(root, key) for _, node in named for key in children(node))
     place = children(root)["variants"].key_place
     if len(named) * things > MAX_CHECKS or edits > MAX_EDITS:
-        into.problems[
-            Problem(place, "variants", "", "are too many for a scene of this size", "use sweep")
-        ] = None
+        yield Problem(place, "variants", "", "are too many for a scene of this size", "use sweep")
         return
-    if report is not into:
-        _check(root, report, files)
-    before = set(report.problems)
+    report = own.beyond()
+    report.problems = dict(own.problems)
     for name, node in named:
         changed = root
         try:
@@ -122,7 +140,7 @@ def _check_variants(root: Node, report: Report, into: Report, files: Files) -> N
             report.problems.update(dict.fromkeys(error.problems))
             continue
         _check(changed, report, files)
-    into.problems.update((problem, None) for problem in report.problems if problem not in before)
+    yield from (problem for problem in report.problems if problem not in own.problems)
 
 
 def _things(root: Node) -> int:

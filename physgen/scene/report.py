@@ -23,6 +23,12 @@ class Report:
         self.ruled: set[Node] = set()
         """Mappings and outlines whose cross-field rules were looked at."""
 
+    def beyond(self) -> Report:
+        """A fresh one that knows what this one has seen: for another tree that shares parts with the first."""
+        other = Report()
+        other.known, other.bad, other.ruled = set(self.known), set(self.bad), set(self.ruled)
+        return other
+
     def add(self, place: Place, path: Path | str, found: str, expected: str, fix: str) -> None:
         """One problem; the same one is kept once. Raises TooManyError after MAX_PROBLEMS."""
         where = path if isinstance(path, str) else dotted(path)
