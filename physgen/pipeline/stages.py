@@ -32,7 +32,7 @@ MOST_POSES = 20_000_000
 def load(
     path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False
 ) -> Scene:
-    """Scene file or pack -> Scene, with overlays applied and defaults filled in. Raises InputError with every problem."""
+    """Scene file or pack -> Scene, with overlays applied and defaults filled in. Raises InputError with all problems."""
     from physgen.scene.build import load as load_scene
 
     return load_scene(scene_file(path), overrides, variant, allow_outside)

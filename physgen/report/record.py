@@ -157,7 +157,7 @@ def frame_hash(rgb: NDArray[np.uint8]) -> str:
 
 
 def source_of(path: Path, folder: Path) -> str:
-    """The path of a scene as a clip in `folder` names it: its links followed, but not the file's own, whose name counts."""
+    """The path of a scene from a clip's folder: links are followed, but not the file's own, whose name counts."""
     home = os.path.realpath(path.parent)
     return Path(os.path.relpath(os.path.join(home, path.name), os.path.realpath(folder))).as_posix()
 

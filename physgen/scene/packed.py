@@ -169,7 +169,9 @@ class _Layout:
         """Whether it is below the folder of the file that names it."""
         return f"{wish}/".startswith(posixpath.dirname(self._home_of(node)) + "/")
 
-    def _fitting(self, wishes: Sequence[str | None], paths: Sequence[Path], node: Node, fits: bool) -> list[str]:
+    def _fitting(
+        self, wishes: Sequence[str | None], paths: Sequence[Path], node: Node, fits: bool
+    ) -> list[str]:
         """Names for files: as wished where that works without leave to go outside, else in a folder of their own."""
         free = all(
             wish is None or self.files.get(wish) is None or _same(self.files[wish], path)
@@ -237,7 +239,9 @@ class _Layout:
         else:
             data = _bytes(path, MOST_PICTURE, str(path))
         if len(data) > left:
-            raise InputError.of(str(self.file), "", f"needs more than {MOST_WHOLE >> 30} GiB", "make its photo smaller")
+            raise InputError.of(
+                str(self.file), "", f"needs more than {MOST_WHOLE >> 30} GiB", "make its photo smaller"
+            )
         return data
 
 

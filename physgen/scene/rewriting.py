@@ -30,14 +30,15 @@ def rewritten(data: bytes, values: Iterable[tuple[Node, str]]) -> bytes:
     mark = codecs.BOM_UTF8 if data.startswith(codecs.BOM_UTF8) else b""
     text = data[len(mark) :].decode("utf-8")
     loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    spans = [
-        (event.start_mark.index, event.end_mark.index, anew[place])
-        for event in yaml.parse(text, Loader=loader)
-        if isinstance(event, ScalarEvent)
-        and (place := (event.start_mark.line + 1, event.start_mark.column + 1)) in anew
-    ]
-    for start, end, value in reversed(spans):
-        if text[start] in "|>":  # a block ends with the line
-            end = start + len(text[start:end].rstrip())
-        text = text[:start] + json.dumps(value, ensure_ascii=False) + text[end:]
+    spans = []
+    for event in yaml.parse(text, Loader=loader):
+        start, end = event.start_mark, event.end_mark
+        if isinstance(event, ScalarEvent) and start is not None and end is not None:
+            place = start.line + 1, start.column + 1
+            if place in anew:
+                spans.append((start.index, end.index, anew[place]))
+    for begin, stop, value in reversed(spans):
+        if text[begin] in "|>":  # a block ends with the line
+            stop = begin + len(text[begin:stop].rstrip())
+        text = text[:begin] + json.dumps(value, ensure_ascii=False) + text[stop:]
     return mark + text.encode("utf-8")

@@ -43,7 +43,15 @@ MOST_DIRECTORY = 200 * MOST_FILES
 AGAIN = "pack the scene again"
 OTHER = "name a file that physgen pack wrote"
 ENCRYPTED = 1
-DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, struct.error, ValueError, RuntimeError, NotImplementedError)
+DAMAGED = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    struct.error,
+    ValueError,
+    RuntimeError,
+    NotImplementedError,
+)
 """What reading a zip raises where it is none."""
 
 
@@ -142,7 +150,9 @@ def _judge(info: zipfile.ZipInfo, names: set[str], name: str) -> None:
     if info.flag_bits & ENCRYPTED:
         raise refused("is encrypted")
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise refused("is compressed in another way than a pack's files", "pack the scene again, or zip it plainly")
+        raise refused(
+            "is compressed in another way than a pack's files", "pack the scene again, or zip it plainly"
+        )
     names.add(info.filename)
 
 
@@ -164,7 +174,9 @@ def _scene(archive: zipfile.ZipFile, names: set[str], name: str) -> str:
     return scene
 
 
-def _blocks(archive: zipfile.ZipFile, info: zipfile.ZipInfo, most: int, left: int, name: str) -> Iterator[bytes]:
+def _blocks(
+    archive: zipfile.ZipFile, info: zipfile.ZipInfo, most: int, left: int, name: str
+) -> Iterator[bytes]:
     """The bytes of a member, never more than `most`, nor than are `left` for all."""
     total = 0
     try:
