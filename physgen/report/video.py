@@ -23,7 +23,7 @@ U8 = NDArray[np.uint8]
 X264 = {"crf": "17", "preset": "veryfast", "threads": "1"}
 """x264's bytes depend on its number of threads: one count serves single clips and batches."""
 if platform.machine().lower() in ("x86_64", "amd64"):
-    # its macroblock tree written for AVX-512 reads what lay in memory: one clip, two streams. As fast without; and older
+    # its macroblock tree for AVX-512 reads what lay in memory: one clip, two streams. As fast without, and older
     # processors write the same bytes
     X264["x264-params"] = "asm=SSE4.2"
 PALETTE_FRAMES = 8
