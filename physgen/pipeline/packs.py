@@ -6,6 +6,7 @@ That folder is named by the pack's bytes, checked each time it is opened, and he
 from __future__ import annotations
 
 import hashlib
+import os
 import tempfile
 from collections import OrderedDict
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.scene.pack_format import is_pack
+from physgen.whole import Stamp, stamped
 
 if TYPE_CHECKING:
     from physgen.cache.store import Store
@@ -21,6 +23,8 @@ MOST_HELD = 64
 """Packs that a process holds at a time: each costs it an open file."""
 FILES, SCENE = "files", "scene.txt"
 """Of an entry of the cache: what was in the pack, and the name of the scene among it."""
+_KNOWN: dict[str, tuple[Stamp, str]] = {}
+"""Absolute path of a pack -> when it was written, and the key of its entry."""
 _HELD: OrderedDict[tuple[str, str], tuple[ExitStack, Path]] = OrderedDict()
 
 
@@ -32,15 +36,19 @@ def scene_file(path: str | Path) -> Path:
     from physgen.cache.store import opened
     from physgen.scene.unpacked import read_pack
 
-    data = read_pack(path)
-    store = opened()
-    key = f"pack-{hashlib.sha256(data).hexdigest()[:32]}"
+    store, name, stamp = opened(), os.path.abspath(path), stamped(path)
+    told, key = _KNOWN.get(name, (None, ""))
+    data = b""
+    if told != stamp or (str(store.root), key) not in _HELD:
+        data = read_pack(path)
+        key = f"pack-{hashlib.sha256(data).hexdigest()[:32]}"
     held = _HELD.pop((str(store.root), key), None)
     if held is None or not held[1].is_file():
-        held = _opened(store, key, data, str(path))
+        held = _opened(store, key, data or read_pack(path), str(path))
     _HELD[str(store.root), key] = held
     while len(_HELD) > MOST_HELD:
         _HELD.popitem(last=False)[1][0].close()
+    _KNOWN[name] = stamp, key
     return held[1]
 
 

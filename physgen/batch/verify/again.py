@@ -16,6 +16,7 @@ from physgen.batch.verify.told import Told, read_told
 from physgen.batch.verify.verdict import Frames, Outcome, Verdict, Why
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.packs import scene_file
+from physgen.pipeline.warm import Keep, Warm
 from physgen.problems import InputError
 from physgen.report.record import RunRecord, inputs
 from physgen.whole import meant
@@ -78,13 +79,14 @@ def _verified(claim: Claim, progress: pipeline.Progress) -> Verdict:
         tuple(f"{name} {what}" for name, what in harm.items()),
         notes=(UNREFINED,) if told.refined else (),
     )
-    maps = pipeline.percepts(scene)
-    compiled = pipeline.compile(scene, maps)
+    warm = Warm(Keep.NOTHING)  # nothing that was kept is believed
+    maps = warm.maps(scene)
+    compiled = warm.compile(scene, maps)
     progress("simulate", 0, 1)
-    now = pipeline.simulate(compiled.world, progress=progress)
+    now = warm.simulate(compiled.world, progress, cached=False)
     then = stored_motion(folder / "trajectory.npz", told.samples)
     motion = apart(told.samples, then, now)
-    filming = Filming(scene, compiled, maps, claim.device, RunRecord(scene="", command=[]))
+    filming = Filming(scene, compiled, maps, claim.device, RunRecord(scene="", command=[]), warm)
     sound = [file for file in told.files if file not in harm]
     pictures = _Again(filming, told, folder, sound, progress).compared(now, then, motion is not None)
     same = motion is None and pictures is None and not harm

@@ -2,8 +2,8 @@
 
 A run keeps a hash of each frame, and the frames themselves only as PNG. Any other film has lost something of them, so
 the new frames are made into such a film, too, and the two are compared as they are decoded. What an
-encoder makes of a frame depends on the frames around it: those that are alike come out a little differently where others
-differ. By how much is measured on them, and of the frames that differ only what is beyond that is told.
+encoder makes of a frame depends on the frames around it: those that are alike come out a little differently where
+others differ. By how much is measured on them, and of the frames that differ only what is beyond that is told.
 """
 
 from __future__ import annotations
