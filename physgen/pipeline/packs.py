@@ -5,6 +5,7 @@ That folder is named by the pack's bytes, checked each time it is opened, and he
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import os
 import tempfile
@@ -43,6 +44,8 @@ def scene_file(path: str | Path) -> Path:
         data = read_pack(path)
         key = f"pack-{hashlib.sha256(data).hexdigest()[:32]}"
     held = _HELD.pop((str(store.root), key), None)
+    if held is None and not _HELD:
+        atexit.register(_let_go)
     if held is None or not held[1].is_file():
         held = _opened(store, key, data or read_pack(path), str(path))
     _HELD[str(store.root), key] = held
@@ -50,6 +53,12 @@ def scene_file(path: str | Path) -> Path:
         _HELD.popitem(last=False)[1][0].close()
     _KNOWN[name] = stamp, key
     return held[1]
+
+
+def _let_go() -> None:
+    """While there still is somebody to close files."""
+    while _HELD:
+        _HELD.popitem()[1][0].close()
 
 
 def _opened(store: Store, key: str, data: bytes, name: str) -> tuple[ExitStack, Path]:

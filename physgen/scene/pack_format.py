@@ -73,13 +73,15 @@ def fault_of(name: str) -> Fault | None:
 
 
 def clash_of(names: Iterable[str]) -> Fault | None:
-    """Two names that some file systems take for one, or a file that stands where another needs a folder."""
+    """Two names that some file systems take for one, or a file that stands where another needs a folder.
+
+    Names of folders end with a stroke.
+    """
     taken: dict[str, tuple[str, bool]] = {}
     for name in names:
-        for path in (PurePosixPath(name), *PurePosixPath(name).parents):
-            is_file, text = path == PurePosixPath(name), str(path)
-            if text == ".":
-                continue
+        whole = PurePosixPath(name)
+        for path in (whole, *whole.parents[:-1]):
+            is_file, text = path == whole and not name.endswith("/"), str(path)
             key = unicodedata.normalize("NFC", text).casefold()
             other, was_file = taken.setdefault(key, (text, is_file))
             if other != text:

@@ -212,7 +212,7 @@ class _Layout:
     def written(self) -> bytes:
         """The bytes of the pack."""
         name = str(self.file)
-        if (fault := clash_of(file.rstrip("/") for file in self.files)) is not None:
+        if (fault := clash_of(self.files)) is not None:
             raise InputError.of(name, fault.name, fault.expected, fault.fix)
         if len(self.files) > MOST_FILES:
             found = f"{len(self.files):,} files"

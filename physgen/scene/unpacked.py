@@ -13,7 +13,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -105,10 +105,11 @@ def _opened(data: bytes, name: str) -> _Members:
     infos = archive.infolist()
     if len(infos) > MOST_FILES + 1:
         raise InputError.of(name, f"{len(infos):,} files", f"are over the {MOST_FILES:,} of a pack", OTHER)
-    names: set[str] = set()
+    names: dict[str, None] = {}
     for info in infos:
         _judge(info, names, name)
-    if (clash := clash_of(file.rstrip("/") for file in names)) is not None:
+        names[info.filename] = None
+    if (clash := clash_of(names)) is not None:
         raise InputError.of(name, quoted(clash.name), clash.expected, AGAIN)
     if CONTENTS not in names:
         raise InputError.of(name, "", f"is a zip, but no pack: it has no {CONTENTS}", OTHER)
@@ -131,8 +132,8 @@ def _archive(data: bytes, name: str) -> zipfile.ZipFile:
         raise InputError.of(name, "", "is damaged: its list of files cannot be read", AGAIN) from None
 
 
-def _judge(info: zipfile.ZipInfo, names: set[str], name: str) -> None:
-    """Refuses a member by what its entry says; adds its name."""
+def _judge(info: zipfile.ZipInfo, before: Container[str], name: str) -> None:
+    """Refuses a member by what its entry says, and by the names `before` it."""
 
     def refused(expected: str, fix: str = AGAIN) -> InputError:
         return InputError.of(name, quoted(info.orig_filename), expected, fix)
@@ -141,7 +142,7 @@ def _judge(info: zipfile.ZipInfo, names: set[str], name: str) -> None:
         raise refused("has a second name, or a zero byte in its name")
     if (fault := fault_of(info.filename[:-1] if info.is_dir() else info.filename)) is not None:
         raise refused(fault.expected)
-    if info.filename in names:
+    if info.filename in before:
         raise refused("is there twice")
     kind = stat.S_IFMT(info.external_attr >> 16)
     if kind not in (0, stat.S_IFDIR if info.is_dir() else stat.S_IFREG):
@@ -153,10 +154,9 @@ def _judge(info: zipfile.ZipInfo, names: set[str], name: str) -> None:
         raise refused(
             "is compressed in another way than a pack's files", "pack the scene again, or zip it plainly"
         )
-    names.add(info.filename)
 
 
-def _scene(archive: zipfile.ZipFile, names: set[str], name: str) -> str:
+def _scene(archive: zipfile.ZipFile, names: Container[str], name: str) -> str:
     """Name of the scene file, by the contents page."""
     info = archive.getinfo(CONTENTS)
     page = b"".join(_blocks(archive, info, MOST_CONTENTS, MOST_WHOLE, name))

@@ -170,10 +170,10 @@ def _of_frames(frames: Frames) -> Iterable[str]:
     often = f"{frames.differ} of {min(before, now)}"
     how = ""
     if frames.first is not None:
-        beyond = f" beyond the {frames.loss} grey levels that {frames.film} may lose" if frames.loss else ""
-        how = f": {_much(frames.first, frames.loss)}{beyond}"
+        how = f": {f'in {frames.film} ' if frames.film else ''}{_much(frames.first, frames.loss)}"
         if frames.most is not None and frames.most.frame != frames.first.frame:
             how += f", {_much(frames.most, frames.loss)} in frame {frames.most.frame}"
+        how += f" (beyond the {frames.loss} that it may lose)" if frames.loss else ""
     elif frames.unmeasured:
         how = f", how much cannot be told: {frames.unmeasured}"
     yield f"{where}, {often}{how}"
@@ -185,7 +185,7 @@ def _of_frames(frames: Frames) -> Iterable[str]:
 
 def _much(amount: Amount, loss: int) -> str:
     if amount.levels <= loss:
-        return "nothing"
+        return "nothing that it shows"
     return f"{amount.pixels} px by up to {_count(amount.levels, 'grey level')}"
 
 
