@@ -297,7 +297,8 @@ def test_no_name_leads_out(names: list[str]) -> None:
         assert {path.name for path in root.iterdir()} == {"home"}
         assert {path.name for path in home.iterdir()} == {"new"}
         found = {path.relative_to(home / "new").as_posix() for path in home.rglob("*") if path.is_file()}
-        files = {name for name in names if not name.endswith("/")}
+        written = (zipfile.ZipInfo(name).filename for name in names)  # what a writer makes of a zero byte
+        files = {name for name in written if not name.endswith("/")}
         assert found == {"a/scene.yaml", *files}
     finally:
         shutil.rmtree(root)
