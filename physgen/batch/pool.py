@@ -111,7 +111,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     warnings: list[Problem] = []
     try:
         if job.cached:
-            told = finished(job.folder, job.mark, Path(job.path), warm.hash)
+            told = finished(job.folder, job.mark, pipeline.scene_file(job.path), warm.hash)
             if told is not None:
                 return Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
         folder = pipeline.render_scene(

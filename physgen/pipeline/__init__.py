@@ -12,6 +12,7 @@ of them, `refining` retouches what is filmed, and `clip` is the whole line.
 from __future__ import annotations
 
 from physgen.pipeline.clip import Page, output_name, render_scene
+from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
@@ -50,6 +51,7 @@ __all__ = [
     "percepts",
     "render",
     "render_scene",
+    "scene_file",
     "shot",
     "silent",
     "simulate",

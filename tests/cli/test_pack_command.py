@@ -15,7 +15,7 @@ physgen: 1  # a lesson
 size: [96, 64]
 world: {duration: 0.2}
 objects:
-  ball: {shape: {circle: {center: [30, 20], radius: 9}}, mass: 100, rolling: 0.1}
+  ball: {shape: {circle: {center: [30, 20], radius: 9}}, mass: 100}
 render: {fps: 20}
 variants:
   heavy: {objects.ball.mass: 900}
@@ -55,9 +55,12 @@ def test_commands_take_a_pack_for_its_scene(lesson: Path, capsys: Capture) -> No
         assert main(["check", path, "--resolved"]) == 0
         said.append(capsys.readouterr().out)
     assert said[0] == said[1]
-    assert main(["check", "lesson.physgen", "--strict"]) == 2
-    assert "objects.ball.rolling" in capsys.readouterr().err
+    assert main(["check", "lesson.physgen", "--set", "objects.ball.mass=heavy"]) == 2
+    assert 'objects.ball.mass: "heavy" is not a number' in capsys.readouterr().err
     assert main(["render", "lesson.physgen", "--variant", "all", "--report", "plain", "--jobs", "2"]) == 0
+    capsys.readouterr()
+    assert main(["render", "lesson.physgen", "--variant", "all", "--report", "plain", "--json"]) == 0
+    assert capsys.readouterr().out.count('"state": "unchanged"') == 2
     assert main(["render", str(lesson), "-o", "other", "--report", "plain"]) == 0
     assert sorted(p.name for p in Path("out").iterdir() if p.is_dir()) == [
         "index.files",
@@ -80,7 +83,10 @@ def test_refusals_write_nothing(lesson: Path, capsys: Capture) -> None:
     wrong.write_text(SCENE.replace("mass: 100", "mass: heavy"))
     with zipfile.ZipFile(lesson.with_name("docs.zip"), "w") as archive:
         archive.writestr("a.txt", "a")
-    no_pack = f"{lesson.with_name('docs.zip')}: is a zip, but no pack: it has no pack.json; name a file that physgen pack wrote"
+    no_pack = (
+        f"{lesson.with_name('docs.zip')}: is a zip, but no pack: it has no pack.json; "
+        "name a file that physgen pack wrote"
+    )
     cut = lesson.with_name("cut.physgen")
     cut.write_text("physgen: 1")
     cases = [
@@ -90,7 +96,7 @@ def test_refusals_write_nothing(lesson: Path, capsys: Capture) -> None:
         ),
         (
             ["pack", str(wrong)],
-            f'{wrong}:5:65: objects.ball.mass: "heavy" is not a number; write grams, e.g. 170',
+            f'{wrong}:5:64: objects.ball.mass: "heavy" is not a number; write grams, e.g. 170',
         ),
         (["unpack", "none.physgen"], "none.physgen: no such file; name a file that physgen pack wrote"),
         (
