@@ -371,6 +371,21 @@ def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
     ]
 
 
+def test_a_manifest_of_nonsense_does_no_harm(desk: Path) -> None:
+    rewrite(desk, lambda told: told["document"]["objects"]["ball"].update(mass=float("nan")))
+    rewrite(desk, lambda told: told["frames"].__setitem__(5, "0" * 64))
+    rewrite(desk, lambda told: told["files"].update({"../../scene.yaml": "0", "/etc/passwd": "0"}))
+    found = judged(desk)
+    assert found.recorded is Recorded.UNREAD
+    assert found.damaged == ("../../scene.yaml is no file of the clip", "/etc/passwd is no file of the clip")
+    with np.load(desk / "out" / "desk" / "trajectory.npz") as file:
+        arrays = {**file, "names": file["names"][:1]}
+    np.savez(desk / "out" / "desk" / "trajectory.npz", **arrays)
+    edit(desk, ("mass: 200", "mass: 300"))
+    assert (motion := judged(desk).motion) is not None
+    assert motion.unnamed == "trajectory.npz does not hold the old motion"
+
+
 def test_rounding_is_told_from_more(studio: Path) -> None:
     then = read_trajectory(studio / "out" / "desk" / "trajectory.npz")
     poses = then.poses.copy()

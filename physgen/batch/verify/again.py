@@ -95,7 +95,7 @@ def _as_told(
     """The scene as the manifest has it, if that still gives the clip: then all that differs comes from the scene."""
     try:
         take = Take(recorded(told, scene), claim.device, progress)
-    except InputError:
+    except (InputError, ValueError, RecursionError):  # a manifest may be anybody's
         return None, Recorded.UNREAD
     return (take, Recorded.SAME) if gives(take, told, progress) else (None, Recorded.OTHER)
 

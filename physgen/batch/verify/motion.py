@@ -79,7 +79,14 @@ def stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
     """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
     try:
         trajectory = read_trajectory(path)
-        return trajectory if trajectory.sample_hashes() == list(samples) else None
+        count, bodies = len(trajectory.times), len(trajectory.names)
+        whole = (
+            trajectory.poses.shape == trajectory.velocities.shape == (count, bodies, 3)
+            and trajectory.turns.shape in ((count, 0, 4), (count, bodies, 4))
+            and {a.dtype for a in (trajectory.poses, trajectory.velocities, trajectory.turns)}
+            == {np.dtype(float)}
+        )
+        return trajectory if whole and trajectory.sample_hashes() == list(samples) else None
     except (
         OSError,
         ValueError,
