@@ -215,21 +215,31 @@ def _path(group: Sequence[Way], trees: Sequence[Mapping[Way, Value]]) -> str:
     return f"{dotted(group[0])} and {len(group) - 1} more"
 
 
-def _short(paths: Sequence[str]) -> list[str]:
-    """The fewest last parts of each path that leave no doubt, in reading order."""
+def apart(paths: Sequence[str]) -> list[list[str]]:
+    """The fewest last parts of each path that leave no doubt, in reading order; components are x, y and z.
+
+    >>> apart(["objects.*.mass", "objects.cue.velocity.0", "objects.cue.friction", "world.table.friction"])
+    [['mass'], ['velocity', 'x'], ['cue', 'friction'], ['table', 'friction']]
+    """
     split = [[part for part in re.findall(r"[^.\[\]]+", path) if part != "*"] for path in paths]
     said = [
         [*parts[:-1], "xyz"[int(parts[-1])]] if parts[-1] in ("0", "1", "2") else parts for parts in split
     ]
-    names = []
+    found = []
     for parts in said:
         least = 2 if parts[-1] in ("x", "y", "z") or parts[-2:-1] == ["table"] else 1
+        while least < len(parts) and parts[-least].isdecimal():
+            least += 1
         for count in range(least, len(parts) + 1):
             tail = parts[-count:]
             if sum(other[-count:] == tail for other in said) == 1:
                 break
-        names.append(" ".join(tail).replace("_", " "))
-    return names
+        found.append(tail)
+    return found
+
+
+def _short(paths: Sequence[str]) -> list[str]:
+    return [" ".join(tail).replace("_", " ") for tail in apart(paths)]
 
 
 def _unit(way: Way) -> str:
