@@ -135,7 +135,9 @@ def _whole(pieces: Sequence[str]) -> Axis:
     if not equals:
         raise _wrong(argument, "has no =", f"write KEY=VALUES, e.g. {EXAMPLE}")
     if parse_key(key) is None:
-        raise _wrong(argument, f"{quoted(key)} is not a dotted key" if key else "has no key", f"write e.g. {EXAMPLE}")
+        raise _wrong(
+            argument, f"{quoted(key)} is not a dotted key" if key else "has no key", f"write e.g. {EXAMPLE}"
+        )
     if not values.strip():
         raise _wrong(argument, "has no values", f"write e.g. {EXAMPLE}; null takes a key away")
     try:
@@ -158,9 +160,13 @@ def _parts(values: str) -> tuple[Value | Steps, ...]:
     seen: set[str] = set()
     for text in texts:
         if not text:
-            raise WrongError("has an empty value between commas", "take the comma away; null takes a key away")
+            raise WrongError(
+                "has an empty value between commas", "take the comma away; null takes a key away"
+            )
         if text.startswith("~"):
-            raise WrongError("mixes values and a distribution", "write the distribution alone, or ~choice(...)")
+            raise WrongError(
+                "mixes values and a distribution", "write the distribution alone, or ~choice(...)"
+            )
         if steps.looks_like(text):
             parts.append(steps.read(text))
             continue

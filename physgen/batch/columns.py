@@ -33,8 +33,11 @@ class Column:
 
 def kind_of(values: Iterable[Any]) -> Kind:
     """The narrowest kind that holds all; None fits into any."""
-    seen = {type(value) for value in values if value is not None}
+    known = [value for value in values if value is not None]
+    seen = {type(value) for value in known}
     if not seen or not seen <= {int, float, bool} or (bool in seen and len(seen) > 1):
+        return Kind.TEXT
+    if any(abs(value) >= 2**63 for value in known):  # no column of whole numbers is so wide
         return Kind.TEXT
     return Kind.TRUTH if seen == {bool} else Kind.WHOLE if seen == {int} else Kind.NUMBER
 

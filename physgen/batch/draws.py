@@ -136,7 +136,9 @@ def _of_two(name: str, text: str) -> Distribution:
             raise WrongError("does not hold whole numbers", f"write e.g. {example}")
         return Integers(int(a), int(b))
     if name == "loguniform" and a * b <= 0:
-        raise WrongError("has no logarithm: 0 lies between its ends, or is one", "take both above 0, or both below")
+        raise WrongError(
+            "has no logarithm: 0 lies between its ends, or is one", "take both above 0, or both below"
+        )
     if not isfinite(float(b) - float(a)):
         raise WrongError("is too wide for numbers of a computer", f"write e.g. {example}")
     make: Callable[[float, float], Distribution] = Uniform if name == "uniform" else LogUniform

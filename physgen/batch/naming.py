@@ -21,7 +21,11 @@ WORD = 24
 
 
 def name(
-    variant: int | None, said: str | None, places: Sequence[int], draw: int | None, told: Sequence[tuple[str, Value]]
+    variant: int | None,
+    said: str | None,
+    places: Sequence[int],
+    draw: int | None,
+    told: Sequence[tuple[str, Value]],
 ) -> str:
     """`variant`: its index, or None where there is one alone; `said`: its name. `told`: short keys with their values."""
     numbers = [f"{place:02d}" for place in ([] if variant is None else [variant]) + [*places]]

@@ -62,7 +62,9 @@ def read(text: str) -> Steps:
     if parts[3:] not in ([], ["log"]):
         raise WrongError(f'ends in "{parts[3]}"', f"write {':'.join(parts[:3])} or {':'.join(parts[:3])}:log")
     if parts[3:] and begin * end <= 0:
-        raise WrongError("has no logarithm: 0 lies between its ends, or is one", "take both above 0, or both below")
+        raise WrongError(
+            "has no logarithm: 0 lies between its ends, or is one", "take both above 0, or both below"
+        )
     return Steps(begin, end, count, bool(parts[3:]))
 
 

@@ -6,6 +6,7 @@ point of the grid stand all draws, the same ones, so that points differ in nothi
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -85,6 +86,26 @@ class Sweep:
     def __iter__(self) -> Iterator[Point]:
         return map(self.__getitem__, range(len(self)))
 
+    def find(self, name: str) -> Point | None:
+        """The clip of that name."""
+        places = [
+            int(part) for part in re.split("[-,]", name)[: self._numbers] if re.fullmatch("[0-9]{1,18}", part)
+        ]
+        sizes = ([len(self.variants)] if len(self.variants) > 1 else []) + [len(axis) for axis in self._grid]
+        sizes += [self.samples] if self.samples else []
+        if len(places) != len(sizes) or any(place >= size for place, size in zip(places, sizes, strict=True)):
+            return None
+        number = 0
+        for place, size in zip(places, sizes, strict=True):
+            number = number * size + place
+        point = self[number]
+        return point if point.name == name else None
+
+    @property
+    def _numbers(self) -> int:
+        """That a name begins with."""
+        return (len(self.variants) > 1) + len(self._grid) + bool(self.samples)
+
     @cached_property
     def _grid(self) -> tuple[Listed, ...]:
         return tuple(axis for axis in self.axes if isinstance(axis, Listed))
@@ -136,7 +157,9 @@ def planned(
         problems.extend(InputError.of(flag, "", expected, fix).problems)
 
     if drawn and samples is None:
-        wrong(str(drawn[0].place), "is a distribution, and nobody says how many draws", "add e.g. --samples 100")
+        wrong(
+            str(drawn[0].place), "is a distribution, and nobody says how many draws", "add e.g. --samples 100"
+        )
     if not drawn:
         fix = "give a key a distribution, e.g. 'objects.ball.mass=~uniform(100, 200)'"
         flags = (("--samples", samples), ("--seed", seed), ("--latin", design is Design.LATIN or None))

@@ -59,9 +59,7 @@ def _scene(
 ) -> Scene:
     """Raises InputError; what `--set` would say of a value, the argument says."""
     ours = sweep.set_to(values)
-    named = {
-        quoted(f"--set {text}", "", 80): axis.place for text, axis in zip(ours, sweep.axes, strict=True)
-    }
+    named = {quoted(f"--set {text}", "", 80): axis.place for text, axis in zip(ours, sweep.axes, strict=True)}
     try:
         return opened.scene((*overrides, *ours), variant)
     except InputError as error:
@@ -91,7 +89,9 @@ def _failing(
                 _scene(sweep, opened, overrides, values, sweep.variants[0])
             except InputError as error:
                 yield from (
-                    replace(problem, fix=f"{problem.fix}; as it is, its clips fail", severity=Severity.WARNING)
+                    replace(
+                        problem, fix=f"{problem.fix}; as it is, its clips fail", severity=Severity.WARNING
+                    )
                     for problem in error.problems
                 )
 
