@@ -13,6 +13,18 @@ from pathlib import Path
 _PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+\.part$")
 
 
+Stamp = tuple[int, int, int]
+
+
+def stamped(path: Path) -> Stamp:
+    """What changes when a file is written: its time, size and number on the disk; zeros where there is none."""
+    try:
+        told = os.stat(path)
+    except (OSError, ValueError):
+        return 0, 0, 0
+    return told.st_mtime_ns, told.st_size, told.st_ino
+
+
 def partial(path: Path) -> Path:
     """A name of our own beside `path`, on the same file system."""
     return path.with_name(f".{path.name}.{os.getpid()}.part")

@@ -10,16 +10,22 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from hashlib import sha256
+from math import inf
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import physgen
+from physgen.compile.world import World
 from physgen.report.record import file_hash, versions
 from physgen.scene.files import MAPS
 from physgen.scene.model import Scene
 
 ROOMS = ("compile", "outline", "perceive", "percepts", "pipeline", "render", "scene", "shadow", "simulate")
 """Whose code makes unrefined frames; `perceive` fills what objects leave behind."""
+MOVING = ("compile", "outline", "scene", "simulate")
+"""Whose code makes motions."""
 AFTERWARDS = {
     "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants"},
     "Render": {"overlay", "play"},
@@ -28,15 +34,22 @@ AFTERWARDS = {
 """What a scene says that no unrefined frame shows. The photo and its maps count by their bytes, not by their names."""
 FORMAT = 1
 """Counted up when an entry of frames is laid out in another way."""
+MOTION_FORMAT = 1
+"""Likewise of motions."""
 
 
 def key(stage: str, *parts: Any) -> str:
-    """`stage` and the SHA-256 of `parts`: plain data, dataclasses and enumerations; order of keys does not count.
+    """`stage` and the SHA-256 of `parts`: plain data, arrays, dataclasses, enumerations; order of keys does not count.
 
-    Raises TypeError for anything else, ValueError for a number that is not finite.
+    Raises TypeError for anything else, ValueError for what is no number.
     """
     text = json.dumps([_plain(part) for part in parts], sort_keys=True, ensure_ascii=False, allow_nan=False)
     return f"{stage}-{sha256(text.encode()).hexdigest()}"
+
+
+def motion_key(world: World) -> str:
+    """The key of a world's motion at the times of its frames."""
+    return key("motion", MOTION_FORMAT, code_version(MOVING), world)
 
 
 def guidance_key(scene: Scene, inputs: Mapping[str, str], device: str) -> str:
@@ -88,7 +101,17 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, (int, float)):
+        if value in (inf, -inf):
+            return {"": str(value)}
         return float(value) + 0.0 if abs(value) < 2**53 else value
+    if isinstance(value, np.ndarray):
+        data = np.ascontiguousarray(value)
+        return {
+            "": "array",
+            "type": data.dtype.str,
+            "size": data.shape,
+            "data": sha256(data.data).hexdigest(),
+        }
     if is_dataclass(value) and not isinstance(value, type):
         kind = type(value).__name__
         named = {

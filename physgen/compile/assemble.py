@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.attach import fields_of, joints_of, pushes_of
-from physgen.compile.masks import object_labels
 from physgen.compile.masses import mass_problems
 from physgen.compile.pairs import surface
+from physgen.compile.shapes import Shapes, shapes_of
 from physgen.compile.standing import standing
-from physgen.compile.walls import fit_masks, walls_of
+from physgen.compile.walls import walls_of
 from physgen.compile.world import Body, World
-from physgen.geometry import rotation
-from physgen.outline.outline import Disc, Outline, Region, Ring, mass_properties, mean_distance
+from physgen.outline.outline import Disc, Outline, mass_properties, mean_distance
 from physgen.outline.pieces import convex_pieces
 from physgen.problems import InputError, Problem
-from physgen.scene.model import Box, Circle, Motion, Object, Polygon, Scene, Shape, Solid, View
+from physgen.scene.model import Motion, Object, Scene, Solid, View
 from physgen.showing import html
 
 Array = NDArray[np.float64]
@@ -43,11 +42,18 @@ class Compiled:
 
     world: World
     outlines: tuple[Outline, ...]
-    """Of the objects, photo frame, t = 0."""
-    labels: U16
-    """(H, W): id k + 1 is the k-th object; 0 = background."""
-    scenery: NDArray[np.bool_]
-    """(H, W): pixels that show a boundary; they stay in the picture."""
+    """Of the objects, photo frame, t = 0: those of `shapes`, brought onto what they stand on."""
+    shapes: Shapes
+
+    @property
+    def labels(self) -> U16:
+        """(H, W): id k + 1 is the k-th object; 0 = background."""
+        return self.shapes.labels
+
+    @property
+    def scenery(self) -> NDArray[np.bool_]:
+        """(H, W): pixels that show a boundary; they stay in the picture."""
+        return self.shapes.fits.scenery
 
     def _repr_html_(self) -> str:
         """For notebooks."""
@@ -60,16 +66,22 @@ class PathError(Exception):
 
 def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
     """`labels` is the photo's label map, None for a scene without one. Raises InputError."""
+    check_steps(scene)
+    return assembled(scene, shapes_of(scene, labels))
+
+
+def check_steps(scene: Scene) -> None:
+    """Raises InputError where a simulation would take days."""
     steps = scene.world.duration * scene.world.steps_per_second
     if steps > MOST_STEPS:
         place, found = scene.place("world.duration"), f"{steps:,.0f} steps"
         expected = "from duration times steps_per_second are too many"
         raise InputError([Problem(place, "world", found, expected, f"make it at most {MOST_STEPS:,}")])
-    written = [_written(item.shape) for item in scene.objects]
-    of_objects = object_labels(scene, labels, written)
-    fits = fit_masks(scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None])
-    outlines = tuple(fits.objects[k + 1] if it is None else it for k, it in enumerate(written))
-    outlines = standing(scene, outlines, [it is None for it in written])
+
+
+def assembled(scene: Scene, shapes: Shapes) -> Compiled:
+    """The world of a scene with these `shapes`. Raises InputError."""
+    outlines = standing(scene, shapes.outlines, [it is None for it in shapes.written])
     problems: list[Problem] = []
     bodies = []
     for item, outline in zip(scene.objects, outlines, strict=True):
@@ -99,12 +111,12 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
         steps_per_second=scene.world.steps_per_second,
         times=frame_times(scene),
         bodies=tuple(bodies),
-        walls=walls_of(scene, fits.walls),
+        walls=walls_of(scene, shapes.fits.walls),
         pushes=pushes_of(scene, bodies),
         joints=joints_of(scene, bodies),
         fields=fields_of(scene, bodies),
     )
-    return Compiled(world, outlines, of_objects, fits.scenery)
+    return Compiled(world, outlines, shapes)
 
 
 def frame_times(scene: Scene) -> Array:
@@ -125,25 +137,6 @@ def frame_times(scene: Scene) -> Array:
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
     return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
-
-
-def _written(shape: Shape) -> Outline | None:
-    """Outline of an explicit shape; None for `auto`."""
-    match shape:
-        case Circle(center=center, radius=radius):
-            return Disc(np.array(center, np.float64), float(radius))
-        case Box(center=center, size=(width, height), angle=angle):
-            corners = np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
-            return Region((Ring(corners @ rotation(radians(angle)).T + center, ()),))
-        case Polygon(rings=rings):
-            return Region(
-                tuple(
-                    Ring(np.array(r.outline, np.float64), tuple(np.array(h, np.float64) for h in r.holes))
-                    for r in rings
-                )
-            )
-        case _:
-            return None
 
 
 def _body(item: Object, outline: Outline, scene: Scene) -> Body:

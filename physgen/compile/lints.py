@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from math import ceil, sqrt
+from math import ceil
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,13 +12,13 @@ from physgen.compile.assemble import Compiled
 from physgen.compile.effects import without_effect
 from physgen.compile.film import filming
 from physgen.compile.masses import grams, mass_path
-from physgen.compile.reach import Lines, beyond, distance, moved
+from physgen.compile.reach import Lines, distance, moved
 from physgen.compile.support import unsupported
 from physgen.compile.warning import warning
 from physgen.outline.outline import bounds
 from physgen.outline.overlap import overlap_depth
 from physgen.problems import Problem, by_place
-from physgen.scene.model import Auto, JointKind, Motion, Scene
+from physgen.scene.model import JointKind, Motion, Scene
 
 Array = NDArray[np.float64]
 
@@ -27,13 +26,6 @@ OVERLAP = 0.25
 """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
 MISSED = 0.05
 """Part of a mask that its shape may miss."""
-SEEN = 0.08
-"""Of a mask's size (root of its area): how far it may reach beyond the hull of its shape and still be its own.
-
-A shape is the section through the plane of motion; the photo also shows a top, an inside or a rim nearer the lens.
-"""
-THIN = 5
-"""px: threads and wires narrower than this move with their object and need no shape."""
 APART = 1e3
 """Masses that touch or are joined: of a heavier one by a lighter, contacts come out soft or are slow to settle."""
 TOUCH = 1.0
@@ -199,15 +191,7 @@ def _far_joints(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    for k, item in enumerate(scene.objects):
-        if item.mask is None or isinstance(item.shape, Auto):
-            continue
-        rows, columns = np.nonzero(compiled.labels == k + 1)
-        away = beyond(compiled.outlines[k], np.stack([columns, rows], axis=-1).astype(np.float64))
-        beyond_it = np.zeros(compiled.labels.shape, np.uint8)
-        beyond_it[rows, columns] = away > SEEN * sqrt(len(away))
-        thick = cv2.morphologyEx(beyond_it, cv2.MORPH_OPEN, np.ones((THIN, THIN), np.uint8))
-        missed = np.count_nonzero(thick) / max(len(away), 1)
+    for item, missed in zip(scene.objects, compiled.shapes.missed, strict=True):
         if missed > MISSED:
             expected = f"misses {missed:.0%} of its mask"
             fix = "write shape: auto, or correct the outline"

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.refining import Refiners, guided, refined
-from physgen.pipeline.stages import chaos, compile, drawn_by, lint, load, percepts, render, simulate
+from physgen.pipeline.stages import chaos, drawn_by, lint, render
+from physgen.pipeline.warm import Keep, Warm
 from physgen.pipeline.watch import Progress, Warn, silent, unheard
 from physgen.pipeline.writing import written
 from physgen.problems import InputError, Place, Problem, Severity
@@ -60,15 +61,16 @@ def render_scene(
     refiners: Refiners | None = None,
     cached: bool = True,
     page: Page = Page.FULL,
+    warm: Warm | None = None,
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
     `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. `refiners` hold models
-    from one scene to the next; frames that are refined come from the cache where they are kept, if it is to be
-    `cached`; `page` says how much the report holds. Raises InputError; where it is refinement that fails, the folder is
-    there all the same, with `unrefined.mp4`.
+    from one scene to the next, and `warm` holds what the scene before left at hand; motions and frames that are refined
+    come from the cache where they are kept, if it is to be `cached`; `page` says how much the report holds. Raises
+    InputError; where it is refinement that fails, the folder is there all the same, with `unrefined.mp4`.
     """
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.perception import perception
@@ -78,14 +80,15 @@ def render_scene(
     record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
     record.overrides, record.variant = list(overrides), variant
     record.device = drawn_by(device)
+    warm = warm or Warm(Keep.NOTHING)
     with record.stage("load"):
-        scene = load(path, overrides, variant, allow_outside)
+        scene = warm.load(path, overrides, variant, allow_outside)
         scene = replace(scene, name=output_name(path, variant))
-        maps = percepts(scene)
+        maps = warm.maps(scene)
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document
     record.seeds = {"refine": scene.refine.seed}
-    record.inputs = inputs(scene, Path(path))
+    record.inputs = inputs(scene, Path(path), warm.hash)
     record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
 
     def odd(problem: Problem) -> None:
@@ -94,13 +97,13 @@ def render_scene(
 
     progress("compile", 0, 1)
     with record.stage("compile"):
-        compiled = compile(scene, maps)
+        compiled = warm.compile(scene, maps)
         lints = lint(scene, compiled)
     for problem in lints:
         odd(problem)
     with record.stage("report"):
-        seen = perception(scene, compiled, maps) if page is Page.FULL else None
-    filming = Filming(scene, compiled, maps, device, record)
+        seen = perception(scene, compiled, maps.percepts) if page is Page.FULL else None
+    filming = Filming(scene, compiled, maps, device, record, warm)
     del maps
     kinds = tuple(formats) if formats else (Format.MP4,)
     faults: Sequence[Problem] = ()
@@ -113,7 +116,7 @@ def render_scene(
         else:
             progress("simulate", 0, 1)
             with record.stage("simulate"):
-                trajectory = simulate(compiled.world, progress=progress)
+                trajectory = warm.simulate(compiled.world, progress, cached, odd)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)

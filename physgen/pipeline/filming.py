@@ -7,11 +7,11 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from physgen.pipeline.stages import render, shot, stage
+from physgen.pipeline.stages import render, shot
+from physgen.pipeline.warm import Maps, Warm
 
 if TYPE_CHECKING:
     from physgen.compile.assemble import Compiled
-    from physgen.percepts.maps import Percepts
     from physgen.render.shot import Shot
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
@@ -23,17 +23,19 @@ class Filming:
     """A scene about to be filmed; what is drawn is cut out when first asked for, and the maps are let go."""
 
     def __init__(
-        self, scene: Scene, compiled: Compiled, maps: Percepts | None, device: str, record: RunRecord
+        self, scene: Scene, compiled: Compiled, maps: Maps, device: str, record: RunRecord, warm: Warm
     ) -> None:
-        self.scene, self.compiled, self.device = scene, compiled, device
-        self._maps, self._record = maps, record
+        self.scene, self.compiled, self.device, self.warm = scene, compiled, device, warm
+        self._maps: Maps | None = maps
+        self._record = record
         self._fine: tuple[Trajectory, int] | None = None
 
     @cached_property
     def stage(self) -> Stage:
         """What is drawn."""
         with self._record.stage("cut out"):
-            made = stage(self.scene, self.compiled, self._maps)
+            assert self._maps is not None
+            made = self.warm.stage(self.scene, self.compiled, self._maps)
         self._maps = None
         return made
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.stages import compile, load, percepts, shot, simulate
+from physgen.pipeline.warm import Keep, Warm
 from physgen.pipeline.watch import Progress, silent
 from physgen.problems import InputError
 
@@ -141,12 +142,13 @@ def _reel(path: str | Path, asked: Asked, progress: Progress) -> Reel:
     from physgen.report.record import RunRecord
 
     scene = load(path, asked.overrides, asked.variant, asked.allow_outside)
-    maps = percepts(scene)
-    compiled = compile(scene, maps)
+    warm = Warm(Keep.NOTHING)
+    maps = warm.maps(scene)
+    compiled = warm.compile(scene, maps)
     progress("simulate", 0, 1)
-    trajectory = simulate(compiled.world, progress=progress)
+    trajectory = warm.simulate(compiled.world, progress)
     order = chosen(asked.frames, len(trajectory.times))
-    filming = Filming(scene, compiled, maps, "cpu", RunRecord(scene=scene.name, command=[]))
+    filming = Filming(scene, compiled, maps, "cpu", RunRecord(scene=scene.name, command=[]), warm)
     photo = next(filming.frames(trajectory, (0,))).rgb
     frames = []
     for k, frame in enumerate(filming.annotated(filming.frames(trajectory, order), trajectory)):

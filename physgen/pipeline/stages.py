@@ -83,8 +83,9 @@ def chaos(world: World, progress: Progress = silent) -> Chaos:
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     """What is drawn: the filled background and the objects cut out of the photo, or flat shapes on paper.
 
-    Flat shapes are drawn as large as `render` shows them at most.
+    Flat shapes are drawn as large as `render` shows them at most. Nothing that can only be seen in motion counts.
     """
+    from physgen.compile.looks import looks
     from physgen.render.flat import enlarged, flat_background, flat_sprites
     from physgen.render.shot import drawn_large
     from physgen.render.sprites import cut_sprites
@@ -92,18 +93,19 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     from physgen.render.staging import staged
     from physgen.render.threads import one_thread
 
+    scene, world = looks(scene, compiled.world)
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
     fine = scene.render.supersample
     if maps is None:
         large = drawn_large(scene)
-        world, outlines = enlarged(compiled.world, compiled.outlines, large)
+        world, outlines = enlarged(world, compiled.outlines, large)
         sprites = flat_sprites(world, outlines, order, large)
         return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
     with one_thread():
         sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
-        made = staged(scene, compiled.world, sprites, maps, background, coverage, absent)
+        made = staged(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine)
 
 

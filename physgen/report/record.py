@@ -173,7 +173,7 @@ def _plain(value: object) -> object:
     return str(value)
 
 
-def inputs(scene: Scene, path: Path) -> dict[str, str]:
+def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) -> dict[str, str]:
     """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
     files = [path, *(Path(place.file) for place in scene.places.values() if place.line)]
     if scene.image is not None:
@@ -183,5 +183,5 @@ def inputs(scene: Scene, path: Path) -> dict[str, str]:
     folder = scene.folder.resolve()
     named = {}
     for file in dict.fromkeys(file.resolve() for file in files):
-        named[Path(os.path.relpath(file, folder)).as_posix()] = file_hash(file)
+        named[Path(os.path.relpath(file, folder)).as_posix()] = digest(file)
     return named

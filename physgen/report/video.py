@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
@@ -19,9 +20,12 @@ from physgen.problems import InputError
 
 U8 = NDArray[np.uint8]
 
-THREADS = 2
-"""Of the encoder; fixed, since x264's bytes depend on it. One count serves single clips and batches."""
-X264 = {"crf": "17", "preset": "veryfast", "threads": str(THREADS)}
+X264 = {"crf": "17", "preset": "veryfast", "threads": "1"}
+"""x264's bytes depend on its number of threads: one count serves single clips and batches."""
+if platform.machine().lower() in ("x86_64", "amd64"):
+    # its macroblock tree for AVX-512 reads what lay in memory: one clip, two streams. As fast without, and older
+    # processors write the same bytes
+    X264["x264-params"] = "asm=SSE4.2"
 PALETTE_FRAMES = 8
 """Frames that a GIF's palette is chosen from: the first ones, since frames are streamed."""
 

@@ -21,6 +21,7 @@ from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, targets
 from physgen.scene.report import Report, TooManyError
 from physgen.scene.rules import check_rules
 from physgen.scene.words import listed, nearest, quoted
+from physgen.whole import stamped
 
 MAX_CHECKS = 500_000
 """Variants times the things in a scene: what checking every variant may cost."""
@@ -38,11 +39,17 @@ class Opened:
         name = os.fspath(path)
         self.file = Path(name)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
-        self._root = with_bases(read_scene(self.file, name), self.file, allow_outside)
+        files = [self.file]
+        self._root = with_bases(read_scene(self.file, name), self.file, allow_outside, files)
+        self._stamps = [(file, stamped(file)) for file in files]
         self._files = Files(allow_outside)
         self._own = Report()
         self._ground = _check(self._root, self._own, self._files)
         self._of_variants = tuple(_problems_of_variants(self._root, self._own, self._files))
+
+    def stale(self) -> bool:
+        """Whether it, or a file that it extends, was written since."""
+        return any(stamped(file) != stamp for file, stamp in self._stamps)
 
     def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> model.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""

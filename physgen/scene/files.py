@@ -71,8 +71,8 @@ def read_scene(path: Path, name: str) -> Node:
     return read(decode(data, name), Source(name, folder))
 
 
-def with_bases(root: Node, file: Path, allow_outside: bool) -> Node:
-    """The tree with what it extends underneath, and `extends` gone. Raises InputError."""
+def with_bases(root: Node, file: Path, allow_outside: bool, files: list[Path] | None = None) -> Node:
+    """The tree with what it extends underneath, and `extends` gone; these `files` are added. Raises InputError."""
     home = root.source.folder.parent
     chain = [root]
     seen = {os.path.realpath(file)}
@@ -83,6 +83,8 @@ def with_bases(root: Node, file: Path, allow_outside: bool) -> Node:
         if link is None:
             break
         base = _base(link, home, allow_outside, len(chain), seen)
+        if files is not None:
+            files.append(Path(base.source.name))
         chain.append(base)
     whole = chain.pop()
     while chain:

@@ -11,6 +11,7 @@ from physgen.scene.files import MAPS, RefusedError, confined, image_size
 from physgen.scene.node import Node, whole
 from physgen.scene.report import Report
 from physgen.scene.words import quoted, shown
+from physgen.whole import Stamp, stamped
 
 
 @dataclass
@@ -23,21 +24,21 @@ class Ground:
 
 
 class Files:
-    """Files that a scene names, each looked at once however many variants are checked."""
+    """Files that a scene names, each looked at once however many variants are checked, until it is written."""
 
     def __init__(self, allow_outside: bool) -> None:
         self.allow_outside = allow_outside
-        self._sizes: dict[str, tuple[int, int] | RefusedError] = {}
+        self._sizes: dict[str, tuple[Stamp, tuple[int, int] | RefusedError]] = {}
 
     def size(self, path: Path) -> tuple[int, int]:
         """Width and height of an image; raises RefusedError."""
-        key = str(path)
-        if key not in self._sizes:
+        key, stamp = str(path), stamped(path)
+        if key not in self._sizes or self._sizes[key][0] != stamp:
             try:
-                self._sizes[key] = image_size(path)
+                self._sizes[key] = stamp, image_size(path)
             except RefusedError as error:
-                self._sizes[key] = error
-        found = self._sizes[key]
+                self._sizes[key] = stamp, error
+        found = self._sizes[key][1]
         if isinstance(found, RefusedError):
             raise found
         return found

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from physgen.problems import InputError
+from physgen.report import leftovers
 from physgen.report.folder import output_folder, whole_folder
 
 
@@ -49,22 +50,53 @@ def test_a_folder_of_somebody_elses_is_refused(tmp_path: Path) -> None:
         output_folder(tmp_path, "pool")
 
 
+DEAD = 2**22 + 12345
+"""Above Linux's largest process number."""
+
+
+@pytest.fixture
+def later(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was just written is no more fresh."""
+    monkeypatch.setattr(leftovers, "FRESH", -1.0)
+
+
+@pytest.mark.usefixtures("later")
 def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path: Path) -> None:
-    dead = 2**22 + 12345  # above Linux's largest process number
-    (tmp_path / f".run.{dead}.part").mkdir()
-    (tmp_path / f".run.{dead}.old").mkdir()
-    (tmp_path / f".run.{dead}.old" / "kept").write_text("1")
+    (tmp_path / f".run.{DEAD}.part").mkdir()
+    (tmp_path / f".run.{DEAD}.old").mkdir()
+    (tmp_path / f".run.{DEAD}.old" / "kept").write_text("1")
+    (tmp_path / "whole").mkdir()
+    (tmp_path / f".whole.{DEAD}.old").mkdir()
+    (tmp_path / f".index.html.{DEAD}.part").write_text("half")
     (tmp_path / f".run.{os.getpid()}.old").mkdir()  # of somebody who lives
     (tmp_path / ".running").mkdir()
+    (tmp_path / ".mine.part").mkdir()
 
     def interrupted() -> None:
-        with whole_folder(tmp_path / "run"):
+        with whole_folder(tmp_path / "other"):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert (tmp_path / "run" / "kept").read_text() == "1"
-    assert sorted(p.name for p in tmp_path.iterdir() if p.name != "run") == [
-        f".run.{os.getpid()}.old",
-        ".running",
-    ]
+    left = [".mine.part", f".run.{os.getpid()}.old", ".running", "run", "whole"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == left
+
+
+@pytest.mark.usefixtures("later")
+def test_a_folder_that_is_being_filled_stays_whoever_fills_it(tmp_path: Path) -> None:
+    """On another machine, its process's number says nothing here."""
+    busy = tmp_path / f".run.{DEAD}.part"
+    busy.mkdir()
+    with leftovers.in_use(busy):
+        leftovers.sweep(tmp_path)
+        assert busy.is_dir()
+    leftovers.sweep(tmp_path)
+    assert not busy.exists()
+
+
+def test_what_is_fresh_and_has_no_lock_stays(tmp_path: Path) -> None:
+    (tmp_path / f".index.html.{DEAD}.part").write_text("half")
+    leftovers.sweep(tmp_path)
+    assert len(list(tmp_path.iterdir())) == 1
+    leftovers.sweep(tmp_path / "nowhere")

@@ -1,0 +1,178 @@
+"""Stages whose results stay in this process from one clip to the next, for as long as what they read is the same.
+
+Scenes that differ in a force, a mass or a light share all that these leave as it is: the file is parsed once, the photo
+and its maps are read once, things are cut out once. Motions also outlast the process, in the store of `physgen.cache`.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from physgen.pipeline import stages
+from physgen.pipeline.watch import Progress, Warn, silent, unheard
+from physgen.whole import Stamp, stamped
+
+if TYPE_CHECKING:
+    from physgen.compile.assemble import Compiled
+    from physgen.compile.shapes import Shapes
+    from physgen.compile.world import World
+    from physgen.percepts.maps import Percepts
+    from physgen.render.stage import Stage
+    from physgen.scene.build import Opened
+    from physgen.scene.model import Scene
+    from physgen.simulate.trajectory import Trajectory
+
+T = TypeVar("T")
+
+WORTH = 0.03
+"""s that a simulation takes from which on it is kept on disk: reading one back takes a tenth of that."""
+MOST_HASHES = 20_000
+"""Files whose hashes are remembered."""
+MOST_PIXELS = 8_000_000
+"""Of a photo that stays in memory with its maps: a larger one goes when things are cut out of it."""
+
+
+class Keep(Enum):
+    """What stays."""
+
+    RESULTS = "results"
+    """The last few of each stage."""
+    NOTHING = "nothing"
+    """For a clip that is the only one: memory is free for drawing."""
+
+
+class Recent(Generic[T]):
+    """The last few results, by key; the eldest goes before a new one is made, so that both need never fit."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: dict[object, T] = {}
+
+    def forget(self, key: object) -> None:
+        """It is made anew when asked for."""
+        self._kept.pop(key, None)
+
+    def of(self, key: object, make: Callable[[], T]) -> T:
+        """Made now, or before."""
+        if key in self._kept:
+            found = self._kept[key] = self._kept.pop(key)
+            return found
+        while len(self._kept) >= max(self._most, 1):
+            del self._kept[next(iter(self._kept))]
+        made = make()
+        if self._most:
+            self._kept[key] = made
+        return made
+
+
+@dataclass(frozen=True)
+class Maps:
+    """A photo with its maps, None for a scene without one; and what it was read from, as a key."""
+
+    percepts: Percepts | None
+    key: str
+
+
+class Warm:
+    """The stages of `pipeline.stages`, of which each is run only where its result is not at hand."""
+
+    def __init__(self, keep: Keep = Keep.RESULTS) -> None:
+        few = 4 if keep is Keep.RESULTS else 0
+        self._opened: Recent[Opened] = Recent(few)
+        self._maps: Recent[Maps] = Recent(min(few, 1))
+        self._shapes: Recent[Shapes] = Recent(few)
+        self._stages: Recent[Stage] = Recent(min(few, 1))
+        self._motions: Recent[Trajectory] = Recent(few)
+        self._hashes: dict[Path, tuple[Stamp, str]] = {}
+
+    def load(
+        self, path: str | Path, overrides: Sequence[str], variant: str | None, allow_outside: bool
+    ) -> Scene:
+        """As `stages.load`."""
+        from physgen.scene.build import Opened
+
+        name = str(path)
+        read = (os.getcwd(), name, allow_outside)
+        opened = self._opened.of(read, lambda: Opened(name, allow_outside))
+        if opened.stale():
+            self._opened.forget(read)
+            opened = self._opened.of(read, lambda: Opened(name, allow_outside))
+        return opened.scene(overrides, variant)
+
+    def maps(self, scene: Scene) -> Maps:
+        """As `stages.percepts`."""
+        from physgen.cache.keys import key
+
+        files = [] if scene.image is None else [scene.image]
+        if scene.image is not None and scene.assets is not None:
+            files += sorted(scene.assets.glob("*.png"))
+        stamps = [(str(file), *stamped(file)) for file in files]
+        read = key("percepts", stamps, dict(scene.maps))
+        width, height = scene.size
+        if width * height > MOST_PIXELS:
+            return Maps(stages.percepts(scene), read)
+        return self._maps.of(read, lambda: Maps(stages.percepts(scene), read))
+
+    def compile(self, scene: Scene, maps: Maps) -> Compiled:
+        """As `stages.compile`."""
+        from physgen.cache.keys import key
+        from physgen.compile.assemble import assembled, check_steps
+        from physgen.compile.shapes import shapes_of
+
+        check_steps(scene)
+        labels = None if maps.percepts is None else maps.percepts.labels
+        things = [(item.mask, item.shape, item.layer) for item in scene.objects]
+        masks = [item.mask for item in scene.boundaries]
+        read = key("shapes", maps.key, scene.size, things, masks)
+        return assembled(scene, self._shapes.of(read, lambda: shapes_of(scene, labels)))
+
+    def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
+        """As `stages.stage`."""
+        from physgen.cache.keys import key
+        from physgen.compile.looks import looks
+
+        seen = looks(scene, compiled.world)
+        shapes = (compiled.labels, compiled.scenery, compiled.outlines)
+        return self._stages.of(
+            key("stage", maps.key, *seen, *shapes), lambda: stages.stage(scene, compiled, maps.percepts)
+        )
+
+    def simulate(
+        self, world: World, progress: Progress = silent, cached: bool = True, warn: Warn = unheard
+    ) -> Trajectory:
+        """As `stages.simulate`; from the store of results where it is kept there, if it is to be `cached`."""
+        from physgen.cache.keys import motion_key
+        from physgen.cache.motion import keep, kept
+        from physgen.cache.store import opened
+
+        read = motion_key(world)
+
+        def run() -> Trajectory:
+            store = opened(warn=warn) if cached else None
+            if (found := kept(store, read)) is not None:
+                return found
+            begun = time.perf_counter()
+            made = stages.simulate(world, progress=progress)
+            if time.perf_counter() - begun > WORTH:
+                keep(store, read, made)
+            return made
+
+        return self._motions.of(read, run)
+
+    def hash(self, file: Path) -> str:
+        """SHA-256 of a file, worked out once for as long as it is not written. Raises OSError."""
+        from physgen.report.record import file_hash
+
+        stamp = stamped(file)
+        known = self._hashes.get(file)
+        if known is None or known[0] != stamp:
+            if len(self._hashes) >= MOST_HASHES:
+                self._hashes.clear()
+            known = self._hashes[file] = stamp, file_hash(file)
+        return known[1]
