@@ -72,7 +72,7 @@ def read_asked(folder: Path) -> dict[str, Any] | None:
 
 
 def sweep_of(told: Mapping[str, Any]) -> Sweep:
-    """The sweep that a `sweep.json` tells of; raises KeyError, TypeError, ValueError or InputError where it does not."""
+    """The sweep that a `sweep.json` tells of; raises KeyError, TypeError, ValueError or InputError otherwise."""
     axes = read_axes([f"{axis['key']}={axis['values']}" for axis in told["axes"]])
     return Sweep(axes, tuple(told["variants"]), told["samples"], told["seed"], Design(told["design"]))
 
@@ -95,7 +95,8 @@ def begun(folder: Path, told: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
             p.name for p in folder.iterdir() if (p / "manifest.json").is_file() and not sweep.find(p.name)
         ]
         if strange:
-            found = f"holds {len(strange)} clip{'s' * (len(strange) != 1)} of another sweep, {sorted(strange)[0]} among them"
+            many = f"{len(strange)} clip{'s' * (len(strange) != 1)}"
+            found = f"holds {many} of another sweep, {sorted(strange)[0]} among them"
             fix = "they stay, and the gallery shows them; another -o keeps sweeps apart"
             warnings.append(Problem(Place(str(folder)), "", "", found, fix, Severity.WARNING))
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Arguments `KEY=VALUES` -> axes: keys of a scene, each with the values that it takes or the distribution of its draws."""
+"""Arguments `KEY=VALUES` -> axes: keys of a scene, each with its values or the distribution of its draws."""
 
 from __future__ import annotations
 

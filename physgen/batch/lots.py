@@ -19,7 +19,7 @@ ROUNDS = 8
 
 def lot(seed: int, key: str, number: int) -> float:
     """A draw of the uniform distribution over 0 < x < 1, independent of those of all other seeds, keys and numbers."""
-    return (_bits(f"{seed}\n{key}\n{number}", BITS) + 0.5) / 2**BITS
+    return (_bits(f"{seed}\n{key}\n{number}", BITS) + 0.5) / float(2**BITS)
 
 
 def stratified(seed: int, key: str, number: int, count: int) -> float:
@@ -28,7 +28,7 @@ def stratified(seed: int, key: str, number: int, count: int) -> float:
     Of the `count` equal strata of 0..1 each holds exactly one of the draws 0 .. count - 1, in an order that is
     another one for every key.
     """
-    place = (_bits(f"{seed}\n{key}\n{number}\nplace", FINE) + 0.5) / 2**FINE
+    place = (_bits(f"{seed}\n{key}\n{number}\nplace", FINE) + 0.5) / float(2**FINE)
     return (shuffled(seed, key, number, count) + place) / count
 
 

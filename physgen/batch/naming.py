@@ -27,7 +27,7 @@ def name(
     draw: int | None,
     told: Sequence[tuple[str, Value]],
 ) -> str:
-    """`variant`: its index, or None where there is one alone; `said`: its name. `told`: short keys with their values."""
+    """`variant`: its index, None where there is one alone; `said`: its name. `told`: short keys with their values."""
     numbers = [f"{place:02d}" for place in ([] if variant is None else [variant]) + [*places]]
     numbers += [] if draw is None else [f"{draw:04d}"]
     parts = ([] if variant is None or said is None else [said]) + [f"{key}={short(v)}" for key, v in told]

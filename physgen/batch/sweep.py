@@ -174,7 +174,7 @@ def planned(
         parts = [*(len(axis) for axis in sweep._grid), *([sweep.samples] if sweep.samples else [])]
         parts += [len(variants)] if len(variants) > 1 else []
         found = " x ".join(f"{part:,}" for part in parts) + f" are {count:,} clips"
-        fix = f"take fewer values, at most {MOST:,} clips; draws (KEY=~uniform(a, b) --samples N) cover many keys with few"
+        fix = f"make at most {MOST:,}; draws (KEY=~uniform(a, b) --samples N) cover many keys with few"
         wrong("sweep", found, fix)
     if problems:
         raise InputError(problems)

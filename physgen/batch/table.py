@@ -6,12 +6,13 @@ Memory does not grow with the rows: CSV goes out row by row, Parquet in groups.
 from __future__ import annotations
 
 import csv
+import fcntl
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
+from io import BufferedWriter, FileIO, TextIOWrapper
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
 
 from physgen.batch.columns import Cell, Column, Kind
 from physgen.whole import partial
@@ -40,16 +41,12 @@ class Table:
 
     def __enter__(self) -> Table:
         with ExitStack() as stack:
-            for path in self.paths:
-                beside = partial(path)
-                stack.callback(beside.unlink, missing_ok=True)
-                self._begun.append((beside, path))
-            self._csv = stack.enter_context(self._begun[0][0].open("w", encoding="utf-8", newline=""))
-            self._rows = csv.writer(self._csv, lineterminator="\n")
+            files = [stack.enter_context(_beside(path)) for path in self.paths]
+            self._begun = [(Path(file.name), path) for file, path in zip(files, self.paths, strict=True)]
+            self._text = stack.enter_context(TextIOWrapper(BufferedWriter(files[0]), "utf-8", newline=""))
+            self._rows = csv.writer(self._text, lineterminator="\n")
             self._rows.writerow(column.name for column in self._columns)
-            self._parquet = (
-                stack.enter_context(_Parquet(self._begun[1][0], self._columns)) if self.paths[1:] else None
-            )
+            self._parquet = stack.enter_context(_Parquet(files[1], self._columns)) if files[1:] else None
             self._stack = stack.pop_all()
         return self
 
@@ -57,20 +54,45 @@ class Table:
         """One row by the columns' names; what it lacks is empty."""
         cells = [row.get(column.name) for column in self._columns]
         self._rows.writerow(map(_written, cells))
-        self._csv.flush()
+        self._text.flush()
         if self._parquet is not None:
             self._parquet.add(cells)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is not None:
+            self._stack.__exit__(kind, error, trace)
+            return
         with self._stack:
-            if kind is None:
-                if self._parquet is not None:
-                    self._parquet.close()
-                self._csv.close()
-                for beside, path in self._begun:
-                    beside.replace(path)
+            if self._parquet is not None:
+                self._parquet.close()
+            self._text.close()
+            for beside, path in self._begun:
+                beside.replace(path)
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[FileIO]:
+    """`sweep.part.csv`, for whoever wants to look; gone at the end. Where another run fills it, a file of our own."""
+    beside = path.with_name(f"{path.stem}.part{path.suffix}")
+    file = FileIO(beside, "a")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        beside = partial(path)
+        file = FileIO(beside, "a")
+    except OSError:
+        pass  # a file system without locks
+    try:
+        with file:
+            file.truncate(0)
+            file.seek(0)
+            yield file
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
 
 
 def _written(value: Cell) -> str | int:
@@ -85,7 +107,7 @@ def _written(value: Cell) -> str | int:
 class _Parquet:
     """Rows -> one Parquet file with typed columns; units are in the columns' metadata."""
 
-    def __init__(self, path: Path, columns: Sequence[Column]) -> None:
+    def __init__(self, file: FileIO, columns: Sequence[Column]) -> None:
         import pyarrow
         from pyarrow import parquet
 
@@ -101,7 +123,7 @@ class _Parquet:
         ]
         self._schema = pyarrow.schema(fields)
         self._arrow = pyarrow
-        self._writer = parquet.ParquetWriter(path, self._schema)
+        self._writer = parquet.ParquetWriter(file, self._schema)
         self._held: list[list[Cell]] = []
 
     def __enter__(self) -> _Parquet:

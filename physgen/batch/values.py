@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from physgen.scene.node import Source, plain
 from physgen.scene.words import number
 
 _OPEN = {"[": "]", "{": "}", "(": ")"}
+_QUOTED = {"'": re.compile(r"'(?:[^']|'')*'"), '"': re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)}
 
 
 class WrongError(ValueError):
@@ -52,12 +54,15 @@ def split(text: str) -> list[str]:
 
 def _pieces(text: str) -> Iterator[tuple[int, int]]:
     waiting: list[str] = []
-    quote, begin, before = "", 0, ""
+    begin, before, end_of_quotes = 0, "", 0
     for at, mark in enumerate(text):
-        if quote:
-            quote = "" if mark == quote else quote
-        elif mark in "'\"" and before in ("", ",", ":", *_OPEN):  # within a word it is an apostrophe
-            quote = mark
+        if at < end_of_quotes:
+            continue
+        if mark in "'\"" and before in ("", ",", ":", *_OPEN):  # within a word it is an apostrophe
+            quotes = _QUOTED[mark].match(text, at)
+            if not quotes:
+                raise SplitError(mark)
+            end_of_quotes = quotes.end()
         elif mark in _OPEN:
             waiting.append(mark)
         elif mark in "]})":
@@ -69,8 +74,8 @@ def _pieces(text: str) -> Iterator[tuple[int, int]]:
             before = ""
             continue
         before = before if mark.isspace() else mark
-    if quote or waiting:
-        raise SplitError(quote or waiting[-1])
+    if waiting:
+        raise SplitError(waiting[-1])
     yield begin, len(text)
 
 

@@ -230,7 +230,7 @@ def apart(paths: Sequence[str]) -> list[list[str]]:
         least = 2 if parts[-1] in ("x", "y", "z") or parts[-2:-1] == ["table"] else 1
         while least < len(parts) and parts[-least].isdecimal():
             least += 1
-        for count in range(least, len(parts) + 1):
+        for count in range(min(least, len(parts)), len(parts) + 1):
             tail = parts[-count:]
             if sum(other[-count:] == tail for other in said) == 1:
                 break

@@ -49,7 +49,7 @@ def _part(schema_path: Path) -> Schema | None:
 
 
 def _default(path: Path, like: Node) -> Node | None:
-    """The list that stands where a file has none, so that a part of it can be set: velocity.0 alone; None: there is none."""
+    """The list that stands where a file has none, so that velocity.0 alone can be set; None: there is no such."""
     default = (_part(_kind(path)) or {}).get("default")
     if not isinstance(default, list) or not default:
         return None
