@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import signal
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+import errno
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from enum import Enum
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from physgen import pipeline
+from physgen.batch.finished import finished, mark
+from physgen.batch.finished import warnings as warned
+from physgen.batch.workers import spread
 from physgen.configured import plan
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.traces import clear, leave, trace_of
 from physgen.report.video import Format
 from physgen.whole import meant
-
-if TYPE_CHECKING:
-    from concurrent.futures import Future, ProcessPoolExecutor
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,19 @@ class Refiner:
             return told
         return plan([f"refine={self.setting}"], config=self.config, device=self.device)
 
+    @property
+    def told(self) -> str:
+        """Who would refine, as text: where it changes, clips are made again."""
+        return _told(self)
+
+
+@cache
+def _told(who: Refiner) -> str:
+    try:
+        return repr(who.plan().choices.get("refine"))
+    except InputError as error:  # told of where a clip is to be refined
+        return str(error)
+
 
 @dataclass(frozen=True)
 class Job:
@@ -59,6 +73,28 @@ class Job:
     refiner: Refiner = Refiner()
     cached: bool = True
     page: pipeline.Page = pipeline.Page.FULL
+    name: str | None = None
+    """Of its folder; None: the scene's, with the variant's behind it."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the clip goes. Raises InputError where its name cannot be one."""
+        return Path(self.out) / (self.name or pipeline.output_name(self.path, self.variant))
+
+    @property
+    def mark(self) -> str:
+        """Of all that is asked of the clip, of the models that may refine it, and of the code."""
+        asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device, self.page)
+        return mark(*asked, self.refiner.told)
+
+
+class State(Enum):
+    """How a job ended."""
+
+    MADE = "made"
+    UNCHANGED = "unchanged"
+    """The clip was there, made of the same."""
+    FAILED = "failed"
 
 
 @dataclass(frozen=True)
@@ -68,17 +104,29 @@ class Done:
     job: Job
     folder: Path | None
     problems: tuple[Problem, ...] = ()
+    state: State = State.FAILED
+    seconds: float = 0.0
+    full: bool = False
+    """There is no room left for any clip."""
 
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
-    """One clip in this process."""
+    """One clip in this process, unless it is there."""
+    begun = time.perf_counter()
+    warm = _warm()
     warnings: list[Problem] = []
     try:
+        if job.cached:
+            told = finished(job.folder, job.mark, Path(job.path), warm.hash)
+            if told is not None:
+                return Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
         folder = pipeline.render_scene(
             job.path,
             job.out,
             overrides=job.overrides,
             variant=job.variant,
+            name=job.name,
+            mark=job.mark,
             allow_outside=job.allow_outside,
             formats=job.formats,
             command=job.command,
@@ -87,18 +135,28 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             refiners=_refiners(job.refiner),
             cached=job.cached,
             page=job.page,
+            warm=warm,
             progress=progress,
             warn=warnings.append,
         )
     except InputError as error:
-        return Done(job, None, (*warnings, *error.problems))
+        return Done(job, None, (*warnings, *error.problems), seconds=time.perf_counter() - begun)
     except (OSError, MemoryError) as error:
-        return Done(job, None, (*warnings, _failure(job, error)))
-    return Done(job, folder, tuple(warnings))
+        full = isinstance(error, OSError) and error.errno in FULL
+        seconds = time.perf_counter() - begun
+        return Done(job, None, (*warnings, _failure(job, error)), seconds=seconds, full=full)
+    return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
 
 
+FULL = (errno.ENOSPC, errno.EDQUOT)
 _REFINERS: dict[Refiner, pipeline.Refiners] = {}
 """Of this process: models are loaded once, not for every clip."""
+
+
+@cache
+def _warm() -> pipeline.Warm:
+    """Of this process: what one clip leaves at hand for the next."""
+    return pipeline.Warm()
 
 
 def _refiners(who: Refiner) -> pipeline.Refiners:
@@ -112,7 +170,7 @@ def _failure(job: Job, error: BaseException) -> Problem:
     if isinstance(error, OSError):
         where = f"{meant(str(error.filename))}: " if error.filename else ""
         return InputError.of(job.path, "", f"failed: {where}{error.strerror or error}", "").problems[0]
-    said = "ran out of memory" if isinstance(error, MemoryError) else "failed: its process died"
+    said = "ran out of memory" if isinstance(error, MemoryError) else f"failed: {error}"
     return InputError.of(job.path, "", said, "try fewer --jobs or a smaller scene").problems[0]
 
 
@@ -125,7 +183,7 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
 
     job = done.job
     with suppress(InputError, OSError):
-        name = pipeline.output_name(job.path, job.variant)
+        name = job.folder.name
         if done.folder is not None:
             clear(out, name)
         elif gallery:
@@ -137,40 +195,12 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
             leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems), page)
 
 
-def run_all(jobs: Sequence[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:
-    """Results in the order of the jobs, whatever finishes first."""
-    if workers <= 1 or len(jobs) <= 1:
-        for job in jobs:
-            yield run(job, watch(job))
-        return
-    from concurrent.futures.process import BrokenProcessPool  # 30 ms that a single clip need not wait for
+def run_all(jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:
+    """Results in the order of the jobs, whatever finishes first; `watch` tells how far one is that runs alone.
 
-    with _pool(min(workers, len(jobs))) as pool:
-        futures: list[Future[Done]] = [pool.submit(run, job) for job in jobs]
-        for job, future in zip(jobs, futures, strict=True):
-            try:
-                yield future.result()
-            except BrokenProcessPool as error:
-                yield Done(job, None, (_failure(job, error),))
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Workers leave Ctrl-C to this process: it ends them, and they clear away what they were writing."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import active_children, get_context
-
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_obey)
-    try:
-        yield pool
-    except BaseException:
-        for worker in active_children():
-            worker.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _obey() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
+    Jobs are pulled as they are begun. Whoever stops early must close the iterator, which ends the processes.
+    """
+    if workers <= 1:
+        yield from (run(job, watch(job)) for job in jobs)
+    else:
+        yield from spread(run, jobs, workers, lambda job, error: Done(job, None, (_failure(job, error),)))

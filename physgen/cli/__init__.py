@@ -12,11 +12,12 @@ from contextlib import suppress
 from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
 from physgen.cli.exhibiting import gallery
-from physgen.cli.moving import check, render, simulate
+from physgen.cli.moving import check, simulate
 from physgen.cli.perceiving import import_, list_backends, perceive
 from physgen.cli.plotting import plot
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
 from physgen.cli.refining import refine
+from physgen.cli.rendering import render
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
 from physgen.whole import meant

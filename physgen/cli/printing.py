@@ -17,6 +17,11 @@ def tell(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def print_line(text: str) -> None:
+    """One line of a result, at once."""
+    print(text, flush=True)
+
+
 def tell_problems(problems: Sequence[Problem]) -> None:
     """One line each to stderr."""
     for problem in problems:

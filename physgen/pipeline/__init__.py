@@ -27,6 +27,7 @@ from physgen.pipeline.stages import (
     simulate,
     stage,
 )
+from physgen.pipeline.warm import Warm
 from physgen.pipeline.watch import Keep, Progress, Warn, silent, unheard
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Page",
     "Progress",
     "Refiners",
+    "Warm",
     "Warn",
     "chaos",
     "compile",

@@ -53,6 +53,8 @@ def render_scene(
     *,
     overrides: Sequence[str] = (),
     variant: str | None = None,
+    name: str | None = None,
+    mark: str = "",
     allow_outside: bool = False,
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
@@ -67,6 +69,7 @@ def render_scene(
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
+    `name` is the folder's in place of the scene's; `mark` goes into the manifest and tells what was asked for.
     `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. `refiners` hold models
     from one scene to the next, and `warm` holds what the scene before left at hand; motions and frames that are refined
     come from the cache where they are kept, if it is to be `cached`; `page` says how much the report holds. Raises
@@ -78,12 +81,12 @@ def render_scene(
     from physgen.report.video import Format
 
     record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
-    record.overrides, record.variant = list(overrides), variant
+    record.overrides, record.variant, record.mark = list(overrides), variant, mark
     record.device = drawn_by(device)
     warm = warm or Warm(Keep.NOTHING)
     with record.stage("load"):
         scene = warm.load(path, overrides, variant, allow_outside)
-        scene = replace(scene, name=output_name(path, variant))
+        scene = replace(scene, name=output_name(path, variant) if name is None else name)
         maps = warm.maps(scene)
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document

@@ -34,7 +34,7 @@ WORTH = 0.03
 """s that a simulation takes from which on it is kept on disk: reading one back takes a tenth of that."""
 MOST_HASHES = 20_000
 """Files whose hashes are remembered."""
-MOST_PIXELS = 8_000_000
+MOST_PIXELS = 2_000_000
 """Of a photo that stays in memory with its maps: a larger one goes when things are cut out of it."""
 
 

@@ -72,6 +72,8 @@ class RunRecord:
     refine: dict[str, Any] | None = None
     """`backend`, what `refine.refining.Refinement.note` tells, and `changes`, see `report.changes.Changes.figures`; or
     `backend` and why it `failed`. `strip`: the `file` that shows what changed, and its `size`. None: nobody asked."""
+    mark: str = ""
+    """Of all that was asked of the clip; see `batch.finished`."""
     unrefined: list[str] = field(default_factory=list)
     """SHA-256 of the RGB bytes of each frame as it was before it was refined; none where nobody asked."""
 
@@ -94,6 +96,7 @@ class RunRecord:
             "command": self.command,
             "variant": self.variant,
             "overrides": self.overrides,
+            "mark": self.mark,
             "versions": versions(self.refine),
             "platform": {"machine": platform.machine(), "system": platform.system()},
             "device": self.device,

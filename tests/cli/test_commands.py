@@ -91,8 +91,10 @@ def test_runs_and_jobs_give_the_same_bytes(lesson: Path, tmp_path: Path) -> None
 
 def test_variants_are_rendered_beside_the_scene(lesson: Path, tmp_path: Path, capsys) -> None:
     assert main(["render", str(lesson), "-o", str(tmp_path / "out"), "--variant", "all", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert [Path(folder).name for folder in result["folders"]] == ["lesson", "lesson-heavy"]
+    *lines, last = map(json.loads, capsys.readouterr().out.splitlines())
+    assert [(line["clip"], line["state"]) for line in lines] == [("lesson", "made"), ("lesson-heavy", "made")]
+    assert [Path(line["folder"]).name for line in lines] == ["lesson", "lesson-heavy"]
+    assert (last["clips"], last["failed"], last["passed"]) == (2, 0, True)
     a, b = (
         read_trajectory(tmp_path / "out" / name / "trajectory.npz") for name in ("lesson", "lesson-heavy")
     )
