@@ -8,12 +8,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.axes import Drawn, Listed, read_axes
+from physgen.batch.axes import Listed, read_axes
 from physgen.batch.columns import Column, Kind
 from physgen.batch.outcomes import LASTING, START, STILL, STILL_TURN
 from physgen.batch.sweep import Design, Sweep
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.report.record import file_hash, versions, write_json
+from physgen.report.swept import unit
+from physgen.scene.words import Path as Keys
 
 NAME = "sweep.json"
 LEAD = (
@@ -28,8 +30,13 @@ FILES = (Column("video", Kind.TEXT), Column("manifest", Kind.TEXT))
 
 def all_columns(sweep: Sweep, outcomes: Sequence[Column]) -> tuple[Column, ...]:
     """Of the table: which clip, what it was set to, whether it was made, what became of it, where it is."""
-    keys = (Column(axis.key, axis.kind) for axis in sweep.axes if isinstance(axis, Listed | Drawn))
+    keys = (Column(axis.key, axis.kind, unit(_way(axis.path))) for axis in sweep.axes)
     return (*LEAD, *keys, *STATE, *outcomes, *FILES)
+
+
+def _way(path: Keys) -> tuple[str | int, ...]:
+    """With numbers for what is counted: `velocity.0` is spelt so, too."""
+    return tuple(int(part) if str(part).isdecimal() else part for part in path)
 
 
 def asked(sweep: Sweep, scene: Path, folder: Path, **told: Any) -> dict[str, Any]:

@@ -21,8 +21,8 @@ EXAMPLE = "objects.ball.mass=100,200"
 
 
 @dataclass(frozen=True)
-class Axis:
-    """One key and what it is set to."""
+class Key:
+    """One key that varies."""
 
     key: str
     """Dotted, as `--set` takes it."""
@@ -43,7 +43,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Listed(Axis):
+class Listed(Key):
     """Values one by one: an axis of the grid."""
 
     parts: tuple[Value | Steps, ...]
@@ -80,7 +80,7 @@ class Listed(Axis):
 
 
 @dataclass(frozen=True)
-class Drawn(Axis):
+class Drawn(Key):
     """Values by a distribution."""
 
     distribution: Distribution
@@ -91,6 +91,9 @@ class Drawn(Axis):
         if isinstance(self.distribution, Choice):
             return kind_of(value.data for value in self.distribution.values)
         return Kind.WHOLE if isinstance(self.distribution, Integers) else Kind.NUMBER
+
+
+Axis = Listed | Drawn
 
 
 def place_of(argument: str) -> Place:

@@ -119,7 +119,7 @@ class Sweep:
         for axis in self.axes:
             if isinstance(axis, Listed):
                 found.append(axis.at(next(places)))
-            elif isinstance(axis, Drawn):
+            else:
                 key = same_key(axis)
                 latin = self.design is Design.LATIN
                 share = stratified(self.seed, key, draw, self.samples) if latin else lot(self.seed, key, draw)
@@ -132,9 +132,7 @@ class Sweep:
     def typical(self) -> tuple[Value, ...]:
         """The first value of each list, and of each distribution the middle: no tail of it."""
         return tuple(
-            axis.at(0) if isinstance(axis, Listed) else axis.distribution.at(0.5)
-            for axis in self.axes
-            if isinstance(axis, Listed | Drawn)
+            axis.at(0) if isinstance(axis, Listed) else axis.distribution.at(0.5) for axis in self.axes
         )
 
     def set_to(self, values: Sequence[Value]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Rows, one at a time -> `sweep.csv`, and `sweep.parquet` where pyarrow is: each appears when it is whole.
+"""Rows, one at a time -> `sweep.csv`, and `sweep.parquet` where pyarrow is: both appear when they are whole.
 
 Memory does not grow with the rows: CSV goes out row by row, Parquet in groups.
 """
@@ -28,13 +28,14 @@ def has_parquet() -> bool:
 
 
 class Table:
-    """Takes rows until it is left; then `paths` are there, or on any error none of them."""
+    """Takes rows; `publish` makes `paths` of them, and leaving it without that makes none."""
 
     def __init__(self, stem: Path, columns: Sequence[Column]) -> None:
         """`stem` is the files' path without its ending."""
         self._columns = tuple(columns)
         self._stack = ExitStack()
         self._begun: list[tuple[Path, Path]] = []
+        self.count = 0
         self.paths = [stem.with_name(f"{stem.name}.csv")]
         if has_parquet():
             self.paths.append(stem.with_name(f"{stem.name}.parquet"))
@@ -53,6 +54,7 @@ class Table:
     def add(self, row: Mapping[str, Cell]) -> None:
         """One row by the columns' names; what it lacks is empty."""
         cells = [row.get(column.name) for column in self._columns]
+        self.count += 1
         self._rows.writerow(map(_written, cells))
         self._text.flush()
         if self._parquet is not None:
@@ -61,15 +63,19 @@ class Table:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None:
-            self._stack.__exit__(kind, error, trace)
-            return
-        with self._stack:
-            if self._parquet is not None:
-                self._parquet.close()
-            self._text.close()
-            for beside, path in self._begun:
-                beside.replace(path)
+        self._stack.__exit__(kind, error, trace)
+        for beside, _ in self._begun:
+            beside.unlink(missing_ok=True)
+
+    def publish(self) -> list[Path]:
+        """All rows are there: the files under their final names."""
+        if self._parquet is not None:
+            self._parquet.close()
+        self._text.close()
+        for beside, path in self._begun:
+            beside.replace(path)
+        self._begun.clear()
+        return self.paths
 
 
 @contextmanager
@@ -85,14 +91,10 @@ def _beside(path: Path) -> Iterator[FileIO]:
         file = FileIO(beside, "a")
     except OSError:
         pass  # a file system without locks
-    try:
-        with file:
-            file.truncate(0)
-            file.seek(0)
-            yield file
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
+    with file:
+        file.truncate(0)
+        file.seek(0)
+        yield file
 
 
 def _written(value: Cell) -> str | int:

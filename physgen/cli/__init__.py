@@ -18,6 +18,7 @@ from physgen.cli.plotting import plot
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
 from physgen.cli.refining import refine
 from physgen.cli.rendering import render
+from physgen.cli.sweeping import sweep
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
 from physgen.whole import meant
@@ -73,6 +74,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "check": check,
     "simulate": simulate,
     "render": render,
+    "sweep": sweep,
     "refine": refine,
     "gallery": gallery,
     "evaluate": evaluate,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,7 +66,13 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     formats = tuple(Format(name) for name in options.format)
     refiner, overrides = _refining(options)
 
-    def make(path: str, variant: str | None, further: tuple[str, ...] = (), name: str | None = None) -> Job:
+    def make(
+        path: str,
+        variant: str | None,
+        further: tuple[str, ...] = (),
+        name: str | None = None,
+        tracked: tuple[str, ...] | None = None,
+    ) -> Job:
         return Job(
             path,
             options.output,
@@ -81,6 +87,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             options.cache,
             pipeline.Page(options.report),
             name,
+            tracked,
         )
 
     return make
@@ -91,8 +98,12 @@ def make_all(
     count: int,
     options: argparse.Namespace,
     heard: Callable[[Done], None] = lambda done: None,
+    beside: Callable[[], Sequence[Path]] = lambda: (),
 ) -> int:
-    """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code."""
+    """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code.
+
+    `beside` finishes what else there is at the end, and returns the files to tell of.
+    """
     from physgen.batch.pool import ended, run_all
 
     root = Path(options.output)
@@ -118,7 +129,7 @@ def make_all(
     changed = tally.made or tally.failed or not (root / "index.html").exists()
     if gallery and changed and not tally.full and root.is_dir():
         _gallery(root, bar, tally)
-    return _sum_up(tally, count, root, options)
+    return _sum_up(tally, count, root, beside(), options)
 
 
 class _Told:
@@ -183,7 +194,7 @@ def _gallery(root: Path, bar: Bar, tally: Tally) -> None:
     bar.clear()
 
 
-def _sum_up(tally: Tally, count: int, root: Path, options: argparse.Namespace) -> int:
+def _sum_up(tally: Tally, count: int, root: Path, beside: Sequence[Path], options: argparse.Namespace) -> int:
     """The last line, and the exit code."""
     import json
 
@@ -196,11 +207,13 @@ def _sum_up(tally: Tally, count: int, root: Path, options: argparse.Namespace) -
             "unchanged": tally.unchanged,
             "failed": tally.failed,
             "index": None if index is None else str(index),
+            **{path.name: str(path) for path in beside},
             "passed": tally.failed == 0 and tally.all == count,
         }
         print_line(json.dumps(line))
-    elif index is not None:
-        print_line(str(index))
+    else:
+        for path in ([] if index is None else [index]) + [*beside]:
+            print_line(str(path))
     if tally.full:
         left = count - tally.made - tally.unchanged
         tell(

@@ -85,7 +85,7 @@ def swept(clips: Sequence[Clip]) -> list[Swept]:
     seen: set[tuple[int, ...]] = set()
     for (_, group, values, named, within), path, name in zip(rows, paths, names, strict=True):
         split = _split([value for value, clip in zip(values, clips, strict=True) if clip.document])
-        found.append(Swept(path, name, _unit(group[0]), tuple(values), named, within, split in seen))
+        found.append(Swept(path, name, unit(group[0]), tuple(values), named, within, split in seen))
         seen.add(split)
     return found
 
@@ -242,8 +242,9 @@ def _short(paths: Sequence[str]) -> list[str]:
     return [" ".join(tail).replace("_", " ") for tail in apart(paths)]
 
 
-def _unit(way: Way) -> str:
-    part, unit = expanded(), ""
+def unit(way: Way) -> str:
+    """Of what stands there in a scene, by the schema; a name may be `*`."""
+    part, told = expanded(), ""
     for n, key in enumerate(way):
         inner = part.get("properties", {}).get(key) if isinstance(key, str) else part.get("items")
         if inner is None and isinstance(key, int):
@@ -251,8 +252,8 @@ def _unit(way: Way) -> str:
         inner = part.get("additionalProperties") if inner is None and n == 1 else inner
         if not isinstance(inner, dict):
             break
-        part, unit = inner, str(inner.get("x-unit", unit))
-    return unit
+        part, told = inner, str(inner.get("x-unit", told))
+    return told
 
 
 def _split(values: Sequence[Value | None]) -> tuple[int, ...]:
