@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -21,7 +20,7 @@ from physgen.configured import plan
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.traces import clear, leave, trace_of
-from physgen.report.video import Format
+from physgen.report.video import NO_ROOM, Format
 from physgen.simulate.trajectory import read_trajectory
 from physgen.whole import meant
 
@@ -49,15 +48,10 @@ class Refiner:
     @property
     def told(self) -> str:
         """Who would refine, as text: where it changes, clips are made again."""
-        return _told(self)
-
-
-@cache
-def _told(who: Refiner) -> str:
-    try:
-        return repr(who.plan().choices.get("refine"))
-    except InputError as error:  # told of where a clip is to be refined
-        return str(error)
+        try:
+            return repr(self.plan().choices.get("refine"))
+        except InputError as error:  # told of where a clip is to be refined
+            return str(error)
 
 
 @dataclass(frozen=True)
@@ -156,13 +150,12 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
     except InputError as error:
         return Done(job, None, (*warnings, *error.problems), seconds=time.perf_counter() - begun)
     except (OSError, MemoryError) as error:
-        full = isinstance(error, OSError) and error.errno in FULL
+        full = isinstance(error, OSError) and error.errno in NO_ROOM
         seconds = time.perf_counter() - begun
         return Done(job, None, (*warnings, _failure(job, error)), seconds=seconds, full=full)
     return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
 
 
-FULL = (errno.ENOSPC, errno.EDQUOT)
 _REFINERS: dict[Refiner, pipeline.Refiners] = {}
 """Of this process: models are loaded once, not for every clip."""
 

@@ -25,7 +25,11 @@ Warn = Callable[[Problem], None]
 
 MOST_BYTES = 5_000_000_000
 """Of all entries, unless `PHYSGEN_CACHE_BYTES` says otherwise."""
-LEASE, LOCK = "lease", ".lock"
+SHARE = 100
+"""A hundredth of what may be kept is added before the eldest entries are looked for."""
+LEASE, LOCK, GROWN = "lease", ".lock", ".grown"
+_SWEPT: set[Path] = set()
+"""Stores from which this process has cleared away what killed ones left."""
 _BYTES = re.compile(r"(?P<number>\d+(\.\d*)?(e\d+)?) ?(?P<unit>[kMGT]?)B?", re.IGNORECASE)
 
 
@@ -109,16 +113,18 @@ class Store:
         try:
             filling = Filling(folder, self._unkept)
             yield filling
+            grown = 0
             if filling.kept:
                 try:
-                    self._finish(folder, key)
+                    grown = self._finish(folder, key)
                 except OSError as error:
                     self._unkept(error)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
             os.close(lease)
         with suppress(OSError):
-            self._shrink(self.most_bytes)
+            if grown and self._due(grown):
+                self._shrink(self.most_bytes)
 
     def sizes(self) -> list[Entry]:
         """All entries, the least recently used first."""
@@ -173,7 +179,9 @@ class Store:
         """A folder of our own, and its lease, which nobody else has."""
         self.root.mkdir(parents=True, exist_ok=True, mode=0o700)  # photos may be private
         with self._locked():
-            self._sweep()
+            if self.root not in _SWEPT:
+                _SWEPT.add(self.root)
+                self._sweep()
             folder = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self.root))
             try:
                 lease = os.open(folder / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
@@ -183,17 +191,32 @@ class Store:
                 raise
         return folder, lease
 
-    def _finish(self, folder: Path, key: str) -> None:
+    def _due(self, grown: int) -> bool:
+        """Whether so many bytes more make it time to look for what is too much: looking means listing every entry."""
+        with self._locked():
+            counter = self.root / GROWN
+            try:
+                since = int(counter.read_text()) + grown
+            except (OSError, ValueError):  # nobody has looked yet
+                since = self.most_bytes
+            due = since * SHARE >= self.most_bytes
+            counter.write_text("0" if due else str(since))
+        return due
+
+    def _finish(self, folder: Path, key: str) -> int:
+        """Bytes of the entry; 0 where it is none."""
         if (size := size_of(folder)) > self.most_bytes:
             found = f"{size:,} bytes of one result"
             fix = "raise PHYSGEN_CACHE_BYTES"
             self._tell(found, f"are more than the {self.most_bytes:,} that are kept", fix)
-            return
+            return 0
         seal(folder, LEASE)
         os.utime(folder / LEASE)
         with self._locked():
-            if not (self.root / key).exists():
-                folder.rename(self.root / key)
+            if (self.root / key).exists():
+                return 0
+            folder.rename(self.root / key)
+        return size
 
     def _shrink(self, most: int) -> Freed:
         """Entries go, the least recently used first, until no more than `most` bytes are left; remains go too."""

@@ -116,6 +116,9 @@ def make_all(
         with closing(done_ones):  # type: ignore[type-var]
             for done in done_ones:
                 bar.clear()
+                if done.full:  # of every clip that follows the same would be said
+                    tally.full = True
+                    break
                 _count(tally, done)
                 for line in told.new(done):
                     counter.tell(line)
@@ -123,9 +126,6 @@ def make_all(
                 heard(done)
                 _told_of(done, options.json, counter)
                 counter.step(tally.failed)
-                if done.full:
-                    tally.full = True
-                    break
     changed = tally.made or tally.failed or not (root / "index.html").exists()
     if gallery and changed and not tally.full and root.is_dir():
         _gallery(root, bar, tally)

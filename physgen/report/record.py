@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -122,13 +123,18 @@ class RunRecord:
 
 def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Of physgen, Python and the libraries whose results reach the output, those told in `refine` among them."""
+    return _installed() | {name: str(refine[name]) for name in REFINING if refine and name in refine}
+
+
+@cache
+def _installed() -> dict[str, str]:
     found = {"physgen": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
             found[name] = "unknown"
-    return found | {name: str(refine[name]) for name in REFINING if refine and name in refine}
+    return found
 
 
 def peak_memory() -> int:
@@ -178,7 +184,8 @@ def _plain(value: object) -> object:
 
 def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) -> dict[str, str]:
     """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
-    files = [path, *(Path(place.file) for place in scene.places.values() if place.line)]
+    written = dict.fromkeys(place.file for place in scene.places.values() if place.line)
+    files = [path, *map(Path, written)]
     if scene.image is not None:
         files.append(scene.image)
         if scene.assets is not None and scene.assets.is_dir():

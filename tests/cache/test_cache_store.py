@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from physgen.cache import store as stores
 from physgen.cache.sealed import INDEX
 from physgen.cache.store import LEASE, MOST_BYTES, Store, opened
 from physgen.problems import InputError, Problem
@@ -226,6 +227,7 @@ def test_one_that_was_killed_while_it_filled_leaves_nothing_that_counts(store: S
         killed(process)
     assert got(store, "s-a") is None
     assert store.sizes() == []
+    stores._SWEPT.clear()  # each process looks once
     put(store, "s-c")
     assert remains(store) == []
     assert got(store, "s-c") is not None
@@ -346,3 +348,19 @@ def test_where_it_lies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_test_touches_the_users_own() -> None:
     assert Path.home() / ".cache" not in opened().root.parents
+
+
+def test_entries_are_listed_once_a_hundredth_of_the_bound_was_added(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Listing 100,000 entries for each new one would take longer than most entries save."""
+    looked = []
+    whole = Store._shrink
+    monkeypatch.setattr(Store, "_shrink", lambda store, most: (looked.append(most), whole(store, most))[1])
+    store = Store(tmp_path / "stages", most_bytes=1_000_000)
+    for number in range(40):
+        with store.fill(f"s-{number:x}") as filling:
+            assert filling is not None
+            (filling.folder / "data").write_bytes(bytes(2000))
+    assert len(looked) in range(8, 12)  # 80,000 bytes and their seals, after each 10,000
+    assert len(store.sizes()) == 40
