@@ -88,7 +88,13 @@ def test_all_rest_when_the_last_one_does(tmp_path: Path) -> None:
 
 def test_a_sphere_that_rolls_on_a_table_stops_by_its_resistance(tmp_path: Path) -> None:
     ball = "  ball: {shape: {circle: {center: [50, 100], radius: 10}}, solid: sphere, rolling: 0.1}\n"
-    found = became(tmp_path, ball, "objects.ball.velocity=[50, 0]", "world={view: top, pixels_per_meter: 50, duration: 2.5}", "boundaries={}")
+    found = became(
+        tmp_path,
+        ball,
+        "objects.ball.velocity=[50, 0]",
+        "world={view: top, pixels_per_meter: 50, duration: 2.5, table: {friction: 0.5}}",
+        "boundaries={}",
+    )
     stop = 50 * (1 + 2 / 5) / (0.1 * 9.8 * 50)  # a = c g / (1 + k)
     assert stop * 0.99 - 0.04 <= found["rest_time"] <= stop * 1.01 + FRAME  # slower than 1 px/s is at rest
 
