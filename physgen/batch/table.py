@@ -54,28 +54,40 @@ class Table:
     def add(self, row: Mapping[str, Cell]) -> None:
         """One row by the columns' names; what it lacks is empty."""
         cells = [row.get(column.name) for column in self._columns]
+        with self._named():
+            self._rows.writerow(map(_written, cells))
+            self._text.flush()
+            if self._parquet is not None:
+                self._parquet.add(cells)
         self.count += 1
-        self._rows.writerow(map(_written, cells))
-        self._text.flush()
-        if self._parquet is not None:
-            self._parquet.add(cells)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stack.__exit__(kind, error, trace)
-        for beside, _ in self._begun:
-            beside.unlink(missing_ok=True)
+        try:
+            self._stack.__exit__(kind, error, trace)
+        finally:  # a full disk is told of when files are closed, too
+            for beside, _ in self._begun:
+                beside.unlink(missing_ok=True)
 
     def publish(self) -> list[Path]:
         """All rows are there: the files under their final names."""
-        if self._parquet is not None:
-            self._parquet.close()
-        self._text.close()
-        for beside, path in self._begun:
-            beside.replace(path)
+        with self._named():
+            if self._parquet is not None:
+                self._parquet.close()
+            self._text.close()
+            for beside, path in self._begun:
+                beside.replace(path)
         self._begun.clear()
         return self.paths
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """A disk's error says which file it is of."""
+        try:
+            yield
+        except OSError as error:
+            raise OSError(error.errno, error.strerror or str(error), str(self.paths[0])) from error
 
 
 @contextmanager

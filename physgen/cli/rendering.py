@@ -17,6 +17,8 @@ from physgen.problems import InputError
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
 
+PREVIEWED = 24
+"""Frames of a preview, at most."""
 MOST_SHOWN = 20_000
 """Clips of one gallery: above, its page is slow to open."""
 
@@ -44,9 +46,18 @@ class Tally:
 
 
 def render(options: argparse.Namespace) -> int:
+    if options.watch:
+        from physgen.cli.watching import watch
+
+        return watch(options, lambda: _jobs(options), lambda jobs: make_all(jobs, len(jobs), options))
+    jobs = _jobs(options)
+    return make_all(jobs, len(jobs), options)
+
+
+def _jobs(options: argparse.Namespace) -> list[Job]:
     jobs = list(jobs_of(options))
     _refuse_twins(jobs)
-    return make_all(jobs, len(jobs), options)
+    return jobs
 
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
@@ -54,7 +65,24 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            yield make(path, variant)
+            yield make(path, variant, quick(path, variant, options) if options.preview else ())
+
+
+def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
+    """Edits that make a clip quick to draw: few frames, of the photo's size."""
+    from physgen import pipeline
+
+    try:
+        scene = pipeline.load(path, options.set, variant, options.allow_outside)
+    except InputError:  # told of where it is rendered
+        return ()
+    film, length = scene.render, scene.world.duration * scene.render.slow
+    count = film.frames or max(1, round(film.fps * length))
+    few = min(count, PREVIEWED)
+    edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
+    edits += ["render.motion_blur=0", "render.supersample=1"]
+    edits += [f"render.{key}=" for key in ("size", "scale") if getattr(film, key) is not None]
+    return tuple(edits)
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
@@ -85,7 +113,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             options.device,
             refiner,
             options.cache,
-            pipeline.Page(options.report),
+            pipeline.Page(options.report or ("none" if options.preview else "full")),
             name,
             tracked,
         )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.printing import OK, print_line, tell, tell_one, tell_problems
-from physgen.cli.rendering import job_maker, make_all
+from physgen.cli.rendering import job_maker, make_all, quick
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.words import listed, nearest
 
@@ -89,6 +89,7 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
         Path(options.scene),
         out,
         set=options.set,
+        preview=options.preview,
         formats=options.format,
         command=options.command_line,
         units={column.name: column.unit for column in table if column.unit},
@@ -100,10 +101,13 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
     with Table(out / "sweep", table) as rows:
         under_way: deque[Point] = deque()  # they end in the order in which they are begun
 
+        looks = {v: quick(options.scene, v, options) if options.preview else () for v in plan.variants}
+
         def jobs() -> Iterator[Job]:
             for point in plan:
                 under_way.append(point)
-                yield make(options.scene, point.variant, point.overrides, point.name, tracked)
+                further = (*looks[point.variant], *point.overrides)
+                yield make(options.scene, point.variant, further, point.name, tracked)
 
         def beside() -> Sequence[Path]:
             return rows.publish() if rows.count == len(plan) else ()

@@ -146,6 +146,9 @@ def build_parser() -> argparse.ArgumentParser:
         "-o", "--output", metavar="DIR", default="out", help="folder of the results; default: out"
     )
     _making(sub)
+    sub.add_argument(
+        "--watch", action="store_true", help="render again whenever the scene or what it reads is saved"
+    )
     _overlays(sub)
 
     sub = command(
@@ -233,8 +236,13 @@ def _making(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--report",
         choices=REPORTS,
-        default="full",
-        help="plain: without player, charts and what was perceived, which takes less time than a short clip; none",
+        help="full (the default); plain: without player, charts and what was perceived, which takes less time than a "
+        "short clip; none",
+    )
+    sub.add_argument(
+        "--preview",
+        action="store_true",
+        help="a quick look: at most 24 frames as large as the photo, without a report",
     )
     sub.add_argument(
         "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import resource
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -257,3 +258,24 @@ def test_rows_by_the_ten_thousand_go_out_in_groups(tmp_path: Path) -> None:
         assert b["x"] == ("" if want[1] is None else repr(want[1]))
         assert (b["word"], b["on"]) == (("", "") if want[1] is None else (want[2], str(want[3]).lower()))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["sweep.csv", "sweep.parquet"]
+
+
+def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
+    from physgen.batch.columns import Column, Kind
+
+    (tmp_path / "sweep.csv").write_text("of the run before\n")
+
+    def fill() -> None:
+        with table.Table(tmp_path / "sweep", [Column("word", Kind.TEXT)]) as made:
+            for _ in range(1000):
+                made.add({"word": "x" * 100})
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OSError, match="too large") as told:
+            fill()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert told.value.filename == str(tmp_path / "sweep.csv")
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("sweep.csv", "of the run before\n")]
