@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import fcntl
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from io import BufferedWriter, FileIO, TextIOWrapper
 from pathlib import Path
@@ -64,11 +64,10 @@ class Table:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
+        with suppress(OSError):  # of a full disk, once more, while files are closed that nobody needs
             self._stack.__exit__(kind, error, trace)
-        finally:  # a full disk is told of when files are closed, too
-            for beside, _ in self._begun:
-                beside.unlink(missing_ok=True)
+        for beside, _ in self._begun:
+            beside.unlink(missing_ok=True)
 
     def publish(self) -> list[Path]:
         """All rows are there: the files under their final names."""

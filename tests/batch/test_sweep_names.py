@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 import re
+import shlex
+from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -71,3 +73,14 @@ def test_any_value_makes_a_name_for_a_file(told: list[tuple[str, str]], draw: in
 
 def test_a_plan_of_millions_takes_no_room() -> None:
     assert len(vars(Sweep(read_axes(["a=1:2:1000000"]), samples=0))) < 10
+
+
+def test_the_page_about_sweeps_tells_the_names_that_are_given() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "sweeps.md").read_text()
+    [command] = re.findall(r"^physgen sweep (.*)$", text, re.MULTILINE)
+    arguments = [part for part in shlex.split(command) if "=" in part]
+    listed = re.findall(r"^  (\d\d-\d\d,\S+)/", text, re.MULTILINE)
+    found = names(*arguments)
+    assert listed == [*found[:3], found[-1]]
+    for written in re.findall(r"^\| `KEY=(.+?)` \|", text, re.MULTILINE):
+        assert len(planned(read_axes([f"a.b={written}"]), samples=5 if "~" in written else None)) > 1
