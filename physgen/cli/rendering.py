@@ -122,6 +122,7 @@ def make_all(
 ) -> int:
     """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code."""
     from physgen.batch.pool import ended, run_all
+    from physgen.report.leftovers import cleared
 
     root = Path(options.output)
     many = count > 1
@@ -130,7 +131,7 @@ def make_all(
     bar = Bar()
     with Counter(count if many else 0) as counter:
         done_ones = run_all(jobs, min(options.jobs, count), lambda job: bar.show if not many else _silent)
-        with closing(done_ones):  # type: ignore[type-var]
+        with cleared(root), closing(done_ones):  # type: ignore[type-var]
             for done in done_ones:
                 bar.clear()
                 if done.full:  # of every clip that follows the same would be said
