@@ -133,6 +133,7 @@ def make_all(
     `beside` finishes what else there is at the end, and returns the files to tell of.
     """
     from physgen.batch.pool import ended, run_all
+    from physgen.report.leftovers import cleared
 
     root = Path(options.output)
     many = count > 1
@@ -141,7 +142,7 @@ def make_all(
     bar = Bar()
     with Counter(count if many else 0) as counter:
         done_ones = run_all(jobs, min(options.jobs, count), lambda job: bar.show if not many else _silent)
-        with closing(done_ones):  # type: ignore[type-var]
+        with cleared(root), closing(done_ones):  # type: ignore[type-var]
             for done in done_ones:
                 bar.clear()
                 if done.full:  # of every clip that follows the same would be said
