@@ -81,7 +81,7 @@ class Sweep:
             draw if self.samples else None,
             list(zip(self._short, values, strict=True)),
         )
-        return Point(number, called, variant, values, self._overrides(values))
+        return Point(number, called, variant, values, self.set_to(values))
 
     def __iter__(self) -> Iterator[Point]:
         return map(self.__getitem__, range(len(self)))
@@ -126,7 +126,8 @@ class Sweep:
                 found.append(axis.distribution.at(share))
         return tuple(found)
 
-    def _overrides(self, values: Sequence[Value]) -> tuple[str, ...]:
+    def set_to(self, values: Sequence[Value]) -> tuple[str, ...]:
+        """`KEY=VALUE` for each axis."""
         return tuple(f"{axis.key}={value.text}" for axis, value in zip(self.axes, values, strict=True))
 
     def typical(self) -> tuple[Value, ...]:
@@ -134,10 +135,6 @@ class Sweep:
         return tuple(
             axis.at(0) if isinstance(axis, Listed) else axis.distribution.at(0.5) for axis in self.axes
         )
-
-    def set_to(self, values: Sequence[Value]) -> tuple[str, ...]:
-        """`KEY=VALUE` for each axis."""
-        return self._overrides(values)
 
 
 def planned(
