@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from pathlib import Path
 
 from physgen import pipeline
+from physgen.batch.columns import Cell
 from physgen.batch.finished import finished, mark
 from physgen.batch.finished import warnings as warned
+from physgen.batch.outcomes import outcomes
 from physgen.batch.workers import spread
 from physgen.configured import plan
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.traces import clear, leave, trace_of
 from physgen.report.video import NO_ROOM, Format
+from physgen.simulate.trajectory import read_trajectory
 from physgen.whole import meant
 
 
@@ -69,6 +72,8 @@ class Job:
     page: pipeline.Page = pipeline.Page.FULL
     name: str | None = None
     """Of its folder; None: the scene's, with the variant's behind it."""
+    tracked: tuple[str, ...] | None = None
+    """Objects whose outcomes are asked for, beside those of all together; None: nobody asked for any."""
 
     @property
     def folder(self) -> Path:
@@ -102,10 +107,19 @@ class Done:
     seconds: float = 0.0
     full: bool = False
     """There is no room left for any clip."""
+    outcomes: Mapping[str, Cell] | None = None
+    """What became of it; see `batch.outcomes.outcomes`."""
 
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """One clip in this process, unless it is there."""
+    done = _made(job, progress)
+    if job.tracked is None or done.folder is None:
+        return done
+    return replace(done, outcomes=outcomes(read_trajectory(done.folder / "trajectory.npz"), job.tracked))
+
+
+def _made(job: Job, progress: pipeline.Progress) -> Done:
     begun = time.perf_counter()
     warm = _warm()
     warnings: list[Problem] = []

@@ -19,6 +19,7 @@ from physgen.cli.plotting import plot
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
 from physgen.cli.refining import refine
 from physgen.cli.rendering import render
+from physgen.cli.sweeping import sweep
 from physgen.cli.verifying import verify
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
@@ -75,6 +76,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "check": check,
     "simulate": simulate,
     "render": render,
+    "sweep": sweep,
     "refine": refine,
     "gallery": gallery,
     "evaluate": evaluate,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,10 +65,10 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            yield make(path, variant, _quick(path, variant, options) if options.preview else ())
+            yield make(path, variant, quick(path, variant, options) if options.preview else ())
 
 
-def _quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
+def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
     """Edits that make a clip quick to draw: few frames, of the photo's size."""
     from physgen import pipeline
 
@@ -94,7 +94,13 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     formats = tuple(Format(name) for name in options.format)
     refiner, overrides = _refining(options)
 
-    def make(path: str, variant: str | None, further: tuple[str, ...] = (), name: str | None = None) -> Job:
+    def make(
+        path: str,
+        variant: str | None,
+        further: tuple[str, ...] = (),
+        name: str | None = None,
+        tracked: tuple[str, ...] | None = None,
+    ) -> Job:
         return Job(
             path,
             options.output,
@@ -109,6 +115,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             options.cache,
             pipeline.Page(options.report or ("none" if options.preview else "full")),
             name,
+            tracked,
         )
 
     return make
@@ -119,9 +126,14 @@ def make_all(
     count: int,
     options: argparse.Namespace,
     heard: Callable[[Done], None] = lambda done: None,
+    beside: Callable[[], Sequence[Path]] = lambda: (),
 ) -> int:
-    """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code."""
+    """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code.
+
+    `beside` finishes what else there is at the end, and returns the files to tell of.
+    """
     from physgen.batch.pool import ended, run_all
+    from physgen.report.leftovers import cleared
 
     root = Path(options.output)
     many = count > 1
@@ -130,7 +142,7 @@ def make_all(
     bar = Bar()
     with Counter(count if many else 0) as counter:
         done_ones = run_all(jobs, min(options.jobs, count), lambda job: bar.show if not many else _silent)
-        with closing(done_ones):  # type: ignore[type-var]
+        with cleared(root), closing(done_ones):  # type: ignore[type-var]
             for done in done_ones:
                 bar.clear()
                 if done.full:  # of every clip that follows the same would be said
@@ -146,7 +158,7 @@ def make_all(
     changed = tally.made or tally.failed or not (root / "index.html").exists()
     if gallery and changed and not tally.full and root.is_dir():
         _gallery(root, bar, tally)
-    return _sum_up(tally, count, root, options)
+    return _sum_up(tally, count, root, beside(), options)
 
 
 class _Told:
@@ -211,7 +223,7 @@ def _gallery(root: Path, bar: Bar, tally: Tally) -> None:
     bar.clear()
 
 
-def _sum_up(tally: Tally, count: int, root: Path, options: argparse.Namespace) -> int:
+def _sum_up(tally: Tally, count: int, root: Path, beside: Sequence[Path], options: argparse.Namespace) -> int:
     """The last line, and the exit code."""
     import json
 
@@ -224,11 +236,13 @@ def _sum_up(tally: Tally, count: int, root: Path, options: argparse.Namespace) -
             "unchanged": tally.unchanged,
             "failed": tally.failed,
             "index": None if index is None else str(index),
+            **{path.name: str(path) for path in beside},
             "passed": tally.failed == 0 and tally.all == count,
         }
         print_line(json.dumps(line))
-    elif index is not None:
-        print_line(str(index))
+    else:
+        for path in ([] if index is None else [index]) + [*beside]:
+            print_line(str(path))
     if tally.full:
         left = count - tally.made - tally.unchanged
         tell(

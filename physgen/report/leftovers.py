@@ -37,6 +37,16 @@ def in_use(folder: Path) -> Iterator[None]:
             os.close(lock)
 
 
+@contextmanager
+def cleared(out: Path) -> Iterator[None]:
+    """Where the block is left early, what its processes were ended over is cleared away."""
+    try:
+        yield
+    except BaseException:
+        sweep(out)
+        raise
+
+
 def sweep_once(out: Path) -> None:
     """As `sweep`, the first time that this process asks: listing a folder of 100,000 clips takes long."""
     if out.resolve() not in _SWEPT:
@@ -54,32 +64,31 @@ def sweep(out: Path) -> None:
     for entry, match in sorted(left, key=lambda pair: pair[0].name):
         with suppress(OSError):  # another process may be at it, too
             path, final = Path(entry.path), out / match["name"]
-            folder, age = (
-                entry.is_dir(follow_symlinks=False),
-                time.time() - entry.stat(follow_symlinks=False).st_ctime,
-            )
-            gone = age > FRESH and not _lives(int(match["process"]))
+            folder = entry.is_dir(follow_symlinks=False)
+            age = time.time() - entry.stat(follow_symlinks=False).st_ctime
+            dead = not _lives(int(match["process"]))
+            gone = dead and age > FRESH
             if match["kind"] == "old" and folder and gone:
                 if final.exists():
                     shutil.rmtree(path, ignore_errors=True)
                 else:
                     path.rename(final)
-            elif match["kind"] == "part" and folder and _is_free(path, gone, age):
+            elif match["kind"] == "part" and folder and _is_free(path, dead, age):
                 shutil.rmtree(path, ignore_errors=True)
             elif match["kind"] == "part" and not folder and gone:
                 path.unlink(missing_ok=True)
 
 
-def _is_free(folder: Path, gone: bool, age: float) -> bool:
+def _is_free(folder: Path, dead: bool, age: float) -> bool:
     """Whether nobody fills it."""
     lock = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return gone or age > MINUTE
+        return dead or age > MINUTE
     except BlockingIOError:
         return False
     except OSError:
-        return gone and age > DAY
+        return dead and age > DAY
     finally:
         os.close(lock)
 
