@@ -28,12 +28,13 @@ def sweep(options: argparse.Namespace) -> int:
     from physgen.batch.axes import read_axes
     from physgen.batch.sweep import Design, planned
     from physgen.batch.trial import tried
+    from physgen.pipeline import scene_file
     from physgen.scene.build import Opened
 
     _scene_first(options)
     design = Design.LATIN if options.latin else Design.INDEPENDENT
     axes = read_axes(options.axes)
-    opened = Opened(options.scene, options.allow_outside)
+    opened = Opened(scene_file(options.scene), options.allow_outside)
     variants = _variants(opened.variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
     trial = tried(plan, opened, options.set)
