@@ -75,7 +75,9 @@ def test_commands_take_a_pack_for_its_scene(lesson: Path, capsys: Capture) -> No
     capsys.readouterr()
     assert main(["verify", "out", "other"]) == 0
     assert capsys.readouterr().err == "3 clips: 3 equal\n"
-    assert main(["sweep", "lesson.physgen", "objects.ball.mass=50,60", "-o", "swept", "--report", "none"]) == 0
+    assert (
+        main(["sweep", "lesson.physgen", "objects.ball.mass=50,60", "-o", "swept", "--report", "none"]) == 0
+    )
     capsys.readouterr()
     assert main(["verify", "swept"]) == 0
     assert capsys.readouterr().err == "2 clips: 2 equal\n"
