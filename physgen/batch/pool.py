@@ -74,6 +74,8 @@ class Job:
     """Of its folder; None: the scene's, with the variant's behind it."""
     tracked: tuple[str, ...] | None = None
     """Objects whose outcomes are asked for, beside those of all together; None: nobody asked for any."""
+    export: tuple[str, ...] = ()
+    """Formats of its ground truth."""
 
     @property
     def folder(self) -> Path:
@@ -84,7 +86,7 @@ class Job:
     def mark(self) -> str:
         """Of all that is asked of the clip, of the models that may refine it, and of the code."""
         asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device, self.page)
-        return mark(*asked, self.refiner.told)
+        return mark(*asked, self.export, self.refiner.told)
 
 
 class State(Enum):
@@ -143,6 +145,7 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
             refiners=_refiners(job.refiner),
             cached=job.cached,
             page=job.page,
+            export=job.export,
             warm=warm,
             progress=progress,
             warn=warnings.append,

@@ -12,6 +12,7 @@ from contextlib import suppress
 from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
 from physgen.cli.exhibiting import gallery
+from physgen.cli.exporting import export
 from physgen.cli.moving import check, simulate
 from physgen.cli.packing import pack, unpack
 from physgen.cli.perceiving import import_, list_backends, perceive
@@ -77,6 +78,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "simulate": simulate,
     "render": render,
     "sweep": sweep,
+    "export": export,
     "refine": refine,
     "gallery": gallery,
     "evaluate": evaluate,

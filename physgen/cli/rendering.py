@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,15 @@ PREVIEWED = 24
 """Frames of a preview, at most."""
 MOST_SHOWN = 20_000
 """Clips of one gallery: above, its page is slow to open."""
+
+
+class Shown(Enum):
+    """Where clips are looked at."""
+
+    GALLERY = "gallery"
+    """In a page of all of them."""
+    NOWHERE = "nowhere"
+    """Programs read them."""
 
 
 @dataclass
@@ -56,7 +66,7 @@ def render(options: argparse.Namespace) -> int:
 
 def _jobs(options: argparse.Namespace) -> list[Job]:
     jobs = list(jobs_of(options))
-    _refuse_twins(jobs)
+    refuse_twins(jobs)
     return jobs
 
 
@@ -92,6 +102,10 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.report.video import Format
 
     formats = tuple(Format(name) for name in options.format)
+    if options.export:
+        from physgen.export.writing import kinds
+
+        kinds(options.export)
     refiner, overrides = _refining(options)
 
     def make(
@@ -116,6 +130,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             pipeline.Page(options.report or ("none" if options.preview else "full")),
             name,
             tracked,
+            options.export,
         )
 
     return make
@@ -127,17 +142,18 @@ def make_all(
     options: argparse.Namespace,
     heard: Callable[[Done], None] = lambda done: None,
     beside: Callable[[], Sequence[Path]] = lambda: (),
+    shown: Shown = Shown.GALLERY,
 ) -> int:
     """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code.
 
-    `beside` finishes what else there is at the end, and returns the files to tell of.
+    `beside` finishes what else there is at the end, and returns the files to tell of; `shown` says who looks at it.
     """
     from physgen.batch.pool import ended, run_all
     from physgen.report.leftovers import cleared
 
     root = Path(options.output)
     many = count > 1
-    gallery = many or (root / "index.html").exists()
+    gallery = shown is Shown.GALLERY and (many or (root / "index.html").exists())
     tally, told = Tally(), _Told()
     bar = Bar()
     with Counter(count if many else 0) as counter:
@@ -281,7 +297,8 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
     return [None, *pipeline.load(path, options.set, None, options.allow_outside).variants]
 
 
-def _refuse_twins(jobs: list[Job]) -> None:
+def refuse_twins(jobs: list[Job]) -> None:
+    """Clips that would be written over one another."""
     from physgen import pipeline
 
     seen: dict[str, str] = {}

@@ -95,13 +95,24 @@ class Moment:
         return None if self.before is None else flow(self.view, self.before, self.world)
 
 
-def moments(views: Iterator[View], world: World) -> Iterator[Moment]:
-    """Each view with its neighbours; three are held."""
-    before, view = None, next(views, None)
-    while view is not None:
-        after = next(views, None)
-        yield Moment(world, before, view, after)
-        before, view = view, after
+class Line:
+    """Views one after the other -> each between its neighbours, a view later; three are held."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._before: View | None = None
+        self._view: View | None = None
+
+    def put(self, after: View) -> Moment | None:
+        """The view before the one that is put, with its neighbours; None after the first."""
+        moment = None if self._view is None else Moment(self._world, self._before, self._view, after)
+        self._before, self._view = self._view, after
+        return moment
+
+    def end(self) -> Moment | None:
+        """The last one."""
+        view, self._view = self._view, None
+        return None if view is None else Moment(self._world, self._before, view, None)
 
 
 def carried(points: Array, body: int, view: View, other: View, world: World) -> tuple[Array, Mask]:

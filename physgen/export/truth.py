@@ -5,7 +5,7 @@ Video px are those of the frames, photo px those of the scene; pixel centres are
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -96,46 +96,47 @@ class Clip:
         return tuple(sorted(set(self.labels)))
 
 
-def views(
-    frames: Iterator[Frame], stage: Stage, trajectory: Trajectory, samples: Sequence[int], shot: Shot
-) -> Iterator[View]:
-    """A view for each frame, of which `samples` tells the sample of `trajectory` whose time it shows."""
-    spaces = in_space(trajectory.turns) if trajectory.turns.size else None
-    stood = planned(stage, trajectory, samples)
-    for index, (frame, sample, (_, stands)) in enumerate(zip(frames, samples, stood, strict=True)):
-        lens = shot.affine(frame.time)
-        canvas = (stage.background.shape[1], stage.background.shape[0])
-        cover = partial(_amodal, stage, stands, on_canvas(lens, stage.scale), canvas, frame)
-        yield View(
+class Eye:
+    """Frames one after the other -> their views."""
+
+    def __init__(self, stage: Stage, trajectory: Trajectory, samples: Sequence[int], shot: Shot) -> None:
+        """`samples` tells of each frame the sample of `trajectory` whose moment it shows."""
+        self._stage, self._trajectory, self._samples, self._shot = stage, trajectory, samples, shot
+        self._spaces = in_space(trajectory.turns) if trajectory.turns.size else None
+        self._stood = planned(stage, trajectory, samples)
+        self._count = 0
+
+    def seen(self, frame: Frame) -> View:
+        """The view of the next frame."""
+        index, self._count = self._count, self._count + 1
+        sample = self._samples[index]
+        _, stands = next(self._stood)
+        lens = self._shot.affine(frame.time)
+        return View(
             index,
-            float(trajectory.times[sample]),
+            float(self._trajectory.times[sample]),
             frame.rgb,
             frame.ids,
             lens,
-            trajectory.poses[sample],
-            None if spaces is None else spaces[sample],
-            cover,
+            self._trajectory.poses[sample],
+            None if self._spaces is None else self._spaces[sample],
+            partial(_amodal, self._stage, stands, on_canvas(lens, self._stage.scale), frame),
         )
 
 
-def _amodal(
-    stage: Stage, stands: Sequence[Stand], matrix: Array, canvas: tuple[int, int], frame: Frame
-) -> dict[int, Mask]:
+def _amodal(stage: Stage, stands: Sequence[Stand], matrix: Array, frame: Frame) -> dict[int, Mask]:
     """What is seen of a body belongs to it in any case."""
-    height, width = frame.ids.shape
+    height, width = stage.background.shape[:2]
+    same = frame.ids.shape == (height, width) and np.array_equal(matrix, np.eye(2, 3))
     whole: dict[int, Mask] = {}
     for stand in stands:
         if stand.where is None:
             continue
-        body = stage.sprites[stand.k].body
-        drawn = np.zeros((canvas[1], canvas[0]), np.uint16)
-        drawn[stand.where.box] = covered(stage.sprites[stand.k], stand.where) >= 0.5
-        seen = (
-            drawn
-            if np.array_equal(matrix, np.eye(2, 3)) and (width, height) == canvas
-            else nearest(drawn, matrix, (width, height))
-        )
-        whole[body] = (seen > 0) | whole.get(body, False)
+        sprite = stage.sprites[stand.k]
+        drawn = np.zeros((height, width), np.uint16)
+        drawn[stand.where.box] = covered(sprite, stand.where) >= 0.5
+        seen = drawn if same else nearest(drawn, matrix, (frame.ids.shape[1], frame.ids.shape[0]))
+        whole[sprite.body] = (seen > 0) | whole.get(sprite.body, False)
     shown = np.unique(frame.ids)
     for body in (int(i) - 1 for i in shown if i):
         whole[body] = (frame.ids == body + 1) | whole.get(body, False)

@@ -33,6 +33,8 @@ class Kind:
     maker: str
     """`module:function` that takes the folder, which is there and empty, and the `Clip`; raises InputError."""
     about: str
+    maps: bool = False
+    """It reads the photo's maps."""
 
 
 KINDS = (

@@ -9,6 +9,7 @@ from typing import NoReturn
 
 from physgen import __version__
 from physgen.flags.exhibiting import exhibit
+from physgen.flags.exporting import exports, labels
 from physgen.flags.measures import measures
 from physgen.flags.packing import pack, unpack
 from physgen.flags.perceiving import perceive, who
@@ -163,6 +164,14 @@ def build_parser() -> argparse.ArgumentParser:
     _overlays(sub)
 
     sub = command(
+        "export",
+        "Scenes to ground truth: flow, masks, tracks and events, in the formats that other tools read.",
+        "physgen export scene.yaml --format flo,coco -o labels",
+    )
+    exports(sub)
+    _overlays(sub)
+
+    sub = command(
         "refine",
         "A video and masks of its objects to a video that a diffusion model retouched; see docs/refinement.md.",
         "physgen refine clip.mp4 --masks masks -o clip.refined.mp4",
@@ -257,6 +266,13 @@ def _making(sub: argparse.ArgumentParser) -> None:
         choices=REPORTS,
         help="full (the default); plain: without player, charts and what was perceived, which takes less time than a "
         "short clip; none",
+    )
+    sub.add_argument(
+        "--export",
+        metavar="LIST",
+        type=labels,
+        default=(),
+        help="ground truth beside the clip, in truth/: any of the formats of physgen export",
     )
     sub.add_argument(
         "--preview",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.pipeline.exporting import Labels
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guided, refined
@@ -64,6 +65,7 @@ def render_scene(
     refiners: Refiners | None = None,
     cached: bool = True,
     page: Page = Page.FULL,
+    export: Sequence[str] = (),
     warm: Warm | None = None,
     progress: Progress = silent,
     warn: Warn = unheard,
@@ -71,10 +73,12 @@ def render_scene(
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
     `name` is the folder's in place of the scene's; `mark` goes into the manifest and tells what was asked for.
-    `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. `refiners` hold models
-    from one scene to the next, and `warm` holds what the scene before left at hand; motions and frames that are refined
-    come from the cache where they are kept, if it is to be `cached`; `page` says how much the report holds. Raises
-    InputError; where it is refinement that fails, the folder is there all the same, with `unrefined.mp4`.
+    `formats` are the video's, none where they are empty; `ask_chaos` runs the scene's neighbours too, for the report;
+    `device` is that of `render`. `refiners` hold models from one scene to the next, and `warm` holds what the scene
+    before left at hand; motions and frames that are refined come from the cache where they are kept, if it is to be
+    `cached`; `page` says how much the report holds. Labels in the formats of `export`, of the clip without refinement,
+    go to `truth/`, or, where there is no video, to the folder itself. Raises InputError; where it is refinement that
+    fails, the folder is there all the same, with `unrefined.mp4`.
     """
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.perception import perception
@@ -109,8 +113,9 @@ def render_scene(
     with record.stage("report"):
         seen = perception(scene, compiled, maps.percepts) if page is Page.FULL else None
     filming = Filming(scene, compiled, maps, device, record, warm)
+    labels = Labels.of(export, maps.percepts)
     del maps
-    kinds = tuple(formats) if formats else (Format.MP4,)
+    kinds = (Format.MP4,) if formats is None else tuple(formats)
     faults: Sequence[Problem] = ()
     retouched = None
     with ExitStack() as held:
@@ -129,20 +134,23 @@ def render_scene(
             with record.stage("chaos"):
                 record.chaos = chaos(compiled.world, progress).as_dict()
         folder = held.enter_context(whole_folder(final))
+        truth = folder / "truth" if kinds else folder
         if footage is not None:
             outcome = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
             faults, retouched, first = outcome.faults, outcome.compared, footage.rgb[0]
+            labels.of_frames(filming, trajectory, truth, record, progress)
             if faults and _is_refined(final):  # hours of work may be in it
                 raise InputError([*faults, _left(final, "keeps the clip that was refined before")])
         else:
             count = len(filming.shot(trajectory).order)
-            frames = filming.annotated(filming.frames(trajectory), trajectory)
-            record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
+            with labels.exported(filming, trajectory, truth, record) as tap:
+                frames = filming.annotated(tap(filming.frames(trajectory)), trajectory)
+                record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
-            if page is not Page.NONE:
+            if kinds and page is not Page.NONE:
                 _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched)
-        _manifest(record, folder)
+        write_manifest(record, folder)
     if faults:
         raise InputError([*faults, _left(final, "has the clip without refinement")])
     return final
@@ -210,7 +218,8 @@ def _report(
     (folder / "report.html").write_text(html, encoding="utf-8")
 
 
-def _manifest(record: RunRecord, folder: Path) -> None:
+def write_manifest(record: RunRecord, folder: Path) -> None:
+    """Of all that is in the folder now."""
     from physgen.report.record import file_hash, write_json
 
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):

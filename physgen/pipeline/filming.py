@@ -51,7 +51,7 @@ class Filming:
         take = self.shot(trajectory)
         if order is not None:
             take = replace(take, order=tuple(order))
-        fine, parts = self._exposed(trajectory)
+        fine, parts = self.exposed(trajectory)
         drawn = self.stage
         if matte:
             from physgen.render.matte import matte as covering
@@ -59,7 +59,7 @@ class Filming:
             drawn = covering(drawn)
         return render(drawn, fine, parts, take, self.device)
 
-    def _exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
+    def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples enough for open shutters, and how many a frame has."""
         if self._fine is None or self._fine[0] is not trajectory:
             from physgen.render.shutter import shutter
