@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.refining import Refiners, guided, refined
-from physgen.pipeline.stages import chaos, compile, drawn_by, lint, load, percepts, render, simulate
+from physgen.pipeline.stages import chaos, compile, drawn_by, lint, load, percepts, render
 from physgen.pipeline.watch import Progress, Warn, silent, unheard
 from physgen.pipeline.writing import written
 from physgen.problems import InputError, Place, Problem, Severity
@@ -112,8 +112,7 @@ def render_scene(
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)
-            with record.stage("simulate"):
-                trajectory = simulate(compiled.world, progress=progress)
+            trajectory = filming.simulated(progress)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)
@@ -193,11 +192,12 @@ def _report(
         first = next(
             render(filming.stage, trajectory)
         ).rgb  # outlines and forces are drawn on the photo itself
-    beside = video if video.endswith(".mp4") else None
     scene, world = filming.scene, filming.compiled.world
     player = None
     if page is Page.FULL:
-        player = player_data(scene, world, trajectory, filming.stage, filming.shot(trajectory), beside)
+        player = player_data(
+            scene, world, trajectory, filming.stage, filming.shot(trajectory), filming.sampled
+        )
     html = report_page(scene, world, record, first, video, text, player, seen, retouched)
     (folder / "report.html").write_text(html, encoding="utf-8")
 

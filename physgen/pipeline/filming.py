@@ -8,14 +8,19 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from physgen.pipeline.stages import render, shot, stage
+from physgen.pipeline.watch import Progress
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from physgen.compile.assemble import Compiled
     from physgen.percepts.maps import Percepts
     from physgen.render.shot import Shot
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
     from physgen.scene.model import Scene
+    from physgen.simulate.tape import Tape
     from physgen.simulate.trajectory import Trajectory
 
 
@@ -28,6 +33,23 @@ class Filming:
         self.scene, self.compiled, self.device = scene, compiled, device
         self._maps, self._record = maps, record
         self._fine: tuple[Trajectory, int] | None = None
+        self._tape: Tape | None = None
+
+    def simulated(self, progress: Progress) -> Trajectory:
+        """The motion, a sample a frame; its steps are kept."""
+        from physgen.simulate.engine import simulate
+        from physgen.simulate.tape import Tape
+
+        self._tape = Tape()
+        with self._record.stage("simulate"):
+            return simulate(self.compiled.world, progress=progress, tape=self._tape)
+
+    def sampled(self, times: NDArray[np.float64]) -> Trajectory:
+        """The same motion at other times, s: the engine's steps do not depend on its samples."""
+        from physgen.simulate.engine import simulate
+
+        found = None if self._tape is None else self._tape.read(times)
+        return simulate(self.compiled.world, times) if found is None else found
 
     @cached_property
     def stage(self) -> Stage:
@@ -60,14 +82,12 @@ class Filming:
         """Samples enough for open shutters, and how many a frame has."""
         if self._fine is None:
             from physgen.render.shutter import shutter
-            from physgen.simulate.engine import simulate as run_at
 
-            # the engine's steps do not depend on its samples: the fine run is the same motion
             moments, parts = shutter(trajectory, self.compiled.world, self.scene.render.motion_blur)
             self._fine = trajectory, parts
             if parts > 1:
                 with self._record.stage("expose"):
-                    self._fine = run_at(self.compiled.world, moments), parts
+                    self._fine = self.sampled(moments), parts
         return self._fine
 
     def annotated(self, frames: Iterator[Frame], trajectory: Trajectory) -> Iterator[Frame]:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from physgen.crew import Choice, Plan
 from physgen.pipeline.filming import Filming
-from physgen.pipeline.stages import simulate
 from physgen.pipeline.watch import Progress, Warn
 from physgen.pipeline.writing import written
 from physgen.problems import InputError, Problem
@@ -109,8 +108,7 @@ def guided(
 
     def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
         progress("simulate", 0, 1)
-        with record.stage("simulate"):
-            trajectory = simulate(filming.compiled.world, progress=progress)
+        trajectory = filming.simulated(progress)
         count = len(trajectory.times)
         frames = filming.frames(trajectory, range(count))
         mattes = filming.frames(trajectory, range(count), matte=True)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import shlex
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +15,7 @@ from physgen import __version__
 from physgen.compile.pairs import pair_table
 from physgen.compile.world import World
 from physgen.problems import Problem
+from physgen.report.encoded import jpeg
 from physgen.report.holds import drawn, listed
 from physgen.report.parameters import COLUMNS, edits, parameter_rows
 from physgen.report.perception import Comparison, Perception
@@ -33,6 +32,8 @@ U8 = NDArray[np.uint8]
 
 LONGEST_ARROW = 0.14
 """Of the canvas's diagonal."""
+PHOTO = 90
+"""Quality of its JPEG."""
 MOST_TOUCHES = 200
 """Rows of the table of contacts."""
 
@@ -63,7 +64,7 @@ def report_page(
         duration=world.duration,
         video=video,
         refined=refinement(record.refine),
-        photo=_data_uri(first),
+        photo=jpeg(first, PHOTO),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=_walls(scene, world),
         objects=[
@@ -131,13 +132,6 @@ PARTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quant
 def _script() -> str:
     parts = [resource("templates", "player", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
     return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();"
-
-
-def _data_uri(rgb: U8) -> str:
-    done, data = cv2.imencode(".jpg", np.ascontiguousarray(rgb[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 90])
-    if not done:
-        raise ValueError("the photo could not be written as JPEG")
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
 def _points(points: Array) -> str:
