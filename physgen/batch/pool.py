@@ -59,6 +59,7 @@ class Job:
     refiner: Refiner = Refiner()
     cached: bool = True
     page: pipeline.Page = pipeline.Page.FULL
+    single_file: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             refiners=_refiners(job.refiner),
             cached=job.cached,
             page=job.page,
+            single_file=job.single_file,
             progress=progress,
             warn=warnings.append,
         )

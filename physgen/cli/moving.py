@@ -95,6 +95,10 @@ def render(options: argparse.Namespace) -> int:
     from physgen.batch.pool import Job, ended, run_all
     from physgen.report.video import Format
 
+    if options.single_file and options.report == "none":
+        raise InputError.of(
+            "--single-file", "", "needs a page to put the video into", "leave out --report none"
+        )
     formats = tuple(Format(name) for name in options.format)
     refiner, overrides = _refining(options)
     jobs = [
@@ -111,6 +115,7 @@ def render(options: argparse.Namespace) -> int:
             refiner,
             options.cache,
             pipeline.Page(options.report),
+            options.single_file,
         )
         for path in options.scenes
         for variant in _variants(path, options)

@@ -159,6 +159,11 @@ def build_parser() -> argparse.ArgumentParser:
         help="plain: without player, charts and what was perceived, which takes less time than a short clip; none",
     )
     sub.add_argument(
+        "--single-file",
+        action="store_true",
+        help="put the video into report.html, which can then be mailed alone",
+    )
+    sub.add_argument(
         "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
     )
     sub.add_argument("--json", action="store_true", help="print the folders as JSON")

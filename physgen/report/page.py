@@ -15,14 +15,16 @@ from physgen import __version__
 from physgen.compile.pairs import pair_table
 from physgen.compile.world import World
 from physgen.problems import Problem
+from physgen.report.embedded import Film
 from physgen.report.encoded import jpeg
 from physgen.report.holds import drawn, listed
 from physgen.report.parameters import COLUMNS, edits, parameter_rows
-from physgen.report.perception import Comparison, Perception
+from physgen.report.perception import Perception
 from physgen.report.player import Data
 from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import refinement
+from physgen.report.retouched import Retouched
 from physgen.report.templates import script_json, template
 from physgen.resources import resource
 from physgen.scene.model import Load, Play, Render, Scene, View
@@ -43,16 +45,16 @@ def report_page(
     world: World,
     record: RunRecord,
     first: U8,
-    video: str | None,
+    film: Film | None,
     scene_text: str,
     player: Data | None = None,
     seen: Perception | None = None,
-    retouched: Comparison | None = None,
+    retouched: Retouched | None = None,
 ) -> str:
     """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
     `player` is what `player_data` gives; without it, or without scripts, the page has that picture and the video.
-    `seen` is what was perceived of the photo, `retouched` a frame before and after refinement.
+    `seen` is what was perceived of the photo, `retouched` what refinement changed.
     """
     width, height = scene.size
     page: str = template("report.html.j2").render(
@@ -62,7 +64,7 @@ def report_page(
         frames=len(record.frames or record.unrefined),
         fps=scene.render.fps,
         duration=world.duration,
-        video=video,
+        film=film,
         refined=refinement(record.refine),
         photo=jpeg(first, PHOTO),
         view_box=f"-0.5 -0.5 {width} {height}",

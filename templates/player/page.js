@@ -11,6 +11,13 @@ function start(root, physics, data) {
 
   const clock = makeClock(clip, (change) => { follow(change); show(change); });
   let follow = () => {};
+  const film = $("film"), frames = film && film.dataset.frames;
+  if (film && film.src.startsWith("data:")) {
+    const file = unpacked(film.src);
+    if (video) video.src = file;
+    $("save").href = file;
+    $("save").hidden = false;
+  }
   if (video) {
     video.removeAttribute("controls");
     video.addEventListener("click", clock.toggle);
@@ -18,6 +25,9 @@ function start(root, physics, data) {
     if (video.error || video.networkState === 3) missing();
     follow = followVideo(video, clip, clock);
     video.addEventListener("loadeddata", () => follow({ sought: true }));
+  } else if (frames) {
+    film.addEventListener("click", clock.toggle);
+    follow = followFrames(film, frames, clip, clock);
   }
   function missing() {
     video.hidden = true;
