@@ -135,7 +135,7 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
                 text = Path(job.path).read_text(encoding="utf-8")
             except (OSError, ValueError):
                 text = ""
-            page = failed_page(name, done.problems, job.command, text)
+            page = failed_page(name, done.problems, job.command, text, job.path)
             leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems), page)
 
 

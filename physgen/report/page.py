@@ -17,6 +17,7 @@ from physgen.compile.world import World
 from physgen.problems import Problem
 from physgen.report.embedded import Film
 from physgen.report.encoded import jpeg
+from physgen.report.highlighted import lines
 from physgen.report.holds import drawn, listed
 from physgen.report.parameters import COLUMNS, edits, parameter_rows
 from physgen.report.perception import Perception
@@ -36,6 +37,8 @@ LONGEST_ARROW = 0.14
 """Of the canvas's diagonal."""
 PHOTO = 90
 """Quality of its JPEG."""
+MOST_LINES = 5000
+"""Of a scene file that gets numbers."""
 MOST_TOUCHES = 200
 """Rows of the table of contacts."""
 
@@ -104,15 +107,34 @@ def report_page(
     return page
 
 
-def failed_page(name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str) -> str:
-    """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read."""
+def failed_page(
+    name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str, path: str = ""
+) -> str:
+    """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read.
+
+    `path` is the scene's file: lines of it that are at fault are marked.
+    """
+    mine = [p.place for p in problems if p.place.line and (not path or Path(p.place.file) == Path(path))]
     page: str = template("failed.html.j2").render(
         title=name,
+        path=path,
         problems=[
-            (str(p.place), p.path, " ".join(filter(None, (p.found, p.expected))), p.fix) for p in problems
+            {
+                "place": str(p.place._replace(file=Path(p.place.file).name))
+                if p.place.line
+                else str(p.place),
+                "whole": str(p.place),
+                "line": p.place.line if p.place in mine else 0,
+                "path": p.path,
+                "what": " ".join(filter(None, (p.found, p.expected))),
+                "fix": p.fix,
+            }
+            for p in problems
         ],
         command=shlex.join(command),
         scene_text=scene_text,
+        lines=lines(scene_text) if scene_text.count("\n") <= MOST_LINES else [],
+        wrong={place.line for place in mine},
         versions=versions(),
     )
     return page

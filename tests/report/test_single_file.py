@@ -72,6 +72,8 @@ def test_alone_it_plays_in_step(browser: Any, alone: Path, name: str) -> None:
             assert start + found == approx(fallen(shown), abs=1.5), frame
         seen.page.click("[data-part=play]")
         seen.page.wait_for_function("() => !document.querySelector('video').paused")
+        assert seen.page.is_visible("video")
+        assert not seen.page.is_visible("[data-part=missing]")
         assert seen.page.is_visible("[data-part=save]")
         assert seen.page.get_attribute("[data-part=save]", "download") == "fall.mp4"
         assert asked(seen) == [page.as_uri()]
