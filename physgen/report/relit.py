@@ -17,6 +17,8 @@ from physgen.simulate.turning import matrix
 U8 = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
+TURNED = 0.03
+"""1 - cos of the turn, 14 degrees, below which light is as good as where it was."""
 SEEN = 6.0
 """Grey levels of 255, where most is seen: below, nobody would."""
 PARTS = (0.4, 0.55, 0.75)
@@ -34,6 +36,8 @@ def relit(stage: Stage, trajectory: Trajectory) -> Comparison | None:
     if not any(able) or len(trajectory.times) < 2:
         return None
     sample = _turned_most(stage, trajectory, able)
+    if sample is None:
+        return None
     bare = replace(stage, sprites=[replace(sprite, ball=None, relief=None) for sprite in stage.sprites])
     before, after = (next(render_frames(drawn, trajectory, (sample,))).rgb for drawn in (bare, stage))
     window = _where(before, after)
@@ -71,8 +75,8 @@ def _where(before: U8, after: U8) -> tuple[slice, slice] | None:
     return slice(0, height), slice(0, width)
 
 
-def _turned_most(stage: Stage, trajectory: Trajectory, able: list[bool]) -> int:
-    """The sample at which most would be wrong: pixels times 1 - cos of how far each has turned."""
+def _turned_most(stage: Stage, trajectory: Trajectory, able: list[bool]) -> int | None:
+    """The sample at which most would be wrong: pixels times 1 - cos of how far each has turned. None: none turns."""
     wrong = np.zeros(len(trajectory.times))
     axes = matrix(trajectory.turns) if trajectory.turns.size else None
     height, width = stage.background.shape[:2]
@@ -85,5 +89,5 @@ def _turned_most(stage: Stage, trajectory: Trajectory, able: list[bool]) -> int:
             turn = np.maximum(turn, 1 - axes[:, sprite.body, 2, 2])
         x, y = (pose[:, :2].T + 0.5) * stage.scale - 0.5
         inside = (x > 0) & (x < width) & (y > 0) & (y < height)
-        wrong += turn * inside * float(sprite.coverage.sum())
-    return int(wrong.argmax())
+        wrong += np.where(turn > TURNED, turn, 0) * inside * float(sprite.coverage.sum())
+    return int(wrong.argmax()) if wrong.any() else None

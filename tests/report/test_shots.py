@@ -1,7 +1,7 @@
 """Report, gallery and failed page as they were when last looked at and found right.
 
-`pytest --force-regen` takes what is now. Looked at full size, on a desk and on a phone, in light and dark. That a change
-of the page is seen is tested, too.
+`pytest --force-regen` takes what is now. Looked at full size, on a desk and on a phone, in light and dark. That a
+change of the page is seen is tested, too.
 """
 
 from __future__ import annotations
