@@ -38,7 +38,13 @@ def relit(stage: Stage, trajectory: Trajectory) -> Comparison | None:
     sample = _turned_most(stage, trajectory, able)
     if sample is None:
         return None
-    bare = replace(stage, sprites=[replace(sprite, ball=None, relief=None) for sprite in stage.sprites])
+    bare = replace(
+        stage,
+        sprites=[
+            replace(sprite, ball=None, relief=None) if can else sprite
+            for sprite, can in zip(stage.sprites, able, strict=True)
+        ],
+    )
     before, after = (next(render_frames(drawn, trajectory, (sample,))).rgb for drawn in (bare, stage))
     window = _where(before, after)
     if window is None:
