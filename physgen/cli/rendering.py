@@ -91,6 +91,10 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.batch.pool import Job
     from physgen.report.video import Format
 
+    page = pipeline.Page(options.report or ("none" if options.preview else "full"))
+    if options.single_file and page is pipeline.Page.NONE:
+        fix = f"leave out {'--report none' if options.report else '--preview'}"
+        raise InputError.of("--single-file", "", "needs a page to put the video into", fix)
     formats = tuple(Format(name) for name in options.format)
     refiner, overrides = _refining(options)
 
@@ -113,9 +117,10 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             options.device,
             refiner,
             options.cache,
-            pipeline.Page(options.report or ("none" if options.preview else "full")),
+            page,
             name,
             tracked,
+            options.single_file,
         )
 
     return make
