@@ -76,6 +76,7 @@ class Job:
     """Objects whose outcomes are asked for, beside those of all together; None: nobody asked for any."""
     export: tuple[str, ...] = ()
     """Formats of its ground truth."""
+    single_file: bool = False
 
     @property
     def folder(self) -> Path:
@@ -85,8 +86,8 @@ class Job:
     @property
     def mark(self) -> str:
         """Of all that is asked of the clip, of the models that may refine it, and of the code."""
-        asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device, self.page)
-        return mark(*asked, self.export, self.refiner.told)
+        asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device)
+        return mark(*asked, self.page, self.single_file, self.export, self.refiner.told)
 
 
 class State(Enum):
@@ -147,6 +148,7 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
             page=job.page,
             export=job.export,
             warm=warm,
+            single_file=job.single_file,
             progress=progress,
             warn=warnings.append,
         )
@@ -201,7 +203,7 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
                 text = Path(job.path).read_text(encoding="utf-8")
             except (OSError, ValueError):
                 text = ""
-            page = failed_page(name, done.problems, job.command, text)
+            page = failed_page(name, done.problems, job.command, text, job.path)
             leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems), page)
 
 

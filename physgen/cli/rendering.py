@@ -101,6 +101,10 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.batch.pool import Job
     from physgen.report.video import Format
 
+    page = pipeline.Page(options.report or ("none" if options.preview else "full"))
+    if options.single_file and page is pipeline.Page.NONE:
+        fix = f"leave out {'--report none' if options.report else '--preview'}"
+        raise InputError.of("--single-file", "", "needs a page to put the video into", fix)
     formats = tuple(Format(name) for name in options.format)
     if options.export:
         from physgen.export.writing import kinds
@@ -127,10 +131,11 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             options.device,
             refiner,
             options.cache,
-            pipeline.Page(options.report or ("none" if options.preview else "full")),
+            page,
             name,
             tracked,
             options.export,
+            options.single_file,
         )
 
     return make

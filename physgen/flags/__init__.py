@@ -275,6 +275,11 @@ def _making(sub: argparse.ArgumentParser) -> None:
         help="ground truth beside the clip, in truth/: any of the formats of physgen export",
     )
     sub.add_argument(
+        "--single-file",
+        action="store_true",
+        help="put the video into report.html, which can then be mailed alone",
+    )
+    sub.add_argument(
         "--preview",
         action="store_true",
         help="a quick look: at most 24 frames as large as the photo, without a report",

@@ -25,8 +25,9 @@ from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
-    from physgen.report.perception import Comparison, Perception
+    from physgen.report.perception import Perception
     from physgen.report.record import RunRecord
+    from physgen.report.retouched import Retouched
     from physgen.report.video import Format
     from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
@@ -67,6 +68,7 @@ def render_scene(
     page: Page = Page.FULL,
     export: Sequence[str] = (),
     warm: Warm | None = None,
+    single_file: bool = False,
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
@@ -76,10 +78,12 @@ def render_scene(
     `formats` are the video's, none where they are empty; `ask_chaos` runs the scene's neighbours too, for the report;
     `device` is that of `render`. `refiners` hold models from one scene to the next, and `warm` holds what the scene
     before left at hand; motions and frames that are refined come from the cache where they are kept, if it is to be
-    `cached`; `page` says how much the report holds. Labels in the formats of `export`, of the clip without refinement,
-    go to `truth/`, or, where there is no video, to the folder itself. Raises InputError; where it is refinement that
-    fails, the folder is there all the same, with `unrefined.mp4`.
+    `cached`; `page` says how much the report holds, and as a `single_file` it carries its film, to be mailed alone.
+    Labels in the formats of `export`, of the clip without refinement, go to `truth/`, or, where there is no video, to
+    the folder itself. Raises InputError; where it is refinement that fails, the folder is there all the same, with
+    `unrefined.mp4`.
     """
+    from physgen.report.embedded import heavy
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.perception import perception
     from physgen.report.record import RunRecord, inputs, source_of
@@ -125,8 +129,7 @@ def render_scene(
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)
-            with record.stage("simulate"):
-                trajectory = warm.simulate(compiled.world, progress, cached, odd)
+            trajectory = filming.simulated(progress, cached, odd)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)
@@ -137,7 +140,7 @@ def render_scene(
         truth = folder / "truth" if kinds else folder
         if footage is not None:
             outcome = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
-            faults, retouched, first = outcome.faults, outcome.compared, footage.rgb[0]
+            faults, retouched, first = outcome.faults, outcome.retouched, footage.rgb[0]
             labels.of_frames(filming, trajectory, truth, record, progress)
             if faults and _is_refined(final):  # hours of work may be in it
                 raise InputError([*faults, _left(final, "keeps the clip that was refined before")])
@@ -149,8 +152,12 @@ def render_scene(
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
             if kinds and page is not Page.NONE:
-                _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched)
+                _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched, single_file)
         write_manifest(record, folder)
+    if single_file and page is not Page.NONE:
+        large = heavy(final / "report.html", "make the clip shorter or smaller")
+        if large is not None:
+            warn(large)
     if faults:
         raise InputError([*faults, _left(final, "has the clip without refinement")])
     return final
@@ -191,30 +198,33 @@ def _report(
     kinds: Sequence[Format],
     page: Page,
     seen: Perception | None,
-    retouched: Comparison | None,
+    retouched: Retouched | None,
+    single_file: bool,
 ) -> None:
     """The page; `first` is the clip's first frame, unrefined."""
+    from physgen.report.embedded import beside, carried
     from physgen.report.page import report_page
     from physgen.report.player import player_data
+    from physgen.report.relit import relit
     from physgen.scene.write import scene_text
 
-    made = [
-        kind.named("video" if record.frames else "unrefined")
-        for kind in kinds
-        if (record.frames or kind is kinds[0])
-    ]
-    video = next((file for file in made if "." in file), f"{made[0]}/00000.png")
-    text = scene_text(filming.scene.document)
-    if filming.scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
+    name = "video" if record.frames else "unrefined"
+    made = [kind.named(name) for kind in kinds if record.frames or kind is kinds[0]]
+    scene, world = filming.scene, filming.compiled.world
+    film = carried(folder, made, scene.render.fps, scene.name) if single_file else beside(folder, made)
+    text = scene_text(scene.document)
+    if scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
         first = next(
             render(filming.stage, trajectory)
         ).rgb  # outlines and forces are drawn on the photo itself
-    beside = video if video.endswith(".mp4") else None
-    scene, world = filming.scene, filming.compiled.world
     player = None
     if page is Page.FULL:
-        player = player_data(scene, world, trajectory, filming.stage, filming.shot(trajectory), beside)
-    html = report_page(scene, world, record, first, video, text, player, seen, retouched)
+        player = player_data(
+            scene, world, trajectory, filming.stage, filming.shot(trajectory), filming.sampled
+        )
+    if seen is not None and (pair := relit(filming.stage, trajectory)) is not None:
+        seen = replace(seen, comparisons=(pair, *seen.comparisons))
+    html = report_page(scene, world, record, first, film, text, player, seen, retouched)
     (folder / "report.html").write_text(html, encoding="utf-8")
 
 

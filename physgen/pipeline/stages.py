@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from physgen.render.stage import Frame, Stage
     from physgen.scene.model import Scene
     from physgen.simulate.chaos import Chaos
+    from physgen.simulate.tape import Tape
     from physgen.simulate.trajectory import Trajectory
 
 MOST_POSES = 20_000_000
@@ -59,19 +60,24 @@ def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
     return lint_scene(scene, compiled)
 
 
-def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:
-    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
+def simulate(
+    world: World, rate: float | None = None, progress: Progress = silent, tape: Tape | None = None
+) -> Trajectory:
+    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second.
+
+    A `tape` keeps the engine's steps, to be sampled at other times without running again.
+    """
     from physgen.simulate.engine import simulate as run
 
     if rate is None:
-        return run(world, progress=progress)
+        return run(world, progress=progress, tape=tape)
     count = int(world.duration * rate + 1e-9) + 1
     if count * max(len(world.bodies), 1) > MOST_POSES:
         found = f"{count:,} samples of {len(world.bodies)} objects"
         raise InputError.of(
             "--rate", found, "are too many to hold", f"keep samples x objects below {MOST_POSES:,}"
         )
-    return run(world, np.arange(count) / rate, progress)
+    return run(world, np.arange(count) / rate, progress, tape=tape)
 
 
 def chaos(world: World, progress: Progress = silent) -> Chaos:

@@ -59,7 +59,7 @@ def swept(clips: Sequence[Clip]) -> list[Swept]:
 
     Clips are of one scene where photo and names are the same. Clips that failed have the values of their `--set`.
     """
-    trees = [dict(_leaves(clip.document)) for clip in clips]
+    trees = [dict(_leaves(_acting(clip.document))) for clip in clips]
     edits = [_edits(clip) for clip in clips]
     apart = _differing(clips, trees)
     ways = _set_apart(edits, trees) | apart
@@ -88,6 +88,14 @@ def swept(clips: Sequence[Clip]) -> list[Swept]:
         found.append(Swept(path, name, unit(group[0]), tuple(values), named, within, split in seen))
         seen.add(split)
     return found
+
+
+def _acting(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Without the settings of a refinement that nobody does."""
+    refine = document.get("refine")
+    if not isinstance(refine, Mapping) or refine.get("backend") != "none":
+        return document
+    return {**document, "refine": {"backend": "none"}}
 
 
 def _leaves(value: Any, way: Way = ()) -> Iterator[tuple[Way, Value]]:
