@@ -26,8 +26,8 @@ STILL = 0.5
 """px within which a thing that has come to rest stays to the end."""
 LAST = 0.1
 """Of the clip's time that it has to be at rest, at least."""
-MEANT = 1e-3
-"""s: who touches by then has touched from the start."""
+NEAR = 1.0
+"""px by which two have moved at most when they touch, to have touched from the start."""
 
 
 class Fate(IntEnum):
@@ -83,7 +83,7 @@ def outcome(world: World, run: Trajectory) -> Outcome:
     fates = np.where(away > PART * sizes, Fate.MOVES, Fate.STAYS)
     fates = np.where(_outside(world, final), Fate.LEAVES, fates)
     fates = np.where(tips | drops, Fate.FALLS, fates)
-    return Outcome(fates.astype(np.int32), tips, drops, final, turned, _rests(run), _first(run))
+    return Outcome(fates.astype(np.int32), tips, drops, final, turned, _rests(run), _first(world, run))
 
 
 def _can_fall(world: World) -> Flags:
@@ -148,14 +148,21 @@ def _rests(run: Trajectory) -> Array:
     return np.asarray(np.where(since <= (1 - LAST) * run.times[-1], since, np.inf))
 
 
-def _first(run: Trajectory) -> Index:
-    pairs, begins = run.contacts.touch_pairs, run.contacts.touch_times[:, 0]
+def _first(world: World, run: Trajectory) -> Index:
     first = np.full(len(run.names), -1, np.int32)
-    known = {
-        tuple(pair) for pair, begin in zip(pairs.tolist(), begins.tolist(), strict=True) if begin <= MEANT
-    }
-    for pair in pairs[begins > MEANT].tolist():  # by their begins
+    reach = np.array([body.reach for body in world.bodies])
+    known: set[tuple[int, ...]] = set()
+    begins = run.contacts.touch_times[:, 0]
+    samples = np.maximum(np.searchsorted(run.times, begins, side="right") - 1, 0)
+    for pair, sample in zip(
+        run.contacts.touch_pairs.tolist(), samples.tolist(), strict=True
+    ):  # by their begins
         if tuple(pair) in known:
+            continue
+        bodies = [one for one in pair if one < len(first)]
+        off = run.poses[sample, bodies] - run.poses[0, bodies]
+        if float((np.hypot(off[:, 0], off[:, 1]) + reach[bodies] * np.abs(off[:, 2])).sum()) < NEAR:
+            known.add(tuple(pair))
             continue
         for one, other in (pair, pair[::-1]):
             if one < len(first) and first[one] < 0:

@@ -195,6 +195,8 @@ def headline(fan: Fan, found: Sequence[Verdict]) -> str:
         return f"The photo decides of none of {count} objects what becomes of it."
     every = f"all {count}" if fates == count else f"{fates} of {count}"
     where = "not where any ends" if not places else f"where {places} of them end{'s' * (places == 1)}"
+    if places == fates:
+        where = "where it ends" if fates == 1 else "where they end"
     return f"The photo decides what becomes of {every} objects, {'and ' if places else 'but '}{where}."
 
 

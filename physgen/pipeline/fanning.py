@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from physgen.pipeline import stages
 from physgen.pipeline.watch import Progress, Warn
 from physgen.problems import Problem, Severity
 
@@ -78,7 +79,7 @@ def fanned(
     warn: Warn,
 ) -> Fanned | None:
     """`count` draws; None, and a warning, where nothing of the scene is uncertain."""
-    from physgen.fan.fan import fan, uncertain
+    from physgen.fan.fan import uncertain
     from physgen.fan.lights import shadows
     from physgen.fan.verdict import verdicts
 
@@ -96,5 +97,5 @@ def fanned(
             )
         )
         return None
-    made = fan(scene, compiled, count, seed, variant, progress)
+    made = stages.fan(scene, compiled, count, seed, variant, progress)
     return Fanned(scene, compiled, made, verdicts(made), shadows(scene, made))

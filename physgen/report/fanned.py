@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees
@@ -33,7 +34,7 @@ MOST_POINTS = 40_000
 MOST_ENDS = 1500
 """Outlines at the end; then fewer draws show theirs."""
 MOST_TOLD = 24
-"""Bodies of which there are sentences; the tables have all."""
+"""Different things that are said of bodies; the tables have all."""
 FINE = 0.25
 """px of a canvas 640 px wide by which a drawn way may be off."""
 TELLING = 0.01
@@ -66,9 +67,9 @@ class Section:
     shown: int
     """Draws that are drawn."""
     fates: Sequence[tuple[str, str]]
-    """Class and word of every fate that occurs in the picture."""
+    """Class and word of every fate that has a colour here."""
     told: Sequence[dict[str, Any]]
-    """`number`, `name`, `bar`, `lines`: of bodies."""
+    """`number`, `names`, `bar`, `lines`: of bodies that the same is said of."""
     alike: Sequence[tuple[str, Sequence[str]]]
     """What many are decided to do, and who they are."""
     rows: Sequence[dict[str, Any]]
@@ -84,8 +85,8 @@ def section(fan: Fan, found: Sequence[Verdict], lights: Shadows | None, world: W
     shown = _shown(fan)
     ways, ends = _ways(fan, shown, world), _ends(fan, shown)
     used = sorted({end["body"] for end in ends})
-    fates = {way["fate"] for way in ways} | {end["fate"] for end in ends}
     told, alike = _told(found)
+    fates = {way["fate"] for way in ways} | {part["fate"] for one in told for part in one["bar"]["parts"]}
     return Section(
         headline=headline(fan, found),
         facts=_facts(fan),
@@ -93,7 +94,7 @@ def section(fan: Fan, found: Sequence[Verdict], lights: Shadows | None, world: W
         ends=ends,
         outlines=[{"id": b, "d": _rings(world, b)} for b in used],
         own=[d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],
-        marks=[_mark(fan, one["number"], fan.names.index(one["name"])) for one in told],
+        marks=[_mark(fan, one["number"], fan.names.index(name)) for one in told for name in one["names"]],
         faint=round(float(np.clip(2.4 / np.sqrt(max(len(shown), 1)), 0.28, 0.85)), 2),
         fill=round(min(0.5 / max(len(shown), 1), 0.1), 3),
         shown=len(shown),
@@ -145,7 +146,8 @@ def _ways(fan: Fan, shown: Sequence[int], world: World) -> list[dict[str, Any]]:
         for b in range(len(fan.names)):
             if d := _path(fan.poses[k, :, b, :2], world):
                 found.append({"fate": Fate(int(one.fates[b])).name.lower(), "d": d})
-    return sorted(found, key=lambda way: -sum(other["fate"] == way["fate"] for other in found))
+    often = Counter(way["fate"] for way in found)
+    return sorted(found, key=lambda way: -often[way["fate"]])
 
 
 def _ends(fan: Fan, shown: Sequence[int]) -> list[dict[str, Any]]:
@@ -194,9 +196,12 @@ def _told(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[st
     for v in found:
         if v.decided and v.placed:
             groups.setdefault(v.event, []).append(v.name)
+    same: dict[tuple[str, ...], list[Verdict]] = {}
+    for v in apart:
+        same.setdefault(tuple(v.sentences()), []).append(v)
     told: list[dict[str, Any]] = [
-        {"number": n, "name": v.name, "bar": _bar(v), "lines": v.sentences()}
-        for n, v in enumerate(apart[:MOST_TOLD], 1)
+        {"number": n, "names": [v.name for v in found if v in those], "bar": _bar(those[0]), "lines": lines}
+        for n, (lines, those) in enumerate(list(same.items())[:MOST_TOLD], 1)
     ]
     alike: list[tuple[str, Sequence[str]]] = []
     for fate in sorted(groups, reverse=True):
