@@ -166,7 +166,17 @@ def render_scene(
             if kinds and page is not Page.NONE:
                 decided = None if spread is None else spread.section()
                 _report(
-                    filming, trajectory, first, record, folder, kinds, page, seen, retouched, single_file, decided
+                    filming,
+                    trajectory,
+                    first,
+                    record,
+                    folder,
+                    kinds,
+                    page,
+                    seen,
+                    retouched,
+                    single_file,
+                    decided,
                 )
         write_manifest(record, folder)
     if single_file and page is not Page.NONE:
