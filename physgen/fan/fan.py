@@ -26,7 +26,7 @@ RATE = 120.0
 """Samples a second from which outcomes are told."""
 MOST_SAMPLES = 100_000
 """Of one draw."""
-KEPT = 61
+KEPT = 121
 """Samples of a draw that are kept, at most, evenly over its time."""
 MOST_KEPT = 10_000_000
 """Poses that are kept of all draws together: 240 MB."""

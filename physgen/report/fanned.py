@@ -29,8 +29,8 @@ QUALITY = 80
 """Of its JPEG."""
 MOST_WAYS = 64
 """Draws whose ways are drawn."""
-MOST_POINTS = 40_000
-"""Of all ways together; then fewer draws are shown."""
+MOST_POINTS = 100_000
+"""Of all ways together, before those that nobody sees are left out; then fewer draws are shown."""
 MOST_ENDS = 1500
 """Outlines at the end; then fewer draws show theirs."""
 MOST_TOLD = 24
