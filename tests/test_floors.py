@@ -31,7 +31,7 @@ FLOORS = {
     2: ("scene",),
     3: ("perceive", "compile", "clips"),
     4: ("simulate",),
-    5: ("render",),
+    5: ("render", "fan"),
     6: ("refine", "export"),
     7: ("report",),
     8: ("cache", "refine_video"),

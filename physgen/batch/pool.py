@@ -77,6 +77,9 @@ class Job:
     export: tuple[str, ...] = ()
     """Formats of its ground truth."""
     single_file: bool = False
+    draws: int = 0
+    """Of what is uncertain; see `render_scene`."""
+    draw_seed: int = 0
 
     @property
     def folder(self) -> Path:
@@ -87,7 +90,8 @@ class Job:
     def mark(self) -> str:
         """Of all that is asked of the clip, of the models that may refine it, and of the code."""
         asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device)
-        return mark(*asked, self.page, self.single_file, self.export, self.refiner.told)
+        fan = (self.draws, self.draw_seed) if self.draws else ()
+        return mark(*asked, self.page, self.single_file, self.export, self.refiner.told, *fan)
 
 
 class State(Enum):
@@ -142,6 +146,8 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
             formats=job.formats,
             command=job.command,
             ask_chaos=job.chaos,
+            draws=job.draws,
+            draw_seed=job.draw_seed,
             device=job.device,
             refiners=_refiners(job.refiner),
             cached=job.cached,

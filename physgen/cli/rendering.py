@@ -136,6 +136,8 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             tracked,
             options.export,
             options.single_file,
+            options.fan,
+            options.fan_seed,
         )
 
     return make

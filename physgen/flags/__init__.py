@@ -16,7 +16,7 @@ from physgen.flags.perceiving import perceive, who
 from physgen.flags.plots import plots
 from physgen.flags.refining import refine
 from physgen.flags.sweeping import sweep
-from physgen.flags.values import count, formats, four, positive, scene_name, two
+from physgen.flags.values import count, draws, formats, four, positive, scene_name, seed, two
 from physgen.flags.verifying import verify
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
@@ -249,6 +249,14 @@ def _making(sub: argparse.ArgumentParser) -> None:
         action="store_true",
         help="tell in the report how long the motion can be foretold; see simulate",
     )
+    sub.add_argument(
+        "--fan",
+        metavar="N",
+        type=draws,
+        default=0,
+        help="simulate N draws of what `from` is unsure of: which outcomes does the photo decide? see docs/fan.md",
+    )
+    sub.add_argument("--fan-seed", metavar="S", type=seed, default=0, help="of the draws; default: 0")
     sub.add_argument(
         "--device",
         choices=DEVICES,

@@ -57,6 +57,13 @@ def number_of_clips(text: str) -> int:
     return int(text)
 
 
+def draws(text: str) -> int:
+    """Draws of a fan."""
+    if not text.isdecimal() or not 2 <= int(text) <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 2 to 1000")
+    return int(text)
+
+
 def seed(text: str) -> int:
     """Of random draws."""
     if not text.isdecimal() or len(text) > 18:

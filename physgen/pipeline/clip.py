@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.pipeline.exporting import Labels
+from physgen.pipeline.fanning import fanned
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guided, refined
@@ -25,6 +26,7 @@ from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
+    from physgen.report.fanned import Section
     from physgen.report.perception import Perception
     from physgen.report.record import RunRecord
     from physgen.report.retouched import Retouched
@@ -62,6 +64,8 @@ def render_scene(
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
     ask_chaos: bool = False,
+    draws: int = 0,
+    draw_seed: int = 0,
     device: str = "cpu",
     refiners: Refiners | None = None,
     cached: bool = True,
@@ -76,12 +80,12 @@ def render_scene(
 
     `name` is the folder's in place of the scene's; `mark` goes into the manifest and tells what was asked for.
     `formats` are the video's, none where they are empty; `ask_chaos` runs the scene's neighbours too, for the report;
-    `device` is that of `render`. `refiners` hold models from one scene to the next, and `warm` holds what the scene
-    before left at hand; motions and frames that are refined come from the cache where they are kept, if it is to be
-    `cached`; `page` says how much the report holds, and as a `single_file` it carries its film, to be mailed alone.
-    Labels in the formats of `export`, of the clip without refinement, go to `truth/`, or, where there is no video, to
-    the folder itself. Raises InputError; where it is refinement that fails, the folder is there all the same, with
-    `unrefined.mp4`.
+    `draws` of what is uncertain are simulated, 0 for none, and `draw_seed` says which; `device` is that of `render`.
+    `refiners` hold models from one scene to the next, and `warm` holds what the scene before left at hand; motions and
+    frames that are refined come from the cache where they are kept, if it is to be `cached`; `page` says how much the
+    report holds, and as a `single_file` it carries its film, to be mailed alone. Labels in the formats of `export`, of
+    the clip without refinement, go to `truth/`, or, where there is no video, to the folder itself. Raises InputError;
+    where it is refinement that fails, the folder is there all the same, with `unrefined.mp4`.
     """
     from physgen.report.embedded import heavy
     from physgen.report.folder import output_folder, whole_folder
@@ -136,6 +140,12 @@ def render_scene(
         if ask_chaos:
             with record.stage("chaos"):
                 record.chaos = chaos(compiled.world, progress).as_dict()
+        spread = None
+        if draws:
+            record.seeds["fan"] = draw_seed
+            with record.stage("fan"):
+                spread = fanned(scene, compiled, draws, draw_seed, variant, progress, odd)
+                record.fan = None if spread is None else spread.told()
         folder = held.enter_context(whole_folder(final))
         truth = folder / "truth" if kinds else folder
         if footage is not None:
@@ -151,8 +161,23 @@ def render_scene(
                 record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
+            if spread is not None:
+                spread.save(folder)
             if kinds and page is not Page.NONE:
-                _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched, single_file)
+                decided = None if spread is None else spread.section()
+                _report(
+                    filming,
+                    trajectory,
+                    first,
+                    record,
+                    folder,
+                    kinds,
+                    page,
+                    seen,
+                    retouched,
+                    single_file,
+                    decided,
+                )
         write_manifest(record, folder)
     if single_file and page is not Page.NONE:
         large = heavy(final / "report.html", "make the clip shorter or smaller")
@@ -200,6 +225,7 @@ def _report(
     seen: Perception | None,
     retouched: Retouched | None,
     single_file: bool,
+    decided: Section | None,
 ) -> None:
     """The page; `first` is the clip's first frame, unrefined."""
     from physgen.report.embedded import beside, carried
@@ -224,7 +250,7 @@ def _report(
         )
     if seen is not None and (pair := relit(filming.stage, trajectory)) is not None:
         seen = replace(seen, comparisons=(pair, *seen.comparisons))
-    html = report_page(scene, world, record, first, film, text, player, seen, retouched)
+    html = report_page(scene, world, record, first, film, text, player, seen, retouched, decided)
     (folder / "report.html").write_text(html, encoding="utf-8")
 
 
