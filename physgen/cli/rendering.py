@@ -17,9 +17,12 @@ from physgen.problems import InputError
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
+    from physgen.batch.workers import LostError
 
 PREVIEWED = 24
 """Frames of a preview, at most."""
+MANY = 1000
+"""Clips whose gallery is made in a process of its own."""
 MOST_SHOWN = 20_000
 """Clips of one gallery: above, its page is slow to open."""
 
@@ -240,10 +243,32 @@ def _gallery(root: Path, bar: Bar, tally: Tally) -> None:
     if tally.all > MOST_SHOWN:
         tell(f"{root}: too many clips for one gallery; physgen gallery shows parts of them")
         return
+    if tally.all > MANY:  # they fill its memory, not ours
+        from physgen.batch.workers import spread
+
+        bar.show("gallery", 0, 1)
+        for kept in spread(_page, [root], 2, _page_lost):
+            for path in kept:
+                tell_kept(path)
+    else:
+        from physgen.report.gallery import write_gallery
+
+        write_gallery([root], root / "index.html", progress=bar.show, keep=tell_kept)
+    bar.clear()
+
+
+def _page(root: Path) -> list[Path]:
+    """The gallery of a folder; what stood in its way."""
     from physgen.report.gallery import write_gallery
 
-    write_gallery([root], root / "index.html", progress=bar.show, keep=tell_kept)
-    bar.clear()
+    kept: list[Path] = []
+    write_gallery([root], root / "index.html", keep=kept.append)
+    return kept
+
+
+def _page_lost(root: Path, error: LostError) -> list[Path]:
+    tell(f"{root}: the gallery could not be made: {error}")
+    return []
 
 
 def _sum_up(tally: Tally, count: int, root: Path, beside: Sequence[Path], options: argparse.Namespace) -> int:
