@@ -94,10 +94,13 @@ class GoldenFixture:
 
         asked = Asked(overrides, variant, allow_outside, frames, side, motion, pixels, until)
         path, name = self._found(scene)
+        wrong = ""
         try:
             check = checked(path, name, self._request.node.nodeid, asked, self._of("_physgen_warm"))
         except InputError as error:
-            pytest.fail(f"{name} gives no clip:\n{error}", pytrace=False)
+            wrong = str(error)
+        if wrong:
+            pytest.fail(f"{name} gives no clip:\n{wrong}", pytrace=False)
         original, datadir = self._of("original_datadir"), self._of("lazy_datadir")
         unwritten = self._of("tmp_path") / "obtained"  # written only where it differs
         shown: list[Path] = []

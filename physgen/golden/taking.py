@@ -74,7 +74,7 @@ class Clip:
 
 
 def taken(path: Path, asked: Asked, warm: Warm) -> Clip:
-    """Simulate a scene and draw the frames that are kept; nothing comes from the cache. Raises InputError."""
+    """Simulate a scene and draw the frames that are kept; nothing comes from the disk's cache. Raises InputError."""
     scene = warm.load(path, asked.overrides, asked.variant, asked.allow_outside)
     maps = warm.maps(scene)
     compiled = warm.compile(scene, maps)
