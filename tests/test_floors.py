@@ -36,7 +36,7 @@ FLOORS = {
     7: ("report",),
     8: ("cache", "refine_video"),
     9: ("pipeline", "refresh"),
-    10: ("batch",),
+    10: ("batch", "golden"),
     11: ("evaluate", "pytest_plugin", "notebook"),
     12: ("flags",),
     13: ("cli",),
