@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -75,7 +75,7 @@ def spread(
     items: Iterable[Item],
     workers: int,
     lost: Callable[[Item, LostError], Result],
-) -> Iterator[Result]:
+) -> Generator[Result, None, None]:
     """`work(item)` for each, in order; `lost(item, error)` where its process died each time.
 
     One worker is this process. Several are processes of their own, so `work`, items and results are pickled, and what

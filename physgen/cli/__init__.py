@@ -13,11 +13,13 @@ from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
 from physgen.cli.exhibiting import gallery
 from physgen.cli.moving import check, simulate
+from physgen.cli.packing import pack, unpack
 from physgen.cli.perceiving import import_, list_backends, perceive
 from physgen.cli.plotting import plot
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
 from physgen.cli.refining import refine
 from physgen.cli.rendering import render
+from physgen.cli.verifying import verify
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
 from physgen.whole import meant
@@ -77,6 +79,9 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "gallery": gallery,
     "evaluate": evaluate,
     "plot": plot,
+    "verify": verify,
+    "pack": pack,
+    "unpack": unpack,
     "cache": cache,
     "backends": list_backends,
     "schema": schema,

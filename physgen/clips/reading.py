@@ -120,6 +120,11 @@ def open_clip(path: Path, progress: Progress = lambda stage, done, total: None) 
     return Clip(path, size, fps, frames, remarks)
 
 
+def shown_in(path: Path) -> Iterator[Shown]:
+    """Frames of a video or a picture one after the other, each decoded once, unchecked. Raises InputError."""
+    return _source(path)[0]()
+
+
 def _source(path: Path) -> tuple[Callable[[], Iterator[Shown]], float | None, tuple[Problem, ...]]:
     """What decodes it from the first frame on, frames a second where the file says so, and what there is to say."""
     if path.is_dir():

@@ -9,10 +9,12 @@ from typing import NoReturn
 from physgen import __version__
 from physgen.flags.exhibiting import exhibit
 from physgen.flags.measures import measures
+from physgen.flags.packing import pack, unpack
 from physgen.flags.perceiving import perceive, who
 from physgen.flags.plots import plots
 from physgen.flags.refining import refine
 from physgen.flags.values import count, formats, four, positive, scene_name, two
+from physgen.flags.verifying import verify
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
 
@@ -197,6 +199,23 @@ def build_parser() -> argparse.ArgumentParser:
         "plot", "Figures for papers, as PNG, SVG or PDF.", "physgen plot strip scene.yaml -o strip.pdf"
     )
     plots(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), _overlays)
+
+    sub = command(
+        "verify",
+        "Render clips again and compare: what differs first, and by how much. Exit code 1 when something differs.",
+        "physgen verify out --jobs 2",
+    )
+    verify(sub)
+
+    sub = command(
+        "pack",
+        "A scene with all that it reads to one file.",
+        "physgen pack scene.yaml -o scene.physgen",
+    )
+    pack(sub)
+
+    sub = command("unpack", "The files of a pack to a folder.", "physgen unpack scene.physgen -o scene")
+    unpack(sub)
 
     sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
     sub.add_argument(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.pipeline.filming import Filming
+from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guided, refined
 from physgen.pipeline.stages import chaos, drawn_by, lint, render
 from physgen.pipeline.warm import Keep, Warm
@@ -77,7 +78,7 @@ def render_scene(
     """
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.perception import perception
-    from physgen.report.record import RunRecord, inputs
+    from physgen.report.record import RunRecord, inputs, source_of
     from physgen.report.video import Format
 
     record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
@@ -91,7 +92,8 @@ def render_scene(
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document
     record.seeds = {"refine": scene.refine.seed}
-    record.inputs = inputs(scene, Path(path), warm.hash)
+    record.inputs = inputs(scene, scene_file(path), warm.hash)
+    record.source = source_of(Path(path), final)
     record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
 
     def odd(problem: Problem) -> None:

@@ -28,7 +28,8 @@ class Filming:
         self.scene, self.compiled, self.device, self.warm = scene, compiled, device, warm
         self._maps: Maps | None = maps
         self._record = record
-        self._fine: tuple[Trajectory, int] | None = None
+        self._fine: tuple[Trajectory, Trajectory, int] | None = None
+        """Of a trajectory: the samples that its frames are exposed at, and how many a frame has."""
 
     @cached_property
     def stage(self) -> Stage:
@@ -60,17 +61,18 @@ class Filming:
 
     def _exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples enough for open shutters, and how many a frame has."""
-        if self._fine is None:
+        if self._fine is None or self._fine[0] is not trajectory:
             from physgen.render.shutter import shutter
             from physgen.simulate.engine import simulate as run_at
 
             # the engine's steps do not depend on its samples: the fine run is the same motion
             moments, parts = shutter(trajectory, self.compiled.world, self.scene.render.motion_blur)
-            self._fine = trajectory, parts
+            fine = trajectory
             if parts > 1:
                 with self._record.stage("expose"):
-                    self._fine = run_at(self.compiled.world, moments), parts
-        return self._fine
+                    fine = run_at(self.compiled.world, moments)
+            self._fine = trajectory, fine, parts
+        return self._fine[1:]
 
     def annotated(self, frames: Iterator[Frame], trajectory: Trajectory) -> Iterator[Frame]:
         """Frames with the scene's overlays."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.pipeline.packs import scene_file
 from physgen.pipeline.watch import Progress, silent
 from physgen.problems import InputError, Problem
 
@@ -31,10 +32,10 @@ MOST_POSES = 20_000_000
 def load(
     path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False
 ) -> Scene:
-    """Scene file -> Scene, with overlays applied and defaults filled in. Raises InputError with every problem."""
+    """Scene file or pack -> Scene, overlays applied and defaults filled in. Raises InputError with every problem."""
     from physgen.scene.build import load as load_scene
 
-    return load_scene(Path(path), overrides, variant, allow_outside)
+    return load_scene(scene_file(path), overrides, variant, allow_outside)
 
 
 def percepts(scene: Scene) -> Percepts | None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from physgen.pipeline import stages
+from physgen.pipeline.packs import scene_file
 from physgen.pipeline.watch import Progress, Warn, silent, unheard
 from physgen.whole import Stamp, stamped
 
@@ -97,7 +98,7 @@ class Warm:
         """As `stages.load`."""
         from physgen.scene.build import Opened
 
-        name = str(path)
+        name = str(scene_file(path))
         read = (os.getcwd(), name, allow_outside)
         opened = self._opened.of(read, lambda: Opened(name, allow_outside))
         if opened.stale():

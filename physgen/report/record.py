@@ -45,6 +45,8 @@ class RunRecord:
 
     scene: str
     command: list[str]
+    source: str = ""
+    """Path of the scene file, or of the pack that it is in, relative to the clip's folder."""
     inputs: dict[str, str] = field(default_factory=dict)
     """Path relative to the scene's folder -> SHA-256."""
     overrides: list[str] = field(default_factory=list)
@@ -94,6 +96,7 @@ class RunRecord:
         return {
             "manifest": 1,
             "scene": self.scene,
+            "source": self.source,
             "command": self.command,
             "variant": self.variant,
             "overrides": self.overrides,
@@ -160,6 +163,12 @@ def file_hash(path: Path) -> str:
 def frame_hash(rgb: NDArray[np.uint8]) -> str:
     """SHA-256 of a frame's shape and bytes."""
     return hashlib.sha256(f"{rgb.shape}".encode() + np.ascontiguousarray(rgb).tobytes()).hexdigest()
+
+
+def source_of(path: Path, folder: Path) -> str:
+    """The path of a scene from a clip's folder: links are followed, but not the file's own, whose name counts."""
+    home = os.path.realpath(path.parent)
+    return Path(os.path.relpath(os.path.join(home, path.name), os.path.realpath(folder))).as_posix()
 
 
 def write_json(path: Path, data: object) -> None:

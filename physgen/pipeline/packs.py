@@ -1,0 +1,93 @@
+"""Path of a scene or a pack -> path of the scene file, a pack's own among its files in a folder of the cache.
+
+That folder is named by the pack's bytes, checked each time it is opened, and held as long as the process may read it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import tempfile
+from collections import OrderedDict
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.scene.pack_format import is_pack
+from physgen.whole import Stamp, stamped
+
+if TYPE_CHECKING:
+    from physgen.cache.store import Store
+
+MOST_HELD = 64
+"""Packs that a process holds at a time: each costs it an open file."""
+FILES, SCENE = "files", "scene.txt"
+"""Of an entry of the cache: what was in the pack, and the name of the scene among it."""
+_KNOWN: dict[str, tuple[Stamp, str]] = {}
+"""Absolute path of a pack -> when it was written, and the key of its entry."""
+_HELD: OrderedDict[tuple[str, str], tuple[ExitStack, Path]] = OrderedDict()
+
+
+def scene_file(path: str | Path) -> Path:
+    """The same path for a scene file. Raises InputError for a zip that is no pack."""
+    path = Path(path)
+    if not is_pack(path):
+        return path
+    from physgen.cache.store import opened
+    from physgen.scene.unpacked import read_pack
+
+    store, name, stamp = opened(), os.path.abspath(path), stamped(path)
+    told, key = _KNOWN.get(name, (None, ""))
+    data = b""
+    if told != stamp or (str(store.root), key) not in _HELD:
+        data = read_pack(path)
+        key = f"pack-{hashlib.sha256(data).hexdigest()[:32]}"
+    held = _HELD.pop((str(store.root), key), None)
+    if held is None and not _HELD:
+        atexit.register(_let_go)
+    if held is None or not held[1].is_file():
+        held = _opened(store, key, data or read_pack(path), str(path))
+    _HELD[str(store.root), key] = held
+    while len(_HELD) > MOST_HELD:
+        _HELD.popitem(last=False)[1][0].close()
+    _KNOWN[name] = stamp, key
+    return held[1]
+
+
+def _let_go() -> None:
+    """While there still is somebody to close files."""
+    while _HELD:
+        _HELD.popitem()[1][0].close()
+
+
+def _opened(store: Store, key: str, data: bytes, name: str) -> tuple[ExitStack, Path]:
+    """The scene file, and what keeps it there."""
+    with ExitStack() as stack:
+        folder = stack.enter_context(store.find(key))
+        if folder is None:
+            _kept(store, key, data, name)
+            folder = stack.enter_context(store.find(key))
+        if folder is not None:
+            scene = folder / FILES / (folder / SCENE).read_text(encoding="utf-8")
+        else:  # nothing is kept: for this process alone
+            own = stack.enter_context(tempfile.TemporaryDirectory(prefix="physgen-"))
+            from physgen.scene.unpacked import unpacked
+
+            scene = unpacked(data, Path(own) / FILES, name)
+        return stack.pop_all(), scene
+
+
+def _kept(store: Store, key: str, data: bytes, name: str) -> None:
+    """Unpacks it into the cache, where that can be written."""
+    from physgen.scene.unpacked import unpacked
+
+    with store.fill(key) as filling:
+        if filling is None:
+            return
+        try:
+            scene = unpacked(data, filling.folder / FILES, name)
+            inside = scene.relative_to(filling.folder / FILES).as_posix()
+            (filling.folder / SCENE).write_text(inside, encoding="utf-8")
+        except OSError as error:
+            filling.give_up(error)

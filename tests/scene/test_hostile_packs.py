@@ -1,0 +1,327 @@
+"""Packs made to hurt -> one message each, nothing written, nothing outside the folder."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import stat
+import struct
+import tempfile
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from physgen.problems import InputError
+from physgen.scene import unpacked as reader
+from physgen.scene.packed import packed
+from physgen.scene.unpacked import unpacked
+
+SCENE = b"physgen: 1\nsize: [64, 48]\nobjects: {}\n"
+PAGE = json.dumps({"pack": 1, "scene": "a/scene.yaml"}).encode()
+OTHER = "name a file that physgen pack wrote"
+Member = tuple[str | zipfile.ZipInfo, bytes]
+
+
+def png(width: int = 8, height: int = 8) -> bytes:
+    """A picture as far as its header; decoding it is nobody's business here."""
+    parts = ((b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)), (b"IDAT", zlib.compress(b"\0")))
+    chunks = [struct.pack(">I", len(d)) + t + d + struct.pack(">I", zlib.crc32(t + d)) for t, d in parts]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks) + struct.pack(">I4sI", 0, b"IEND", zlib.crc32(b"IEND"))
+
+
+def zipped(*members: Member, how: int = zipfile.ZIP_STORED) -> bytes:
+    out = io.BytesIO()
+    with warnings.catch_warnings(), zipfile.ZipFile(out, "w", how) as archive:
+        warnings.simplefilter("ignore")  # of names that are there twice
+        for name, data in members:
+            archive.writestr(name, data)
+    return out.getvalue()
+
+
+def pack(*members: Member, how: int = zipfile.ZIP_STORED) -> bytes:
+    return zipped(("pack.json", PAGE), ("a/scene.yaml", SCENE), *members, how=how)
+
+
+def entry(name: str, mode: int) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name)
+    info.create_system, info.external_attr = 3, mode << 16
+    return info
+
+
+def zeroed() -> bytes:
+    """A name with a byte that ends it for some."""
+    return pack(("a/xqx.png", png())).replace(b"a/xqx.png", b"a/x\0x.png")
+
+
+def encrypted() -> bytes:
+    data = bytearray(pack(("a/p.png", png())))
+    at = data.rindex(b"PK\x01\x02")
+    data[at + 8] |= 1
+    return bytes(data)
+
+
+def shrunk() -> bytes:
+    """Says that a picture is smaller than it is."""
+    data, size = bytearray(pack(("a/p.png", png()))), struct.pack("<I", len(png()))
+    at = data.rindex(b"PK\x01\x02")
+    assert data[at + 24 : at + 28] == size
+    data[at + 24 : at + 28] = struct.pack("<I", 20)
+    return bytes(data)
+
+
+def renamed() -> bytes:
+    """Called another name where it lies than in the list."""
+    return pack(("a/pp.png", png())).replace(b"a/pp.png", b"../p.png", 1)
+
+
+def page(**told: object) -> bytes:
+    return zipped(("pack.json", json.dumps(told).encode()), ("a/scene.yaml", SCENE), ("scene.yaml", SCENE))
+
+
+CASES: dict[str, tuple[Callable[[], bytes], str]] = {
+    "nothing": (lambda: b"", f"x: is no pack; {OTHER}"),
+    "a picture": (png, f"x: is no pack; {OTHER}"),
+    "no pack": (lambda: zipped(("a.txt", b"a")), f"x: is a zip, but no pack: it has no pack.json; {OTHER}"),
+    "cut": (lambda: pack()[:-9], "x: is cut short, or has something behind its end; pack the scene again"),
+    "more": (lambda: pack() + b"!", "x: is cut short, or has something behind its end; pack the scene again"),
+    "up": (
+        lambda: pack(("../p.png", png())),
+        'x: "../p.png" leads out of its folder, or round about; pack the scene again',
+    ),
+    "up within": (
+        lambda: pack(("a/../../p.png", png())),
+        'x: "a/../../p.png" leads out of its folder, or round about; pack the scene again',
+    ),
+    "absolute": (
+        lambda: pack(("/tmp/p.png", png())),
+        'x: "/tmp/p.png" is an absolute name; pack the scene again',
+    ),
+    "drive": (lambda: pack(("C:/p.png", png())), 'x: "C:/p.png" is an absolute name; pack the scene again'),
+    "backslash": (
+        lambda: pack(("a\\p.png", png())),
+        'x: "a\\p.png" has a backslash in its name; pack the scene again',
+    ),
+    "bell": (
+        lambda: pack(("a/\x07.png", png())),
+        'x: "a/\\u0007.png" has a name with characters that cannot be shown; pack the scene again',
+    ),
+    "zero": (
+        zeroed,
+        'x: "a/x\\u0000x.png" has a second name, or a zero byte in its name; pack the scene again',
+    ),
+    "long": (
+        lambda: pack((f"a/{'x' * 300}.png", png())),
+        f'x: "a/{"x" * 35}..." has too long a name; pack the scene again',
+    ),
+    "link": (
+        lambda: pack((entry("a/p.png", stat.S_IFLNK | 0o777), b"/etc/passwd")),
+        'x: "a/p.png" is a link; pack the scene again',
+    ),
+    "device": (
+        lambda: pack((entry("a/p.png", stat.S_IFCHR | 0o666), b"")),
+        'x: "a/p.png" is no plain file; pack the scene again',
+    ),
+    "folder as a link": (
+        lambda: pack((entry("b/", stat.S_IFLNK | 0o777), b"")),
+        'x: "b/" is a link; pack the scene again',
+    ),
+    "twice": (
+        lambda: pack(("a/p.png", png()), ("a/p.png", png())),
+        'x: "a/p.png" is there twice; pack the scene again',
+    ),
+    "case": (
+        lambda: pack(("A/p.png", png())),
+        'x: "A" differs from a in capitals or accents alone, which some disks take for one; pack the scene again',
+    ),
+    "accents": (
+        lambda: pack(("a/\u00e9.png", png()), ("a/e\u0301.png", png())),
+        'x: "a/e\u0301.png" differs from a/\u00e9.png in capitals or accents alone, which some disks take for one; '
+        "pack the scene again",
+    ),
+    "file and folder": (
+        lambda: pack(("a/b", png()), ("a/b/c.png", png())),
+        'x: "a/b" is a file, and a folder too; pack the scene again',
+    ),
+    "encrypted": (encrypted, 'x: "a/p.png" is encrypted; pack the scene again'),
+    "method": (
+        lambda: pack(("a/p.png", png()), how=zipfile.ZIP_BZIP2),
+        'x: "pack.json" is compressed in another way than a pack\'s files; pack the scene again, or zip it plainly',
+    ),
+    "two names": (renamed, 'x: "a/pp.png" is damaged; pack the scene again'),
+    "lies about its size": (shrunk, 'x: "a/p.png" is damaged; pack the scene again'),
+    "sum": (
+        lambda: pack().replace(b"[64, 48]", b"[64, 49]"),
+        'x: "a/scene.yaml" is damaged; pack the scene again',
+    ),
+    "neither": (
+        lambda: pack(("a/run.sh", b"rm -rf /")),
+        'x: "a/run.sh" is neither a scene file nor a picture; pack the scene again',
+    ),
+    "huge picture": (
+        lambda: pack(("a/p.png", png(20_000, 20_000))),
+        'x: "a/p.png" has more than 100 megapixels; pack the scene again',
+    ),
+    "bomb": (
+        lambda: pack(("a/b.yaml", b" " * (8 * 2**20 + 1)), how=zipfile.ZIP_DEFLATED),
+        'x: "a/b.yaml" is larger than 8 MiB; keep pixels in pictures',
+    ),
+    "long page": (
+        lambda: zipped(("pack.json", b" " * 2**17), ("a/scene.yaml", SCENE)),
+        'x: "pack.json" is larger than 64 kiB; keep pixels in pictures',
+    ),
+    "page": (
+        lambda: zipped(("pack.json", b"{"), ("a/scene.yaml", SCENE)),
+        "x: pack.json cannot be understood; pack the scene again",
+    ),
+    "deep page": (
+        lambda: zipped(("pack.json", b"[" * 60_000), ("a/scene.yaml", SCENE)),
+        "x: pack.json cannot be understood; pack the scene again",
+    ),
+    "version": (
+        lambda: page(pack=2, scene="a/scene.yaml"),
+        "x: version 2 is not one that this physgen reads; update physgen",
+    ),
+    "scene": (
+        lambda: page(pack=1, scene="b/scene.yaml"),
+        'x: "b/scene.yaml" is no scene file in a folder of the pack, though pack.json says so; pack the scene again',
+    ),
+    "bare scene": (  # it might extend what lies beside the pack's folder
+        lambda: page(pack=1, scene="scene.yaml"),
+        'x: "scene.yaml" is no scene file in a folder of the pack, though pack.json says so; pack the scene again',
+    ),
+    "many": (
+        lambda: pack(*((f"a/{k}.png", b"") for k in range(10_001))),
+        f"x: 10,003 files are over the 10,000 of a pack; {OTHER}",
+    ),
+    "very many": (
+        lambda: pack(*((f"a/{k:0200}.png", b"") for k in range(10_001))),
+        f"x: lists more files than the 10,000 of a pack; {OTHER}",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_exact_messages_and_nothing_left(case: str, tmp_path: Path) -> None:
+    make, said = CASES[case]
+    with pytest.raises(InputError) as caught:
+        unpacked(make(), tmp_path / "new" / "deep" / "folder", "x")
+    assert [str(problem) for problem in caught.value.problems] == [said]
+    assert list(tmp_path.iterdir()) == []
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(InputError):
+        unpacked(make(), empty)
+    assert list(tmp_path.iterdir()) == [empty]
+    assert list(empty.iterdir()) == []
+
+
+def test_what_another_tool_zipped_is_read(tmp_path: Path) -> None:
+    data = pack(("b/", b""), ("b/p.png", png()), how=zipfile.ZIP_DEFLATED)
+    scene = unpacked(data, tmp_path / "new")
+    assert scene.read_bytes() == SCENE
+    assert sorted(p.name for p in (tmp_path / "new").rglob("*")) == ["a", "b", "p.png", "scene.yaml"]
+
+
+def test_all_files_together_and_each_picture_are_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = pack(*((f"a/{k}.png", png() + b"\0" * 1000) for k in range(9)))
+    monkeypatch.setattr(reader, "MOST_WHOLE", 5000)
+    with pytest.raises(InputError, match=r"^the pack: holds more than 0 GiB; "):
+        unpacked(data, tmp_path / "new")
+    monkeypatch.setattr(reader, "MOST_WHOLE", 2**30)
+    monkeypatch.setattr(reader, "MOST_PICTURE", 2**10)
+    with pytest.raises(InputError, match=r'^the pack: "a/0.png" is larger than 1 kiB; '):
+        unpacked(data, tmp_path / "new")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, member: str, name: str) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(reader, "_picture", full)
+    with pytest.raises(OSError, match="No space left"):
+        unpacked(pack(("a/p.png", png())), tmp_path / "new")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folders_that_are_in_use_are_left_alone(tmp_path: Path) -> None:
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "mine").write_text("mine")
+    with pytest.raises(InputError) as caught:
+        unpacked(pack(), full)
+    assert str(caught.value) == f"{full}: is there already, and not empty; name another folder with -o"
+    with pytest.raises(InputError) as caught:
+        unpacked(pack(), full / "mine")
+    assert str(caught.value) == f"{full / 'mine'}: is a file; name a folder with -o"
+    assert [p.name for p in tmp_path.rglob("*")] == ["full", "mine"]
+
+
+def refusal(data: bytes, folder: Path) -> str | None:
+    """The one message with which a pack is refused; None where it is unpacked."""
+    try:
+        unpacked(data, folder)
+    except InputError as error:
+        (problem,) = error.problems
+        return str(problem)
+    return None
+
+
+PART = st.sampled_from(["..", ".", "", "a", "A", "b.png", "C:", "\\", "\0", "é", "e\u0301", " ", "~", "con"])
+NAME = st.one_of(st.text(max_size=12), st.lists(PART | st.text(max_size=3), max_size=5).map("/".join))
+
+
+@settings(max_examples=150)
+@given(names=st.lists(NAME, min_size=1, max_size=4))
+def test_no_name_leads_out(names: list[str]) -> None:
+    try:
+        data = pack(*((name, b"" if name.endswith("/") else png()) for name in names))
+    except (UnicodeEncodeError, ValueError, IndexError):  # no zip has such a name
+        return
+    root = Path(tempfile.mkdtemp())
+    try:
+        home = root / "home"
+        if (said := refusal(data, home / "new")) is not None:
+            assert said.isprintable()
+            assert list(root.iterdir()) == []
+            return
+        assert {path.name for path in root.iterdir()} == {"home"}
+        assert {path.name for path in home.iterdir()} == {"new"}
+        found = {path.relative_to(home / "new").as_posix() for path in home.rglob("*") if path.is_file()}
+        written = (zipfile.ZipInfo(name).filename for name in names)  # what a writer makes of a zero byte
+        files = {name for name in written if not name.endswith("/")}
+        assert found == {"a/scene.yaml", *files}
+    finally:
+        shutil.rmtree(root)
+
+
+@settings(max_examples=150)
+@given(at=st.integers(min_value=0), value=st.integers(0, 255), cut=st.integers(0, 40))
+def test_damage_is_told_or_does_no_harm(at: int, value: int, cut: int) -> None:
+    data = bytearray(pack(("a/p.png", png()), how=zipfile.ZIP_DEFLATED if at % 2 else zipfile.ZIP_STORED))
+    data[at % len(data)] = value
+    root = Path(tempfile.mkdtemp())
+    try:
+        if refusal(bytes(data[: len(data) - cut // 20]), root / "new") is not None:
+            assert list(root.iterdir()) == []
+            return
+        assert (root / "new" / "a" / "scene.yaml").read_bytes() == SCENE
+    finally:
+        shutil.rmtree(root)
+
+
+def test_a_pack_is_no_scene_file(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_bytes(pack())
+    with pytest.raises(InputError) as caught:
+        packed(path)
+    assert str(caught.value) == f"{path}: is a pack or a zip, not a scene file; physgen unpack it"

@@ -1,0 +1,273 @@
+"""A pack holds what its scene reads, no more and no less, and means the same wherever it is opened."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import stat
+import zipfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.pipeline import packs
+from physgen.problems import InputError, Problem
+from physgen.scene.packed import packed
+from physgen.scene.unpacked import unpacked
+
+SCENE = """\
+# a ball, and what it falls on
+physgen: 1
+image: photo.png   # ours
+assets: photo.assets
+world: {duration: 0.2}
+objects:
+  ball: {mask: 1, mass: 100, solid: sphere, velocity: [40, 0]}
+boundaries:
+  floor: {segment: [[-20, 40], [90, 40]]}
+light: {direction: [0.3, -0.6, 0.74]}
+render: {fps: 30}
+"""
+
+
+def photo(folder: Path, name: str = "photo.png", seed: int = 1) -> None:
+    """64 x 48 px, noisy, with a ball."""
+    rng = np.random.default_rng(seed)
+    picture = rng.integers(80, 120, (48, 64, 3), dtype=np.uint8)
+    cv2.circle(picture, (20, 24), 9, (40, 160, 210), -1, cv2.LINE_AA)
+    folder.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(folder / name), picture)
+
+
+def maps(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    y, x = np.mgrid[:48, :64]
+    cv2.imwrite(str(folder / "masks.png"), (np.hypot(x - 20, y - 24) <= 9).astype(np.uint16))
+
+
+@pytest.fixture
+def pool(tmp_path: Path) -> Path:
+    """A scene with all that it reads."""
+    folder = tmp_path / "there" / "pool"
+    photo(folder)
+    maps(folder / "photo.assets")
+    (folder / "scene.yaml").write_text(SCENE)
+    return folder / "scene.yaml"
+
+
+def members(data: bytes) -> dict[str, bytes]:
+    """What a reader of its own finds, each name once and each sum right."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        assert archive.testzip() is None
+        assert len(set(archive.namelist())) == len(archive.namelist())
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def render(path: Path, out: Path, **how) -> dict[str, object]:
+    """What a clip is, by its manifest; and the bytes of its video."""
+    folder = pipeline.render_scene(path, out, page=pipeline.Page.NONE, **how)
+    told = json.loads((folder / "manifest.json").read_text())
+    return {
+        "samples": told["samples"],
+        "frames": told["frames"],
+        "video": (folder / "video.mp4").read_bytes(),
+        "motion": (folder / "trajectory.npz").read_bytes(),
+    }
+
+
+def test_a_plain_zip_with_the_same_bytes_always(pool: Path, tmp_path: Path) -> None:
+    data = packed(pool)
+    other = tmp_path / "elsewhere" / "deeper" / "pool"
+    shutil.copytree(pool.parent, other)
+    for file in other.rglob("*"):
+        os.utime(file, (1, 1))
+        file.chmod(0o700)
+    (other / "notes.txt").write_text("not read")
+    (other / "photo.assets" / "masks.png~").write_bytes(b"an older one")
+    assert packed(other / "scene.yaml") == data
+    assert packed(os.path.relpath(other / "scene.yaml")) == data
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        names = ["pack.json", "pool/scene.yaml", "pool/photo.assets/masks.png", "pool/photo.png"]
+        assert archive.namelist() == names
+        for entry in archive.infolist():
+            assert entry.compress_type == zipfile.ZIP_STORED
+            assert entry.date_time == (1980, 1, 1, 0, 0, 0)
+            assert entry.external_attr >> 16 == stat.S_IFREG | 0o644
+    found = members(data)
+    for name in names[1:]:
+        assert found[name] == (pool.parent.parent / name).read_bytes()
+    photo(other, seed=2)
+    assert packed(other / "scene.yaml") != data
+
+
+def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, tmp_path: Path) -> None:
+    photo(pool.parent, "other.png", seed=5)
+    soft = pool.parent.parent / "soft" / "scene.yaml"
+    soft.parent.mkdir()
+    soft.write_text(
+        "physgen: 1\nextends: ../pool/scene.yaml  # the same table\n"
+        "objects: {ball: {mass: 60}}\nvariants:\n  far: {image: there.png}\n"
+    )
+    photo(soft.parent, "there.png", seed=9)
+    data = packed(soft)
+    assert set(members(data)) == {
+        "pack.json",
+        "soft/scene.yaml",
+        "pool/scene.yaml",
+        "pool/photo.png",
+        "pool/photo.assets/masks.png",
+        "soft/there.png",
+    }
+    pack = tmp_path / "soft.physgen"
+    pack.write_bytes(data)
+    scene = unpacked(data, tmp_path / "here")
+    assert scene == tmp_path / "here" / "soft" / "scene.yaml"
+    assert scene.read_text() == soft.read_text()
+    shots = []
+    for variant in (None, "far"):
+        clips = [
+            render(path, tmp_path / "out" / str(k), variant=variant)
+            for k, path in enumerate((soft, pack, scene))
+        ]
+        assert clips[0] == clips[1] == clips[2]
+        shots.append(clips[0]["frames"])
+    assert shots[0] != shots[1]
+    assert packed(scene) == data
+    assert sorted(p.name for p in (tmp_path / "out" / "1").iterdir()) == ["soft", "soft-far"]
+
+
+def test_what_lies_elsewhere_comes_along_with_leave(pool: Path, tmp_path: Path) -> None:
+    far = tmp_path / "far"
+    photo(far, "shot.png", seed=4)
+    shutil.move(pool.parent / "photo.assets", far / "maps")
+    text = SCENE.replace("photo.png ", "'../../far/shot.png' ").replace("photo.assets", str(far / "maps"))
+    pool.write_text(text)
+    with pytest.raises(InputError, match="leads out of the scene's folder"):
+        packed(pool)
+    told: list[Problem] = []
+    data = packed(pool, allow_outside=True, warn=told.append)
+    assert [str(problem) for problem in told] == [
+        f'{pool}:3:8: warning: "../../far/shot.png" lies where a pack has no place; '
+        'the pack has it as "elsewhere/1/shot.png", and says so there',
+        f"{pool}:4:9: warning: {json.dumps(str(far / 'maps')[:37] + '...')} lies where a pack has no place; "
+        'the pack has it as "elsewhere/2/maps", and says so there',
+    ]
+    scene = unpacked(data, tmp_path / "here")
+    shown = text.replace("'../../far/shot.png'", '"elsewhere/1/shot.png"')
+    assert scene.read_text() == shown.replace(str(far / "maps"), '"elsewhere/2/maps"')
+    assert set(members(data)) == {
+        "pack.json",
+        "pool/scene.yaml",
+        "pool/elsewhere/1/shot.png",
+        "pool/elsewhere/2/maps/masks.png",
+    }
+    there = render(pool, tmp_path / "a", allow_outside=True)
+    assert there == render(scene, tmp_path / "b")
+
+
+def test_chains_links_and_ways_round(pool: Path, tmp_path: Path) -> None:
+    """A base outside the folder above, a photo behind a link, maps in the scene's own folder, a way round."""
+    base = tmp_path / "library" / "base" / "table.yaml"
+    photo(base.parent, "real.png", seed=4)
+    (base.parent / "photo.png").symlink_to("real.png")
+    maps(base.parent / "sub" / "maps")
+    base.write_text(SCENE.replace("assets: photo.assets", "assets: sub/../sub/maps"))
+    pool.write_text("physgen: 1\nextends: ../../library/base/table.yaml\nassets: .\n")
+    shutil.copy(base.parent / "sub" / "maps" / "masks.png", pool.parent)
+    told: list[Problem] = []
+    data = packed(pool, allow_outside=True, warn=told.append)
+    assert len(told) == 1
+    assert set(members(data)) == {
+        "pack.json",
+        "pool/scene.yaml",
+        "pool/masks.png",
+        "pool/elsewhere/1/table.yaml",
+        "pool/elsewhere/1/photo.png",
+    }
+    scene = unpacked(data, tmp_path / "here")
+    assert not any(path.is_symlink() for path in (tmp_path / "here").rglob("*"))
+    assert render(pool, tmp_path / "a", allow_outside=True) == render(scene, tmp_path / "b")
+    told.clear()
+    data = packed(base, warn=told.append)
+    assert 'the pack has it as "elsewhere/1/maps"' in str(told[0])
+    assert render(base, tmp_path / "c") == render(unpacked(data, tmp_path / "there too"), tmp_path / "d")
+
+
+def test_an_empty_folder_of_maps_and_files_that_flags_name(pool: Path, tmp_path: Path) -> None:
+    photo(pool.parent, "flag.png", seed=7)
+    (pool.parent / "none").mkdir()
+    shape = "objects.ball={shape: {circle: {center: [20, 24], radius: 9}}}"
+    data = packed(pool, ["image=flag.png", "assets=none", shape])
+    assert {"pool/flag.png", "pool/none/", "pool/photo.png"} <= set(members(data))
+    scene = unpacked(data, tmp_path / "here")
+    assert scene.read_text() == SCENE
+    assert (scene.parent / "none").is_dir()
+    pipeline.load(scene, ["image=flag.png", "assets=none", shape])
+    photo(tmp_path, "out.png")
+    with pytest.raises(InputError) as caught:
+        packed(pool, ["image=../../out.png"], allow_outside=True)
+    assert str(caught.value) == (
+        '--set image=../../out.png: "../../out.png" lies outside the scene\'s folder, and a flag is not packed; '
+        "write it in the scene file"
+    )
+
+
+def test_what_no_pack_can_hold_is_refused(pool: Path) -> None:
+    for name in ("a.png", "A.png"):
+        photo(pool.parent, name)
+    pool.write_text(SCENE + "variants:\n  a: {image: a.png}\n  b: {image: A.png}\n")
+    with pytest.raises(InputError) as caught:
+        packed(pool)
+    (problem,) = caught.value.problems
+    assert problem.expected in {
+        f"differs from pool/{name}.png in capitals or accents alone, which some disks take for one"
+        for name in "aA"
+    }
+    photo(pool.parent, "b\\c.png")
+    pool.write_text(SCENE.replace("photo.png ", "b\\c.png "))
+    with pytest.raises(InputError) as caught:
+        packed(pool)
+    assert str(caught.value) == (f"{pool}:3:8: 'pool/b\\\\c.png' has a backslash in its name; rename it")
+
+
+def test_a_wrong_scene_says_what_check_says(pool: Path) -> None:
+    pool.write_text(SCENE.replace("mass: 100", "mass: heavy"))
+    with pytest.raises(InputError) as packing:
+        packed(pool)
+    with pytest.raises(InputError) as loading:
+        pipeline.load(pool)
+    assert packing.value.problems == loading.value.problems
+
+
+def test_a_pack_is_opened_once_and_mended_when_somebody_meddles(pool: Path, tmp_path: Path) -> None:
+    pack = tmp_path / "pool.physgen"
+    pack.write_bytes(packed(pool))
+    first = pipeline.load(pack)
+    assert pipeline.load(pack).image == first.image
+    photo(pool.parent, seed=3)
+    pack.write_bytes(packed(pool))  # another pack under the same name
+    second = pipeline.load(pack)
+    assert first.image is not None
+    assert second.image is not None
+    assert first.image.read_bytes() != second.image.read_bytes() == (pool.parent / "photo.png").read_bytes()
+    packs._let_go()  # as the next process finds it
+    second.image.write_bytes(first.image.read_bytes())
+    third = pipeline.load(pack)
+    assert third.image is not None
+    assert third.image.read_bytes() == (pool.parent / "photo.png").read_bytes()
+
+
+def test_a_pack_opens_where_nothing_can_be_kept(
+    pool: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PHYSGEN_CACHE_BYTES", "0")
+    pack = tmp_path / "pool.physgen"
+    pack.write_bytes(packed(pool))
+    scene = pipeline.load(pack)
+    assert pipeline.percepts(scene) is not None
+    assert scene.name == "pool"
