@@ -6,16 +6,17 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.printing import FAILED, OK, Bar, print_line, tell, tell_kept
+from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
 from physgen.cli.progress import Counter
 from physgen.flags import WRONG_INPUT
 from physgen.problems import InputError
+from physgen.urls import is_url
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
+    from physgen.batch.shelf import Shelf
 
 PREVIEWED = 24
 """Frames of a preview, at most."""
@@ -73,7 +74,7 @@ def _quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple
     from physgen import pipeline
 
     try:
-        scene = pipeline.load(path, options.set, variant, options.allow_outside)
+        scene = pipeline.load(_at_hand(path, options), options.set, variant, options.allow_outside)
     except InputError:  # told of where it is rendered
         return ()
     film, length = scene.render, scene.world.duration * scene.render.slow
@@ -121,11 +122,12 @@ def make_all(
     heard: Callable[[Done], None] = lambda done: None,
 ) -> int:
     """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code."""
-    from physgen.batch.pool import ended, run_all
+    from physgen.batch.pool import run_all
+    from physgen.batch.shelf import shelf
 
-    root = Path(options.output)
+    kept_in = shelf(options.output)
     many = count > 1
-    gallery = many or (root / "index.html").exists()
+    gallery = many or kept_in.has_index()
     tally, told = Tally(), _Told()
     bar = Bar()
     with Counter(count if many else 0) as counter:
@@ -139,14 +141,14 @@ def make_all(
                 _count(tally, done)
                 for line in told.new(done):
                     counter.tell(line)
-                ended(done, root, gallery)
+                kept_in.ended(done, gallery)
                 heard(done)
                 _told_of(done, options.json, counter)
                 counter.step(tally.failed)
-    changed = tally.made or tally.failed or not (root / "index.html").exists()
-    if gallery and changed and not tally.full and root.is_dir():
-        _gallery(root, bar, tally)
-    return _sum_up(tally, count, root, options)
+    changed = tally.made or tally.failed or not kept_in.has_index()
+    if gallery and changed and not tally.full:
+        _gallery(kept_in, bar, tally, options.output)
+    return _sum_up(tally, count, kept_in, options)
 
 
 class _Told:
@@ -191,48 +193,49 @@ def _told_of(done: Done, as_json: bool, counter: Counter) -> None:
                 "scene": done.job.path,
                 "variant": done.job.variant,
                 "state": done.state.value,
-                "folder": None if done.folder is None else str(done.folder),
+                "folder": done.where,
                 "seconds": round(done.seconds, 3),
                 "problems": [problem.as_dict() for problem in done.problems],
             }
             counter.line(json.dumps(line, ensure_ascii=False, default=str))
-    elif done.folder is not None:
-        counter.line(str(done.folder))
+    elif done.where is not None:
+        counter.line(done.where)
 
 
-def _gallery(root: Path, bar: Bar, tally: Tally) -> None:
+def _gallery(kept_in: Shelf, bar: Bar, tally: Tally, out: str) -> None:
     """The page of all that is in the folder, made again."""
     if tally.all > MOST_SHOWN:
-        tell(f"{root}: too many clips for one gallery; physgen gallery shows parts of them")
+        tell(f"{out}: too many clips for one gallery; physgen gallery shows parts of them")
         return
-    from physgen.report.gallery import write_gallery
-
-    write_gallery([root], root / "index.html", progress=bar.show, keep=tell_kept)
+    kept_in.write_index(
+        bar.show,
+        lambda name: tell(f"{kept_in.index}: was there already and differed; kept as {name}"),
+    )
     bar.clear()
 
 
-def _sum_up(tally: Tally, count: int, root: Path, options: argparse.Namespace) -> int:
+def _sum_up(tally: Tally, count: int, kept_in: Shelf, options: argparse.Namespace) -> int:
     """The last line, and the exit code."""
     import json
 
-    index = root / "index.html"
-    index = index if count > 1 and index.exists() else None  # type: ignore[assignment]
+    index = kept_in.index if count > 1 and kept_in.has_index() else None
     if options.json:
         line = {
             "clips": count,
             "made": tally.made,
             "unchanged": tally.unchanged,
             "failed": tally.failed,
-            "index": None if index is None else str(index),
+            "index": index,
             "passed": tally.failed == 0 and tally.all == count,
         }
         print_line(json.dumps(line))
     elif index is not None:
-        print_line(str(index))
+        print_line(index)
     if tally.full:
         left = count - tally.made - tally.unchanged
         tell(
-            f"{root}: no room left: {left:,} of {count:,} clips are missing; make room and run the same command again"
+            f"{options.output}: no room left: {left:,} of {count:,} clips are missing; "
+            "make room and run the same command again"
         )
         return FAILED
     if count > 1 and tally.failed:
@@ -264,7 +267,16 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
         return [options.variant]
     from physgen import pipeline
 
-    return [None, *pipeline.load(path, options.set, None, options.allow_outside).variants]
+    return [None, *pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants]
+
+
+def _at_hand(path: str, options: argparse.Namespace) -> str:
+    """Where a scene can be read, of which a URL may have been given."""
+    if not is_url(path):
+        return path
+    from physgen.batch.far import readable
+
+    return readable(path, options.set)
 
 
 def _refuse_twins(jobs: list[Job]) -> None:

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import NoReturn
 
 from physgen import __version__
+from physgen.flags.clusters import clusters
 from physgen.flags.exhibiting import exhibit
 from physgen.flags.measures import measures
 from physgen.flags.packing import pack, unpack
 from physgen.flags.perceiving import perceive, who
 from physgen.flags.plots import plots
 from physgen.flags.refining import refine
-from physgen.flags.values import count, formats, four, positive, scene_name, two
+from physgen.flags.values import count, formats, four, place, positive, scene_name, two
 from physgen.flags.verifying import verify
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
@@ -123,13 +124,19 @@ def build_parser() -> argparse.ArgumentParser:
         "Scenes to videos, reports and manifests.",
         "physgen render scene.yaml -o out --format mp4,gif",
     )
-    sub.add_argument("scenes", metavar="SCENE", nargs="+")
+    sub.add_argument("scenes", metavar="SCENE", nargs="+", type=place, help="a file, a pack, or a URL")
     sub.add_argument(
-        "-o", "--output", metavar="DIR", default="out", help="folder of the results; default: out"
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=place,
+        default="out",
+        help="folder of the results, or its URL; default: out",
     )
     sub.add_argument(
         "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
     )
+    clusters(sub)
     sub.add_argument(
         "--format",
         metavar="LIST",

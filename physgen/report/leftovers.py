@@ -68,7 +68,11 @@ def sweep(out: Path) -> None:
                     shutil.rmtree(path, ignore_errors=True)
                 else:
                     path.rename(final)
-            elif match["kind"] == "part" and folder and _is_free(path, gone or (age > MINUTE and not away), age):
+            elif (
+                match["kind"] == "part"
+                and folder
+                and _is_free(path, gone or (age > MINUTE and not away), age)
+            ):
                 shutil.rmtree(path, ignore_errors=True)
             elif match["kind"] == "part" and not folder and gone:
                 path.unlink(missing_ok=True)

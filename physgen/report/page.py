@@ -6,7 +6,6 @@ import base64
 import shlex
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -118,7 +117,7 @@ def failed_page(name: str, problems: Sequence[Problem], command: Sequence[str], 
 def _file(scene: Scene) -> str | None:
     """The scene's file as it was written; None where it cannot be read."""
     try:
-        return Path(scene.place("").file).read_text(encoding="utf-8")
+        return scene.file_of(scene.place("")).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return None
 
