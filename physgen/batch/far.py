@@ -35,10 +35,10 @@ MOST_MANIFEST = 200_000_000
 """Bytes."""
 
 
-def run_far(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
-    """One clip, unless it is there."""
+def run_far(job: Job, progress: pipeline.Progress = pipeline.silent, scene: str | None = None) -> Done:
+    """One clip, unless it is there; of a copy of its `scene`, where there is one already."""
     try:
-        scene = readable(job.path, job.overrides, job.variant)
+        scene = scene or readable(job.path, job.overrides, job.variant)
         if not is_url(job.out):
             return as_known(run(at_hand(job, scene, job.out), progress), job)
         there = far(job.out).below(job.called)
@@ -61,7 +61,7 @@ def readable(path: str, overrides: Sequence[str] = (), variant: str | None = Non
 
 def at_hand(job: Job, scene: str, out: str) -> Job:
     """The job for a process that has the scene as `scene` and makes the clip in `out`."""
-    known = pipeline.Known(job.path, _source(job))
+    known = job.here.known if job.here else pipeline.Known(job.path, _source(job))
     return replace(job, here=Here(scene, out, job.called, job.mark, known))
 
 
@@ -74,11 +74,10 @@ def _source(job: Job) -> str:
 
 def as_known(done: Done, job: Job) -> Done:
     """What became of the job at hand, told of the job as the user has it."""
-    here = done.job.here
-    out = here.out if here else job.out
+    out = done.job.here.out if done.job.here else ""
 
     def said(text: str) -> str:
-        return text.replace(out, job.out)
+        return text.replace(out, job.out) if out else text
 
     problems = tuple(
         replace(at, place=at.place._replace(file=said(at.place.file)), expected=said(at.expected))

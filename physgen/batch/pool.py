@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -52,12 +52,8 @@ class Refiner:
         return plan([f"refine={self.setting}"], config=self.config, device=self.device)
 
     def settled(self) -> Refiner:
-        """The same where files say something else, or nothing."""
-        try:
-            planned: Plan | tuple[Problem, ...] = self.plan()
-        except InputError as error:
-            planned = tuple(error.problems)
-        return replace(self, planned=planned, said=repr(planned))
+        """The same where files say something else, or nothing; worked out once a process."""
+        return _settled(self)
 
     @property
     def told(self) -> str:
@@ -66,6 +62,15 @@ class Refiner:
             return repr(self.plan().choices.get("refine"))
         except InputError as error:  # told of where a clip is to be refined
             return str(error)
+
+
+@cache
+def _settled(who: Refiner) -> Refiner:
+    try:
+        planned: Plan | tuple[Problem, ...] = who.plan()
+    except InputError as error:
+        planned = tuple(error.problems)
+    return replace(who, planned=planned, said=repr(planned))
 
 
 @dataclass(frozen=True)
@@ -265,7 +270,9 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
             leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems), page)
 
 
-def run_all(jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:
+def run_all(
+    jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.Progress]
+) -> Generator[Done, None, None]:
     """Results in the order of the jobs, whatever finishes first; `watch` tells how far one is that runs alone.
 
     Jobs are pulled as they are begun. Whoever stops early must close the iterator, which ends the processes.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -122,7 +122,6 @@ def make_all(
     heard: Callable[[Done], None] = lambda done: None,
 ) -> int:
     """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code."""
-    from physgen.batch.pool import run_all
     from physgen.batch.shelf import shelf
 
     kept_in = shelf(options.output)
@@ -130,25 +129,40 @@ def make_all(
     gallery = many or kept_in.has_index()
     tally, told = Tally(), _Told()
     bar = Bar()
-    with Counter(count if many else 0) as counter:
-        done_ones = run_all(jobs, min(options.jobs, count), lambda job: bar.show if not many else _silent)
-        with closing(done_ones):  # type: ignore[type-var]
-            for done in done_ones:
-                bar.clear()
-                if done.full:  # of every clip that follows the same would be said
-                    tally.full = True
-                    break
-                _count(tally, done)
-                for line in told.new(done):
-                    counter.tell(line)
-                kept_in.ended(done, gallery)
-                heard(done)
-                _told_of(done, options.json, counter)
-                counter.step(tally.failed)
+    with (
+        Counter(count if many else 0) as counter,
+        closing(_made(jobs, count, options, bar, counter)) as done_ones,
+    ):
+        for done in done_ones:
+            bar.clear()
+            if done.full:  # of every clip that follows the same would be said
+                tally.full = True
+                break
+            _count(tally, done)
+            for line in told.new(done):
+                counter.tell(line)
+            kept_in.ended(done, gallery)
+            heard(done)
+            _told_of(done, options.json, counter)
+            counter.step(tally.failed)
     changed = tally.made or tally.failed or not kept_in.has_index()
     if gallery and changed and not tally.full:
         _gallery(kept_in, bar, tally, options.output)
     return _sum_up(tally, count, kept_in, options)
+
+
+def _made(
+    jobs: Iterable[Job], count: int, options: argparse.Namespace, bar: Bar, counter: Counter
+) -> Generator[Done, None, None]:
+    """How each job ended, on this machine or on a cluster."""
+    workers = min(options.jobs, count)
+    if options.cluster:
+        from physgen.batch.cluster.farm import run_on
+
+        return run_on(options.cluster, workers, jobs, options.ship, counter.tell)
+    from physgen.batch.pool import run_all
+
+    return run_all(jobs, workers, lambda job: bar.show if count == 1 else _silent)
 
 
 class _Told:
