@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from physgen.urls import is_url
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
     from physgen.batch.shelf import Shelf
+    from physgen.scene.build import Opened
 
 PREVIEWED = 24
 """Frames of a preview, at most."""
@@ -42,6 +44,8 @@ class Tally:
     made: int = 0
     unchanged: int = 0
     failed: int = 0
+    newest: float = 0.0
+    """s since 1970: when the newest clip was made."""
     full: bool = False
     """The disk: what is missing was not begun."""
 
@@ -77,15 +81,16 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            yield make(path, variant, quick(path, variant, options) if options.preview else ())
+            yield make(path, variant, quick(path, variant, options, ()) if options.preview else ())
 
 
-def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
-    """Edits that make a clip quick to draw: few frames, of the photo's size."""
-    from physgen import pipeline
-
+def quick(
+    path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
+) -> tuple[str, ...]:
+    """Edits that make a clip with these `further` edits quick to draw: few frames, of the photo's size."""
     try:
-        scene = pipeline.load(_at_hand(path, options), options.set, variant, options.allow_outside)
+        opened = _opened(_at_hand(path, options), options.allow_outside)
+        scene = opened.scene((*options.set, *further), variant)
     except InputError:  # told of where it is rendered
         return ()
     film, length = scene.render, scene.world.duration * scene.render.slow
@@ -95,6 +100,15 @@ def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[
     edits += ["render.motion_blur=0", "render.supersample=1"]
     edits += [f"render.{key}=" for key in ("size", "scale") if getattr(film, key) is not None]
     return tuple(edits)
+
+
+@lru_cache(maxsize=1)
+def _opened(path: str, allow_outside: bool) -> Opened:
+    """A file of which many clips are made is read once."""
+    from physgen import pipeline
+    from physgen.scene.build import Opened
+
+    return Opened(pipeline.scene_file(path), allow_outside)
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
@@ -181,7 +195,7 @@ def make_all(
             heard(done)
             _told_of(done, options.json, counter)
             counter.step(tally.failed)
-    if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index()):
+    if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index(tally.newest)):
         _gallery(kept_in, bar, tally, options.output)
     return _sum_up(tally, count, kept_in, beside(), options)
 
@@ -222,6 +236,9 @@ def _silent(stage: str, done: int, total: int) -> None:
 def _count(tally: Tally, done: Done) -> None:
     from physgen.batch.pool import State
 
+    if done.folder is not None:
+        with suppress(OSError):  # of one behind a URL there is nothing here
+            tally.newest = max(tally.newest, (done.folder / "manifest.json").stat().st_mtime)
     match done.state:
         case State.MADE:
             tally.made += 1
@@ -321,7 +338,11 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
         return [options.variant]
     from physgen import pipeline
 
-    return [None, *pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants]
+    try:
+        known = pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants
+    except InputError:  # told of where it is rendered; the others are
+        return [None]
+    return [None, *known]
 
 
 def _at_hand(path: str, options: argparse.Namespace) -> str:
