@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol
 
@@ -35,6 +36,10 @@ class Kind:
     about: str
     maps: bool = False
     """It reads the photo's maps."""
+    library: str = ""
+    """A module that it needs beyond those that are always there."""
+    extra: str = "labels"
+    """Brings the library."""
 
 
 KINDS = (
@@ -42,6 +47,11 @@ KINDS = (
     Kind("flo", "flo:Flo", "optical flow, Middlebury .flo, with masks of what is hidden"),
     Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
     Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
+    Kind("coco", "coco:Coco", "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
+    Kind("davis", "davis:Davis", "masks, palette PNG as in DAVIS 2017"),
+    Kind("youtubevos", "youtubevos:YoutubeVos", "masks, palette PNG as in YouTube-VOS"),
+    Kind("mot", "mot:Mot", "boxes and tracks, MOT Challenge text"),
+    Kind("mots", "mots:Mots", "masks and tracks, MOTS text", library="pycocotools"),
 )
 
 
@@ -54,6 +64,12 @@ def kinds(names: Sequence[str]) -> list[Kind]:
             close = nearest(name, known)
             fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
             problems += InputError.of("--format", f'"{name}"', "is no format", fix).problems
+        elif (library := known[name].library) and find_spec(library) is None:
+            expected, fix = (
+                f"needs {library}, which is not installed",
+                f'pip install "physgen[{known[name].extra}]"',
+            )
+            problems += InputError.of("--format", f'"{name}"', expected, fix).problems
     if problems:
         raise InputError(problems)
     return [known[name] for name in dict.fromkeys(names)]

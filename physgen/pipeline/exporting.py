@@ -51,6 +51,7 @@ class Labels:
         if not self.kinds:
             yield lambda frames: frames
             return
+        from physgen.export.extent import extents
         from physgen.export.truth import Clip
         from physgen.export.writing import written
 
@@ -62,6 +63,7 @@ class Labels:
             filming.compiled.world,
             trajectory,
             self.maps,
+            extents(filming.stage, filming.compiled.world),
             scene.video_size,
             scene.render.fps,
             len(shot.order),
@@ -111,7 +113,7 @@ class Tap:
         eye = None
         for frame in frames:
             wall, cpu = time.perf_counter(), time.thread_time()
-            eye = eye or Eye(self._filming.stage, fine, samples, shot)
+            eye = eye or Eye(fine, samples, shot)
             self._put(self._line.put(eye.seen(frame)))
             self._took(time.perf_counter() - wall, time.thread_time() - cpu)
             yield frame
