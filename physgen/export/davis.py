@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen.export.motion import Moment
-from physgen.export.palette import check_indices, indexed
+from physgen.export.palette import indexed
 from physgen.export.truth import Clip
 
 SIZE = "Full-Resolution"
@@ -16,7 +16,6 @@ class Davis:
     """`JPEGImages/` and `Annotations/` of the clip, which every list of `ImageSets/2017/` names."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        check_indices(clip, "davis")
         self._images = folder / "JPEGImages" / SIZE / clip.name
         self._masks = folder / "Annotations" / SIZE / clip.name
         self._lists, self._name = folder / "ImageSets" / "2017", clip.name

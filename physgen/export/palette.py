@@ -11,12 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.export.limits import check_count
 from physgen.export.pictures import FAST
-from physgen.export.truth import Clip
 
-MOST = 254
-"""Objects."""
 FIRST = (
     (0, 0, 0), (128, 0, 0), (0, 128, 0), (128, 128, 0), (0, 0, 128), (128, 0, 128), (0, 128, 128), (128, 128, 128),
     (64, 0, 0), (191, 0, 0), (64, 128, 0), (191, 128, 0), (64, 0, 128), (191, 0, 128), (64, 128, 128), (191, 128, 128),
@@ -27,14 +23,9 @@ PALETTE = (*FIRST, *((level, level, level) for level in range(len(FIRST), 256)))
 
 
 def indexed(ids: NDArray[np.uint16]) -> bytes:
-    """A file of (H, W) ids, none over MOST."""
+    """A file of (H, W) ids, none over 254."""
     picture = Image.fromarray(ids.astype(np.uint8)).convert("P")
     picture.putpalette([value for colour in PALETTE for value in colour])
     file = BytesIO()
     picture.save(file, "PNG", compress_level=FAST)
     return file.getvalue()
-
-
-def check_indices(clip: Clip, format_: str) -> None:
-    """Raises InputError where a clip has too many objects for a palette."""
-    check_count(clip, format_, MOST, "take coco or mots, or leave objects out")

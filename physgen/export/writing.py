@@ -12,7 +12,8 @@ from typing import Protocol
 
 from physgen.export.motion import Moment
 from physgen.export.truth import Clip
-from physgen.problems import InputError
+from physgen.problems import InputError, Problem
+from physgen.scene.model import Scene
 from physgen.scene.words import listed, nearest
 
 
@@ -40,6 +41,8 @@ class Kind:
     """A module that it needs beyond those that are always there."""
     extra: str = "labels"
     """Brings the library."""
+    most: int | None = None
+    """Objects that it tells apart."""
 
 
 KINDS = (
@@ -48,10 +51,10 @@ KINDS = (
     Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
     Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
     Kind("coco", "coco:Coco", "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
-    Kind("davis", "davis:Davis", "masks, palette PNG as in DAVIS 2017"),
-    Kind("youtubevos", "youtubevos:YoutubeVos", "masks, palette PNG as in YouTube-VOS"),
+    Kind("davis", "davis:Davis", "masks, palette PNG as in DAVIS 2017", most=254),
+    Kind("youtubevos", "youtubevos:YoutubeVos", "masks, palette PNG as in YouTube-VOS", most=254),
     Kind("mot", "mot:Mot", "boxes and tracks, MOT Challenge text"),
-    Kind("mots", "mots:Mots", "masks and tracks, MOTS text", library="pycocotools"),
+    Kind("mots", "mots:Mots", "masks and tracks, MOTS text", library="pycocotools", most=999),
 )
 
 
@@ -73,6 +76,19 @@ def kinds(names: Sequence[str]) -> list[Kind]:
     if problems:
         raise InputError(problems)
     return [known[name] for name in dict.fromkeys(names)]
+
+
+def check_fits(chosen: Sequence[Kind], scene: Scene) -> None:
+    """Raises InputError with every format that a scene has too many objects for."""
+    count, problems = len(scene.objects), []
+    for kind in chosen:
+        if kind.most is not None and count > kind.most:
+            expected = f"are more than the format {kind.name} tells apart, which is {kind.most}"
+            fix = "take coco, which has no limit, or leave objects out"
+            place = scene.place("objects")
+            problems.append(Problem(place, "objects", f"{count:,} objects", expected, fix))
+    if problems:
+        raise InputError(problems)
 
 
 @contextmanager

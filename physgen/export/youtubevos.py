@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from physgen.export.motion import Moment
-from physgen.export.palette import check_indices, indexed
+from physgen.export.palette import indexed
 from physgen.export.truth import Clip
 
 
@@ -14,7 +14,6 @@ class YoutubeVos:
     """`meta.json` says of each object what it is, and in which frames it is seen."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        check_indices(clip, "youtubevos")
         self._folder, self._clip = folder, clip
         self._images, self._masks = folder / "JPEGImages" / clip.name, folder / "Annotations" / clip.name
         for made in (self._images, self._masks):
