@@ -10,7 +10,7 @@ from pathlib import Path
 
 from physgen.export.motion import Moment
 from physgen.export.presence import Presence
-from physgen.export.sequence import Sequence
+from physgen.export.sequence import Sequence, one_line
 from physgen.export.truth import Clip, View
 from physgen.export.uncut import uncut
 
@@ -23,7 +23,7 @@ class Mot:
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._sequence, self._clip = Sequence(folder, clip), clip
-        names = "".join(f"{name}\n" for name in clip.categories)
+        names = "".join(f"{one_line(name)}\n" for name in clip.categories)
         (self._sequence.home / "gt" / "labels.txt").write_text(names, encoding="utf-8")
 
     def add(self, moment: Moment) -> None:

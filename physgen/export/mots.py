@@ -10,7 +10,7 @@ from pathlib import Path
 
 from physgen.export.motion import Moment
 from physgen.export.runs import compressed
-from physgen.export.sequence import Sequence
+from physgen.export.sequence import Sequence, one_line
 from physgen.export.truth import Clip
 
 CLASS = 2
@@ -23,7 +23,7 @@ class Mots:
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._sequence = Sequence(folder, clip)
-        tracks = "".join(f"{_id(body)} {label}\n" for body, label in enumerate(clip.labels))
+        tracks = "".join(f"{_id(body)} {one_line(label)}\n" for body, label in enumerate(clip.labels))
         (self._sequence.home / "gt" / "tracks.txt").write_text(tracks, encoding="utf-8")
 
     def add(self, moment: Moment) -> None:

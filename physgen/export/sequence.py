@@ -26,6 +26,11 @@ class Sequence:
                 file.write("\n".join(lines) + "\n")
 
 
+def one_line(label: str) -> str:
+    """A label, in files that have one a line."""
+    return " ".join(label.split())
+
+
 def _info(clip: Clip) -> str:
     width, height = clip.size
     told = {

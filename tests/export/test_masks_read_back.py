@@ -16,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 from labelled import Labelled, hall, labelled
 from PIL import Image
 from pycocotools import mask as coco_mask
+from pycocotools.cocoeval import COCOeval
 from pytest import approx
 
 from physgen.export.runs import compressed
@@ -60,6 +61,20 @@ def test_coco_names_pictures_that_can_be_loaded(clip: Labelled) -> None:
         drawn = clip.frames[number - 1].rgb
         assert np.abs(shown - drawn).mean() < 2
         assert np.array_equal(Image.open(clip.folder / "frames" / f"{number - 1:05d}.png"), drawn)
+
+
+@pytest.mark.parametrize("how", ["segm", "bbox"])
+def test_coco_scores_itself_as_perfect(clip: Labelled, how: str) -> None:
+    rows = [
+        {key: row[key] for key in ("image_id", "category_id", "segmentation")} | {"score": 1.0}
+        for row in clip.coco.dataset["annotations"]
+    ]
+    with contextlib.redirect_stdout(io.StringIO()):
+        judge = COCOeval(clip.coco, clip.coco.loadRes(rows), how)
+        judge.evaluate()
+        judge.accumulate()
+        judge.summarize()
+    assert judge.stats[0] == judge.stats[8] == approx(1)
 
 
 @pytest.mark.parametrize("masks", ["davis/Annotations/Full-Resolution", "youtubevos/Annotations"])
