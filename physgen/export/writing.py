@@ -6,12 +6,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol
 
 from physgen.export.motion import Moment
 from physgen.export.truth import Clip
-from physgen.problems import InputError
+from physgen.problems import InputError, Problem
+from physgen.scene.model import Scene
 from physgen.scene.words import listed, nearest
 
 
@@ -35,6 +37,12 @@ class Kind:
     about: str
     maps: bool = False
     """It reads the photo's maps."""
+    library: str = ""
+    """A module that it needs beyond those that are always there."""
+    extra: str = "labels"
+    """Brings the library."""
+    most: int | None = None
+    """Objects that it tells apart."""
 
 
 KINDS = (
@@ -42,6 +50,11 @@ KINDS = (
     Kind("flo", "flo:Flo", "optical flow, Middlebury .flo, with masks of what is hidden"),
     Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
     Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
+    Kind("coco", "coco:Coco", "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
+    Kind("davis", "davis:Davis", "masks, palette PNG as in DAVIS 2017", most=254),
+    Kind("youtubevos", "youtubevos:YoutubeVos", "masks, palette PNG as in YouTube-VOS", most=254),
+    Kind("mot", "mot:Mot", "boxes and tracks, MOT Challenge text"),
+    Kind("mots", "mots:Mots", "masks and tracks, MOTS text", library="pycocotools", most=999),
 )
 
 
@@ -54,9 +67,28 @@ def kinds(names: Sequence[str]) -> list[Kind]:
             close = nearest(name, known)
             fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
             problems += InputError.of("--format", f'"{name}"', "is no format", fix).problems
+        elif (library := known[name].library) and find_spec(library) is None:
+            expected, fix = (
+                f"needs {library}, which is not installed",
+                f'pip install "physgen[{known[name].extra}]"',
+            )
+            problems += InputError.of("--format", f'"{name}"', expected, fix).problems
     if problems:
         raise InputError(problems)
     return [known[name] for name in dict.fromkeys(names)]
+
+
+def check_fits(chosen: Sequence[Kind], scene: Scene) -> None:
+    """Raises InputError with every format that a scene has too many objects for."""
+    count, problems = len(scene.objects), []
+    for kind in chosen:
+        if kind.most is not None and count > kind.most:
+            expected = f"are more than the format {kind.name} tells apart, which is {kind.most}"
+            fix = "take coco, which has no limit, or leave objects out"
+            place = scene.place("objects")
+            problems.append(Problem(place, "objects", f"{count:,} objects", expected, fix))
+    if problems:
+        raise InputError(problems)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from physgen.percepts.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.record import RunRecord
+    from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
 
 Tapped = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
@@ -34,13 +35,14 @@ class Labels:
     """Of the photo, where a format asks for them."""
 
     @classmethod
-    def of(cls, formats: Sequence[str], maps: Percepts | None) -> Labels:
-        """Raises InputError where a format is none."""
+    def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
+        """Raises InputError where a format is none, or not for this scene."""
         if not formats:
             return cls((), None)
-        from physgen.export.writing import kinds
+        from physgen.export.writing import check_fits, kinds
 
         chosen = kinds(formats)
+        check_fits(chosen, scene)
         return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
 
     @contextmanager
@@ -51,6 +53,7 @@ class Labels:
         if not self.kinds:
             yield lambda frames: frames
             return
+        from physgen.export.extent import extents
         from physgen.export.truth import Clip
         from physgen.export.writing import written
 
@@ -62,6 +65,7 @@ class Labels:
             filming.compiled.world,
             trajectory,
             self.maps,
+            extents(filming.stage, filming.compiled.world),
             scene.video_size,
             scene.render.fps,
             len(shot.order),
@@ -111,7 +115,7 @@ class Tap:
         eye = None
         for frame in frames:
             wall, cpu = time.perf_counter(), time.thread_time()
-            eye = eye or Eye(self._filming.stage, fine, samples, shot)
+            eye = eye or Eye(fine, samples, shot)
             self._put(self._line.put(eye.seen(frame)))
             self._took(time.perf_counter() - wall, time.thread_time() - cpu)
             yield frame
