@@ -204,6 +204,26 @@ def test_without_pyarrow_there_is_csv_and_one_line(lesson: Path, tmp_path: Path,
     assert "objects.ball.x" not in header
 
 
+def test_whole_numbers_too_large_for_floats_have_their_tables(lesson: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    sweep(lesson, out, "objects.ball.mass=1:100000000000000000001:3")
+    assert list(pd.read_csv(out / "sweep.csv")["objects.ball.mass"]) == [1, 5e19, 1e20]
+    assert list(pd.read_parquet(out / "sweep.parquet")["objects.ball.mass"]) == [1, 5e19, 1e20]
+
+
+def test_what_parquet_cannot_hold_leaves_the_csv(tmp_path: Path) -> None:
+    from physgen.batch.columns import Column, Kind
+
+    (tmp_path / "sweep.parquet").write_text("of the run before")
+    with table.Table(tmp_path / "sweep", [Column("n", Kind.WHOLE)]) as made:
+        for n in range(table.GROUP + 2):
+            made.add({"n": n if n else 1e20})
+        assert made.publish() == [tmp_path / "sweep.csv"]
+    assert made.lost is not None
+    assert [p.name for p in tmp_path.iterdir()] == ["sweep.csv"]
+    assert pd.read_csv(tmp_path / "sweep.csv")["n"].tolist() == [1e20, *range(1, table.GROUP + 2)]
+
+
 def test_nothing_of_somebody_else_is_written_over(lesson: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
     out.mkdir()
