@@ -26,6 +26,7 @@ FLOORS = {
         "pictures",
         "framing",
         "showing",
+        "urls",
     ),
     1: ("percepts", "outline", "scene.model", "shadow"),
     2: ("scene",),

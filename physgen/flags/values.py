@@ -14,6 +14,16 @@ FORMATS = ("mp4", "gif", "webp", "png")
 CURVES = ("x", "y", "speed", "angle")
 
 
+def place(text: str) -> str:
+    """A path or a URL; of a file of this machine, its path."""
+    from physgen.urls import plain
+
+    try:
+        return plain(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def positive(text: str) -> float:
     """A number above 0."""
     try:

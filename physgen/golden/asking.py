@@ -84,7 +84,9 @@ class Asked:
         if isinstance(self.overrides, str):
             raise ValueError(f"overrides is a text; write a list, e.g. overrides=[{self.overrides!r}]")
         if self.motion is None and self.pixels is None:
-            raise ValueError("motion and pixels are None, so that nothing would be compared; leave one of them out")
+            raise ValueError(
+                "motion and pixels are None, so that nothing would be compared; leave one of them out"
+            )
         if self.until is not None and not 0 <= self.until < float("inf"):
             raise ValueError(f"until is {self.until!r}; write a time of the clip in seconds, e.g. until=0.5")
         count = self.frames if isinstance(self.frames, int) else len(self.frames)

@@ -44,7 +44,9 @@ def _of_motion(moved: Moved) -> str:
         far = max(moved.strayed, key=lambda item: item.most["px"][0])
         amount, when = far.most["px"]
         if len(moved.strayed) == 1:
-            said.append(f"it alone of {len(moved.names)} does, by {_number(amount)} px at most, at {when:.3f} s")
+            said.append(
+                f"it alone of {len(moved.names)} does, by {_number(amount)} px at most, at {when:.3f} s"
+            )
         else:
             count = f"{len(moved.strayed)} of {len(moved.names)} objects do"
             said.append(f"{count}, {far.name} most: {_number(amount)} px at {when:.3f} s")

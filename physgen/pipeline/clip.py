@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,6 +48,16 @@ class Page(Enum):
     """There is none."""
 
 
+@dataclass(frozen=True)
+class Known:
+    """What a scene is to the user, where a copy of it is rendered."""
+
+    path: str
+    """Of the scene: a path on another machine, or a URL."""
+    source: str
+    """What the manifest says of where the scene is; see `RunRecord.source`."""
+
+
 UNBALANCED = 0.03
 """Part of the energy that flows above which a simulation is not to be trusted."""
 
@@ -71,6 +81,7 @@ def render_scene(
     cached: bool = True,
     page: Page = Page.FULL,
     export: Sequence[str] = (),
+    known: Known | None = None,
     warm: Warm | None = None,
     single_file: bool = False,
     progress: Progress = silent,
@@ -84,8 +95,9 @@ def render_scene(
     `refiners` hold models from one scene to the next, and `warm` holds what the scene before left at hand; motions and
     frames that are refined come from the cache where they are kept, if it is to be `cached`; `page` says how much the
     report holds, and as a `single_file` it carries its film, to be mailed alone. Labels in the formats of `export`, of
-    the clip without refinement, go to `truth/`, or, where there is no video, to the folder itself. Raises InputError;
-    where it is refinement that fails, the folder is there all the same, with `unrefined.mp4`.
+    the clip without refinement, go to `truth/`, or, where there is no video, to the folder itself. What is told of the
+    scene is `known` where `path` is a copy. Raises InputError; where it is refinement that fails, the folder is there
+    all the same, with `unrefined.mp4`.
     """
     from physgen.report.embedded import heavy
     from physgen.report.folder import output_folder, whole_folder
@@ -98,14 +110,14 @@ def render_scene(
     record.device = drawn_by(device)
     warm = warm or Warm(Keep.NOTHING)
     with record.stage("load"):
-        scene = warm.load(path, overrides, variant, allow_outside)
+        scene = warm.load(path, overrides, variant, allow_outside, known.path if known else None)
         scene = replace(scene, name=output_name(path, variant) if name is None else name)
         maps = warm.maps(scene)
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document
     record.seeds = {"refine": scene.refine.seed}
     record.inputs = inputs(scene, scene_file(path), warm.hash)
-    record.source = source_of(Path(path), final)
+    record.source = known.source if known else source_of(Path(path), final)
     record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
 
     def odd(problem: Problem) -> None:
@@ -259,7 +271,8 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
     from physgen.report.record import file_hash, write_json
 
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):
-        record.files[file.relative_to(folder).as_posix()] = file_hash(file)
+        name = file.relative_to(folder).as_posix()
+        record.files[name], record.sizes[name] = file_hash(file), file.stat().st_size
     write_json(folder / "manifest.json", record.manifest())
 
 

@@ -147,7 +147,7 @@ def failed_page(
 def _file(scene: Scene) -> str | None:
     """The scene's file as it was written; None where it cannot be read."""
     try:
-        return Path(scene.place("").file).read_text(encoding="utf-8")
+        return scene.file_of(scene.place("")).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return None
 

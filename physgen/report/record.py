@@ -61,6 +61,8 @@ class RunRecord:
     """`size`: width and height, px; `fps`: 1/s."""
     files: dict[str, str] = field(default_factory=dict)
     """Output file -> SHA-256."""
+    sizes: dict[str, int] = field(default_factory=dict)
+    """Output file -> bytes: what can be asked of a distant file without reading it."""
     warnings: list[dict[str, object]] = field(default_factory=list)
     document: Mapping[str, Any] = field(default_factory=dict)
     """The resolved scene."""
@@ -120,6 +122,7 @@ class RunRecord:
             "peak_memory_mib": round(peak_memory() / 2**20, 1),
             "video": self.video,
             "files": self.files,
+            "sizes": self.sizes,
             "samples": self.samples,
             "frames": self.frames,
             "unrefined": self.unrefined,
@@ -196,8 +199,8 @@ def _plain(value: object) -> object:
 
 def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) -> dict[str, str]:
     """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
-    written = dict.fromkeys(place.file for place in scene.places.values() if place.line)
-    files = [path, *map(Path, written)]
+    written = {place.file: place for place in scene.places.values() if place.line}
+    files = [path, *map(scene.file_of, written.values())]
     if scene.image is not None:
         files.append(scene.image)
         if scene.assets is not None and scene.assets.is_dir():
