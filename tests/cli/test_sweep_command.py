@@ -184,6 +184,18 @@ def test_a_dry_run_lists_and_makes_nothing(lesson: Path, tmp_path: Path, monkeyp
     assert list(tmp_path.iterdir()) == [lesson]
 
 
+def test_previews_last_as_long_as_their_own_clips(lesson: Path, tmp_path: Path) -> None:
+    import cv2
+
+    out = tmp_path / "out"
+    assert sweep(lesson, out, "world.duration=0.25,3", "--preview") == 0
+    for name, seconds in (("00,duration=0.25", 0.25), ("01,duration=3", 3)):
+        film = cv2.VideoCapture(str(out / name / "video.mp4"))
+        frames = film.get(cv2.CAP_PROP_FRAME_COUNT)
+        assert frames <= 24
+        assert frames / film.get(cv2.CAP_PROP_FPS) == pytest.approx(seconds, rel=0.05)
+
+
 def test_the_folder_is_named_after_scene_and_variant(
     lesson: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
