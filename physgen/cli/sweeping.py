@@ -112,7 +112,10 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
                 yield make(options.scene, point.variant, further, point.name, tracked)
 
         def beside() -> Sequence[Path]:
-            return rows.publish() if rows.count == len(plan) else ()
+            made = rows.publish() if rows.count == len(plan) else ()
+            if rows.lost is not None:
+                tell(f"{out / 'sweep.parquet'}: could not be written: {rows.lost}; the table is CSV alone")
+            return made
 
         return make_all(
             jobs(),
