@@ -159,7 +159,7 @@ def _made(
     if options.cluster:
         from physgen.batch.cluster.farm import run_on
 
-        return run_on(options.cluster, workers, jobs, options.ship, counter.tell)
+        return run_on(options.cluster, workers, jobs, count, options.ship, counter.tell)
     from physgen.batch.pool import run_all
 
     return run_all(jobs, workers, lambda job: bar.show if count == 1 else _silent)
