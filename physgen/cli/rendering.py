@@ -12,7 +12,7 @@ from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
 from physgen.cli.progress import Counter
 from physgen.flags import WRONG_INPUT
 from physgen.problems import InputError
-from physgen.urls import is_url
+from physgen.urls import is_private, is_url
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
@@ -92,6 +92,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.batch.pool import Job
     from physgen.report.video import Format
 
+    _refuse_unseen(options)
     formats = tuple(Format(name) for name in options.format)
     refiner, overrides = _refining(options)
 
@@ -113,6 +114,19 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         )
 
     return make
+
+
+def _refuse_unseen(options: argparse.Namespace) -> None:
+    """Flags that would have clips made where nobody looks for them."""
+    places = [options.output, *getattr(options, "scenes", ())]
+    if options.jobs > 1 and not options.cluster and any(map(is_private, places)):
+        raise InputError.of(
+            f"--jobs {options.jobs}", "", "cannot be, as memory:// is seen by one process alone", "leave it out"
+        )
+    if getattr(options, "watch", False) and (options.cluster or any(map(is_url, places))):
+        raise InputError.of("--watch", "", "watches files of this machine, and renders here", "leave it out")
+    if options.ship and not options.cluster:
+        raise InputError.of("--ship", "", "is for clusters", "add --cluster, or leave it out")
 
 
 def make_all(
