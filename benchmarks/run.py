@@ -7,8 +7,11 @@
     python benchmarks/run.py fidelity        # frames against the studio's truth videos, and docs/fidelity.md
     python benchmarks/run.py device          # what draws frames: OpenCV, torch on the processor, torch on a GPU if any
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
+    python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
+    python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
+    python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """
@@ -29,10 +32,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from batch import batch
 from frames import frames as frame_rows
 from frames import presets
 from gallery import gallery
 from growth import growth, plot
+from kills import kills
 from perceiving import perceiving
 from percepts import percepts
 from prompts import prompts
@@ -291,7 +296,7 @@ PARTS = {"render": render, "start": start, "check": check, "segmentation": segme
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
 PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving, "percepts": percepts}
-PARTS |= {"refine": refining, "gallery": gallery}
+PARTS |= {"refine": refining, "gallery": gallery, "batch": batch, "kills": kills}
 
 
 def main(names: list[str]) -> None:

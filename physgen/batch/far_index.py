@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Set
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
 from physgen.batch.far import MANIFEST, MOST_MANIFEST, own_folder
@@ -64,7 +64,11 @@ class FarShelf:
                 self._there.remove(sorted(before.keys() - after.keys()))
             self._failed.add(name)
 
-    def write_index(self, progress: Progress, kept: Callable[[str], None]) -> None:
+    def cleared(self) -> AbstractContextManager[None]:
+        """Nothing is half-written there: each file is sent whole."""
+        return nullcontext()
+
+    def write_index(self, progress: Progress, kept: Callable[[str], None], count: int) -> None:
         """The page of all that is in the folder, made again; a file of somebody else's there is `kept` by that name."""
         with own_folder() as beside:
             there = self._there.files()

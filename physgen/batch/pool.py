@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -11,14 +11,17 @@ from functools import cache
 from pathlib import Path
 
 from physgen import pipeline
+from physgen.batch.columns import Cell
 from physgen.batch.finished import finished, mark
 from physgen.batch.finished import warnings as warned
+from physgen.batch.outcomes import outcomes
 from physgen.batch.workers import LostError, spread
 from physgen.configured import plan
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.traces import clear, leave, trace_of
 from physgen.report.video import NO_ROOM, Format
+from physgen.simulate.trajectory import read_trajectory
 from physgen.urls import is_url, url_below
 from physgen.whole import meant
 
@@ -107,6 +110,14 @@ class Job:
     page: pipeline.Page = pipeline.Page.FULL
     name: str | None = None
     """Of its folder; None: the scene's, with the variant's behind it."""
+    tracked: tuple[str, ...] | None = None
+    """Objects whose outcomes are asked for, beside those of all together; None: nobody asked for any."""
+    export: tuple[str, ...] = ()
+    """Formats of its ground truth."""
+    single_file: bool = False
+    draws: int = 0
+    """Of what is uncertain; see `render_scene`."""
+    draw_seed: int = 0
     here: Here | None = None
     """Where it is made of copies."""
 
@@ -135,8 +146,9 @@ class Job:
         """Of all that is asked of the clip, of the models that may refine it, and of the code."""
         if self.here is not None:
             return self.here.mark
-        asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device, self.page)
-        return mark(*asked, self.refiner.told)
+        asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device)
+        fan = (self.draws, self.draw_seed) if self.draws else ()
+        return mark(*asked, self.page, self.single_file, self.export, self.refiner.told, *fan)
 
 
 class State(Enum):
@@ -159,6 +171,8 @@ class Done:
     seconds: float = 0.0
     full: bool = False
     """There is no room left for any clip."""
+    outcomes: Mapping[str, Cell] | None = None
+    """What became of it; see `batch.outcomes.outcomes`."""
 
     @property
     def where(self) -> str | None:
@@ -170,6 +184,13 @@ class Done:
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """One clip in this process, unless it is there."""
+    done = _made(job, progress)
+    if job.tracked is None or done.folder is None or done.outcomes is not None:
+        return done
+    return replace(done, outcomes=outcomes(read_trajectory(done.folder / "trajectory.npz"), job.tracked))
+
+
+def _made(job: Job, progress: pipeline.Progress) -> Done:
     if job.is_far:
         from physgen.batch.far import run_far
 
@@ -193,12 +214,16 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
             formats=job.formats,
             command=job.command,
             ask_chaos=job.chaos,
+            draws=job.draws,
+            draw_seed=job.draw_seed,
             device=job.device,
             refiners=_refiners(job.refiner),
             cached=job.cached,
             page=job.page,
+            export=job.export,
             known=job.here.known if job.here else None,
             warm=warm,
+            single_file=job.single_file,
             progress=progress,
             warn=warnings.append,
         )
@@ -266,7 +291,7 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
                 text = Path(job.path).read_text(encoding="utf-8")
             except (OSError, ValueError):
                 text = ""
-            page = failed_page(name, done.problems, job.command, text)
+            page = failed_page(name, done.problems, job.command, text, job.path)
             leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems), page)
 
 

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Protocol
 
 from physgen.batch.pool import Done, ended
+from physgen.batch.workers import LostError, spread
 from physgen.report.gallery import Progress
 from physgen.urls import is_url
+
+MANY = 1000
+"""Clips whose gallery is made in a process of its own."""
 
 
 class Shelf(Protocol):
@@ -24,8 +29,11 @@ class Shelf(Protocol):
     def ended(self, done: Done, gallery: bool) -> None:
         """What `pool.ended` leaves or takes away; never raises."""
 
-    def write_index(self, progress: Progress, kept: Callable[[str], None]) -> None:
-        """The gallery of all clips there, made again; a file of somebody else's there is `kept` by another name."""
+    def cleared(self) -> AbstractContextManager[None]:
+        """What processes were ended over goes, where the block is left early."""
+
+    def write_index(self, progress: Progress, kept: Callable[[str], None], count: int) -> None:
+        """The gallery of all clips there, some `count`, made again; a file of somebody else's is `kept` elsewhere."""
 
 
 class NearShelf:
@@ -47,13 +55,37 @@ class NearShelf:
         """See `pool.ended`."""
         ended(done, self._root, gallery)
 
-    def write_index(self, progress: Progress, kept: Callable[[str], None]) -> None:
-        """The gallery, where there is a folder at all."""
-        from physgen.report.gallery import write_gallery
+    def cleared(self) -> AbstractContextManager[None]:
+        """See `report.leftovers`."""
+        from physgen.report.leftovers import cleared
 
-        if self._root.is_dir():
-            index = self._root / "index.html"
-            write_gallery([self._root], index, progress=progress, keep=lambda path: kept(path.name))
+        return cleared(self._root)
+
+    def write_index(self, progress: Progress, kept: Callable[[str], None], count: int) -> None:
+        """The gallery, where there is a folder at all; many clips fill another process's memory."""
+        if not self._root.is_dir():
+            return
+        if count <= MANY:
+            for path in _page(self._root, progress):
+                kept(path.name)
+            return
+        progress("gallery", 0, 1)
+        for paths in spread(_page, [self._root], 2, _lost):
+            for path in paths:
+                kept(path.name)
+
+
+def _page(root: Path, progress: Progress = lambda stage, done, total: None) -> list[Path]:
+    """The gallery of a folder; what stood in its way."""
+    from physgen.report.gallery import write_gallery
+
+    kept: list[Path] = []
+    write_gallery([root], root / "index.html", progress=progress, keep=kept.append)
+    return kept
+
+
+def _lost(root: Path, error: LostError) -> list[Path]:
+    raise OSError(f"{root}: the gallery could not be made: {error}")
 
 
 def shelf(out: str) -> Shelf:

@@ -26,7 +26,7 @@ AHEAD = 16
 """Items a worker that may be under way or done while an older one is not."""
 TRIES = 2
 """Times that an item is begun: whatever kills its worker twice is the item itself."""
-GRACE = 1.0
+GRACE = 1.4
 """s that workers get to clear away what they were writing."""
 LOOK = 0.2
 """s between looks whether the process that asked is alive."""

@@ -12,6 +12,7 @@ from contextlib import suppress
 from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
 from physgen.cli.exhibiting import gallery
+from physgen.cli.exporting import export
 from physgen.cli.moving import check, simulate
 from physgen.cli.packing import pack, unpack
 from physgen.cli.perceiving import import_, list_backends, perceive
@@ -19,6 +20,7 @@ from physgen.cli.plotting import plot
 from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
 from physgen.cli.refining import refine
 from physgen.cli.rendering import render
+from physgen.cli.sweeping import sweep
 from physgen.cli.verifying import verify
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
@@ -75,6 +77,8 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "check": check,
     "simulate": simulate,
     "render": render,
+    "sweep": sweep,
+    "export": export,
     "refine": refine,
     "gallery": gallery,
     "evaluate": evaluate,

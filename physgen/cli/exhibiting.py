@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.printing import OK, Bar, print_json, tell_kept, tell_one
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError
 
 
 def gallery(options: argparse.Namespace) -> int:
     from physgen.report.clips import clips_in
-    from physgen.report.gallery import MAILED, write_gallery
+    from physgen.report.embedded import heavy
+    from physgen.report.gallery import write_gallery
 
     folders: list[Path] = options.folders
     index = options.output or (folders[0] if len(folders) == 1 else Path()) / "index.html"
@@ -28,9 +29,8 @@ def gallery(options: argparse.Namespace) -> int:
         keep=tell_kept,
     )
     bar.clear()
-    if options.single_file and made.bytes > MAILED:
-        found, fix = f"has {made.bytes / 1e6:.0f} MB", "few mailboxes take more than 50: name fewer folders"
-        tell_one(Problem(Place(str(index)), "", "", found, fix, Severity.WARNING))
+    if options.single_file and (large := heavy(made.index, "name fewer folders")) is not None:
+        tell_one(large)
     if options.json:
         print_json(
             {"index": str(made.index), "clips": made.clips, "failures": made.failures, "bytes": made.bytes}

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
@@ -22,6 +24,15 @@ PREVIEWED = 24
 """Frames of a preview, at most."""
 MOST_SHOWN = 20_000
 """Clips of one gallery: above, its page is slow to open."""
+
+
+class Shown(Enum):
+    """Where clips are looked at."""
+
+    GALLERY = "gallery"
+    """In a page of all of them."""
+    NOWHERE = "nowhere"
+    """Programs read them."""
 
 
 @dataclass
@@ -57,7 +68,7 @@ def render(options: argparse.Namespace) -> int:
 
 def _jobs(options: argparse.Namespace) -> list[Job]:
     jobs = list(jobs_of(options))
-    _refuse_twins(jobs)
+    refuse_twins(jobs)
     return jobs
 
 
@@ -66,10 +77,10 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            yield make(path, variant, _quick(path, variant, options) if options.preview else ())
+            yield make(path, variant, quick(path, variant, options) if options.preview else ())
 
 
-def _quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
+def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
     """Edits that make a clip quick to draw: few frames, of the photo's size."""
     from physgen import pipeline
 
@@ -93,10 +104,24 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.report.video import Format
 
     _refuse_unseen(options)
+    page = pipeline.Page(options.report or ("none" if options.preview else "full"))
+    if options.single_file and page is pipeline.Page.NONE:
+        fix = f"leave out {'--report none' if options.report else '--preview'}"
+        raise InputError.of("--single-file", "", "needs a page to put the video into", fix)
     formats = tuple(Format(name) for name in options.format)
+    if options.export:
+        from physgen.export.writing import kinds
+
+        kinds(options.export)
     refiner, overrides = _refining(options)
 
-    def make(path: str, variant: str | None, further: tuple[str, ...] = (), name: str | None = None) -> Job:
+    def make(
+        path: str,
+        variant: str | None,
+        further: tuple[str, ...] = (),
+        name: str | None = None,
+        tracked: tuple[str, ...] | None = None,
+    ) -> Job:
         return Job(
             path,
             options.output,
@@ -109,8 +134,13 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             options.device,
             refiner,
             options.cache,
-            pipeline.Page(options.report or ("none" if options.preview else "full")),
+            page,
             name,
+            tracked,
+            options.export,
+            options.single_file,
+            options.fan,
+            options.fan_seed,
         )
 
     return make
@@ -118,10 +148,13 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
 
 def _refuse_unseen(options: argparse.Namespace) -> None:
     """Flags that would have clips made where nobody looks for them."""
-    places = [options.output, *getattr(options, "scenes", ())]
+    places = [options.output, *getattr(options, "scenes", [getattr(options, "scene", "")])]
     if options.jobs > 1 and not options.cluster and any(map(is_private, places)):
         raise InputError.of(
-            f"--jobs {options.jobs}", "", "cannot be, as memory:// is seen by one process alone", "leave it out"
+            f"--jobs {options.jobs}",
+            "",
+            "cannot be, as memory:// is seen by one process alone",
+            "leave it out",
         )
     if getattr(options, "watch", False) and (options.cluster or any(map(is_url, places))):
         raise InputError.of("--watch", "", "watches files of this machine, and renders here", "leave it out")
@@ -134,17 +167,23 @@ def make_all(
     count: int,
     options: argparse.Namespace,
     heard: Callable[[Done], None] = lambda done: None,
+    beside: Callable[[], Sequence[Path]] = lambda: (),
+    shown: Shown = Shown.GALLERY,
 ) -> int:
-    """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code."""
+    """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code.
+
+    `beside` finishes what else there is at the end, and returns the files to tell of; `shown` says who looks at it.
+    """
     from physgen.batch.shelf import shelf
 
     kept_in = shelf(options.output)
     many = count > 1
-    gallery = many or kept_in.has_index()
+    gallery = shown is Shown.GALLERY and (many or kept_in.has_index())
     tally, told = Tally(), _Told()
     bar = Bar()
     with (
         Counter(count if many else 0) as counter,
+        kept_in.cleared(),
         closing(_made(jobs, count, options, bar, counter)) as done_ones,
     ):
         for done in done_ones:
@@ -159,10 +198,9 @@ def make_all(
             heard(done)
             _told_of(done, options.json, counter)
             counter.step(tally.failed)
-    changed = tally.made or tally.failed or not kept_in.has_index()
-    if gallery and changed and not tally.full:
+    if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index()):
         _gallery(kept_in, bar, tally, options.output)
-    return _sum_up(tally, count, kept_in, options)
+    return _sum_up(tally, count, kept_in, beside(), options)
 
 
 def _made(
@@ -170,7 +208,7 @@ def _made(
 ) -> Generator[Done, None, None]:
     """How each job ended, on this machine or on a cluster."""
     workers = min(options.jobs, count)
-    if options.cluster:
+    if getattr(options, "cluster", None):
         from physgen.batch.cluster.farm import run_on
 
         return run_on(options.cluster, workers, jobs, count, options.ship, counter.tell)
@@ -238,11 +276,14 @@ def _gallery(kept_in: Shelf, bar: Bar, tally: Tally, out: str) -> None:
     kept_in.write_index(
         bar.show,
         lambda name: tell(f"{kept_in.index}: was there already and differed; kept as {name}"),
+        tally.all,
     )
     bar.clear()
 
 
-def _sum_up(tally: Tally, count: int, kept_in: Shelf, options: argparse.Namespace) -> int:
+def _sum_up(
+    tally: Tally, count: int, kept_in: Shelf, beside: Sequence[Path], options: argparse.Namespace
+) -> int:
     """The last line, and the exit code."""
     import json
 
@@ -254,11 +295,13 @@ def _sum_up(tally: Tally, count: int, kept_in: Shelf, options: argparse.Namespac
             "unchanged": tally.unchanged,
             "failed": tally.failed,
             "index": index,
+            **{path.name: str(path) for path in beside},
             "passed": tally.failed == 0 and tally.all == count,
         }
         print_line(json.dumps(line))
-    elif index is not None:
-        print_line(index)
+    else:
+        for file in ([] if index is None else [index]) + [str(path) for path in beside]:
+            print_line(file)
     if tally.full:
         left = count - tally.made - tally.unchanged
         tell(
@@ -307,7 +350,8 @@ def _at_hand(path: str, options: argparse.Namespace) -> str:
     return readable(path, options.set)
 
 
-def _refuse_twins(jobs: list[Job]) -> None:
+def refuse_twins(jobs: list[Job]) -> None:
+    """Clips that would be written over one another."""
     from physgen import pipeline
 
     seen: dict[str, str] = {}

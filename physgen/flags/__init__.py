@@ -3,29 +3,49 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
 from physgen import __version__
 from physgen.flags.clusters import clusters
 from physgen.flags.exhibiting import exhibit
+from physgen.flags.exporting import exports, labels
 from physgen.flags.measures import measures
 from physgen.flags.packing import pack, unpack
 from physgen.flags.perceiving import perceive, who
 from physgen.flags.plots import plots
 from physgen.flags.refining import refine
-from physgen.flags.values import count, formats, four, place, positive, scene_name, two
+from physgen.flags.sweeping import sweep
+from physgen.flags.values import count, draws, formats, four, place, positive, scene_name, seed, two
 from physgen.flags.verifying import verify
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
 
 WRONG_INPUT = 2
 DEVICES = ("cpu", "cuda")
+MIXED = ("sweep",)
+"""Commands that take flags between their arguments."""
 REPORTS = ("full", "plain", "none")
 
 
 class Parser(argparse.ArgumentParser):
     """Wrong flags: one line that says what to do, exit code 2."""
+
+    mixed = False
+    """Whether flags may stand between arguments."""
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """As argparse does, which by itself takes all arguments of one kind in one go."""
+        if not self.mixed:
+            return super().parse_known_args(args, namespace)
+        self.mixed = False
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self.mixed = True
 
     def error(self, message: str) -> NoReturn:
         """Print the message and a hint."""
@@ -65,6 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
     def command(name: str, about: str, example: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=about, description=about, epilog=f"example: {example}")
         sub.set_defaults(command=name)
+        sub.mixed = name in MIXED
         return sub
 
     sub = command("perceive", "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml")
@@ -133,52 +154,27 @@ def build_parser() -> argparse.ArgumentParser:
         default="out",
         help="folder of the results, or its URL; default: out",
     )
-    sub.add_argument(
-        "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
-    )
-    clusters(sub)
-    sub.add_argument(
-        "--format",
-        metavar="LIST",
-        type=formats,
-        default=["mp4"],
-        help="any of mp4,gif,webp,png; default: mp4",
-    )
-    sub.add_argument(
-        "--chaos",
-        action="store_true",
-        help="tell in the report how long the motion can be foretold; see simulate",
-    )
-    sub.add_argument(
-        "--device",
-        choices=DEVICES,
-        default="cpu",
-        help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
-    )
-    sub.add_argument(
-        "--refine",
-        metavar="NAME[:WEIGHTS]",
-        help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
-    )
-    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
-    sub.add_argument(
-        "--report",
-        choices=REPORTS,
-        help="full (the default); plain: without player, charts and what was perceived, which takes less time than a "
-        "short clip; none",
-    )
-    sub.add_argument(
-        "--preview",
-        action="store_true",
-        help="a quick look: at most 24 frames as large as the photo, without a report",
-    )
+    _making(sub)
     sub.add_argument(
         "--watch", action="store_true", help="render again whenever the scene or what it reads is saved"
     )
-    sub.add_argument(
-        "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
+    _overlays(sub)
+
+    sub = command(
+        "sweep",
+        "A scene at the points of a grid or with random draws: a folder of clips, and a table of what became of each.",
+        "physgen sweep scene.yaml objects.ball.velocity.0=100:900:9 'objects.*.elasticity=0.2,0.9' -o sweep",
     )
-    sub.add_argument("--json", action="store_true", help="print the folders as JSON")
+    sweep(sub)
+    _making(sub)
+    _overlays(sub)
+
+    sub = command(
+        "export",
+        "Scenes to ground truth: flow, masks, tracks and events, in the formats that other tools read.",
+        "physgen export scene.yaml --format flo,coco -o labels",
+    )
+    exports(sub)
     _overlays(sub)
 
     sub = command(
@@ -240,6 +236,73 @@ def build_parser() -> argparse.ArgumentParser:
     sub = command("schema", "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
     sub.add_argument("--markdown", action="store_true", help="the reference page instead")
     return parser
+
+
+def _making(sub: argparse.ArgumentParser) -> None:
+    """How clips are made."""
+    sub.add_argument(
+        "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
+    )
+    clusters(sub)
+    sub.add_argument(
+        "--format",
+        metavar="LIST",
+        type=formats,
+        default=["mp4"],
+        help="any of mp4,gif,webp,png; default: mp4",
+    )
+    sub.add_argument(
+        "--chaos",
+        action="store_true",
+        help="tell in the report how long the motion can be foretold; see simulate",
+    )
+    sub.add_argument(
+        "--fan",
+        metavar="N",
+        type=draws,
+        default=0,
+        help="simulate N draws of what `from` is unsure of: which outcomes does the photo decide? see docs/fan.md",
+    )
+    sub.add_argument("--fan-seed", metavar="S", type=seed, default=0, help="of the draws; default: 0")
+    sub.add_argument(
+        "--device",
+        choices=DEVICES,
+        default="cpu",
+        help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
+    )
+    sub.add_argument(
+        "--refine",
+        metavar="NAME[:WEIGHTS]",
+        help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
+    )
+    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
+    sub.add_argument(
+        "--report",
+        choices=REPORTS,
+        help="full (the default); plain: without player, charts and what was perceived, which takes less time than a "
+        "short clip; none",
+    )
+    sub.add_argument(
+        "--export",
+        metavar="LIST",
+        type=labels,
+        default=(),
+        help="ground truth beside the clip, in truth/: any of the formats of physgen export",
+    )
+    sub.add_argument(
+        "--single-file",
+        action="store_true",
+        help="put the video into report.html, which can then be mailed alone",
+    )
+    sub.add_argument(
+        "--preview",
+        action="store_true",
+        help="a quick look: at most 24 frames as large as the photo, without a report",
+    )
+    sub.add_argument(
+        "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
+    )
+    sub.add_argument("--json", action="store_true", help="print the folders as JSON")
 
 
 def _overlays(sub: argparse.ArgumentParser) -> None:

@@ -60,6 +60,27 @@ def count(text: str) -> int:
     return int(text)
 
 
+def number_of_clips(text: str) -> int:
+    """A number of draws."""
+    if not text.isdecimal() or not 1 <= int(text[:12]) <= 10_000_000 or len(text) > 8:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 10,000,000")
+    return int(text)
+
+
+def draws(text: str) -> int:
+    """Draws of a fan."""
+    if not text.isdecimal() or not 2 <= int(text) <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 2 to 1000")
+    return int(text)
+
+
+def seed(text: str) -> int:
+    """Of random draws."""
+    if not text.isdecimal() or len(text) > 18:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least 0")
+    return int(text)
+
+
 def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
     """A reader of what the schema of a scene's key allows: a number, a whole one, or text."""
     kind, low, high = key["type"], key.get("minimum", -math.inf), key.get("maximum", math.inf)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.pipeline.exporting import Labels
+from physgen.pipeline.fanning import fanned
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guided, refined
@@ -24,8 +26,10 @@ from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
-    from physgen.report.perception import Comparison, Perception
+    from physgen.report.fanned import Section
+    from physgen.report.perception import Perception
     from physgen.report.record import RunRecord
+    from physgen.report.retouched import Retouched
     from physgen.report.video import Format
     from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
@@ -70,24 +74,32 @@ def render_scene(
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
     ask_chaos: bool = False,
+    draws: int = 0,
+    draw_seed: int = 0,
     device: str = "cpu",
     refiners: Refiners | None = None,
     cached: bool = True,
     page: Page = Page.FULL,
+    export: Sequence[str] = (),
     known: Known | None = None,
     warm: Warm | None = None,
+    single_file: bool = False,
     progress: Progress = silent,
     warn: Warn = unheard,
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
     `name` is the folder's in place of the scene's; `mark` goes into the manifest and tells what was asked for.
-    `ask_chaos` runs the scene's neighbours too, for the report; `device` is that of `render`. `refiners` hold models
-    from one scene to the next, and `warm` holds what the scene before left at hand; motions and frames that are refined
-    come from the cache where they are kept, if it is to be `cached`; `page` says how much the report holds; what is
-    told of the scene is `known` where `path` is a copy. Raises InputError; where it is refinement that fails, the
-    folder is there all the same, with `unrefined.mp4`.
+    `formats` are the video's, none where they are empty; `ask_chaos` runs the scene's neighbours too, for the report;
+    `draws` of what is uncertain are simulated, 0 for none, and `draw_seed` says which; `device` is that of `render`.
+    `refiners` hold models from one scene to the next, and `warm` holds what the scene before left at hand; motions and
+    frames that are refined come from the cache where they are kept, if it is to be `cached`; `page` says how much the
+    report holds, and as a `single_file` it carries its film, to be mailed alone. Labels in the formats of `export`, of
+    the clip without refinement, go to `truth/`, or, where there is no video, to the folder itself. What is told of the
+    scene is `known` where `path` is a copy. Raises InputError; where it is refinement that fails, the folder is there
+    all the same, with `unrefined.mp4`.
     """
+    from physgen.report.embedded import heavy
     from physgen.report.folder import output_folder, whole_folder
     from physgen.report.perception import perception
     from physgen.report.record import RunRecord, inputs, source_of
@@ -121,8 +133,9 @@ def render_scene(
     with record.stage("report"):
         seen = perception(scene, compiled, maps.percepts) if page is Page.FULL else None
     filming = Filming(scene, compiled, maps, device, record, warm)
+    labels = Labels.of(export, maps.percepts)
     del maps
-    kinds = tuple(formats) if formats else (Format.MP4,)
+    kinds = (Format.MP4,) if formats is None else tuple(formats)
     faults: Sequence[Problem] = ()
     retouched = None
     with ExitStack() as held:
@@ -132,29 +145,56 @@ def render_scene(
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)
-            with record.stage("simulate"):
-                trajectory = warm.simulate(compiled.world, progress, cached, odd)
+            trajectory = filming.simulated(progress, cached, odd)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)
         if ask_chaos:
             with record.stage("chaos"):
                 record.chaos = chaos(compiled.world, progress).as_dict()
+        spread = None
+        if draws:
+            record.seeds["fan"] = draw_seed
+            with record.stage("fan"):
+                spread = fanned(scene, compiled, draws, draw_seed, variant, progress, odd)
+                record.fan = None if spread is None else spread.told()
         folder = held.enter_context(whole_folder(final))
+        truth = folder / "truth" if kinds else folder
         if footage is not None:
             outcome = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
-            faults, retouched, first = outcome.faults, outcome.compared, footage.rgb[0]
+            faults, retouched, first = outcome.faults, outcome.retouched, footage.rgb[0]
+            labels.of_frames(filming, trajectory, truth, record, progress)
             if faults and _is_refined(final):  # hours of work may be in it
                 raise InputError([*faults, _left(final, "keeps the clip that was refined before")])
         else:
             count = len(filming.shot(trajectory).order)
-            frames = filming.annotated(filming.frames(trajectory), trajectory)
-            record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
+            with labels.exported(filming, trajectory, truth, record) as tap:
+                frames = filming.annotated(tap(filming.frames(trajectory)), trajectory)
+                record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
-            if page is not Page.NONE:
-                _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched)
-        _manifest(record, folder)
+            if spread is not None:
+                spread.save(folder)
+            if kinds and page is not Page.NONE:
+                decided = None if spread is None else spread.section()
+                _report(
+                    filming,
+                    trajectory,
+                    first,
+                    record,
+                    folder,
+                    kinds,
+                    page,
+                    seen,
+                    retouched,
+                    single_file,
+                    decided,
+                )
+        write_manifest(record, folder)
+    if single_file and page is not Page.NONE:
+        large = heavy(final / "report.html", "make the clip shorter or smaller")
+        if large is not None:
+            warn(large)
     if faults:
         raise InputError([*faults, _left(final, "has the clip without refinement")])
     return final
@@ -195,34 +235,39 @@ def _report(
     kinds: Sequence[Format],
     page: Page,
     seen: Perception | None,
-    retouched: Comparison | None,
+    retouched: Retouched | None,
+    single_file: bool,
+    decided: Section | None,
 ) -> None:
     """The page; `first` is the clip's first frame, unrefined."""
+    from physgen.report.embedded import beside, carried
     from physgen.report.page import report_page
     from physgen.report.player import player_data
+    from physgen.report.relit import relit
     from physgen.scene.write import scene_text
 
-    made = [
-        kind.named("video" if record.frames else "unrefined")
-        for kind in kinds
-        if (record.frames or kind is kinds[0])
-    ]
-    video = next((file for file in made if "." in file), f"{made[0]}/00000.png")
-    text = scene_text(filming.scene.document)
-    if filming.scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
+    name = "video" if record.frames else "unrefined"
+    made = [kind.named(name) for kind in kinds if record.frames or kind is kinds[0]]
+    scene, world = filming.scene, filming.compiled.world
+    film = carried(folder, made, scene.render.fps, scene.name) if single_file else beside(folder, made)
+    text = scene_text(scene.document)
+    if scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
         first = next(
             render(filming.stage, trajectory)
         ).rgb  # outlines and forces are drawn on the photo itself
-    beside = video if video.endswith(".mp4") else None
-    scene, world = filming.scene, filming.compiled.world
     player = None
     if page is Page.FULL:
-        player = player_data(scene, world, trajectory, filming.stage, filming.shot(trajectory), beside)
-    html = report_page(scene, world, record, first, video, text, player, seen, retouched)
+        player = player_data(
+            scene, world, trajectory, filming.stage, filming.shot(trajectory), filming.sampled
+        )
+    if seen is not None and (pair := relit(filming.stage, trajectory)) is not None:
+        seen = replace(seen, comparisons=(pair, *seen.comparisons))
+    html = report_page(scene, world, record, first, film, text, player, seen, retouched, decided)
     (folder / "report.html").write_text(html, encoding="utf-8")
 
 
-def _manifest(record: RunRecord, folder: Path) -> None:
+def write_manifest(record: RunRecord, folder: Path) -> None:
+    """Of all that is in the folder now."""
     from physgen.report.record import file_hash, write_json
 
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):

@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING
 
 from physgen.pipeline.stages import render, shot
 from physgen.pipeline.warm import Maps, Warm
+from physgen.pipeline.watch import Progress, Warn
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from physgen.compile.assemble import Compiled
     from physgen.render.shot import Shot
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
     from physgen.scene.model import Scene
+    from physgen.simulate.tape import Tape
     from physgen.simulate.trajectory import Trajectory
 
 
@@ -30,6 +35,22 @@ class Filming:
         self._record = record
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
         """Of a trajectory: the samples that its frames are exposed at, and how many a frame has."""
+        self._tape: Tape | None = None
+
+    def simulated(self, progress: Progress, cached: bool, warn: Warn) -> Trajectory:
+        """The motion, a sample a frame; where it is not at hand but run, its steps are kept."""
+        from physgen.simulate.tape import Tape
+
+        self._tape = Tape()
+        with self._record.stage("simulate"):
+            return self.warm.simulate(self.compiled.world, progress, cached, warn, self._tape)
+
+    def sampled(self, times: NDArray[np.float64]) -> Trajectory:
+        """The same motion at other times, s: the engine's steps do not depend on its samples."""
+        from physgen.simulate.engine import simulate
+
+        found = None if self._tape is None else self._tape.read(times)
+        return simulate(self.compiled.world, times) if found is None else found
 
     @cached_property
     def stage(self) -> Stage:
@@ -51,7 +72,7 @@ class Filming:
         take = self.shot(trajectory)
         if order is not None:
             take = replace(take, order=tuple(order))
-        fine, parts = self._exposed(trajectory)
+        fine, parts = self.exposed(trajectory)
         drawn = self.stage
         if matte:
             from physgen.render.matte import matte as covering
@@ -59,18 +80,16 @@ class Filming:
             drawn = covering(drawn)
         return render(drawn, fine, parts, take, self.device)
 
-    def _exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
+    def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples enough for open shutters, and how many a frame has."""
         if self._fine is None or self._fine[0] is not trajectory:
             from physgen.render.shutter import shutter
-            from physgen.simulate.engine import simulate as run_at
 
-            # the engine's steps do not depend on its samples: the fine run is the same motion
             moments, parts = shutter(trajectory, self.compiled.world, self.scene.render.motion_blur)
             fine = trajectory
             if parts > 1:
                 with self._record.stage("expose"):
-                    fine = run_at(self.compiled.world, moments)
+                    fine = self.sampled(moments)
             self._fine = trajectory, fine, parts
         return self._fine[1:]
 

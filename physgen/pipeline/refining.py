@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from physgen.refine.roles import Denoiser
     from physgen.render.stage import Frame
     from physgen.report.changes import Changes
-    from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
+    from physgen.report.retouched import Retouched
     from physgen.report.video import Format
     from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
@@ -72,8 +72,8 @@ class Outcome:
 
     faults: Sequence[Problem]
     """What went wrong; nothing where it is empty."""
-    compared: Comparison | None
-    """A frame before and after."""
+    retouched: Retouched | None
+    """What it changed, for the page."""
 
 
 def how(scene: Scene) -> How:
@@ -108,8 +108,7 @@ def guided(
 
     def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
         progress("simulate", 0, 1)
-        with record.stage("simulate"):
-            trajectory = filming.warm.simulate(filming.compiled.world, progress, cached, warn)
+        trajectory = filming.simulated(progress, cached, warn)
         count = len(trajectory.times)
         frames = filming.frames(trajectory, range(count))
         mattes = filming.frames(trajectory, range(count), matte=True)
@@ -142,6 +141,7 @@ def refined(
     from physgen.refine.refining import Refinement, guarded
     from physgen.report.changes import Changes
     from physgen.report.perception import compared
+    from physgen.report.retouched import retouched
 
     scene, trajectory = filming.scene, footage.trajectory
     order = filming.shot(trajectory).order
@@ -179,7 +179,7 @@ def refined(
     record.refine = told
     before, after = ("as it was drawn", footage.rgb[changes.most]), ("refined", changes.refined)
     said = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
-    return Outcome((), compared("refined", "Refined", said, before, after))
+    return Outcome((), retouched(compared("refined", "Refined", said, before, after), changes.columns))
 
 
 def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:

@@ -18,11 +18,13 @@ from physgen.problems import InputError, Problem
 if TYPE_CHECKING:
     from physgen.compile.assemble import Compiled
     from physgen.compile.world import World
+    from physgen.fan.fan import Fan
     from physgen.percepts.maps import Percepts
     from physgen.render.shot import Shot
     from physgen.render.stage import Frame, Stage
     from physgen.scene.model import Scene
     from physgen.simulate.chaos import Chaos
+    from physgen.simulate.tape import Tape
     from physgen.simulate.trajectory import Trajectory
 
 MOST_POSES = 20_000_000
@@ -59,19 +61,24 @@ def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
     return lint_scene(scene, compiled)
 
 
-def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:
-    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
+def simulate(
+    world: World, rate: float | None = None, progress: Progress = silent, tape: Tape | None = None
+) -> Trajectory:
+    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second.
+
+    A `tape` keeps the engine's steps, to be sampled at other times without running again.
+    """
     from physgen.simulate.engine import simulate as run
 
     if rate is None:
-        return run(world, progress=progress)
+        return run(world, progress=progress, tape=tape)
     count = int(world.duration * rate + 1e-9) + 1
     if count * max(len(world.bodies), 1) > MOST_POSES:
         found = f"{count:,} samples of {len(world.bodies)} objects"
         raise InputError.of(
             "--rate", found, "are too many to hold", f"keep samples x objects below {MOST_POSES:,}"
         )
-    return run(world, np.arange(count) / rate, progress)
+    return run(world, np.arange(count) / rate, progress, tape=tape)
 
 
 def chaos(world: World, progress: Progress = silent) -> Chaos:
@@ -79,6 +86,23 @@ def chaos(world: World, progress: Progress = silent) -> Chaos:
     from physgen.simulate.chaos import chaos as compare
 
     return compare(world, progress)
+
+
+def fan(
+    scene: Scene,
+    compiled: Compiled,
+    count: int,
+    seed: int = 0,
+    variant: str | None = None,
+    progress: Progress = silent,
+) -> Fan:
+    """The scene simulated `count` times, each with other numbers from what `from` is unsure of; see docs/fan.md.
+
+    `variant` is the one that was applied to the scene: what it sets is certain.
+    """
+    from physgen.fan.fan import fan as draw
+
+    return draw(scene, compiled, count, seed, variant, progress)
 
 
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:

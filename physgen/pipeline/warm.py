@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from physgen.render.stage import Stage
     from physgen.scene.build import Opened
     from physgen.scene.model import Scene
+    from physgen.simulate.tape import Tape
     from physgen.simulate.trajectory import Trajectory
 
 T = TypeVar("T")
@@ -150,9 +151,17 @@ class Warm:
         )
 
     def simulate(
-        self, world: World, progress: Progress = silent, cached: bool = True, warn: Warn = unheard
+        self,
+        world: World,
+        progress: Progress = silent,
+        cached: bool = True,
+        warn: Warn = unheard,
+        tape: Tape | None = None,
     ) -> Trajectory:
-        """As `stages.simulate`; from the store of results where it is kept there, if it is to be `cached`."""
+        """As `stages.simulate`; from the store of results where it is kept there, if it is to be `cached`.
+
+        A motion that is at hand leaves the `tape` empty.
+        """
         from physgen.cache.keys import motion_key
         from physgen.cache.motion import keep, kept
         from physgen.cache.store import opened
@@ -164,7 +173,7 @@ class Warm:
             if (found := kept(store, read)) is not None:
                 return found
             begun = time.perf_counter()
-            made = stages.simulate(world, progress=progress)
+            made = stages.simulate(world, progress=progress, tape=tape)
             if time.perf_counter() - begun > WORTH:
                 keep(store, read, made)
             return made

@@ -136,7 +136,7 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
     """
     last: tuple[Frame, Array, Frame] | None = None
     for frame in frames:
-        matrix = _on_canvas(through.affine(frame.time), drawn)
+        matrix = on_canvas(through.affine(frame.time), drawn)
         height, width = frame.rgb.shape[:2]
         if (width, height) == through.video and np.array_equal(matrix, np.eye(2, 3)):
             yield frame
@@ -162,7 +162,7 @@ def drawn_large(scene: Scene) -> float:
     return max(1.0, min(large, sqrt(MOST_DRAWN / (scene.size[0] * scene.size[1]))))
 
 
-def _on_canvas(matrix: Array, drawn: float) -> Array:
+def on_canvas(matrix: Array, drawn: float) -> Array:
     """The matrix from photo px as one from the px of a canvas whose pixels are `drawn` times finer."""
     if drawn == 1.0:
         return matrix

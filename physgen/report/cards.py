@@ -88,7 +88,8 @@ def _facts(clip: Clip) -> str:
     if not clip.document:
         return "no clip"
     wide, high = clip.size
-    return f"{_counted(clip.objects, 'object') or 'no objects'} · {clip.duration:.3g} s · {wide} × {high}"
+    parts = (_counted(clip.objects, "object") or "no objects", f"{clip.duration:.3g} s", f"{wide} × {high}")
+    return " · ".join(part.replace(" ", "\u00a0") for part in parts)
 
 
 def _counted(count: int, what: str) -> str:

@@ -109,6 +109,11 @@ class Changes:
         }
         return {name: None if value is None else round(value, 4) for name, value in found.items()}
 
+    @property
+    def columns(self) -> list[Column]:
+        """Moments of the strip, as far as they have come."""
+        return self._columns
+
     def picture(self) -> U8:
         """(H, W, 3) sRGB: the difference strip."""
         return strip(self._columns)

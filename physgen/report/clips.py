@@ -167,10 +167,15 @@ def _failed(file: Path, trace: Trace) -> Clip:
         trace.variant,
         trace.overrides,
         warnings=trace.warnings,
-        problems=trace.problems or ("failed",),
+        problems=tuple(_near(text, trace.path) for text in trace.problems) or ("failed",),
         report=page if (page := file.with_suffix(".html")).is_file() else None,
         time=file.stat().st_mtime,
     )
+
+
+def _near(text: str, path: str) -> str:
+    """A problem without the folders of the scene's file, which only make it long."""
+    return text.replace(path, Path(path).name, 1) if path and text.startswith(path) else text
 
 
 def _seal(files: Mapping[str, str], film: str) -> str:

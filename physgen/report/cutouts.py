@@ -6,7 +6,6 @@ and its light stays, as in the video; the shading of anything else turns with it
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +20,7 @@ from physgen.render.placing import covered
 from physgen.render.shadowed import figured
 from physgen.render.sprites import Sprite
 from physgen.render.stage import Stage, Stand, planned
+from physgen.report.encoded import smaller, webp
 from physgen.shadow import Box
 from physgen.simulate.trajectory import Trajectory
 
@@ -38,6 +38,8 @@ STRAYS = 5.0
 """px by which a thing's border may be off its straight way between two of them."""
 BALLS = 90
 """Of WebP, for what balls are put together from."""
+SMALL = 20_000
+"""px² of a picture that may be flat colours."""
 LARGE = 60_000
 """px² of a ball's box up to which the page's script turns it in space: it does so one pixel after the other."""
 GAMMA = 2.2
@@ -75,19 +77,7 @@ def cutouts(stage: Stage, trajectory: Trajectory) -> Cutouts:
                 dark[y0:y1, x0:x1] -= was
         background = encode_u8(shaded(stage.lit.plate, dark, stage.lit.tint))
     sprites = [_cut(sprite, less, stage.scale) for sprite in stage.sprites if sprite.coverage.any()]
-    return Cutouts(picture(_smaller(background, less), QUALITY), sprites, shadows)
-
-
-def picture(pixels: U8, quality: int) -> str:
-    """(h, w, 3) sRGB, or (h, w, 4) with how much they cover, as a data URI: WebP, or PNG where that is smaller."""
-    code = cv2.COLOR_RGBA2BGRA if pixels.shape[2] == 4 else cv2.COLOR_RGB2BGR
-    turned = cv2.cvtColor(np.ascontiguousarray(pixels), code)
-    ways = [("webp", ".webp", [cv2.IMWRITE_WEBP_QUALITY, quality])]
-    if pixels.shape[0] * pixels.shape[1] < 20_000:
-        ways.append(("png", ".png", [cv2.IMWRITE_PNG_COMPRESSION, 9]))
-    found = [(cv2.imencode(ending, turned, how)[1].tobytes(), name) for name, ending, how in ways]
-    data, name = min(found, key=lambda pair: len(pair[0]))
-    return f"data:image/{name};base64,{base64.b64encode(data).decode('ascii')}"
+    return Cutouts(webp(_smaller(background, less), QUALITY), sprites, shadows)
 
 
 def _smaller(pixels: U8, less: float) -> U8:
@@ -119,7 +109,7 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
         "turns": not _looks_alike(sprite),
-        "src": picture(_smaller(pixels, less), QUALITY),
+        "src": (smaller if alpha.size <= SMALL else webp)(_smaller(pixels, less), QUALITY),
     }
     if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LARGE:
         ball = sprite.ball
@@ -138,7 +128,7 @@ def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
     most = max(float(np.abs(values).max()), 1e-6)
     roots = np.sqrt(np.abs(values) / most)
     codes = 128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
-    return {"most": float(f"{most:.4g}"), "src": picture(np.rint(codes).astype(np.uint8), BALLS)}
+    return {"most": float(f"{most:.4g}"), "src": webp(np.rint(codes).astype(np.uint8), BALLS)}
 
 
 def _looks_alike(sprite: Sprite) -> bool:
@@ -231,5 +221,5 @@ def _shadow(box: Box, dark: F32) -> dict[str, Any]:
     return {
         "box": _placed(place, 1.0),
         "at": [round(v, 2) for v in at],
-        "src": picture(black, 100),
+        "src": webp(black, 0),  # coverage is kept whatever the quality
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.render.marks import arrow
+from physgen.report.encoded import jpeg
 from physgen.report.holds import drawn
 from physgen.report.templates import template
 from physgen.scene.model import Load, Scene
@@ -134,17 +134,7 @@ def _small(photo: U8) -> str:
     if scale < 1:
         size = max(1, round(width * scale)), max(1, round(height * scale))
         photo = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return data_uri(photo, ".jpg", 84)
-
-
-def data_uri(rgb: U8, kind: str, quality: int) -> str:
-    """(H, W, 3) sRGB as `.jpg` or `.webp`."""
-    flag = cv2.IMWRITE_JPEG_QUALITY if kind == ".jpg" else cv2.IMWRITE_WEBP_QUALITY
-    done, data = cv2.imencode(kind, np.ascontiguousarray(rgb[:, :, ::-1]), [flag, quality])
-    if not done:
-        raise ValueError(f"a picture of shape {rgb.shape} cannot be written as {kind}")
-    mime = {".jpg": "image/jpeg", ".webp": "image/webp"}[kind]
-    return f"data:{mime};base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return jpeg(photo, 84)
 
 
 def _points(points: Array) -> str:

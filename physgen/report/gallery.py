@@ -30,8 +30,6 @@ Progress = Callable[[str, int, int], None]
 
 MARK = '<meta name="generator" content="physgen gallery">'
 FORMERLY = "<title>physgen gallery</title>"
-MAILED = 50_000_000
-"""Bytes of a single file above which few would mail it."""
 PARTS = ("state", "choose", "shots", "clock", "sheet", "look", "page")
 """Of the script, in the order in which they build on each other."""
 FEW = 8

@@ -34,6 +34,24 @@ def highlighted(text: str) -> Markup:
     return html.join(parts)
 
 
+def lines(text: str) -> list[Markup]:
+    """The same, a line each, without line breaks."""
+    found: list[list[Markup]] = [[]]
+    at = 0
+    for begin, end, kind in [*pieces(text), (len(text), len(text), "")]:
+        for part, said in ((text[at:begin], ""), (text[begin:end], kind)):
+            for k, line in enumerate(part.split("\n")):
+                if k:
+                    found.append([])
+                if line:
+                    mark = Markup('<span class="y-{}">{}</span>').format(said, line) if said else escape(line)
+                    found[-1].append(mark)
+        at = end
+    if text.endswith("\n"):
+        found.pop()
+    return [Markup("").join(parts) for parts in found]
+
+
 def pieces(text: str) -> list[Piece]:
     """In order and apart from each other; empty for what is no YAML."""
     if len(text) > MOST or text.startswith("\ufeff"):

@@ -59,13 +59,21 @@ def light_picture(light: Light, size: tuple[int, int]) -> U8:
 
 
 def _ball(light: Light, size: tuple[int, int], radius: float, fine: int = 3) -> U8:
-    """Drawn `fine` times as large and averaged, in linear light, so that its rim is smooth."""
-    width, height = (side * fine for side in size)
-    normals, inside = sphere_normals(height, width, ((width - 1) / 2, (height - 1) / 2), radius * fine)
+    """The ball is drawn `fine` times as large and averaged, in linear light, so that its rim is smooth."""
+    width, height = size
+    across = (np.arange(width, dtype=np.float32) / width - 0.5)[None]
+    down = (np.arange(height, dtype=np.float32) / height - 0.5)[:, None]
+    linear = 0.06 - 0.05 * np.hypot(across, down)
+    # a box around it that begins and ends with whole pixels
+    x0, y0 = (int((side - 1) / 2 - radius) - 1 for side in size)
+    wide, tall = width - 2 * x0, height - 2 * y0
+    normals, inside = sphere_normals(
+        fine * tall, fine * wide, ((fine * wide - 1) / 2, (fine * tall - 1) / 2), radius * fine
+    )
     lamp = DistantLight(light.direction, light.intensity, light.ambient)
     shades = 0.86 * lamp.shade(normals) / max(light.ambient + light.intensity, 1e-6)
-    rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
-    away = np.hypot(columns / width - 0.5, rows / height - 0.5)
-    linear = np.where(inside, np.maximum(shades, 0.012), 0.06 - 0.05 * away).astype(np.float32)
-    small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
-    return np.repeat(encode_u8(small)[..., None], 3, 2)
+    box = linear[y0 : y0 + tall, x0 : x0 + wide]
+    around = box.repeat(fine, axis=0).repeat(fine, axis=1)
+    drawn = np.where(inside, np.maximum(shades, 0.012), around).astype(np.float32)
+    box[:] = cv2.resize(drawn, (wide, tall), interpolation=cv2.INTER_AREA)
+    return np.repeat(encode_u8(linear)[..., None], 3, 2)

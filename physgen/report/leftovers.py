@@ -40,6 +40,16 @@ def in_use(folder: Path) -> Iterator[None]:
             os.close(lock)
 
 
+@contextmanager
+def cleared(out: Path) -> Iterator[None]:
+    """Where the block is left early, what its processes were ended over is cleared away."""
+    try:
+        yield
+    except BaseException:
+        sweep(out)
+        raise
+
+
 def sweep_once(out: Path) -> None:
     """As `sweep`, the first time that this process asks: listing a folder of 100,000 clips takes long."""
     if out.resolve() not in _SWEPT:
@@ -57,12 +67,11 @@ def sweep(out: Path) -> None:
     for entry, match in sorted(left, key=lambda pair: pair[0].name):
         with suppress(OSError):  # another process may be at it, too
             path, final = Path(entry.path), out / match["name"]
-            folder, age = (
-                entry.is_dir(follow_symlinks=False),
-                time.time() - entry.stat(follow_symlinks=False).st_ctime,
-            )
+            folder = entry.is_dir(follow_symlinks=False)
+            age = time.time() - entry.stat(follow_symlinks=False).st_ctime
             away = match["machine"] not in (None, machine())
-            gone = age > DAY if away else age > FRESH and not _lives(int(match["process"]))
+            dead = age > DAY if away else not _lives(int(match["process"]))
+            gone = dead and age > FRESH
             if match["kind"] == "old" and folder and gone:
                 if final.exists():
                     shutil.rmtree(path, ignore_errors=True)
@@ -71,7 +80,7 @@ def sweep(out: Path) -> None:
             elif (
                 match["kind"] == "part"
                 and folder
-                and _is_free(path, gone or (age > MINUTE and not away), age)
+                and _is_free(path, dead or (age > MINUTE and not away), age)
             ):
                 shutil.rmtree(path, ignore_errors=True)
             elif match["kind"] == "part" and not folder and gone:

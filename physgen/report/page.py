@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import shlex
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,13 +15,18 @@ from physgen import __version__
 from physgen.compile.pairs import pair_table
 from physgen.compile.world import World
 from physgen.problems import Problem
+from physgen.report.embedded import Film
+from physgen.report.encoded import jpeg
+from physgen.report.fanned import Section, dimmed
+from physgen.report.highlighted import lines
 from physgen.report.holds import drawn, listed
 from physgen.report.parameters import COLUMNS, edits, parameter_rows
-from physgen.report.perception import Comparison, Perception
+from physgen.report.perception import Perception
 from physgen.report.player import Data
 from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import refinement
+from physgen.report.retouched import Retouched
 from physgen.report.templates import script_json, template
 from physgen.resources import resource
 from physgen.scene.model import Load, Play, Render, Scene, View
@@ -32,6 +36,10 @@ U8 = NDArray[np.uint8]
 
 LONGEST_ARROW = 0.14
 """Of the canvas's diagonal."""
+PHOTO = 90
+"""Quality of its JPEG."""
+MOST_LINES = 5000
+"""Of a scene file that gets numbers."""
 MOST_TOUCHES = 200
 """Rows of the table of contacts."""
 
@@ -41,16 +49,17 @@ def report_page(
     world: World,
     record: RunRecord,
     first: U8,
-    video: str | None,
+    film: Film | None,
     scene_text: str,
     player: Data | None = None,
     seen: Perception | None = None,
-    retouched: Comparison | None = None,
+    retouched: Retouched | None = None,
+    fan: Section | None = None,
 ) -> str:
     """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
     `player` is what `player_data` gives; without it, or without scripts, the page has that picture and the video.
-    `seen` is what was perceived of the photo, `retouched` a frame before and after refinement.
+    `seen` is what was perceived of the photo, `retouched` what refinement changed, `fan` what is told of draws.
     """
     width, height = scene.size
     page: str = template("report.html.j2").render(
@@ -60,9 +69,9 @@ def report_page(
         frames=len(record.frames or record.unrefined),
         fps=scene.render.fps,
         duration=world.duration,
-        video=video,
+        film=film,
         refined=refinement(record.refine),
-        photo=_data_uri(first),
+        photo=jpeg(first, PHOTO),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=_walls(scene, world),
         objects=[
@@ -94,21 +103,42 @@ def report_page(
         pairs=pair_table(world),
         perception=seen,
         retouched=retouched,
+        fan=fan,
+        dimmed=None if fan is None else dimmed(first),
         provenance=provenance(record, scene_text, _file(scene)),
         version=__version__,
     )
     return page
 
 
-def failed_page(name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str) -> str:
-    """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read."""
+def failed_page(
+    name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str, path: str = ""
+) -> str:
+    """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read.
+
+    `path` is the scene's file: lines of it that are at fault are marked.
+    """
+    mine = [p.place for p in problems if p.place.line and (not path or Path(p.place.file) == Path(path))]
     page: str = template("failed.html.j2").render(
         title=name,
+        path=path,
         problems=[
-            (str(p.place), p.path, " ".join(filter(None, (p.found, p.expected))), p.fix) for p in problems
+            {
+                "place": str(p.place._replace(file=Path(p.place.file).name))
+                if p.place.line
+                else str(p.place),
+                "whole": str(p.place),
+                "line": p.place.line if p.place in mine else 0,
+                "path": p.path,
+                "what": " ".join(filter(None, (p.found, p.expected))),
+                "fix": p.fix,
+            }
+            for p in problems
         ],
         command=shlex.join(command),
         scene_text=scene_text,
+        lines=lines(scene_text) if scene_text.count("\n") <= MOST_LINES else [],
+        wrong={place.line for place in mine},
         versions=versions(),
     )
     return page
@@ -130,13 +160,6 @@ PARTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quant
 def _script() -> str:
     parts = [resource("templates", "player", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
     return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();"
-
-
-def _data_uri(rgb: U8) -> str:
-    done, data = cv2.imencode(".jpg", np.ascontiguousarray(rgb[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 90])
-    if not done:
-        raise ValueError("the photo could not be written as JPEG")
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
 def _points(points: Array) -> str:

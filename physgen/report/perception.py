@@ -15,7 +15,7 @@ from physgen.compile.assemble import Compiled
 from physgen.percepts.maps import Percepts
 from physgen.photometry import encode_u8
 from physgen.render.ink import Layer, breadth
-from physgen.report.drawing import data_uri
+from physgen.report.encoded import webp
 from physgen.report.lamp import light_picture, light_words
 from physgen.report.perceived import SUPPORT, colour, owned
 from physgen.scene.model import MaskId, Scene, View
@@ -177,7 +177,7 @@ def _toned(name: str, title: str, caption: str, rgb: U8) -> Panel:
 
 def _encoded(panel: Panel, quality: int, part: float = 1.0) -> Picture:
     rgb = panel.rgb if part == 1.0 else _fitted(panel.rgb, round(part * max(panel.rgb.shape[:2])))
-    uri, (height, width) = data_uri(rgb, ".webp", quality), rgb.shape[:2]
+    uri, (height, width) = webp(rgb, quality), rgb.shape[:2]
     return Picture(panel.name, panel.title, panel.caption, panel.alt, uri, width, height)
 
 

@@ -8,7 +8,7 @@ whenever things begin to touch.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -22,7 +22,6 @@ from physgen.render.stage import Stage
 from physgen.render.touches import Blow, blows, moments
 from physgen.report.cutouts import cutouts
 from physgen.scene.model import FieldKind, Load, Motion, Overlay, Scene, Solid, View
-from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -32,7 +31,7 @@ FINER = 4
 FEW = 40_000
 """Samples times objects of such a closer look."""
 EFFORT = 200_000
-"""Steps times objects of a run up to which it is repeated: some seconds."""
+"""Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
 BLOWS = 500
 """The strongest that a page carries."""
 MOST = 1_000_000
@@ -50,20 +49,24 @@ Data = dict[str, Any]
 
 
 def player_data(
-    scene: Scene, world: World, trajectory: Trajectory, stage: Stage, shot: Shot, video: str | None
+    scene: Scene,
+    world: World,
+    trajectory: Trajectory,
+    stage: Stage,
+    shot: Shot,
+    sampled: Callable[[Array], Trajectory],
 ) -> Data | None:
     """Everything the page's script needs; None where there is no frame, or more than a page can carry.
 
-    `trajectory` has one sample a frame played forward. The world is run again with more samples, to the same motion,
-    unless that takes long: heaps of hundreds are shown as their frames know them, without blows.
-    `video` is the file that the page plays beside it.
+    `trajectory` has one sample a frame played forward, and `sampled` gives the same motion at more times; heaps of
+    hundreds are shown as their frames know them, without blows.
     """
     T, N = len(trajectory.times), len(world.bodies)
     if not T or T * N > MOST:
         return None
     seen, struck = trajectory, list[Blow]()
     if N and T > 1 and trajectory.effort.steps * N <= EFFORT:
-        seen = simulate(world, moments(trajectory, FINER, max(T, FEW // N)))
+        seen = sampled(moments(trajectory, FINER, max(T, FEW // N)))
         struck = blows(world, seen, world.duration / max(len(world.times), 1) / FINER)
         struck = sorted(sorted(struck, key=lambda blow: -blow.impulse)[:BLOWS], key=lambda blow: blow.time)
     kinds = set(Overlay)
@@ -87,7 +90,7 @@ def player_data(
         "steps": steps,
         "times": column(seen.times, INSTANT),
         "frames": np.searchsorted(seen.times, trajectory.times - INSTANT / 2).tolist(),
-        "clip": {"fps": scene.render.fps, "order": scene.render.play.value, "video": video},
+        "clip": {"fps": scene.render.fps, "order": scene.render.play.value},
         "camera": _camera(shot),
         "bodies": [_body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)],
         "walls": [

@@ -56,6 +56,8 @@ class Provenance:
     """s of all stages."""
     facts: tuple[tuple[str, str], ...]
     """Platform, device, seeds, memory."""
+    edits: tuple[str, ...]
+    """What the command set."""
     versions: Mapping[str, str]
     hashes: tuple[tuple[str, str], ...]
     """What was read: path and SHA-256."""
@@ -81,6 +83,7 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
         stages=slices,
         wall=f"{sum(stage.wall for name, stage in _timed(record)):.2f}",
         facts=_facts(record),
+        edits=tuple(record.overrides),
         versions=versions(record.refine),
         hashes=tuple(record.inputs.items()),
         frames=_digest(record.frames),
@@ -117,11 +120,14 @@ def _facts(record: RunRecord) -> tuple[tuple[str, str], ...]:
         ("platform", f"{platform.system()}, {platform.machine()}"),
         ("frames drawn by", record.device),
         ("peak memory", f"{peak_memory() / 2**20:,.0f} MiB"),
-        *((f"seed of {name}", str(seed)) for name, seed in record.seeds.items()),
+        *(
+            (f"seed of {name}", str(seed))
+            for name, seed in record.seeds.items()
+            if record.refine or name != "refine"
+        ),
     ]
     if record.variant is not None:
         facts.append(("variant", record.variant))
-    facts += [("set by the command", override) for override in record.overrides]
     return tuple(facts)
 
 

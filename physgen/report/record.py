@@ -74,6 +74,8 @@ class RunRecord:
     """What drew the frames: the processor, or a GPU and the torch that it was told by."""
     chaos: dict[str, Any] | None = None
     """See `simulate.chaos.Chaos.as_dict`; None where it was not asked for."""
+    fan: dict[str, Any] | None = None
+    """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None
     """`backend`, what `refine.refining.Refinement.note` tells, and `changes`, see `report.changes.Changes.figures`; or
     `backend` and why it `failed`. `strip`: the `file` that shows what changed, and its `size`. None: nobody asked."""
@@ -111,6 +113,7 @@ class RunRecord:
             "effort": self.effort,
             "energy_imbalance": self.imbalance,
             "chaos": self.chaos,
+            "fan": self.fan,
             "refine": self.refine,
             "warnings": self.warnings,
             "stages": {

@@ -25,16 +25,14 @@ ELSEWHERE = frozenset(
 
 
 def refinement(told: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """`failed`: lines of a message; `strip`: `file`, `width`, `height` px; `changes` and `facts`: names and values.
+    """`failed`: lines of a message; `changes` and `facts`: names and values.
 
     `told` is `RunRecord.refine`; None where nobody asked.
     """
     if told is None:
         return None
-    strip = told.get("strip")
     return {
         "failed": str(told.get("failed", "")).splitlines(),
-        "strip": strip and {"file": strip["file"], "width": strip["size"][0], "height": strip["size"][1]},
         "changes": _changes(told["changes"]) if "changes" in told else [],
         "facts": _facts(told),
     }

@@ -59,7 +59,7 @@ def swept(clips: Sequence[Clip]) -> list[Swept]:
 
     Clips are of one scene where photo and names are the same. Clips that failed have the values of their `--set`.
     """
-    trees = [dict(_leaves(clip.document)) for clip in clips]
+    trees = [dict(_leaves(_acting(clip.document))) for clip in clips]
     edits = [_edits(clip) for clip in clips]
     apart = _differing(clips, trees)
     ways = _set_apart(edits, trees) | apart
@@ -85,9 +85,17 @@ def swept(clips: Sequence[Clip]) -> list[Swept]:
     seen: set[tuple[int, ...]] = set()
     for (_, group, values, named, within), path, name in zip(rows, paths, names, strict=True):
         split = _split([value for value, clip in zip(values, clips, strict=True) if clip.document])
-        found.append(Swept(path, name, _unit(group[0]), tuple(values), named, within, split in seen))
+        found.append(Swept(path, name, unit(group[0]), tuple(values), named, within, split in seen))
         seen.add(split)
     return found
+
+
+def _acting(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Without the settings of a refinement that nobody does."""
+    refine = document.get("refine")
+    if not isinstance(refine, Mapping) or refine.get("backend") != "none":
+        return document
+    return {**document, "refine": {"backend": "none"}}
 
 
 def _leaves(value: Any, way: Way = ()) -> Iterator[tuple[Way, Value]]:
@@ -215,25 +223,36 @@ def _path(group: Sequence[Way], trees: Sequence[Mapping[Way, Value]]) -> str:
     return f"{dotted(group[0])} and {len(group) - 1} more"
 
 
-def _short(paths: Sequence[str]) -> list[str]:
-    """The fewest last parts of each path that leave no doubt, in reading order."""
+def apart(paths: Sequence[str]) -> list[list[str]]:
+    """The fewest last parts of each path that leave no doubt, in reading order; components are x, y and z.
+
+    >>> apart(["objects.*.mass", "objects.cue.velocity.0", "objects.cue.friction", "world.table.friction"])
+    [['mass'], ['velocity', 'x'], ['cue', 'friction'], ['table', 'friction']]
+    """
     split = [[part for part in re.findall(r"[^.\[\]]+", path) if part != "*"] for path in paths]
     said = [
         [*parts[:-1], "xyz"[int(parts[-1])]] if parts[-1] in ("0", "1", "2") else parts for parts in split
     ]
-    names = []
+    found = []
     for parts in said:
         least = 2 if parts[-1] in ("x", "y", "z") or parts[-2:-1] == ["table"] else 1
-        for count in range(least, len(parts) + 1):
+        while least < len(parts) and parts[-least].isdecimal():
+            least += 1
+        for count in range(min(least, len(parts)), len(parts) + 1):
             tail = parts[-count:]
             if sum(other[-count:] == tail for other in said) == 1:
                 break
-        names.append(" ".join(tail).replace("_", " "))
-    return names
+        found.append(tail)
+    return found
 
 
-def _unit(way: Way) -> str:
-    part, unit = expanded(), ""
+def _short(paths: Sequence[str]) -> list[str]:
+    return [" ".join(tail).replace("_", " ") for tail in apart(paths)]
+
+
+def unit(way: Way) -> str:
+    """Of what stands there in a scene, by the schema; a name may be `*`."""
+    part, told = expanded(), ""
     for n, key in enumerate(way):
         inner = part.get("properties", {}).get(key) if isinstance(key, str) else part.get("items")
         if inner is None and isinstance(key, int):
@@ -241,8 +260,8 @@ def _unit(way: Way) -> str:
         inner = part.get("additionalProperties") if inner is None and n == 1 else inner
         if not isinstance(inner, dict):
             break
-        part, unit = inner, str(inner.get("x-unit", unit))
-    return unit
+        part, told = inner, str(inner.get("x-unit", told))
+    return told
 
 
 def _split(values: Sequence[Value | None]) -> tuple[int, ...]:

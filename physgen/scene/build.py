@@ -46,6 +46,7 @@ class Opened:
         self._root = with_bases(read_scene(self.file, name), self.file, allow_outside, files)
         self._stamps = [(file, stamped(file)) for file in files]
         self._files = Files(allow_outside)
+        self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Report()
         self._ground = _check(self._root, self._own, self._files)
         self._of_variants = tuple(_problems_of_variants(self._root, self._own, self._files))

@@ -28,17 +28,32 @@ _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d{1,9}|\*)\])*)(?:\.|$)")
 @cache
 def rivals(schema_path: Path) -> Mapping[str, frozenset[str]]:
     """Key -> keys of the same mapping that it rules out: mass and density, kinds of shape, mask and wall."""
+    part = _part(schema_path)
+    if part is None:
+        return {}
+    groups = [list(group) for group in part.get("x-exclusive", [])]
+    if part.get("maxProperties") == 1:
+        groups.append(list(part["properties"]))
+    return {key: frozenset(group) - {key} for group in groups for key in group}
+
+
+def _part(schema_path: Path) -> Schema | None:
     part: Schema = expanded()
     for key in schema_path:
         inner = part.get("items") if isinstance(key, int) else part.get("properties", {}).get(key)
         inner = part.get("additionalProperties") if inner is None else inner
         if not isinstance(inner, dict):
-            return {}
+            return None
         part = inner
-    groups = [list(group) for group in part.get("x-exclusive", [])]
-    if part.get("maxProperties") == 1:
-        groups.append(list(part["properties"]))
-    return {key: frozenset(group) - {key} for group in groups for key in group}
+    return part
+
+
+def _default(path: Path, like: Node) -> Node | None:
+    """The list that stands where a file has none, so that velocity.0 alone can be set; None: there is no such."""
+    default = (_part(_kind(path)) or {}).get("default")
+    if not isinstance(default, list) or not default:
+        return None
+    return like.with_value([like.with_value(item) for item in default])
 
 
 def _kind(path: Path) -> Path:
@@ -145,10 +160,12 @@ def _set(node: Node | None, path: Path, depth: int, edit: Edit, star: bool, at: 
     if depth == len(path):
         return edit.value
     step = path[depth]
-    if node is not None and isinstance(node.value, list) and isinstance(step, str) and step.isdecimal():
+    no_mapping = node is None or isinstance(node.value, list)
+    if no_mapping and isinstance(step, str) and step.isdecimal():
         step = int(step[:9])  # pivot.0 says the same as pivot[0]
         path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
+        node = _default(at, edit.value) if node is None else node
         return _set_item(node, path, depth, edit, star, at)
     children = node.value if node is not None and isinstance(node.value, dict) else {}
     changed = dict(children)
@@ -194,9 +211,8 @@ def _put(
 def _set_item(node: Node | None, path: Path, depth: int, edit: Edit, star: bool, at: Path) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
-        raise edit.problem(
-            f"{dotted(at)} is not a list", f"write {edit.key.partition('[')[0]}=[...] to set all of it"
-        )
+        whole = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
+        raise edit.problem(f"{dotted(at)} is not a list", f"write {whole}=[...] to set all of it")
     items = list(node.value)
     if isinstance(step, int) and step >= len(items):
         raise edit.problem(

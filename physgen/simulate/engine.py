@@ -24,6 +24,7 @@ from physgen.simulate.ledger import LEFT, SCENE, Ledger
 from physgen.simulate.loads import Loads
 from physgen.simulate.scripts import Scripts
 from physgen.simulate.stepper import Stepper
+from physgen.simulate.tape import Tape, told
 from physgen.simulate.trajectory import Effort, Trajectory
 
 Array = NDArray[np.float64]
@@ -42,15 +43,19 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def simulate(
-    world: World, times: Array | None = None, progress: Progress = silent, iterations: int | None = None
+    world: World,
+    times: Array | None = None,
+    progress: Progress = silent,
+    iterations: int | None = None,
+    tape: Tape | None = None,
 ) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
-    `iterations` fixes the contact solver's sweeps a step, which are otherwise chosen as contacts need them. Raises
-    InputError where a body leaves all numbers.
+    `iterations` fixes the contact solver's sweeps a step, which are otherwise chosen as contacts need them; a `tape`
+    keeps the steps, to be sampled again. Raises InputError where a body leaves all numbers.
     """
     times = world.times if times is None else np.asarray(times, np.float64)
-    run = _Run(world, times, iterations)
+    run = _Run(world, times, iterations, tape)
     ledger, h = run.ledger, 1.0 / world.steps_per_second
     number = 0
     try:
@@ -65,25 +70,18 @@ def simulate(
     except (OverflowError, np.linalg.LinAlgError) as error:
         found = f"leaves all numbers by t = {number * h:.3f} s"
         raise InputError([Problem(SCENE, "world", "the motion", found, LEFT)]) from error
-    return Trajectory(
-        times=times,
-        names=tuple(body.name for body in world.bodies),
-        poses=ledger.poses,
-        velocities=ledger.velocities,
-        rolls=ledger.rolled(),
-        turns=ledger.turned(),
-        contacts=ledger.log.result(),
-        energy=ledger.energy(),
-        effort=run.effort(),
-    )
+    effort = run.effort()
+    if tape is not None:
+        tape.end(effort)
+    return told(ledger, effort)
 
 
 class _Run:
     """One world in motion."""
 
-    def __init__(self, world: World, times: Array, iterations: int | None) -> None:
+    def __init__(self, world: World, times: Array, iterations: int | None, tape: Tape | None) -> None:
         bodies = world.bodies
-        self._world = world
+        self._world, self._tape = world, tape
         self._space = Chipmunk(world)
         self._governor = Governor(world, iterations)
         loads, self._scripts = Loads(world), Scripts(world)
@@ -143,6 +141,8 @@ class _Run:
         self._space.weaken(1.0)
         if step.before is None:
             step.before = state[:, 3:].copy()
+        if self._tape is not None:
+            self._tape.begin(self.ledger, step, pose, shown, roll)
         self.ledger.begin(step, pose, shown, roll)
 
     def advance(self, begin: float, end: float) -> None:
@@ -211,6 +211,8 @@ class _Run:
         step = self._stepper.take(end, h, state, kicks)
         if step.blows:
             self._governor.note(sum(len(blow.first) for blow in step.blows))
+        if self._tape is not None:
+            self._tape.add(step)
         if self.ledger.add(step):
             ledger, since = self.ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps

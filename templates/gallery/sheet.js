@@ -55,7 +55,7 @@ function drawSheet(shown) {
   const name = axis => [make("b", { text: axis.name }), axis.unit ? ` ${axis.unit}` : ""];
   const head = make("thead", {}, [
     make("tr", {}, [make("td", { className: "corner" }), make("th", { className: "axis", colSpan: across.texts.length, scope: "colgroup" }, [...name(x), " →"])]),
-    make("tr", {}, [make("td", { className: "corner" }, y ? [...name(y), " ↓"] : []), ...across.texts.map(text => make("th", { scope: "col" }, [make("bdi", { text })]))]),
+    make("tr", {}, [make("td", { className: "corner" }, y ? [...name(y), "\u00a0↓"] : []), ...across.texts.map(text => make("th", { scope: "col" }, [make("bdi", { text })]))]),
   ]);
   const body = make("tbody", {}, down.texts.map((text, j) => make("tr", {}, [
     make("th", { scope: "row" }, [make("bdi", { text })]),

@@ -11,13 +11,23 @@ function start(root, physics, data) {
 
   const clock = makeClock(clip, (change) => { follow(change); show(change); });
   let follow = () => {};
+  const film = $("film"), frames = film && film.dataset.frames, held = film && film.src.startsWith("data:");
   if (video) {
     video.removeAttribute("controls");
     video.addEventListener("click", clock.toggle);
     video.addEventListener("error", missing);
-    if (video.error || video.networkState === 3) missing();
+    if (!held && (video.error || video.networkState === 3)) missing();
     follow = followVideo(video, clip, clock);
     video.addEventListener("loadeddata", () => follow({ sought: true }));
+  } else if (frames) {
+    film.addEventListener("click", clock.toggle);
+    follow = followFrames(film, frames, clip, clock);
+  }
+  if (held) {
+    const file = unpacked(film.src);
+    if (video) video.src = file;
+    $("save").href = file;
+    $("save").hidden = false;
   }
   function missing() {
     video.hidden = true;
@@ -202,7 +212,7 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
       title: "Momentum", kind: "impulse", tall: 110, empty: "", note: "Of all that moves freely, together.",
       series: () => [
         { name: "to the right", colour: "--object-3", values: momentum.right },
-        { name: data.top ? "down the picture" : "downwards", colour: "--object-6", values: momentum.down },
+        { name: data.top ? "down" : "downwards", colour: "--object-6", values: momentum.down },
       ],
     }),
     chart({ title: "Speed", kind: "speed", tall: 130, also: true, empty: none, series: some(quantities.speed) }),

@@ -53,8 +53,9 @@ def test_a_scene_and_its_clips_behind_urls_are_those_of_files(store, pictured: P
     local = pictured.parent / "out" / "pictured"
     for name in ("video.mp4", "trajectory.npz"):
         assert store.cat_file(f"/clips/pictured/{name}") == (local / name).read_bytes()
-    here, there = json.loads((local / "manifest.json").read_bytes()), json.loads(
-        store.cat_file("/clips/pictured/manifest.json")
+    here, there = (
+        json.loads((local / "manifest.json").read_bytes()),
+        json.loads(store.cat_file("/clips/pictured/manifest.json")),
     )
     assert {key: there[key] for key in SAME} == {key: here[key] for key in SAME}
     assert there["source"] == flags[0]
@@ -74,7 +75,9 @@ def test_what_is_not_whole_there_is_made_again(store, lesson: Path, capsys, harm
         store.rm_file("/clips/lesson/trajectory.npz")
     elif harm == "unsent":  # killed while files changed
         store.rm_file("/clips/lesson/manifest.json")
-        store.pipe_file("/clips/lesson/.sending.json", b'{"sending": ["video.mp4", "trajectory.npz", "old.gif"]}')
+        store.pipe_file(
+            "/clips/lesson/.sending.json", b'{"sending": ["video.mp4", "trajectory.npz", "old.gif"]}'
+        )
         store.pipe_file("/clips/lesson/old.gif", b"half")
     else:
         lesson.write_text(lesson.read_text() + "# another\n")
@@ -95,7 +98,9 @@ def test_a_clip_is_not_there_before_all_of_it_is(store, lesson: Path, monkeypatc
             result = plain(self, *arguments)
             if store.exists("/clips/lesson/manifest.json"):
                 told = json.loads(store.cat_file("/clips/lesson/manifest.json"))
-                seen.append(all(store.size(f"/clips/lesson/{n}") == size for n, size in told["sizes"].items()))
+                seen.append(
+                    all(store.size(f"/clips/lesson/{n}") == size for n, size in told["sizes"].items())
+                )
             else:
                 seen.append(None)
             return result
@@ -162,7 +167,10 @@ def test_what_a_scene_extends_is_fetched_and_told_by_its_url(store, lesson: Path
         ("extends: /etc/passwd.yaml\n", "is an absolute path"),
         ("physgen: 1\nimage: ../secret/photo.png\nobjects: {}\n", "leads out of the scene's folder"),
         ("physgen: 1\nimage: photo.png\nobjects: {}\n", "does not exist"),
-        ("physgen: 1\nsize: [9, 9]\nobjects: {}\nvariants: {v: {image: /etc/passwd}}\n", "is an absolute path"),
+        (
+            "physgen: 1\nsize: [9, 9]\nobjects: {}\nvariants: {v: {image: /etc/passwd}}\n",
+            "is an absolute path",
+        ),
     ],
 )
 def test_a_scene_from_elsewhere_may_read_what_a_local_one_may(
@@ -182,8 +190,8 @@ def test_a_scene_from_elsewhere_may_read_what_a_local_one_may(
 
 
 def test_a_store_may_have_files_of_any_name(store) -> None:
-    store.store["/clips/../../evil"] = store.store["/clips/a/..\\x"] = fsspec.implementations.memory.MemoryFile(
-        store, "/x", b"1"
+    store.store["/clips/../../evil"] = store.store["/clips/a/..\\x"] = (
+        fsspec.implementations.memory.MemoryFile(store, "/x", b"1")
     )
     store.pipe_file("/clips/good/manifest.json", b"{}")
     assert list(places.far("memory://clips").files()) == ["good/manifest.json"]
@@ -225,7 +233,9 @@ def test_a_place_that_cannot_be_reached_is_one_failed_clip(store, lesson: Path, 
 
     monkeypatch.setattr(type(store), "pipe_file", broken)
     assert rendered(capsys, str(lesson), "-o", "memory://clips", code=2) == {"lesson": "failed"}
-    assert "memory://clips/lesson/.sending.json: LookupError: no credentials" in capsys.readouterr().err or True
+    assert (
+        "memory://clips/lesson/.sending.json: LookupError: no credentials" in capsys.readouterr().err or True
+    )
 
 
 def test_what_killed_runs_left_on_this_machine_goes(tmp_path: Path, monkeypatch) -> None:
@@ -245,7 +255,16 @@ def test_only_urls_import_fsspec(lesson: Path) -> None:
         "import sys; from physgen.cli import main; main(sys.argv[1:]); "
         "assert not {'fsspec', 'dask', 'distributed'} & set(sys.modules)"
     )
-    command = ["render", str(lesson), "-o", str(lesson.parent / "out"), "--variant", "all", "--report", "none"]
+    command = [
+        "render",
+        str(lesson),
+        "-o",
+        str(lesson.parent / "out"),
+        "--variant",
+        "all",
+        "--report",
+        "none",
+    ]
     subprocess.run([sys.executable, "-c", code, *command], check=True, stdout=subprocess.DEVNULL)
     assert State.MADE  # the module under test is this process's
     assert run

@@ -166,6 +166,22 @@ def test_a_key_that_splits_the_clips_as_another_does_follows_it(tmp_path: Path) 
     ]
 
 
+def test_settings_of_a_refinement_that_nobody_does_are_no_keys(tmp_path: Path) -> None:
+    for k, strength in enumerate((0.3, 0.5)):
+        exhibit(tmp_path / f"{k}", document(refine={"backend": "none", "strength": strength}), name="one")
+    assert swept(clips_in([tmp_path])) == []
+    exhibit(tmp_path / "2", document(refine={"backend": "wan", "strength": 0.5}), name="one")
+    exhibit(tmp_path / "3", document(refine={"backend": "wan", "strength": 0.7}), name="one")
+    assert {key.path for key in swept(clips_in([tmp_path]))} == {"refine.backend", "refine.strength"}
+
+
+def test_a_failed_card_names_its_file_without_folders(tmp_path: Path) -> None:
+    told = "far/away/folder/pair.yaml:3:1: objects: is missing"
+    failure(tmp_path, "pair", told, path="far/away/folder/pair.yaml")
+    [clip] = clips_in([tmp_path])
+    assert clip.problems == ("pair.yaml:3:1: objects: is missing",)
+
+
 def test_scenes_of_other_things_differ_in_their_worlds_alone(tmp_path: Path) -> None:
     exhibit(tmp_path / "a", document(world__duration=2))
     exhibit(tmp_path / "b", document(objects={"cup": {"label": "cup", "mass": 3}}))

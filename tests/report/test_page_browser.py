@@ -136,6 +136,12 @@ def test_a_failed_scene_has_a_page(browser: Any, tmp_path: Path) -> None:
     with opened(browser, tmp_path / "report.html", ready=False) as seen:
         told = seen.page.inner_text("main")
         assert '"<b>heavy</b>" is not a number' in told
+        wrong = seen.page.locator(".listing .wrong")
+        assert [t.strip() for t in wrong.all_inner_texts()] == [
+            "objects: {a: {shape: auto, mass: <b>heavy</b>}}"
+        ]
+        seen.page.click(".faults a")
+        assert seen.page.evaluate("() => document.querySelector(':target').className") == "wrong"
         assert seen.errors == []
         assert [u for u in seen.asked if not u.startswith(("file:", "data:"))] == []
 

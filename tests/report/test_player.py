@@ -16,6 +16,7 @@ from pytest import approx
 from physgen import pipeline
 from physgen.report.player import player_data
 from physgen.report.templates import script_json
+from physgen.simulate.engine import simulate
 
 BOUNCE = """\
 physgen: 1
@@ -36,7 +37,9 @@ def made(path: Path, overrides: tuple[str, ...] = ()) -> SimpleNamespace:
     trajectory = pipeline.simulate(compiled.world)
     stage = pipeline.stage(scene, compiled, maps)
     shot = pipeline.shot(scene, trajectory)
-    data = player_data(scene, compiled.world, trajectory, stage, shot, "video.mp4")
+    data = player_data(
+        scene, compiled.world, trajectory, stage, shot, lambda times: simulate(compiled.world, times)
+    )
     return SimpleNamespace(
         scene=scene, world=compiled.world, run=trajectory, stage=stage, maps=maps, data=data
     )

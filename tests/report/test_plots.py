@@ -122,6 +122,52 @@ def test_bars_of_contacts_begin_when_things_touch(tmp_path: Path) -> None:
     assert abs(seconds[1] - first - bounce) < 0.008
 
 
+def crowd(count: int) -> str:
+    """Balls that fall side by side onto a floor, each from higher than the one before; the first lies on it."""
+    rows = "".join(
+        f"  b{k}: {{shape: {{circle: {{center: [{20 + 24 * k}, {92 - 3 * k}], radius: 8}}}}, velocity: [{k}, 0]}}\n"
+        for k in range(count)
+    )
+    text = DROP.replace("160", "800").replace("300", "900")
+    return (
+        text[: text.index("objects:")]
+        + f"objects:\n{rows}"
+        + text[text.index("boundaries:") : text.index("forces:")]
+    )
+
+
+def test_of_many_paths_those_that_go_farthest_have_colours(tmp_path: Path) -> None:
+    """Each ball falls farther than the one before it, and bounces as far up."""
+    root = drawn("trajectory", scene(tmp_path, crowd(12)), tmp_path / "paths.svg")
+    colours = [
+        re.search(
+            "stroke: (#[0-9a-f]+)", named(root, f"path-b{k}").findall(f".//{SVG}path")[-1].get("style")
+        )[1]
+        for k in range(1, 12)
+    ]
+    assert colours[:4] == [LIGHT.soft] * 4
+    assert sorted(colours[4:]) == sorted(LIGHT.lines)
+    root = drawn("trajectory", scene(tmp_path, crowd(12)), tmp_path / "few.svg", "--objects", "b1,b2")
+    assert not [e for e in root.iter(f"{SVG}g") if e.get("id") in ("path-b3", "path-b0")]
+    few = drawn("trajectory", scene(tmp_path, crowd(9)), tmp_path / "eight.svg")
+    assert LIGHT.soft not in named(few, "path-b1").findall(f".//{SVG}path")[-1].get("style")
+
+
+def test_of_many_pairs_each_thing_has_a_row(tmp_path: Path) -> None:
+    """Of 28 balls on a floor there are 28 pairs: 29 rows, and bars begin when each ball has fallen."""
+    path = scene(tmp_path, crowd(28))
+    root = drawn("contacts", path, tmp_path / "crowd.svg")
+    names = {element.get("id") for element in root.iter(f"{SVG}g")}
+    assert {"touch-b1", "touch-b27", "touch-floor"} <= names
+    assert not any(name and name.endswith("-floor") and name != "touch-floor" for name in names)
+    low, high = area(root)
+    begin = np.array(re.findall(r"[ML] ([-\d.e]+)", named(root, "touch-b16")[0].get("d")), float).min()
+    fallen = np.sqrt(2 * 48 / 800)
+    assert abs((begin - low[0]) / (high[0] - low[0]) - fallen) < 0.004
+    few = drawn("contacts", scene(tmp_path, crowd(20)), tmp_path / "few.svg")
+    assert {"touch-b1-floor"} <= {element.get("id") for element in few.iter(f"{SVG}g")}
+
+
 def test_frames_of_a_strip_are_those_of_the_video_pixel_for_pixel(tmp_path: Path) -> None:
     path = scene(tmp_path, DROP)
     assert main(["plot", "strip", path, "--frames", "4,11,23", "-o", str(tmp_path / "strip.png")]) == 0

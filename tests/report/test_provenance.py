@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.report.highlighted import highlighted
+from physgen.report.highlighted import highlighted, lines
 from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, StageTime
 from physgen.report.templates import template
@@ -45,6 +45,13 @@ def test_no_text_loses_a_letter(text: str) -> None:
     assert plain(text) == text
 
 
+@given(st.text(alphabet="ab1.-:#'\"[]{},\n |>&*!%@`\t~<é☃\\", max_size=60))
+def test_line_by_line_no_letter_is_lost_either(text: str) -> None:
+    bare = [html.unescape(re.sub(r"</?span[^>]*>", "", str(line))) for line in lines(text)]
+    assert bare == text.removesuffix("\n").split("\n")
+    assert all(str(line).count("<span") == str(line).count("</span>") for line in lines(text))
+
+
 def test_words_are_what_yaml_says_they_are() -> None:
     text = """\
 a: 12  # a comment: 3
@@ -69,7 +76,7 @@ def record() -> RunRecord:
     made = RunRecord(scene="lesson", command=["physgen", "render", "a b.yaml", "--set", "x=<i>"])
     made.stages = {"load": StageTime(0.5, 0.4), "render": StageTime(1.5, 2.5), "report": StageTime(9.0, 9.0)}
     made.inputs, made.seeds, made.frames = {"<b>.yaml": "ab" * 32}, {"refine": 7}, ["x", "y"]
-    made.overrides = ["x=<i>"]
+    made.overrides, made.refine = ["x=<i>", "y=2"], {"backend": "wan"}
     return made
 
 
@@ -81,7 +88,9 @@ def test_stages_fill_the_bar() -> None:
     ]
     assert found.wall == "2.00"
     assert ("seed of refine", "7") in found.facts
-    nothing = provenance(RunRecord(scene="", command=[]), "")
+    assert found.edits == ("x=<i>", "y=2")
+    nothing = provenance(RunRecord(scene="", command=[], seeds={"refine": 7}), "")
+    assert not [name for name, _ in nothing.facts if name.startswith("seed")], "nobody refined"
     assert nothing.stages == ()
     assert nothing.frames == ""
 
@@ -93,6 +102,7 @@ def test_the_page_says_what_is_needed_to_repeat_the_run() -> None:
     assert "<i>" not in page.replace('<i class="slice', "")
     assert "<b>.yaml" not in page
     words = html.unescape(re.sub(r"<[^>]*>", "", page))
+    assert words.count("set by the command") == 1
     for said in (
         "physgen render 'a b.yaml' --set 'x=<i>'",
         "# as written",

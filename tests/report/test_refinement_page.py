@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
+from pytest import approx
 
 from physgen import pipeline
 from physgen.report.changes import Changes
 from physgen.report.clips import clips_in
+from physgen.report.embedded import Film
 from physgen.report.page import report_page
+from physgen.report.perception import compared
 from physgen.report.record import RunRecord, write_json
+from physgen.report.retouched import Retouched, retouched
 
 SCENE = """\
 physgen: 1
@@ -36,13 +43,20 @@ NOTE = {
 }
 
 
-def page_of(tmp_path: Path, refine: dict | None, video: str = "video.mp4") -> str:
+def page_of(
+    tmp_path: Path, refine: dict | None, video: str = "video.mp4", shown: Retouched | None = None
+) -> str:
     (tmp_path / "scene.yaml").write_text(SCENE)
     scene = pipeline.load(tmp_path / "scene.yaml")
     record = RunRecord("scene", ["physgen"], refine=refine, unrefined=["0"] * 12)
-    return report_page(
-        scene, pipeline.compile(scene, None).world, record, np.zeros((150, 200, 3), np.uint8), video, SCENE
-    )
+    world, film = pipeline.compile(scene, None).world, Film(video, True, video)
+    first = np.zeros((150, 200, 3), np.uint8)
+    return report_page(scene, world, record, first, film, SCENE, retouched=shown)
+
+
+def pixels(uri: str) -> np.ndarray:
+    data = base64.b64decode(uri.removeprefix("data:image/webp;base64,"))
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), np.float64)
 
 
 def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
@@ -51,12 +65,23 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
     for k in range(3):
         before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + 3 * k))
         changes.add(before, after, coverage)
-    strip = {"file": "refinement.png", "size": [1600, 507]}
-    page = page_of(tmp_path, {**NOTE, "changes": changes.figures(), "strip": strip})
+    pair = compared("refined", "Refined", "", ("before", before), ("after", after))
+    shown = retouched(pair, changes.columns)
+    page = page_of(tmp_path, {**NOTE, "changes": changes.figures()}, shown=shown)
     start = page.index('<section id="refinement"')
     section = page[start : page.index("</section>", start)]
     assert page.index("</figure>") < start
-    assert 'src="refinement.png"' in section
+    assert section.count('<tr><th scope="row">') == 3
+    for time in ("0.00 s", "0.12 s", "0.25 s"):
+        assert f'<th scope="col">{time}</th>' in section
+    before, after, change = (
+        [pixels(picture).mean(axis=(0, 1)) for picture in row.pictures] for row in shown.rows
+    )
+    assert np.mean(before, axis=1) == approx([100, 101, 102], abs=1.5)
+    assert np.mean(after, axis=1) == approx([100, 103, 106], abs=1.5)
+    reddish = [red - blue for red, _, blue in change]
+    assert reddish[0] < 10 < reddish[1] < reddish[2], "brighter is warm"
+    assert f"brighter by {shown.levels}" in section
     assert "<script>alert" not in page
     for words in (
         "&lt;script&gt;alert(1)&lt;/script&gt;",

@@ -345,3 +345,11 @@ def test_no_dotted_keys(key: str) -> None:
 )
 def test_dotted_keys(key: str, parts: tuple[str | int, ...]) -> None:
     assert parse_key(key) == parts
+
+
+def test_a_part_of_a_vector_that_the_file_leaves_out_is_set_beside_its_default(scene: Path) -> None:
+    found = named(load(scene, ["objects.*.velocity.0=-30"], variant="fast"))
+    assert (found["ball"].velocity, found["crate"].velocity) == ((-30, 0), (-30, 0))
+    assert said(scene, ["world.gravity.1=100"]) == [
+        "--set world.gravity.1=100: world.gravity is not a list; write world.gravity=[...] to set all of it"
+    ]

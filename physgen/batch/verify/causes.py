@@ -17,17 +17,20 @@ UNCOMPARED = {("image",), ("assets",)}
 """Names of files: their bytes count."""
 
 
-def changed(told: Told, inputs: Mapping[str, str], document: Mapping[str, Any]) -> tuple[str, ...]:
-    """Files that were read and are not as they were, and keys of the resolved scene, with what they were and are."""
-    files = []
+def files(told: Told, inputs: Mapping[str, str]) -> tuple[str, ...]:
+    """Files that were read and are not as they were; `inputs` as `report.record.inputs` tells them now."""
+    found = []
     for name, digest in told.inputs.items():
         if name not in inputs:
-            files.append(f"{name} is not read any more")
+            found.append(f"{name} is not read any more")
         elif inputs[name] != digest:
-            files.append(f"{name} has changed")
-    files += [f"{name} is new" for name in inputs if name not in told.inputs]
-    now = json.loads(json_text(document))
-    return (*files, *_keys(told.document, now, ()))
+            found.append(f"{name} has changed")
+    return (*found, *(f"{name} is new" for name in inputs if name not in told.inputs))
+
+
+def values(told: Told, document: Mapping[str, Any]) -> tuple[str, ...]:
+    """Keys of the resolved scene, with what they are and were."""
+    return tuple(_keys(told.document, json.loads(json_text(document)), ()))
 
 
 def _keys(then: Any, now: Any, path: tuple[str, ...]) -> Iterator[str]:

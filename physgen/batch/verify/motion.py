@@ -55,15 +55,15 @@ class Motion:
     """How two motions differ."""
 
     sample: int
-    """The first that differs."""
+    """The first that differs by more than rounding; where none does, the first that differs at all."""
     time: float
     """s."""
     objects: tuple[Apart, ...] = ()
     """Those that differ there, the farthest first; empty where the old motion is not known."""
     most_px: Farthest | None = None
     most_rad: Farthest | None = None
-    beyond: tuple[int, float, tuple[str, ...]] | None = None
-    """Where the first differs by rounding alone: the first sample that differs by more, its time, and the objects."""
+    rounding: tuple[int, float, tuple[str, ...]] | None = None
+    """Before that: the first sample that differs by rounding, its time, and the objects."""
     gone: tuple[str, ...] = ()
     """Objects that are there no more."""
     new: tuple[str, ...] = ()
@@ -79,7 +79,14 @@ def stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
     """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
     try:
         trajectory = read_trajectory(path)
-        return trajectory if trajectory.sample_hashes() == list(samples) else None
+        count, bodies = len(trajectory.times), len(trajectory.names)
+        whole = (
+            trajectory.poses.shape == trajectory.velocities.shape == (count, bodies, 3)
+            and trajectory.turns.shape in ((count, 0, 4), (count, bodies, 4))
+            and {a.dtype for a in (trajectory.poses, trajectory.velocities, trajectory.turns)}
+            == {np.dtype(float)}
+        )
+        return trajectory if whole and trajectory.sample_hashes() == list(samples) else None
     except (
         OSError,
         ValueError,
@@ -118,7 +125,13 @@ def apart(samples: Sequence[str], then: Trajectory | None, now: Trajectory) -> M
         return Motion(
             at, _time(now, at), gone=gone, new=new, samples=counts, retimed=at >= table.count < min(counts)
         )
-    row = int(rows[0])
+    row, early = int(rows[0]), None
+    large = table.largest >= ROUNDING
+    if large.any():
+        first_large = int(np.flatnonzero(large.any(axis=1))[0])
+        if first_large > row:
+            early = row, _time(now, row), tuple(shared[k] for k in np.flatnonzero(differs[row]))
+        row, differs = first_large, large
     objects = [table.apart(row, int(k)) for k in np.flatnonzero(differs[row])]
     objects.sort(key=lambda item: (-item.px, -item.rad, -item.px_s, -item.rad_s, -item.turned, item.object))
     return Motion(
@@ -127,23 +140,12 @@ def apart(samples: Sequence[str], then: Trajectory | None, now: Trajectory) -> M
         objects=tuple(objects),
         most_px=table.farthest(table.px),
         most_rad=table.farthest(table.rad),
-        beyond=_beyond(table, row, objects),
+        rounding=early,
         gone=gone,
         new=new,
         samples=counts,
         retimed=table.count < min(counts),
     )
-
-
-def _beyond(table: _Table, row: int, objects: Sequence[Apart]) -> tuple[int, float, tuple[str, ...]] | None:
-    if not all(item.rounding for item in objects):
-        return None
-    large = table.largest >= ROUNDING
-    rows = np.flatnonzero(large.any(axis=1))
-    if not len(rows):
-        return None
-    first = int(rows[0])
-    return first, table.time(first), tuple(table.names[k] for k in np.flatnonzero(large[first]))
 
 
 def _time(trajectory: Trajectory, sample: int) -> float:

@@ -1,9 +1,9 @@
 """Frames that are drawn now, and a clip's hashes and films -> the first frame that differs, how many pixels, how far.
 
 A run keeps a hash of each frame, and the frames themselves only as PNG. Any other film has lost something of them, so
-the new frames are made into such a film, too, and the two are compared as they are decoded. What an
-encoder makes of a frame depends on the frames around it: those that are alike come out a little differently where
-others differ. By how much is measured on them, and of the frames that differ only what is beyond that is told.
+the new frames are made into such a film, too, and the two are compared as they are decoded. What an encoder makes of a
+frame depends on the frames around it, so frames that are alike may come out a little differently: what is less than the
+film loses of its own frames says nothing.
 """
 
 from __future__ import annotations
@@ -28,10 +28,6 @@ Draw = Callable[[], Iterator["Frame"]]
 """Draws the clip from its first frame on."""
 Progress = Callable[[str, int, int], None]
 
-LOSS = 24
-"""Grey levels: where every frame differs, what a film is taken to lose by itself; `video.mp4` of the bundled break lost
-18 to 25 in frames that were alike."""
-
 
 @dataclass(frozen=True)
 class Differing:
@@ -51,7 +47,7 @@ class Amount:
 
     frame: int
     pixels: int
-    """Those of which a channel differs by more grey levels than the film loses by itself."""
+    """Those of which a channel differs by more grey levels than the film may lose."""
     levels: int
     """Of 255: the most that a channel of a pixel differs by."""
 
@@ -65,7 +61,7 @@ class Measured:
     film: str
     """What it was measured in: `video.mp4` ...; empty where that loses nothing."""
     loss: int
-    """Grey levels that the film loses by itself: less says nothing."""
+    """Grey levels: the most that the film loses of its own frames; less says nothing."""
 
 
 def differing(frames: Iterator[Frame], hashes: Sequence[str], total: int, progress: Progress) -> Differing:
@@ -108,20 +104,21 @@ def measured(
     from physgen.report.video import Format, open_video
 
     if kind is Format.PNG:
-        old = (next(shown_in(film / f"{k:05d}.png")).rgb if k in differ else None for k in range(total))
-        return exactly(draw(), old, differ, total, progress)
+        stored = (next(shown_in(film / f"{k:05d}.png")).rgb if k in differ else None for k in range(total))
+        return exactly(draw(), stored, differ, total, progress)
+    counts, loss = {}, 0
     with tempfile.TemporaryDirectory(prefix="physgen-") as folder:
         with open_video(Path(folder), kind, size, fps) as write:
             for k, frame in enumerate(draw()):
                 write(frame.rgb)
                 progress("compare", k + 1, total)
-        both = zip(shown_in(film), shown_in(Path(folder) / kind.file), strict=False)
-        counts = {k: levels(k, old.rgb, new.rgb) for k, (old, new) in enumerate(both)}
-    alike = [int(np.flatnonzero(count).max()) for k, count in counts.items() if k not in differ]
-    loss = max(alike, default=LOSS)
-    return Measured(
-        tuple(_amount(k, counts[k], loss) for k in sorted(differ & counts.keys())), film.name, loss
-    )
+        films = zip(shown_in(film), shown_in(Path(folder) / kind.file), draw(), strict=False)
+        for k, (old, new, frame) in enumerate(films):
+            height, width = frame.rgb.shape[:2]  # a film may have a row and a column more
+            loss = max(loss, int(np.flatnonzero(levels(k, new.rgb[:height, :width], frame.rgb)).max()))
+            if k in differ:
+                counts[k] = levels(k, old.rgb, new.rgb)
+    return Measured(tuple(_amount(k, count, loss) for k, count in counts.items()), film.name, loss)
 
 
 def exactly(

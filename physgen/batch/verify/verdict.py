@@ -24,6 +24,14 @@ class Outcome(Enum):
     """It could not be rendered again."""
 
 
+class Recorded(Enum):
+    """What the scene gives as the manifest has it, with every value as it was then."""
+
+    SAME = "the scene as the manifest has it still gives that clip"
+    OTHER = "nor does the scene as the manifest has it give that clip"
+    UNREAD = "the scene as the manifest has it cannot be read any more"
+
+
 class Why(Enum):
     """What frames differ by."""
 
@@ -82,6 +90,8 @@ class Verdict:
     """Output files that are not as they were written."""
     motion: Motion | None = None
     pictures: Frames | None = None
+    recorded: Recorded | None = None
+    """Where the scene has changed and the clip differs."""
     notes: tuple[str, ...] = ()
     problems: tuple[Problem, ...] = ()
     """Why it could not be rendered."""
@@ -108,6 +118,7 @@ class Verdict:
             if not (self.changed or self.elsewhere):
                 cause = "nothing that it reads has changed, nor have versions or the machine"
             parts += [cause] if cause else []
+        parts += [self.recorded.value] if self.recorded else []
         parts += self.notes
         return f"{self.clip}: {self.outcome.value}: {'; '.join(parts)}"
 
@@ -126,6 +137,7 @@ class Verdict:
             "pictures": None
             if self.pictures is None
             else {**asdict(self.pictures), "why": self.pictures.why.name.lower()},
+            "recorded": None if self.recorded is None else self.recorded.name.lower(),
             "notes": self.notes,
             "problems": [problem.as_dict() for problem in self.problems],
         }
@@ -155,9 +167,9 @@ def _of_motion(motion: Motion) -> Iterable[str]:
         yield where
     if motion.retimed:
         yield "samples are at other times now"
-    if motion.beyond is not None:
-        sample, time, names = motion.beyond
-        yield f"by more than rounding from sample {sample} ({time:.3g} s): {_some(names)}"
+    if motion.rounding is not None:
+        sample, time, names = motion.rounding
+        yield f"by rounding from sample {sample} ({time:.3g} s): {_some(names)}"
 
 
 def _of_frames(frames: Frames) -> Iterable[str]:
@@ -171,8 +183,9 @@ def _of_frames(frames: Frames) -> Iterable[str]:
     how = ""
     if frames.first is not None:
         how = f": {f'in {frames.film} ' if frames.film else ''}{_much(frames.first, frames.loss)}"
-        if frames.most is not None and frames.most.frame != frames.first.frame:
-            how += f", {_much(frames.most, frames.loss)} in frame {frames.most.frame}"
+        most = frames.most
+        if most is not None and most.frame != frames.first.frame and most.levels > frames.loss:
+            how += f", {_much(most, frames.loss)} in frame {most.frame}"
         how += f" (beyond the {frames.loss} that it may lose)" if frames.loss else ""
     elif frames.unmeasured:
         how = f", how much cannot be told: {frames.unmeasured}"

@@ -37,6 +37,8 @@ FAINT = 0.38
 """Of the photo, that is left under the paths."""
 MOVES = 2.0
 """px: what moves less is no path."""
+LOUD = 7
+"""Paths in colours of their own where nobody has chosen: those that go farthest. The others stand back."""
 MARKS = 8
 """About so many marks of time on a path."""
 
@@ -53,22 +55,27 @@ def trajectory_figure(
 ) -> Figure:
     """`objects` by name, else those that move; `curves` of CURVES; `photo` (H, W, 3) sRGB lies faintly below."""
     shown = chosen(world, trajectory, objects)
+    back = [] if objects else quiet(trajectory, shown)
+    shown = [body for body in shown if body not in back]
     of, width = units(scene, look), look.inches(WIDTH)
     right = RIGHT if of.beside else ALONE
     above = RIGHT - 0.1 if of.beside else ALONE
     wide, tall = world.size
     room = width - LEFT - right
     high = min(room * tall / wide, MOST_TALL * room)
-    rows, columns = ceil(len(curves) / 2), max(1, min(len(shown), int((width - LEFT) / ENTRY)))
-    legend = LINE * ceil(len(shown) / columns) + 0.1 if shown else 0.0
+    rows, entries = ceil(len(curves) / 2), len(shown) + bool(back)
+    columns = max(1, min(entries, int((width - LEFT) / ENTRY)))
+    legend = LINE * ceil(entries / columns) + 0.1 if shown else 0.0
     with drawing(look):
         total = above + high + BELOW + rows * PANEL + legend
         figure = paper(look, width, total)
         shrunk = high * wide / tall  # where a tall photo would take a page
         axes = add_axes(figure, LEFT + (room - shrunk) / 2, total - above - high, shrunk, high)
-        every = _map(axes, world, trajectory, photo, shown, of, look)
+        every = _map(axes, world, trajectory, photo, shown, back, of, look)
         if shown:
             handles, labels = axes.get_legend_handles_labels()
+            if back:  # those that stand back come last here, too
+                handles, labels = handles[1:] + handles[:1], labels[1:] + labels[:1]
             figure.legend(
                 _across(handles, columns),
                 _across(labels, columns),
@@ -84,7 +91,7 @@ def trajectory_figure(
         for k, curve in enumerate(curves):
             at = LEFT + (k % 2) * (half + LEFT + right), (rows - 1 - k // 2) * PANEL + BELOW
             panel = add_axes(figure, *at, half, PANEL - BELOW - 0.12)
-            _curve(panel, curve, world, trajectory, shown, of, look)
+            _curve(panel, curve, world, trajectory, shown, back, of, look)
         return figure
 
 
@@ -104,12 +111,23 @@ def chosen(world: World, trajectory: Trajectory, objects: Sequence[str]) -> list
     return np.flatnonzero(way > MOVES).tolist()
 
 
+def quiet(trajectory: Trajectory, shown: Sequence[int]) -> list[int]:
+    """Of those shown, all but the LOUD that go farthest; none where that leaves but one."""
+    if len(shown) <= LOUD + 1:
+        return []
+    steps = np.diff(trajectory.poses[:, list(shown), :2], axis=0)
+    way = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=0)
+    far = {shown[k] for k in np.argsort(-way, kind="stable")[:LOUD].tolist()}
+    return [body for body in shown if body not in far]
+
+
 def _map(
     axes: Axes,
     world: World,
     trajectory: Trajectory,
     photo: U8 | None,
     shown: Sequence[int],
+    back: Sequence[int],
     of: Units,
     look: Look,
 ) -> float:
@@ -131,6 +149,19 @@ def _map(
     every = nearest_round(duration / MARKS) if duration > 0 else 1.0
     marks = np.arange(0, duration + 1e-9, every)
     halo = _halo(look)
+    for n, body in enumerate(back):
+        path = trajectory.poses[:, body, :2] / unit
+        label = f"{len(back)} others" if n == 0 else None
+        axes.plot(
+            *path.T,
+            color=colours.soft,
+            linewidth=0.5,
+            alpha=0.7,
+            label=label,
+            zorder=2.5,
+            gid=_named("path", trajectory, body),
+        )
+        _end(axes, world, trajectory, body, unit, color=colours.soft, linewidth=0.4, alpha=0.7, zorder=2)
     for k, body in enumerate(shown):
         colour, dashes = stroke(k, colours)
         path = trajectory.poses[:, body, :2] / unit
@@ -141,14 +172,11 @@ def _map(
             label=trajectory.names[body],
             path_effects=halo,
             zorder=3,
-            gid=f"path-{trajectory.names[body]}",
+            gid=_named("path", trajectory, body),
         )
         at = np.stack([np.interp(marks, trajectory.times, column) for column in path.T])
         axes.scatter(at[0], at[1], s=6, color=colour, edgecolors=colours.paper, linewidths=0.35, zorder=4)
-        x, y, angle = trajectory.poses[-1, body]
-        for ring in world.bodies[body].rings:
-            closed = np.concatenate([ring, ring[:1]]) @ rotation(float(angle)).T + (x, y)
-            axes.plot(*(closed / unit).T, color=colour, linewidth=0.6, path_effects=halo, zorder=2)
+        _end(axes, world, trajectory, body, unit, color=colour, linewidth=0.6, path_effects=halo, zorder=2.7)
     axes.set_xlim(-0.5 / unit, (wide - 0.5) / unit)
     axes.set_ylim((tall - 0.5) / unit, -0.5 / unit)
     axes.set_aspect("equal")
@@ -160,19 +188,39 @@ def _map(
     return every
 
 
+def _named(what: str, trajectory: Trajectory, body: int) -> str:
+    return f"{what}-{trajectory.names[body]}"
+
+
+def _end(axes: Axes, world: World, trajectory: Trajectory, body: int, unit: float, **how: Any) -> None:
+    """Its shape where it ends."""
+    x, y, angle = trajectory.poses[-1, body]
+    for ring in world.bodies[body].rings:
+        closed = np.concatenate([ring, ring[:1]]) @ rotation(float(angle)).T + (x, y)
+        axes.plot(*(closed / unit).T, **how)
+
+
 def _curve(
-    axes: Axes, curve: str, world: World, trajectory: Trajectory, shown: Sequence[int], of: Units, look: Look
+    axes: Axes,
+    curve: str,
+    world: World,
+    trajectory: Trajectory,
+    shown: Sequence[int],
+    back: Sequence[int],
+    of: Units,
+    look: Look,
 ) -> None:
     values, axis, name = _values(curve, world, trajectory, of)
-    for k, body in enumerate(shown):
-        colour, dashes = stroke(k, look.palette)
+    strokes = [(body, look.palette.soft, "-", 0.45) for body in back]
+    strokes += [(body, *stroke(k, look.palette), 0.9) for k, body in enumerate(shown)]
+    for body, colour, dashes, width in strokes:
         axes.plot(
             trajectory.times,
             values[:, body] / axis.size,
             color=colour,
             linestyle=dashes,
-            linewidth=0.9,
-            gid=f"{curve}-{trajectory.names[body]}",
+            linewidth=width,
+            gid=_named(curve, trajectory, body),
         )
     if curve == "y":
         axes.invert_yaxis()  # as in the photo, +y is down

@@ -1,6 +1,7 @@
 """World and trajectory -> who touches whom and when, as bars over time, with blows as circles.
 
-A circle's area tells its impulse, as that of a ring does in the overlays.
+A circle's area tells its impulse, as that of a ring does in the overlays. Each two that touch have a row; where there
+are too many, each thing has one, and a line joins the two that a blow strikes.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ WIDTH = 150.0
 """mm."""
 ROW = 0.145
 """Inches of a pair's row."""
+MOST_PAIRS = 24
+"""Rows of pairs; of more, things have theirs."""
 MOST_ROWS = 48
 LARGEST = 90.0
 """Square points: the strongest blow's circle."""
@@ -46,6 +49,19 @@ class Row:
     blows: list[Blow]
     impulse: float
     """g·px/s, of all blows."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """What is drawn at one height."""
+
+    label: str
+    name: str
+    """Of its bars, for programs."""
+    times: Array
+    """(K, 2) s."""
+    wall: bool
+    """A boundary has part in it."""
 
 
 def rows(trajectory: Trajectory, blows: Sequence[Blow], objects: Sequence[str] = ()) -> list[Row]:
@@ -78,33 +94,45 @@ def contacts_figure(
 ) -> Figure:
     """`trajectory` and `blows` as `render.touches` finds them."""
     found = rows(trajectory, blows, objects)
-    left_out = 0
-    if len(found) > MOST_ROWS:  # the strongest of them, in the order of time as before
-        least = sorted((row.impulse for row in found), reverse=True)[MOST_ROWS - 1]
-        strong = [row for row in found if row.impulse >= least][:MOST_ROWS]
-        left_out, found = len(found) - len(strong), strong
     names, N = trajectory.contacts.surfaces, len(world.bodies)
+    crowded = len(found) > MOST_PAIRS
+    if crowded:
+        lines, heights = _things(found, names, N)
+        struck = [
+            (blow, [heights[k] for k in row.pair if k in heights]) for row in found for blow in row.blows
+        ]
+    else:
+        lines = [_pair(row, names, N) for row in found]
+        struck = [(blow, [k]) for k, row in enumerate(found) for blow in row.blows]
+    shown = {k for row in found for k in row.pair}
+    left_out = len(shown) - len(lines) if crowded else 0
     end = float(trajectory.times[-1]) if len(trajectory.times) > 1 else 1.0
     colours = look.palette
     with drawing(look):
-        figure = paper(look, look.inches(WIDTH), 0.82 + ROW * max(len(found), 2))
+        figure = paper(look, look.inches(WIDTH), 0.82 + ROW * max(len(lines), 2))
         figure.set_layout_engine("constrained", w_pad=0.05, h_pad=0.05)
         axes = figure.add_subplot()
         axes.patch.set_gid("area")
-        for k, row in enumerate(found):
-            wall = max(row.pair) >= N
-            spans = [(begin, max(stop - begin, BRIEF * end)) for begin, stop in row.times.tolist()]
+        for k, line in enumerate(lines):
             axes.broken_barh(
-                spans,
+                [(begin, max(stop - begin, BRIEF * end)) for begin, stop in line.times.tolist()],
                 (k - 0.3, 0.6),
-                color=look.pale(colours.soft if wall else colours.blue),
+                color=look.pale(colours.soft if line.wall else colours.blue),
                 linewidth=0,
-                gid=f"touch-{names[row.pair[0]]}-{names[row.pair[1]]}",
+                gid=f"touch-{line.name}",
             )
-        strongest = max((blow.impulse for row in found for blow in row.blows), default=0.0)
-        points = [(blow.time, k, blow.impulse) for k, row in enumerate(found) for blow in row.blows]
-        if points:
-            t, k, impulse = np.array(sorted(points, key=lambda p: -p[2])).T
+        strongest = max((blow.impulse for blow, _ in struck), default=0.0)
+        for blow, at in struck:
+            if len(at) == 2:
+                axes.vlines(
+                    blow.time, min(at), max(at), color=colours.orange, linewidth=0.5, alpha=0.7, zorder=2
+                )
+        largest: dict[tuple[float, int], tuple[float, int, float]] = {}
+        for blow, at in sorted(struck, key=lambda pair: pair[0].impulse):
+            for k in at:  # of blows that one thing gets at once from several, the largest
+                largest[round(blow.time, 6), k] = (blow.time, k, blow.impulse)
+        if largest:
+            t, k, impulse = np.array(sorted(largest.values(), key=lambda p: -p[2])).T
             axes.scatter(
                 t,
                 k,
@@ -116,24 +144,53 @@ def contacts_figure(
                 clip_on=False,
                 gid="blows",
             )
-        axes.set_ylim(len(found) - 0.4 if found else 1, -0.6)
-        labels = [f"{names[row.pair[0]]} – {names[row.pair[1]]}" for row in found]
-        axes.set_yticks(range(len(found)), labels, fontsize=SMALL - 0.3)
+        axes.set_ylim(len(lines) - 0.4 if lines else 1, -0.6)
+        axes.set_yticks(range(len(lines)), [line.label for line in lines], fontsize=SMALL - 0.3)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
         axes.set_axisbelow(True)
-        axes.hlines(np.arange(len(found)), 0, end, color=colours.faint, linewidth=0.4, zorder=0)
+        axes.hlines(np.arange(len(lines)), 0, end, color=colours.faint, linewidth=0.4, zorder=0)
         axes.set_xlim(0, end)
         axes.locator_params(axis="x", nbins=8)
-        axes.set_xlabel("time (s)" + (f"; {left_out} more pairs with weaker blows" if left_out else ""))
-        _key(figure, scene, look, strongest, {max(row.pair) >= N for row in found})
-        if not found:
+        axes.set_xlabel("time (s)" + (f"; {left_out} more with weaker blows" if left_out else ""))
+        bars = ("touches something", "boundary") if crowded else ("two objects touch", "object and boundary")
+        _key(
+            figure,
+            scene,
+            look,
+            strongest,
+            dict(zip(bars, (False, True), strict=True)),
+            {x.wall for x in lines},
+        )
+        if not lines:
             axes.text(0.5, 0.5, "nothing touches", transform=axes.transAxes, ha="center", va="center")
         figure.draw_without_rendering()
         return figure
 
 
-def _key(figure: Figure, scene: Scene, look: Look, strongest: float, walls: set[bool]) -> None:
+def _pair(row: Row, names: Sequence[str], count: int) -> Line:
+    first, second = (names[k] for k in row.pair)
+    return Line(f"{first} – {second}", f"{first}-{second}", row.times, max(row.pair) >= count)
+
+
+def _things(found: Sequence[Row], names: Sequence[str], count: int) -> tuple[list[Line], dict[int, int]]:
+    """A line for each thing that touches any, by when it first does, boundaries last; and surface -> height."""
+    times: dict[int, list[Array]] = {}
+    impulse: dict[int, float] = {}
+    for row in found:
+        for k in row.pair:
+            times.setdefault(k, []).append(row.times)
+            impulse[k] = impulse.get(k, 0.0) + row.impulse
+    strong = sorted(times, key=lambda k: -impulse[k])[:MOST_ROWS]
+    moment = {k: min(float(spans[:, 0].min()) for spans in times[k]) for k in strong}
+    order = sorted(strong, key=lambda k: (k >= count, moment[k], k))
+    lines = [Line(names[k], names[k], np.concatenate(times[k]), k >= count) for k in order]
+    return lines, {k: height for height, k in enumerate(order)}
+
+
+def _key(
+    figure: Figure, scene: Scene, look: Look, strongest: float, bars: dict[str, bool], walls: set[bool]
+) -> None:
     """What bars and circles mean."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -141,10 +198,7 @@ def _key(figure: Figure, scene: Scene, look: Look, strongest: float, walls: set[
     colours, of = look.palette, units(scene, look)
     handles: list[Any] = [
         Patch(color=look.pale(colour), linewidth=0, label=name)
-        for name, colour, wall in (
-            ("two objects touch", colours.blue, False),
-            ("object and boundary", colours.soft, True),
-        )
+        for (name, wall), colour in zip(bars.items(), (colours.blue, colours.soft), strict=True)
         if wall in walls
     ]
     per = 1.0 if of.meter is None else IMPULSE.per(of.meter)

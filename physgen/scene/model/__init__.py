@@ -127,6 +127,8 @@ class Light:
     ambient: float
     softness: float
     """degrees: half its width as the objects see it."""
+    provenance: str = ""
+    """`from`: who found its direction and how sure; empty where nobody says."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,136 @@
+"""`sweep`: a scene and what varies in it to a folder of clips and a table of what became of each."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import deque
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.cli.printing import OK, print_line, tell, tell_one, tell_problems
+from physgen.cli.rendering import job_maker, make_all, quick
+from physgen.problems import InputError, Place, Problem
+from physgen.scene.words import listed, nearest
+
+if TYPE_CHECKING:
+    from physgen.batch.pool import Job
+    from physgen.batch.sweep import Point, Sweep
+    from physgen.batch.trial import Trial
+
+MOST_TRACKED = 32
+"""Objects with outcomes of their own, unless they are named: seven columns each."""
+
+
+def sweep(options: argparse.Namespace) -> int:
+    from physgen.batch.axes import read_axes
+    from physgen.batch.sweep import Design, planned
+    from physgen.batch.trial import tried
+    from physgen.pipeline import scene_file
+    from physgen.scene.build import Opened
+
+    _scene_first(options)
+    design = Design.LATIN if options.latin else Design.INDEPENDENT
+    axes = read_axes(options.axes)
+    opened = Opened(scene_file(options.scene), options.allow_outside)
+    variants = _variants(opened.variants, options)
+    plan = planned(axes, variants, options.samples, options.seed, design)
+    trial = tried(plan, opened, options.set)
+    tell_problems(trial.warnings)
+    return _listed(plan, options) if options.dry_run else _made(plan, trial, options)
+
+
+def _scene_first(options: argparse.Namespace) -> None:
+    """`sweep KEY=VALUES scene.yaml` is understood, and told."""
+    if "=" in options.scene and not Path(options.scene).exists():
+        fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
+        raise InputError.of(options.scene, "", "is no scene file", fix)
+
+
+def _variants(known: Sequence[str], options: argparse.Namespace) -> list[str | None]:
+    return [None, *known] if options.variant == "all" else [options.variant]
+
+
+def _listed(plan: Sweep, options: argparse.Namespace) -> int:
+    """All clips with their values on stdout; nothing is made."""
+    import csv
+
+    from physgen.batch.columns import cell
+
+    rows = csv.writer(sys.stdout, lineterminator="\n")
+    if not options.json:
+        rows.writerow(["number", "name", "variant", *(axis.key for axis in plan.axes)])
+    for point in plan:
+        if options.json:
+            told = {"number": point.number, "name": point.name, "variant": point.variant}
+            print_line(json.dumps({**told, "set": point.overrides}, ensure_ascii=False))
+        else:
+            cells = [cell(value, axis.kind) for value, axis in zip(point.values, plan.axes, strict=True)]
+            rows.writerow([point.number, point.name, point.variant or "", *cells])
+    return OK
+
+
+def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
+    from physgen import pipeline
+    from physgen.batch import asked
+    from physgen.batch.outcomes import columns
+    from physgen.batch.rows import row
+    from physgen.batch.table import HINT, Table, has_parquet
+
+    variant = None if len(plan.variants) > 1 else plan.variants[0]
+    out = Path(options.output or Path("out", f"{pipeline.output_name(options.scene, variant)}-sweep"))
+    options.output = str(out)
+    tracked = _tracked(trial, options.track)
+    make = job_maker(options)
+    table = asked.all_columns(plan, columns(tracked))
+    told = asked.asked(
+        plan,
+        Path(options.scene),
+        out,
+        set=options.set,
+        preview=options.preview,
+        formats=options.format,
+        command=options.command_line,
+        units={column.name: column.unit for column in table if column.unit},
+    )
+    for warning in asked.begun(out, told, plan):
+        tell_one(warning)
+    if not has_parquet():
+        tell(HINT)
+    with Table(out / "sweep", table) as rows:
+        under_way: deque[Point] = deque()  # they end in the order in which they are begun
+
+        looks = {v: quick(options.scene, v, options) if options.preview else () for v in plan.variants}
+
+        def jobs() -> Iterator[Job]:
+            for point in plan:
+                under_way.append(point)
+                further = (*looks[point.variant], *point.overrides)
+                yield make(options.scene, point.variant, further, point.name, tracked)
+
+        def beside() -> Sequence[Path]:
+            return rows.publish() if rows.count == len(plan) else ()
+
+        return make_all(
+            jobs(),
+            len(plan),
+            options,
+            heard=lambda done: rows.add(row(plan, under_way.popleft(), done)),
+            beside=beside,
+        )
+
+
+def _tracked(trial: Trial, said: list[str] | None) -> tuple[str, ...]:
+    if said is None:
+        return trial.objects if len(trial.objects) <= MOST_TRACKED else ()
+    problems = []
+    for name in said:
+        if name not in trial.objects:
+            close = nearest(name, trial.objects)
+            fix = f'did you mean "{close}"?' if close else f"write any of {listed(trial.objects[:30])}"
+            problems.append(Problem(Place("--track"), "", f'"{name}"', "is no object that can move", fix))
+    if problems:
+        raise InputError(problems)
+    return tuple(said)

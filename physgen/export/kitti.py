@@ -1,0 +1,48 @@
+"""Views -> KITTI's optical flow (Menze and Geiger, CVPR 2015; devkit of stereo and flow 2015): 16-bit PNG.
+
+R = 64 u + 2^15, G = 64 v + 2^15, rounded; B = 1 where the pixel counts. `flow_occ/000000_10.png`: all pixels, from
+frame 0 to 1; `flow_noc/`: those that are seen in the other frame.
+`backward/` has both from each frame to the one before.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.export.motion import Flow, Moment
+from physgen.export.pictures import save
+from physgen.export.truth import Clip
+
+U16 = NDArray[np.uint16]
+STEPS, ZERO = 64, 2**15
+
+
+class Kitti:
+    """Flow beyond 512 px cannot be told, and does not count."""
+
+    def __init__(self, folder: Path, clip: Clip) -> None:
+        self._folder = folder
+        for way in (folder, folder / "backward"):
+            for kind in ("flow_occ", "flow_noc"):
+                (way / kind).mkdir(parents=True)
+
+    def add(self, moment: Moment) -> None:
+        """Two files a pair of views and direction."""
+        for home, flow in ((self._folder, moment.forward), (self._folder / "backward", moment.backward)):
+            if flow is not None:
+                name, every = f"{moment.view.index:06d}_10.png", encoded(flow)
+                save(home / "flow_occ" / name, every)
+                save(home / "flow_noc" / name, np.where(flow.visible[..., None], every, np.uint16(0)))
+
+    def close(self) -> None:
+        """Nothing is left to be said."""
+
+
+def encoded(flow: Flow) -> U16:
+    """(H, W, 3): u, v, and whether they fit."""
+    codes = np.rint(flow.moved * np.float32(STEPS)) + np.float32(ZERO)
+    fits = ((codes >= 0) & (codes < 2**16)).all(axis=-1)
+    return np.dstack([np.where(fits[..., None], codes, 0), fits]).astype(np.uint16)

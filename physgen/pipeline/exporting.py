@@ -1,0 +1,135 @@
+"""A scene's frames as they are drawn -> its ground truth, in the same pass: no frame is drawn twice."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.pipeline.filming import Filming
+from physgen.pipeline.watch import Progress
+
+if TYPE_CHECKING:
+    from physgen.export.motion import Moment
+    from physgen.export.truth import Clip
+    from physgen.export.writing import Kind, Writer
+    from physgen.percepts.maps import Percepts
+    from physgen.render.stage import Frame
+    from physgen.report.record import RunRecord
+    from physgen.simulate.trajectory import Trajectory
+
+Tapped = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
+"""Hands the very same frames on."""
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What is to be told of a clip."""
+
+    kinds: Sequence[Kind]
+    maps: Percepts | None
+    """Of the photo, where a format asks for them."""
+
+    @classmethod
+    def of(cls, formats: Sequence[str], maps: Percepts | None) -> Labels:
+        """Raises InputError where a format is none."""
+        if not formats:
+            return cls((), None)
+        from physgen.export.writing import kinds
+
+        chosen = kinds(formats)
+        return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
+
+    @contextmanager
+    def exported(
+        self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord
+    ) -> Iterator[Tapped]:
+        """Formats into `folder`, of the frames that go through the tap; whole when the block ends."""
+        if not self.kinds:
+            yield lambda frames: frames
+            return
+        from physgen.export.truth import Clip
+        from physgen.export.writing import written
+
+        shot = filming.shot(trajectory)
+        scene = filming.scene
+        clip = Clip(
+            scene.name,
+            scene,
+            filming.compiled.world,
+            trajectory,
+            self.maps,
+            scene.video_size,
+            scene.render.fps,
+            len(shot.order),
+            record.inputs,
+        )
+        with written(self.kinds, folder, clip) as writers:
+            tap = Tap(filming, trajectory, writers, clip, record)
+            yield tap
+            with record.stage("export"):
+                tap.finish()
+
+    def of_frames(
+        self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord, progress: Progress
+    ) -> None:
+        """Formats into `folder`, of frames that are drawn for nothing else."""
+        if not self.kinds:
+            return
+        count = len(filming.shot(trajectory).order)
+        with self.exported(filming, trajectory, folder, record) as tap:
+            for index, _ in enumerate(tap(filming.frames(trajectory))):
+                progress("export", index + 1, count)
+
+
+class Tap:
+    """Hands frames on, and what is true of each to the writers, one frame later."""
+
+    def __init__(
+        self,
+        filming: Filming,
+        trajectory: Trajectory,
+        writers: Sequence[Writer],
+        clip: Clip,
+        record: RunRecord,
+    ) -> None:
+        from physgen.export.motion import Line
+
+        self._filming, self._trajectory, self._record = filming, trajectory, record
+        self._writers, self._line = writers, Line(clip.world)
+
+    def __call__(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        """The very same frames."""
+        from physgen.export.truth import Eye
+
+        fine, parts = self._filming.exposed(self._trajectory)
+        shot = self._filming.shot(self._trajectory)
+        samples = [sample * parts + parts - 1 for sample in shot.order]
+        eye = None
+        for frame in frames:
+            wall, cpu = time.perf_counter(), time.thread_time()
+            eye = eye or Eye(self._filming.stage, fine, samples, shot)
+            self._put(self._line.put(eye.seen(frame)))
+            self._took(time.perf_counter() - wall, time.thread_time() - cpu)
+            yield frame
+
+    def finish(self) -> None:
+        """The last frame was handed on."""
+        self._put(self._line.end())
+
+    def _took(self, wall: float, cpu: float) -> None:
+        """Whoever asks for a frame counts this as drawing, which it is not."""
+        from physgen.report.record import StageTime
+
+        for stage, sign in (("export", 1), ("render", -1)):
+            times = self._record.stages.setdefault(stage, StageTime())
+            times.wall += sign * wall
+            times.cpu += sign * cpu
+
+    def _put(self, moment: Moment | None) -> None:
+        if moment is not None:
+            for writer in self._writers:
+                writer.add(moment)

@@ -1,0 +1,246 @@
+"""Arguments of a sweep: what they mean, how they are split, and what is told where they are wrong."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shlex
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from physgen.batch.axes import Drawn, Listed, read_axes
+from physgen.batch.columns import Kind
+from physgen.batch.sweep import Design, planned
+from physgen.problems import InputError
+
+
+def values(argument: str) -> list[Any]:
+    [axis] = read_axes([argument])
+    assert isinstance(axis, Listed)
+    return [axis.at(k).data for k in range(len(axis))]
+
+
+def said(*arguments: str, **others: Any) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        planned(read_axes(arguments), **others)
+    return [str(problem) for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("-100:-900:9", [-100, -200, -300, -400, -500, -600, -700, -800, -900]),
+        ("0:1:11", [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1]),  # no 0.30000000000000004
+        ("1:1000:4:log", [1, 10, 100, 1000]),
+        ("-1e3:-10:3:log", [-1000, -100, -10]),
+        ("0.2,0.9", [0.2, 0.9]),
+        ("0:2:3, 10", [0, 1, 2, 10]),
+        ("[1,2],[3, 4]", [[1, 2], [3, 4]]),
+        ("{circle: {center: [1, 2], radius: 3}}", [{"circle": {"center": [1, 2], "radius": 3}}]),
+        ("disc,hoop", ["disc", "hoop"]),
+        ("true,false,null", [True, False, None]),
+        ("'a,b',\"1:2:3\",it's", ["a,b", "1:2:3", "it's"]),
+        ("on,1_0", ["on", "1_0"]),
+    ],
+)
+def test_values_are_ranges_or_yaml(text: str, meant: list[Any]) -> None:
+    found = values(f"a.b={text}")
+    assert found == meant
+    assert [type(value) for value in found] == [type(value) for value in meant]
+
+
+words = st.from_regex(r"[a-z][a-z0-9_-]{0,8}", fullmatch=True).filter(
+    lambda word: word not in ("true", "false", "null")
+)
+scalars = st.one_of(
+    st.integers(-(10**6), 10**6),
+    st.booleans(),
+    words,
+    st.text("a,b[]{}:'\" #", min_size=1, max_size=6),
+    st.floats(allow_nan=False, allow_infinity=False, width=32),
+)
+trees = st.recursive(
+    scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(words, inner, max_size=3)
+)
+
+
+@given(st.lists(trees, min_size=1, max_size=5))
+def test_what_a_yaml_writer_writes_between_commas_is_read_back(meant: list[Any]) -> None:
+    unlike = [value for k, value in enumerate(meant) if not any(_same(value, other) for other in meant[:k])]
+    text = ",".join(
+        yaml.safe_dump([value], default_flow_style=True, width=10**6).strip()[1:-1].strip()
+        for value in unlike
+    )
+    assert all(map(_same, values(f"key={text}"), unlike))
+
+
+def _same(a: Any, b: Any) -> bool:
+    """1 and true are equal in Python, and 1.0 and 1 to a person."""
+    if isinstance(a, bool) or isinstance(b, bool) or isinstance(a, str) or isinstance(b, str):
+        return type(a) is type(b) and a == b
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    return a == b
+
+
+@given(st.integers(-999, 999), st.integers(-999, 999), st.integers(2, 50), st.integers(0, 4))
+def test_a_range_is_the_float_next_to_the_true_step(a: int, b: int, count: int, digits: int) -> None:
+    from fractions import Fraction
+
+    if a == b:
+        return
+    low, high = (f"{value / 10**digits:.{digits}f}" for value in (a, b))
+    true = [Fraction(low) + (Fraction(high) - Fraction(low)) * k / (count - 1) for k in range(count)]
+    assert values(f"key={low}:{high}:{count}") == [float(value) for value in true]
+
+
+@given(st.text(max_size=30))
+def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
+    try:
+        told = [str(axis.place) for axis in read_axes([f"objects.ball.mass={text}"])]
+    except InputError as error:
+        told = list(map(str, error.problems))
+    assert [len(line.splitlines()) for line in told] == [1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["objects.ball.mass"], "objects.ball.mass: has no =; write KEY=VALUES, e.g. objects.ball.mass=100,200"),
+        (["=1,2"], "=1,2: has no key; write e.g. objects.ball.mass=100,200"),
+        (["a..b=1,2"], 'a..b=1,2: "a..b" is not a dotted key; write e.g. objects.ball.mass=100,200'),
+        (["a.b="], "a.b=: has no values; write e.g. objects.ball.mass=100,200; null takes a key away"),
+        (
+            ["a.b=1:2"],
+            "a.b=1:2: is not start:end:count; write e.g. 1:2:5; text goes in quotes within quotes",
+        ),
+        (
+            ["a.b=1:2:1"],
+            "a.b=1:2:1: has no count from 2 to 10,000,000 behind its ends; write start:end:count, e.g. 1:2:5",
+        ),
+        (["a.b=2:2:5"], "a.b=2:2:5: ends where it begins; write 2 alone, or another end"),
+        (["a.b=1:2:5:lin"], 'a.b=1:2:5:lin: ends in "lin"; write 1:2:5 or 1:2:5:log'),
+        (
+            ["a.b=0:2:5:log"],
+            "a.b=0:2:5:log: has no logarithm: 0 lies between its ends, or is one; take both above 0, or both below",
+        ),
+        (["a.b=1,,2"], "a.b=1,,2: has an empty value between commas; take the comma away; null takes a key away"),
+        (["a.b=1,2,1"], "a.b=1,2,1: has 1 twice; keep one"),
+        (
+            ["a.b=[1,2"],
+            "a.b=[1,2: has a [ without its partner; close it, or put text that holds it in quotes within quotes",
+        ),
+        (
+            ["a.b=0.2,", "0.9"],
+            "a.b=0.2, 0.9: came in 2 pieces: a shell splits at spaces; put it in quotes: 'a.b=0.2, 0.9'",
+        ),
+        (
+            ["a.b=~uniform(0.2,", "0.9)"],
+            "a.b=~uniform(0.2, 0.9): came in 2 pieces: a shell splits at spaces; put it in quotes: "
+            "'a.b=~uniform(0.2, 0.9)'",
+        ),
+        (
+            ["a.b=uniform(1,2)"],
+            "a.b=uniform(1,2): is text as it stands; a distribution begins with ~: a.b=~uniform(1,2)",
+        ),
+        (
+            ["a.b=~unifrom(1,2)"],
+            "a.b=~unifrom(1,2): names no distribution that is known; did you mean ~uniform(0.2, 0.9)?",
+        ),
+        (["a.b=~normal"], "a.b=~normal: has no numbers; write e.g. ~normal(200, 15), in quotes"),
+        (
+            ["a.b=~uniform(2,1)"],
+            "a.b=~uniform(2,1): goes down, or nowhere; write the lower number first, e.g. ~uniform(0.2, 0.9)",
+        ),
+        (
+            ["a.b=~normal(1,-1)"],
+            "a.b=~normal(1,-1): has a standard deviation of -1; write one above 0, e.g. ~normal(200, 15)",
+        ),
+        (["a.b=~normal(1)"], "a.b=~normal(1): does not hold a mean and a standard deviation; write e.g. ~normal"),
+        (["a.b=~choice(1)"], "a.b=~choice(1): has not two values to choose from; write e.g. ~choice(disc, hoop)"),
+        (
+            ["a.b=1,~uniform(0,1)"],
+            "a.b=1,~uniform(0,1): mixes values and a distribution; write the distribution alone, or ~choice(...)",
+        ),
+        (
+            ["a.b=1", "a.b=2"],
+            "a.b=2: sets a key that a.b=1 sets already; write one argument: a.b=VALUE,VALUE; "
+            "a shell makes several of {VALUE,VALUE}",
+        ),
+        (["a.p[0]=1,2", "a.p.0=3"], "a.p.0=3: sets a key that a.p[0]=1,2 sets already; write one argument"),
+        (
+            ["a.v.0=1,2", "a.v=[1,2],[3,4]"],
+            "a.v=[1,2],[3,4]: leaves nothing of a.v.0=1,2; keep one of them, or set the parts of the one",
+        ),
+        (["a.b.v=1,2", "a.*.v=3,4"], "a.*.v=3,4: leaves nothing of a.b.v=1,2"),
+        (
+            ["a.b=~uniform(0,1)"],
+            "a.b=~uniform(0,1): is a distribution, and nobody says how many draws; add e.g. --samples 100",
+        ),
+        ([], "sweep: has no keys to vary; write e.g. objects.ball.mass=100:900:9, or --variant all"),
+        (
+            ["a.b=1:9:4000", "a.c=1:9:4000"],
+            "sweep: 4,000 x 4,000 are 16,000,000 clips; make at most 10,000,000; draws "
+            "(KEY=~uniform(a, b) --samples N) cover many keys with few",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_with_the_way_out(arguments: list[str], message: str) -> None:
+    [told] = said(*arguments)
+    assert told.startswith(message)
+
+
+def test_flags_of_draws_without_draws_are_told() -> None:
+    told = said("a.b=1,2", samples=10, seed=1, design=Design.LATIN)
+    assert [line.partition(":")[0] for line in told] == ["--latin", "--samples", "--seed"]
+    assert all("has nothing to draw" in line for line in told)
+
+
+def test_every_wrong_argument_is_told_at_once() -> None:
+    assert len(said("a.b=1:2", "c.d=", "e.f=~what(1)", "g.h=1,2")) == 3
+
+
+@given(st.sampled_from(["a=~uniform(0.2, 0.9)", "a=0.2, 0.9", "a=[1, 2], [3, 4]", "a=~choice(disc, hoop)"]))
+def test_the_quotes_that_are_advised_mend_it(argument: str) -> None:
+    told = said(*argument.split())[0]
+    [mended] = shlex.split(told.rpartition("put it in quotes: ")[2])
+    assert read_axes([mended])[0].key == "a"
+
+
+def test_a_parent_may_come_before_its_parts() -> None:
+    assert len(read_axes(["a.v=[1,2],[3,4]", "a.v.0=5,6", "a.*.m=1,2", "a.b.m=3,4"])) == 4
+
+
+def test_a_grid_is_the_product_of_its_axes_in_order() -> None:
+    sweep = planned(read_axes(["a=1,2,3", "b=x,y", "c=0:1:4"]), (None, "other"))
+    true = itertools.product((None, "other"), (1, 2, 3), "xy", (0, 1 / 3, 2 / 3, 1))
+    assert [(p.variant, *(value.data for value in p.values)) for p in sweep] == list(true)
+    assert [point.number for point in sweep] == list(range(48))
+    assert len(sweep) == 48
+    for bad in (-1, 48):
+        with pytest.raises(IndexError):
+            sweep[bad]
+
+
+def test_overrides_say_exactly_the_value() -> None:
+    sweep = planned(read_axes(["a=0:1:7", "b=~normal(0, 1)", "c=~loguniform(1e-9, 1e9)"]), samples=40)
+    for point in sweep:
+        for text, value in zip(point.overrides, point.values, strict=True):
+            assert yaml.safe_load(text.partition("=")[2]) in (value.data, value.text)
+            assert math.isclose(float(text.partition("=")[2]), value.data, rel_tol=0)
+
+
+def test_kinds_of_columns_are_the_narrowest() -> None:
+    axes = read_axes(
+        ["a=1,2", "b=1:5:3", "c=0:1:3", "d=1,2.5", "e=true,false", "f=1,x", "g=[1,2]", "h=1,null"]
+    )
+    drawn = read_axes(["a=~uniform(0,1)", "b=~integers(1,6)", "c=~choice(1,2.5)", "d=~choice(x,y)"])
+    W, N, T, X = Kind.WHOLE, Kind.NUMBER, Kind.TRUTH, Kind.TEXT
+    assert [axis.kind for axis in axes if isinstance(axis, Listed)] == [W, W, N, N, T, X, X, W]
+    assert [axis.kind for axis in drawn if isinstance(axis, Drawn)] == [N, W, N, X]

@@ -1,0 +1,281 @@
+"""`physgen sweep` as a person runs it; its tables by independent readers."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import resource
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+
+from physgen.batch import asked, table
+from physgen.cli import main
+
+LESSON = """\
+physgen: 1
+size: [96, 64]
+world: {duration: 0.25}
+objects:
+  ball: {shape: {circle: {center: [25, 45], radius: 10}}, mass: 100, velocity: [300, 0]}
+  crate: {shape: {box: {center: [70, 45], size: [16, 20]}}, mass: 200}
+boundaries:
+  floor: {segment: [[-100, 55], [300, 55]]}
+render: {fps: 24}
+variants:
+  heavy: {objects.ball.mass: 900}
+"""
+GRID = ["objects.ball.velocity.0=300,200", "objects.crate.friction=0:1:2"]
+
+
+@pytest.fixture
+def lesson(tmp_path: Path) -> Path:
+    path = tmp_path / "lesson.yaml"
+    path.write_text(LESSON)
+    return path
+
+
+def sweep(scene: Path, out: Path, *arguments: str) -> int:
+    return main(["sweep", str(scene), *arguments, "-o", str(out), "--report", "none"])
+
+
+def test_a_table_says_what_manifests_and_trajectories_say(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    assert sweep(lesson, out, *GRID, "--variant", "all", "--set", "world.duration=0.2") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [Path(line).name for line in lines[8:]] == ["index.html", "sweep.csv", "sweep.parquet"]
+    by_csv = pd.read_csv(out / "sweep.csv", keep_default_na=True)
+    by_parquet = pd.read_parquet(out / "sweep.parquet")
+    numbers = list(by_csv.select_dtypes("number"))
+    assert by_csv[numbers].equals(by_parquet[numbers].astype(by_csv[numbers].dtypes))
+    assert by_csv["name"].tolist() == by_parquet["name"].tolist() == [Path(line).name for line in lines[:8]]
+    assert list(by_csv["objects.ball.velocity.0"]) == [300, 300, 200, 200] * 2
+    schema = pyarrow.parquet.read_schema(out / "sweep.parquet")
+    assert schema.field("objects.crate.friction").type == "int64"
+    assert schema.field("objects.ball.x").metadata == {b"unit": b"px"}
+    for row in by_parquet.to_dict("records"):
+        manifest = json.loads((out / row["manifest"]).read_text())
+        ball = manifest["document"]["objects"]["ball"]
+        assert ball["velocity"][0] == row["objects.ball.velocity.0"]
+        assert ball["mass"] == (900 if row["variant"] == "heavy" else 100)
+        assert manifest["document"]["objects"]["crate"]["friction"] == row["objects.crate.friction"]
+        assert (manifest["variant"] or "") == row["variant"]
+        assert (out / row["video"]).is_file()
+        with np.load(out / row["folder"] / "trajectory.npz") as file:
+            told = dict(file)
+        for name, n in (("ball", 0), ("crate", 1)):
+            x, y, angle = told["poses"][-1, n].tolist()
+            found = [row[f"objects.{name}.{key}"] for key in ("x", "y", "angle")]
+            assert found == [x, y, degrees(angle)]
+            speed = np.hypot(*told["velocities"][:, n, :2].T).max()
+            assert row[f"objects.{name}.peak_speed"] == speed
+            touching = (told["contacts_touch_pairs"] == n).any(axis=1)
+            assert row[f"objects.{name}.touches"] == touching.sum()
+        assert row["touches"] == len(told["contacts_touch_pairs"])
+
+
+def test_the_same_again_makes_nothing_and_gives_the_same_table(lesson: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    draws = ["objects.ball.mass=~loguniform(10, 1000)", "--samples", "3", "--seed", "5", "--latin"]
+    assert sweep(lesson, out, *draws, "--jobs", "2") == 0
+    before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file() and p.name != "index.html"}
+    times = {p: p.stat().st_mtime_ns for p in out.glob("*/manifest.json")}
+    (out / "sweep.csv").unlink()
+    assert sweep(lesson, out, *draws) == 0
+    after = {p: p.read_bytes() for p in before}
+    assert {p: p.stat().st_mtime_ns for p in times} == times
+    changed = [p.name for p in before if before[p] != after[p]]
+    assert changed in ([], ["sweep.json"])  # which holds the command
+    told = asked.read_asked(out)
+    assert told is not None
+    again = asked.sweep_of(told)
+    assert [point.name for point in again] == sorted(p.name for p in out.iterdir() if p.is_dir())[:3]
+    assert told["sha256"] == hashlib.sha256(lesson.read_bytes()).hexdigest()
+    assert (out / told["scene"]).resolve() == lesson.resolve()
+
+
+def test_a_draw_that_makes_no_scene_is_a_row_and_a_card(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    code = sweep(lesson, out, "objects.ball.elasticity=~normal(0.5, 1)", "--samples", "8", "--json")
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    rows = list(csv.DictReader((out / "sweep.csv").open()))
+    good = [0 <= float(row["objects.ball.elasticity"]) <= 1 for row in rows]
+    assert 0 < sum(good) < 8
+    assert code == 2
+    assert [row["state"] == "done" for row in rows] == good == [line["state"] == "made" for line in lines[:8]]
+    for row, fine in zip(rows, good, strict=True):
+        assert bool(row["objects.ball.x"]) == bool(row["video"]) == fine
+        assert fine or "objects.ball.elasticity" in row["error"]
+        assert (out / f"{row['name']}.failed.json").exists() != fine
+    page = (out / "index.html").read_text()
+    assert page.count("Failed") >= 8 - sum(good)
+    assert lines[-1]["failed"] == 8 - sum(good)
+    assert lines[-1]["sweep.csv"] == str(out / "sweep.csv")
+    empty = pd.read_parquet(out / "sweep.parquet")["objects.ball.x"].isna()
+    assert empty.tolist() == [not fine for fine in good]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["objects.bal.mass=1,2"], 'objects.bal.mass=1,2: no object is called "bal"; did you mean "ball"?'),
+        (
+            ["objects.ball.mas=1,2"],
+            'objects.ball.mas=1,2: objects.ball.mas: unknown key; did you mean "mass"?',
+        ),
+        (
+            ["objects.ball.motion=~uniform(0,1)", "--samples", "3"],
+            "objects.ball.motion=~uniform(0,1): objects.ball.motion: 0.5 does not fit here",
+        ),
+        (
+            ["objects.ball.mass=1,2", "objects.ball.density=1,2"],
+            "objects.ball.mass=1,2: has no effect: objects.ball.density=1,2 rules it out; keep one of them",
+        ),
+        (["objects.ball.mass=1,2", "--samples", "3"], "--samples: has nothing to draw"),
+        (["objects.ball.mass=1,2", "--variant", "hevy"], '--variant hevy: "hevy" is not a variant'),
+        (["objects.ball.mass=1,2", "--track", "floor"], '--track: "floor" is no object that can move'),
+        (["variants.heavy=1,2"], "variants.heavy=1,2: variants cannot be set; write it in the scene file"),
+        (["objects.ball.mass=1,", "2"], "objects.ball.mass=1, 2: came in 2 pieces"),
+        (["0.2"], "0.2: has no =; write KEY=VALUES"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_made(
+    arguments: list[str], message: str, lesson: Path, tmp_path: Path, capsys
+) -> None:
+    assert sweep(lesson, tmp_path / "out", *arguments) == 2
+    told = capsys.readouterr()
+    [line] = told.err.splitlines()
+    assert line.startswith(message)
+    assert told.out == ""
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_forgotten_scene_is_told(capsys) -> None:
+    assert main(["sweep", "objects.ball.mass=1,2", "objects.ball.friction=1"]) == 2
+    assert "the scene comes first: physgen sweep scene.yaml KEY=VALUES" in capsys.readouterr().err
+
+
+def test_a_value_that_fails_everywhere_is_warned_of_at_once(lesson: Path, tmp_path: Path, capsys) -> None:
+    assert sweep(lesson, tmp_path / "out", "objects.ball.elasticity=0.5,2", "--dry-run") == 0
+    assert "warning: 2 is above 1; write a number from 0 to 1, e.g. 0.7; as it is, its clips fail" in (
+        capsys.readouterr().err
+    )
+
+
+def test_a_dry_run_lists_and_makes_nothing(lesson: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    flags = ["--samples", "2", "objects.ball.mass=~choice(7, 9)", "--dry-run"]
+    assert main(["sweep", "lesson.yaml", GRID[0], *flags]) == 0  # flags between arguments
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [row["objects.ball.velocity.0"] for row in rows] == ["300", "300", "200", "200"]
+    assert main(["sweep", "lesson.yaml", GRID[0], *flags, "--json"]) == 0
+    lines: list[dict[str, Any]] = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["name"] for line in lines] == [row["name"] for row in rows]
+    assert lines[2]["set"] == [
+        "objects.ball.velocity.0=200",
+        f"objects.ball.mass={rows[2]['objects.ball.mass']}",
+    ]
+    assert list(tmp_path.iterdir()) == [lesson]
+
+
+def test_the_folder_is_named_after_scene_and_variant(
+    lesson: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    command = ["sweep", "lesson.yaml", "objects.ball.mass=5", "--variant", "heavy", "--report", "none"]
+    assert main(command) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "out/lesson-heavy-sweep/00,mass=5"
+
+
+def test_without_pyarrow_there_is_csv_and_one_line(lesson: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(table, "find_spec", lambda name: None)
+    assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6", "--track", "crate") == 0
+    assert capsys.readouterr().err == 'the table is CSV alone; pip install "physgen[tables]" adds Parquet\n'
+    names = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_file())
+    assert names == ["index.html", "sweep.csv", "sweep.json"]
+    header = (tmp_path / "out" / "sweep.csv").read_text().splitlines()[0].split(",")
+    assert "objects.crate.x" in header
+    assert "objects.ball.x" not in header
+
+
+def test_nothing_of_somebody_else_is_written_over(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "sweep.csv").write_text("mine\n")
+    assert sweep(lesson, out, "objects.ball.mass=5,6") == 2
+    assert "is there already and was not made by physgen" in capsys.readouterr().err
+    assert [p.name for p in out.iterdir()] == ["sweep.csv"]
+
+
+def test_clips_of_another_sweep_are_told_and_stay(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    assert sweep(lesson, out, "objects.ball.mass=5,6") == 0
+    assert sweep(lesson, out, "objects.ball.mass=5,6,7") == 0  # more of the same: nothing to tell
+    assert capsys.readouterr().err == ""
+    assert sweep(lesson, out, "objects.ball.friction=0.1,0.2") == 0
+    assert "holds 3 clips of another sweep, 00,mass=5 among them; they stay" in capsys.readouterr().err
+    assert (out / "02,mass=7" / "video.mp4").is_file()
+
+
+def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monkeypatch) -> None:
+    from physgen.batch import rows
+
+    def stop(*arguments: object) -> None:
+        assert (tmp_path / "out" / "sweep.part.csv").exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rows, "row", stop)
+    assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 130
+    monkeypatch.undo()
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["00,mass=5", "sweep.json"]
+    assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 0
+    assert len((tmp_path / "out" / "sweep.csv").read_text().splitlines()) == 3
+
+
+def test_rows_by_the_ten_thousand_go_out_in_groups(tmp_path: Path) -> None:
+    from physgen.batch.columns import Column, Kind
+
+    columns = [Column("n", Kind.WHOLE), Column("x"), Column("word", Kind.TEXT), Column("on", Kind.TRUTH)]
+    with table.Table(tmp_path / "sweep", columns) as made:
+        for n in range(10_000):
+            made.add({"n": n, "x": n / 3, "word": f'a,"{n}"', "on": n % 2 == 0} if n % 7 else {"n": n})
+        made.publish()
+    file = pyarrow.parquet.ParquetFile(tmp_path / "sweep.parquet")
+    assert file.metadata.num_row_groups == 3
+    found = file.read().to_pylist()
+    with (tmp_path / "sweep.csv").open(newline="") as text:
+        read = list(csv.DictReader(text))
+    assert len(read) == len(found) == 10_000
+    for n, (a, b) in enumerate(zip(found, read, strict=True)):
+        want = (n, n / 3, f'a,"{n}"', n % 2 == 0) if n % 7 else (n, None, None, None)
+        assert (a["n"], a["x"], a["word"], a["on"]) == want
+        assert b["x"] == ("" if want[1] is None else repr(want[1]))
+        assert (b["word"], b["on"]) == (("", "") if want[1] is None else (want[2], str(want[3]).lower()))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sweep.csv", "sweep.parquet"]
+
+
+def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
+    from physgen.batch.columns import Column, Kind
+
+    (tmp_path / "sweep.csv").write_text("of the run before\n")
+
+    def fill() -> None:
+        with table.Table(tmp_path / "sweep", [Column("word", Kind.TEXT)]) as made:
+            for _ in range(1000):
+                made.add({"word": "x" * 100})
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OSError, match="too large") as told:
+            fill()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert told.value.filename == str(tmp_path / "sweep.csv")
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("sweep.csv", "of the run before\n")]

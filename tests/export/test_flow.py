@@ -1,0 +1,240 @@
+"""Optical flow by readers of other makes, and by the pictures themselves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from physgen.cli import main
+from physgen.export.flo import GONE, HIDDEN, SEEN
+from physgen.simulate.trajectory import read_trajectory
+
+F32 = NDArray[np.float32]
+
+
+def flows(folder: Path, way: str = "forward") -> list[F32]:
+    """As OpenCV reads them."""
+    return [cv2.readOpticalFlow(str(path)) for path in sorted((folder / "flo" / way).glob("*.flo"))]
+
+
+def seen(folder: Path, way: str = "forward") -> list[np.ndarray]:
+    paths = sorted((folder / "flo" / "visible" / way).glob("*.png"))
+    return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]
+
+
+def frames(folder: Path) -> list[np.ndarray]:
+    return [cv2.imread(str(path))[:, :, ::-1] for path in sorted((folder / "frames").glob("*.png"))]
+
+
+def kitti(path: Path) -> tuple[F32, np.ndarray]:
+    """As the devkit's readme says: (I - 2^15) / 64 of the first two channels; the third says what counts."""
+    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, :, ::-1]
+    assert picture.dtype == np.uint16
+    return (picture[..., :2].astype(np.float32) - 2**15) / 64, picture[..., 2] == 1
+
+
+def warped(picture: np.ndarray, moved: F32) -> np.ndarray:
+    """What `picture` shows at the places that pixels have moved to."""
+    y, x = np.indices(moved.shape[:2], np.float32)
+    return cv2.remap(
+        picture, x + moved[..., 0], y + moved[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+CASES = {
+    "side": ("side", ()),
+    "camera": ("side", ("render.camera=[{time: 0}, {time: 0.4, center: [70, 60], zoom: 1.5}]",)),
+    "follow": ("side", ("render.camera=[{time: 0, zoom: 1.3, follow: ball}]",)),
+    "scaled": ("side", ("render.size=[200, 160]",)),
+    "there-and-back": ("side", ("render.play=there-and-back",)),
+    "slow": ("side", ("render.slow=2",)),
+    "table": ("top", ()),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_pictures_warped_by_the_flow_are_those_that_follow(case: str, export) -> None:
+    scene, edits = CASES[case]
+    folder = export(scene, "frames,flo", *edits)
+    pictures, forward, backward = frames(folder), flows(folder), flows(folder, "backward")
+    assert len(forward) == len(backward) == len(pictures) - 1
+    worst = 0.0
+    for k, moved in enumerate(forward):
+        mask = seen(folder)[k] == SEEN
+        assert mask.mean() > 0.7
+        apart = np.abs(warped(pictures[k + 1], moved)[mask].astype(int) - pictures[k][mask])
+        still = np.abs(pictures[k + 1][mask].astype(int) - pictures[k][mask])
+        assert apart.mean() <= 2
+        things = mask & (np.hypot(*np.moveaxis(moved, 2, 0)) > 0.5)
+        if (
+            things.sum() > 300
+        ):  # inside of what moves it is the flow, not the still background, that makes it fit
+            inner = cv2.erode(things.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+            fit = np.abs(warped(pictures[k + 1], moved)[inner].astype(int) - pictures[k][inner]).mean()
+            astray = np.abs(pictures[k + 1][inner].astype(int) - pictures[k][inner]).mean()
+            assert fit <= 4 + 0.1 * astray
+            worst = max(worst, astray)
+        assert still.mean() >= apart.mean() - 0.5
+    assert worst > 8  # without the flow they do not fit
+
+
+@pytest.mark.parametrize("case", ["side", "camera", "table"])
+def test_there_and_back_is_where_it_began(case: str, export) -> None:
+    scene, edits = CASES[case]
+    folder = export(scene, "flo", *edits)
+    for moved, back, told in zip(flows(folder), flows(folder, "backward"), seen(folder), strict=True):
+        inner = cv2.erode((told == SEEN).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        returned = moved + warped(back, moved)
+        # a body's flow is linear in the picture, a turning ball's nearly so: between pixels nothing else happens
+        assert np.quantile(np.abs(returned[inner]), 0.98) < (0.02 if scene == "side" else 0.3)
+
+
+def test_flow_is_the_motion_of_the_poses(export) -> None:
+    """By another formula: the velocity of a rigid body's points, of the turn between two poses."""
+    folder = export("side", "flo")
+    track = read_trajectory(folder / "trajectory.npz")
+    for k, moved in enumerate(flows(folder)):
+        for body in range(2):
+            (x0, y0, a0), (x1, y1, a1) = track.poses[k, body], track.poses[k + 1, body]
+            column, row = round(x0), round(y0)
+            turn = np.exp(1j * (a1 - a0))
+            there = complex(x1, y1) + (complex(column, row) - complex(x0, y0)) * turn
+            want = there - complex(column, row)
+            assert moved[row, column] == pytest.approx([want.real, want.imag], abs=1e-4)
+        assert (moved[0, 0] == 0).all()
+
+
+def test_kitti_holds_the_same_to_the_128th_of_a_pixel(export) -> None:
+    folder = export("side", "flo,kitti", "objects.ball.velocity=[3000, 0]")
+    gone = 0
+    for way, home in (("forward", folder / "kitti"), ("backward", folder / "kitti" / "backward")):
+        for path in sorted((home / "flow_occ").glob("*.png")):
+            k = int(path.name[:6])
+            moved = cv2.readOpticalFlow(str(folder / "flo" / way / f"{k:05d}.flo"))
+            told = cv2.imread(str(folder / "flo" / "visible" / way / f"{k:05d}.png"), cv2.IMREAD_UNCHANGED)
+            every, counts = kitti(path)
+            assert counts.all()
+            assert np.abs(every - moved).max() <= 1 / 128
+            _, not_hidden = kitti(home / "flow_noc" / path.name)
+            np.testing.assert_array_equal(not_hidden, told == SEEN)
+            gone += int((told == GONE).sum())
+    assert gone > 0  # some pixels have left the picture, and their flow is told all the same
+
+
+def test_what_is_hidden_is_hidden_by_somebody(export) -> None:
+    folder = export(
+        "side", "frames,flo", "objects.ball.velocity=[400, 0]", "world.gravity=[0, 0]", "world.duration=0.2"
+    )
+    hidden = [told == HIDDEN for told in seen(folder)]
+    assert any(mask.sum() > 50 for mask in hidden)
+    pictures, forward = frames(folder), flows(folder)
+    k = int(np.argmax([mask.sum() for mask in hidden]))
+    apart = np.abs(warped(pictures[k + 1], forward[k]).astype(int) - pictures[k]).mean(axis=2)
+    assert apart[hidden[k]].mean() > 5 * apart[seen(folder)[k] == SEEN].mean()
+
+
+def test_a_ball_that_rolls_carries_its_top_on(export) -> None:
+    """Rolled by an angle a, its middle has moved on by r a, and the point that was on top by r sin a more."""
+    folder = export("top", "flo", "objects.ball.velocity=[120, 0]")
+    track = read_trajectory(folder / "trajectory.npz")
+    moved = flows(folder)[0]
+    radius, step = 16.0, float(track.poses[1, 0, 0] - track.poses[0, 0, 0])
+    assert step == pytest.approx(6.0, abs=0.2)
+    want = step + radius * np.sin(step / radius)
+    assert moved[60, 40] == pytest.approx([want, 0.0], abs=1e-3)
+
+
+def test_the_wheel_tells_directions(export) -> None:
+    """Right is red, left is cyan, down is yellowish, as in the paper's figure; what is at rest is white."""
+    folder = export(
+        "side",
+        "wheel,flo",
+        "world.gravity=[0, 0]",
+        "objects.*.spin=0",
+        "objects.ball.velocity=[100, 0]",
+        "objects.crate.velocity=[0, 60]",
+    )
+    picture = cv2.imread(str(folder / "wheel" / "forward" / "00000.png"))[:, :, ::-1].astype(int)
+    assert (picture[5, 5] == 255).all()
+    right, down = picture[60, 40], picture[62, 110]
+    assert right[0] > right[1] + 50 and right[0] > right[2] + 50  # noqa: PT018
+    assert down[0] > down[2] + 50 and down[1] > down[2] + 50  # noqa: PT018
+
+
+def test_labels_beside_a_clip_are_those_of_the_export_and_change_no_frame(
+    photo: Path, tmp_path: Path, export
+) -> None:
+    alone = export("side", "flo,frames")
+    assert (
+        main(
+            [
+                "render",
+                str(photo / "side.yaml"),
+                "-o",
+                str(tmp_path / "out"),
+                "--export",
+                "flo,frames",
+                "--report",
+                "none",
+            ]
+        )
+        == 0
+    )
+    assert main(["render", str(photo / "side.yaml"), "-o", str(tmp_path / "plain"), "--report", "none"]) == 0
+    beside, plain = tmp_path / "out" / "side", tmp_path / "plain" / "side"
+    for path in alone.rglob("*"):
+        if path.is_file() and path.name != "manifest.json" and path.parent != alone:
+            assert (beside / "truth" / path.relative_to(alone)).read_bytes() == path.read_bytes()
+    assert (beside / "video.mp4").read_bytes() == (plain / "video.mp4").read_bytes()
+    told = json.loads((beside / "manifest.json").read_text())
+    assert "truth/flo/forward/00000.flo" in told["files"]
+    assert told["stages"]["export"]["cpu"] > 0
+
+
+def test_blurred_frames_are_told_by_their_last_moment(export) -> None:
+    """A ball that gains speed: its flow is the way between the places at which two frames show it."""
+    pushed = ("world.gravity=[1500, 0]", "objects.crate=", "objects.ball.velocity=[0, 0]", "boundaries={}")
+    folder = export("side", "flo", "render.motion_blur=0.9", *pushed)
+    moved = flows(folder)
+    places = [np.argwhere(np.hypot(*np.moveaxis(flow, 2, 0)) > 0.1).mean(axis=0) for flow in moved]
+    for flow, here, there in zip(moved[1:], places[1:], places[2:], strict=False):
+        assert flow[tuple(here.round().astype(int))] == pytest.approx((there - here)[::-1], abs=0.5)
+    track = read_trajectory(folder / "trajectory.npz")
+    first = track.poses[2, 0, 0] - track.poses[1, 0, 0]
+    assert moved[1].max() > first + 1  # it is later, and faster, than when the shutter opened
+
+
+@pytest.mark.parametrize("size", ["[64, 48]", "[63, 47]"])
+def test_a_scene_without_a_photo_and_one_without_objects(size: str, tmp_path: Path) -> None:
+    scene = tmp_path / "flat.yaml"
+    ball = "  ball: {shape: {circle: {center: [20, 20], radius: 8}}, velocity: [60, 0]}"
+    head = f"physgen: 1\nsize: {size}\nworld: {{duration: 0.1}}\n"
+    scene.write_text(f"{head}render: {{fps: 20, scale: 2}}\nobjects:\n{ball}\n")
+    empty = tmp_path / "empty.yaml"
+    empty.write_text(f"{head}render: {{fps: 20}}\nobjects: {{}}\n")
+    every = ["--format", "flo,kitti,wheel,frames", "-o", str(tmp_path / "labels")]
+    assert main(["export", str(scene), str(empty), *every]) == 0
+    moved = flows(tmp_path / "labels" / "flat")[0]
+    assert moved[41, 41] == pytest.approx([6.0, 0.5 * 980 * 0.05**2 * 2], abs=0.1)
+    assert not flows(tmp_path / "labels" / "empty")[0].any()
+
+
+def test_formats_that_are_none_are_refused_before_anything_is_made(
+    photo: Path, tmp_path: Path, capsys
+) -> None:
+    scene = str(photo / "side.yaml")
+    assert main(["export", scene, "--format", "flow,koko,flo", "-o", str(tmp_path / "labels")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == '--format: "flow" is no format; did you mean "flo"?'
+    assert lines[1].startswith('--format: "koko" is no format; ')
+    assert not (tmp_path / "labels").exists()
+    assert main(["render", scene, "--export", "flow", "-o", str(tmp_path / "out")]) == 2
+    (tmp_path / "labels" / "side").mkdir(parents=True)
+    (tmp_path / "labels" / "side" / "mine.txt").write_text("x")
+    assert main(["export", scene, "--format", "flo", "-o", str(tmp_path / "labels")]) == 2
+    assert "was not made by physgen" in capsys.readouterr().err
