@@ -15,7 +15,7 @@ from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
 from physgen.cli.progress import Counter
 from physgen.flags import WRONG_INPUT
 from physgen.problems import InputError
-from physgen.urls import is_url
+from physgen.urls import is_private, is_url
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
@@ -117,6 +117,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.batch.pool import Job
     from physgen.report.video import Format
 
+    _refuse_unseen(options)
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     if options.single_file and page is pipeline.Page.NONE:
         fix = f"leave out {'--report none' if options.report else '--preview'}"
@@ -157,6 +158,22 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         )
 
     return make
+
+
+def _refuse_unseen(options: argparse.Namespace) -> None:
+    """Flags that would have clips made where nobody looks for them."""
+    places = [options.output, *getattr(options, "scenes", [getattr(options, "scene", "")])]
+    if options.jobs > 1 and not options.cluster and any(map(is_private, places)):
+        raise InputError.of(
+            f"--jobs {options.jobs}",
+            "",
+            "cannot be, as memory:// is seen by one process alone",
+            "leave it out",
+        )
+    if getattr(options, "watch", False) and (options.cluster or any(map(is_url, places))):
+        raise InputError.of("--watch", "", "watches files of this machine, and renders here", "leave it out")
+    if options.ship and not options.cluster:
+        raise InputError.of("--ship", "", "is for clusters", "add --cluster, or leave it out")
 
 
 def make_all(
@@ -208,7 +225,7 @@ def _made(
     if getattr(options, "cluster", None):
         from physgen.batch.cluster.farm import run_on
 
-        return run_on(options.cluster, workers, jobs, options.ship, counter.tell)
+        return run_on(options.cluster, workers, jobs, count, options.ship, counter.tell)
     from physgen.batch.pool import run_all
 
     return run_all(jobs, workers, lambda job: bar.show if count == 1 else _silent)
