@@ -58,6 +58,7 @@ class Tally:
 
 
 def render(options: argparse.Namespace) -> int:
+    _refuse_unseen(options)
     if options.watch:
         from physgen.cli.watching import watch
 
