@@ -187,7 +187,14 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     done = _made(job, progress)
     if job.tracked is None or done.folder is None or done.outcomes is not None:
         return done
-    return replace(done, outcomes=outcomes(read_trajectory(done.folder / "trajectory.npz"), job.tracked))
+    return with_outcomes(done, done.folder / "trajectory.npz")
+
+
+def with_outcomes(done: Done, trajectory: Path) -> Done:
+    """With those that the job asks for, if any."""
+    if done.job.tracked is None:
+        return done
+    return replace(done, outcomes=outcomes(read_trajectory(trajectory), done.job.tracked))
 
 
 def _made(job: Job, progress: pipeline.Progress) -> Done:

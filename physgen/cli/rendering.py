@@ -7,7 +7,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
@@ -86,7 +85,7 @@ def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[
     from physgen import pipeline
 
     try:
-        scene = pipeline.load(_at_hand(path, options), options.set, variant, options.allow_outside)
+        scene = pipeline.load(at_hand(path, options), options.set, variant, options.allow_outside)
     except InputError:  # told of where it is rendered
         return ()
     film, length = scene.render, scene.world.duration * scene.render.slow
@@ -168,7 +167,7 @@ def make_all(
     count: int,
     options: argparse.Namespace,
     heard: Callable[[Done], None] = lambda done: None,
-    beside: Callable[[], Sequence[Path]] = lambda: (),
+    beside: Callable[[], Sequence[str]] = lambda: (),
     shown: Shown = Shown.GALLERY,
 ) -> int:
     """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code.
@@ -283,7 +282,7 @@ def _gallery(kept_in: Shelf, bar: Bar, tally: Tally, out: str) -> None:
 
 
 def _sum_up(
-    tally: Tally, count: int, kept_in: Shelf, beside: Sequence[Path], options: argparse.Namespace
+    tally: Tally, count: int, kept_in: Shelf, beside: Sequence[str], options: argparse.Namespace
 ) -> int:
     """The last line, and the exit code."""
     import json
@@ -296,12 +295,12 @@ def _sum_up(
             "unchanged": tally.unchanged,
             "failed": tally.failed,
             "index": index,
-            **{path.name: str(path) for path in beside},
+            **{file.rpartition("/")[2]: file for file in beside},
             "passed": tally.failed == 0 and tally.all == count,
         }
         print_line(json.dumps(line))
     else:
-        for file in ([] if index is None else [index]) + [str(path) for path in beside]:
+        for file in ([] if index is None else [index]) + [*beside]:
             print_line(file)
     if tally.full:
         left = count - tally.made - tally.unchanged
@@ -339,10 +338,10 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
         return [options.variant]
     from physgen import pipeline
 
-    return [None, *pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants]
+    return [None, *pipeline.load(at_hand(path, options), options.set, None, options.allow_outside).variants]
 
 
-def _at_hand(path: str, options: argparse.Namespace) -> str:
+def at_hand(path: str, options: argparse.Namespace) -> str:
     """Where a scene can be read, of which a URL may have been given."""
     if not is_url(path):
         return path

@@ -144,6 +144,32 @@ def test_failures_and_the_gallery_lie_beside_the_clips(store, lesson: Path, pict
     assert [name for name in store.find("/clips/index.files") if name in posters] == posters
 
 
+def test_a_sweep_behind_urls_has_the_table_of_a_local_one(store, lesson: Path, capsys) -> None:
+    put(store, lesson.parent, "scenes")
+    axes = ["objects.ball.mass=50,100", "--report", "none"]
+    out = lesson.parent / "swept"
+    assert main(["sweep", str(lesson), *axes, "-o", str(out)]) == 0
+    local = (out / "sweep.csv").read_bytes()
+    for state in ("made", "unchanged"):
+        capsys.readouterr()
+        assert main(["sweep", "memory://scenes/lesson.yaml", *axes, "-o", "memory://swept", "--json"]) == 0
+        *lines, last = map(json.loads, capsys.readouterr().out.splitlines())
+        assert [line["state"] for line in lines] == [state, state]
+        assert last["sweep.csv"] == "memory://swept/sweep.csv"
+        assert store.cat_file("/swept/sweep.csv") == local
+    told, here = (
+        json.loads(store.cat_file("/swept/sweep.json")),
+        json.loads((out / "sweep.json").read_bytes()),
+    )
+    assert told["scene"] == "memory://scenes/lesson.yaml"
+    assert told["sha256"] == here["sha256"]
+    assert not [name for name in store.find("/swept") if ".part" in name]
+    store.pipe_file("/other/sweep.csv", b"mine")
+    assert main(["sweep", str(lesson), *axes, "-o", "memory://other"]) == 2
+    assert "memory://other/sweep.csv: is there already" in capsys.readouterr().err
+    assert store.find("/other") == ["/other/sweep.csv"]
+
+
 def test_what_a_scene_extends_is_fetched_and_told_by_its_url(store, lesson: Path) -> None:
     store.pipe_file("/all/base/scene.yaml", lesson.read_bytes())
     store.pipe_file("/all/mine/scene.yaml", b"extends: ../base/scene.yaml\nobjects: {ball: {mass: 10}}\n")
