@@ -17,10 +17,12 @@ from physgen.problems import InputError, Place, Problem, Severity
 from physgen.report.record import file_hash, versions, write_json
 from physgen.report.swept import unit
 from physgen.scene.words import Path as Keys
+from physgen.urls import is_url
 from physgen.whole import set_aside
 
 NAME = "sweep.json"
-FILES_OF_OURS = (NAME, "sweep.csv", "sweep.parquet")
+TABLES = ("sweep.csv", "sweep.parquet")
+FILES_OF_OURS = (NAME, *TABLES)
 LEAD = (
     Column("number", Kind.WHOLE),
     Column("name", Kind.TEXT),
@@ -42,12 +44,18 @@ def _way(path: Keys) -> tuple[str | int, ...]:
     return tuple(int(part) if str(part).isdecimal() else part for part in path)
 
 
-def asked(sweep: Sweep, scene: Path, folder: Path, **told: Any) -> dict[str, Any]:
-    """As JSON data; `told` is what else was said: overrides, formats, the command."""
+def asked(sweep: Sweep, scene: str, at_hand: Path, out: str, **told: Any) -> dict[str, Any]:
+    """As JSON data; `told` is what else was said: overrides, formats, the command.
+
+    `scene` and `out` are as the user names them, `at_hand` is where the scene's file can be read.
+    """
+    where = os.path.abspath(scene) if is_url(out) and not is_url(scene) else scene
+    if not is_url(where) and not is_url(out):
+        where = Path(os.path.relpath(Path(scene).resolve(), Path(out).resolve())).as_posix()
     return {
         "sweep": 1,
-        "scene": Path(os.path.relpath(scene.resolve(), folder.resolve())).as_posix(),
-        "sha256": file_hash(scene),
+        "scene": where,
+        "sha256": file_hash(at_hand),
         "clips": len(sweep),
         **core(sweep),
         **told,

@@ -23,7 +23,7 @@ from physgen.batch.fetched import fetched
 from physgen.batch.finished import made_of_the_same
 from physgen.batch.finished import warnings as warned
 from physgen.batch.places import Far, far
-from physgen.batch.pool import Done, Here, Job, State, failed, hash_of, run
+from physgen.batch.pool import Done, Here, Job, State, failed, hash_of, run, with_outcomes
 from physgen.problems import InputError
 from physgen.report.leftovers import in_use, sweep_once
 from physgen.report.record import source_of
@@ -43,7 +43,7 @@ def run_far(job: Job, progress: pipeline.Progress = pipeline.silent, scene: str 
             return as_known(run(at_hand(job, scene, job.out), progress), job)
         there = far(job.out).below(job.called)
         if job.cached and (told := finished_there(there, job.mark, scene)) is not None:
-            return Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
+            return unchanged_there(job, there, told)
         with own_folder() as out:
             done = as_known(run(at_hand(job, scene, str(out)), progress), job)
             made = out / job.called
@@ -52,6 +52,17 @@ def run_far(job: Job, progress: pipeline.Progress = pipeline.silent, scene: str 
             return done
     except (InputError, OSError) as error:
         return failed(job, error)
+
+
+def unchanged_there(job: Job, there: Far, told: Mapping[str, Any]) -> Done:
+    """A clip that is there, as its manifest tells, with its outcomes if they are asked for."""
+    done = Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
+    if job.tracked is None:
+        return done
+    with own_folder() as folder:
+        file = folder / "trajectory.npz"
+        there.fetch(file.name, file, MOST_MANIFEST)
+        return with_outcomes(done, file)
 
 
 def readable(path: str, overrides: Sequence[str] = (), variant: str | None = None) -> str:

@@ -194,10 +194,17 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     done = _made(job, progress)
     if job.tracked is None or done.folder is None or done.outcomes is not None:
         return done
+    return with_outcomes(done, done.folder / "trajectory.npz")
+
+
+def with_outcomes(done: Done, trajectory: Path) -> Done:
+    """With those that the job asks for, if any."""
+    if done.job.tracked is None:
+        return done
     try:
-        told = outcomes(read_trajectory(done.folder / "trajectory.npz"), job.tracked)
+        told = outcomes(read_trajectory(trajectory), done.job.tracked)
     except (OSError, ValueError, KeyError) as error:  # another command replaces it
-        return failed(job, error, done.problems, done.seconds)
+        return failed(done.job, error, done.problems, done.seconds)
     return replace(done, outcomes=told)
 
 

@@ -8,7 +8,6 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
@@ -62,6 +61,7 @@ class Tally:
 
 
 def render(options: argparse.Namespace) -> int:
+    _refuse_unseen(options)
     if options.watch:
         from physgen.cli.watching import watch
 
@@ -90,7 +90,7 @@ def quick(
 ) -> tuple[str, ...]:
     """Edits that make a clip with these `further` edits quick to draw: few frames, of the photo's size."""
     try:
-        opened = _opened(_at_hand(path, options), options.allow_outside)
+        opened = _opened(at_hand(path, options), options.allow_outside)
         scene = opened.scene((*options.set, *further), variant)
     except InputError:  # told of where it is rendered
         return ()
@@ -185,7 +185,7 @@ def make_all(
     count: int,
     options: argparse.Namespace,
     heard: Callable[[Done], None] = lambda done: None,
-    beside: Callable[[], Sequence[Path]] = lambda: (),
+    beside: Callable[[], Sequence[str]] = lambda: (),
     shown: Shown = Shown.GALLERY,
 ) -> int:
     """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code.
@@ -303,7 +303,7 @@ def _gallery(kept_in: Shelf, bar: Bar, tally: Tally, out: str) -> None:
 
 
 def _sum_up(
-    tally: Tally, count: int, kept_in: Shelf, beside: Sequence[Path], options: argparse.Namespace
+    tally: Tally, count: int, kept_in: Shelf, beside: Sequence[str], options: argparse.Namespace
 ) -> int:
     """The last line, and the exit code."""
     import json
@@ -316,12 +316,12 @@ def _sum_up(
             "unchanged": tally.unchanged,
             "failed": tally.failed,
             "index": index,
-            **{path.name: str(path) for path in beside},
+            **{file.rpartition("/")[2]: file for file in beside},
             "passed": tally.failed == 0 and tally.all == count,
         }
         print_line(json.dumps(line))
     else:
-        for file in ([] if index is None else [index]) + [str(path) for path in beside]:
+        for file in ([] if index is None else [index]) + [*beside]:
             print_line(file)
     if tally.full:
         left = count - tally.made - tally.unchanged
@@ -360,13 +360,13 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
     from physgen import pipeline
 
     try:
-        known = pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants
+        known = pipeline.load(at_hand(path, options), options.set, None, options.allow_outside).variants
     except InputError:  # told of where it is rendered; the others are
         return [None]
     return [None, *known]
 
 
-def _at_hand(path: str, options: argparse.Namespace) -> str:
+def at_hand(path: str, options: argparse.Namespace) -> str:
     """Where a scene can be read, of which a URL may have been given."""
     if not is_url(path):
         return path

@@ -7,13 +7,15 @@ import json
 import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.printing import OK, print_line, tell, tell_one, tell_problems
-from physgen.cli.rendering import job_maker, make_all, quick
+from physgen.cli.rendering import at_hand, job_maker, make_all, quick
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.words import listed, nearest
+from physgen.urls import is_url
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Job
@@ -34,7 +36,8 @@ def sweep(options: argparse.Namespace) -> int:
     _scene_first(options)
     design = Design.LATIN if options.latin else Design.INDEPENDENT
     axes = read_axes(options.axes)
-    opened = Opened(scene_file(options.scene), options.allow_outside)
+    shown = options.scene if is_url(options.scene) else None
+    opened = Opened(scene_file(at_hand(options.scene, options)), options.allow_outside, shown)
     variants = _variants(opened.variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
     trial = tried(plan, opened, options.set)
@@ -44,7 +47,7 @@ def sweep(options: argparse.Namespace) -> int:
 
 def _scene_first(options: argparse.Namespace) -> None:
     """`sweep KEY=VALUES scene.yaml` is understood, and told."""
-    if "=" in options.scene and not Path(options.scene).exists():
+    if "=" in options.scene and not is_url(options.scene) and not Path(options.scene).exists():
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
 
@@ -77,29 +80,34 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
     from physgen.batch import asked
     from physgen.batch.outcomes import columns
     from physgen.batch.rows import row
+    from physgen.batch.staged import staged
     from physgen.batch.table import HINT, Table, has_parquet
 
     variant = None if len(plan.variants) > 1 else plan.variants[0]
-    out = Path(options.output or Path("out", f"{pipeline.output_name(options.scene, variant)}-sweep"))
-    options.output = str(out)
+    named = f"{pipeline.output_name(options.scene, variant)}-sweep"
+    options.output = options.output or str(Path("out", named))
     tracked = _tracked(trial, options.track)
     make = job_maker(options)
     table = asked.all_columns(plan, columns(tracked))
     told = asked.asked(
         plan,
-        Path(options.scene),
-        out,
+        options.scene,
+        Path(at_hand(options.scene, options)),
+        options.output,
         set=options.set,
         preview=options.preview,
         formats=options.format,
         command=options.command_line,
         units={column.name: column.unit for column in table if column.unit},
     )
-    for warning in asked.begun(out, told, plan):
-        tell_one(warning)
-    if not has_parquet():
-        tell(HINT)
-    with Table(out / "sweep", table) as rows:
+    with ExitStack() as stack:
+        stage = stack.enter_context(staged(options.output))
+        for warning in asked.begun(stage.folder, told, plan):
+            tell_one(warning)
+        stage.sent([stage.folder / asked.NAME])
+        if not has_parquet():
+            tell(HINT)
+        rows = stack.enter_context(Table(stage.folder / "sweep", table))
         under_way: deque[Point] = deque()  # they end in the order in which they are begun
 
         def jobs() -> Iterator[Job]:
@@ -110,10 +118,12 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
                     look = quick(options.scene, point.variant, options, point.overrides)
                 yield make(options.scene, point.variant, point.overrides, point.name, tracked, look)
 
-        def beside() -> Sequence[Path]:
-            made = rows.publish() if rows.count == len(plan) else ()
+        def beside() -> Sequence[str]:
+            made = stage.sent(rows.publish()) if rows.count == len(plan) else ()
             if rows.lost is not None:
-                tell(f"{out / 'sweep.parquet'}: could not be written: {rows.lost}; the table is CSV alone")
+                tell(
+                    f"{options.output}: sweep.parquet could not be written: {rows.lost}; the table is CSV alone"
+                )
             return made
 
         return make_all(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.values import names, number_of_clips, seed
+from physgen.flags.values import names, number_of_clips, place, seed
 
 
 def sweep(sub: argparse.ArgumentParser) -> None:
     """What varies, and how draws are made."""
-    sub.add_argument("scene", metavar="SCENE")
+    sub.add_argument("scene", metavar="SCENE", type=place, help="a file, a pack, or a URL")
     sub.add_argument(
         "axes",
         metavar="KEY=VALUES",
@@ -41,4 +41,10 @@ def sweep(sub: argparse.ArgumentParser) -> None:
         type=names,
         help="objects with outcomes of their own in the table; default: all, where there are 32 at most",
     )
-    sub.add_argument("-o", "--output", metavar="DIR", help="folder of the sweep; default: out/<scene>-sweep")
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=place,
+        help="folder of the sweep, or its URL; default: out/<scene>-sweep",
+    )

@@ -11,12 +11,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from physgen.batch.cluster.errands import Errand, with_names
-from physgen.batch.far import as_known, finished_there, is_refined, own_folder, readable, send
+from physgen.batch.far import (
+    as_known,
+    finished_there,
+    is_refined,
+    own_folder,
+    readable,
+    send,
+    unchanged_there,
+)
 from physgen.batch.fetched import fetched_pack, packed_for
 from physgen.batch.finished import finished
 from physgen.batch.finished import warnings as warned
 from physgen.batch.places import far
-from physgen.batch.pool import Done, Job, State, failed, hash_of
+from physgen.batch.pool import Done, Job, State, failed, hash_of, with_outcomes
+from physgen.pipeline import scene_file
 from physgen.problems import InputError
 from physgen.report.folder import output_folder, whole_folder
 from physgen.urls import is_private, is_url
@@ -81,17 +90,18 @@ class Home:
                 output_folder(Path(job.out), job.called)
             if not job.cached:
                 return None
+            scene = readable(job.path, job.overrides, job.variant)
             if is_url(job.out):
-                scene = readable(job.path, job.overrides, job.variant)
-                told = finished_there(far(job.out).below(job.called), job.mark, scene)
-            elif is_url(job.path):
-                scene = readable(job.path, job.overrides, job.variant)
-                told = finished(job.folder, job.mark, Path(scene), hash_of)
-            else:
-                told = finished(job.folder, job.mark, job.scene, hash_of)
+                there = far(job.out).below(job.called)
+                told = finished_there(there, job.mark, scene)
+                return None if told is None else unchanged_there(job, there, told)
+            told = finished(job.folder, job.mark, scene_file(scene), hash_of)
+            if told is None:
+                return None
+            done = Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
+            return with_outcomes(done, job.folder / "trajectory.npz")
         except (InputError, OSError) as error:
             return failed(job, error)
-        return None if told is None else Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
 
 
 def pack_for(job: Job) -> bytes:
