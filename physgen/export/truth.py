@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
+Box = tuple[slice, slice]
+"""Rows and columns."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,18 @@ class View:
     def amodal(self) -> Mapping[int, Mask]:
         """Body -> (H, W) where it is, what hides it taken away; those alone that reach into the picture."""
         return self.covering()
+
+    @cached_property
+    def boxes(self) -> Mapping[int, Box]:
+        """Body -> what holds all that is seen of it; those alone that are seen."""
+        from cv2 import boundingRect
+
+        found = {}
+        for body in range(int(self.ids.max(initial=0))):
+            x, y, w, h = boundingRect((self.ids == body + 1).view(np.uint8))
+            if w:
+                found[body] = np.s_[y : y + h, x : x + w]
+        return found
 
     @property
     def size(self) -> tuple[int, int]:
