@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +36,10 @@ class Kitti:
             if flow is not None:
                 name, every = f"{moment.view.index:06d}_10.png", encoded(flow)
                 save(home / "flow_occ" / name, every)
-                save(home / "flow_noc" / name, np.where(flow.visible[..., None], every, np.uint16(0)))
+                seen = flow.visible.view(np.uint8)
+                save(
+                    home / "flow_noc" / name, np.asarray(cv2.bitwise_and(every, every, mask=seen), np.uint16)
+                )
 
     def close(self) -> None:
         """Nothing is left to be said."""
@@ -43,6 +47,12 @@ class Kitti:
 
 def encoded(flow: Flow) -> U16:
     """(H, W, 3): u, v, and whether they fit."""
-    codes = np.rint(flow.moved * np.float32(STEPS)) + np.float32(ZERO)
-    fits = ((codes >= 0) & (codes < 2**16)).all(axis=-1)
-    return np.dstack([np.where(fits[..., None], codes, 0), fits]).astype(np.uint16)
+    codes = flow.moved * np.float32(STEPS)
+    np.rint(codes, out=codes)
+    codes += np.float32(ZERO)
+    fits = np.ones(codes.shape[:2], np.uint16)
+    if codes.min() < 0 or codes.max() >= 2**16:
+        fits[:] = ((codes >= 0) & (codes < 2**16)).all(axis=-1)
+        codes *= fits[..., None]
+    u, v = cv2.split(codes.astype(np.uint16))
+    return np.asarray(cv2.merge((u, v, fits)), np.uint16)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.export.places import Ball, is_still, similarity, turns_in_space
-from physgen.export.truth import Box, View
+from physgen.export.places import Ball, Box, is_still, similarity, spans, turns_in_space
+from physgen.export.truth import View
 
 Array = NDArray[np.float64]
 F32 = NDArray[np.float32]
@@ -58,7 +58,7 @@ def _background(view: View, other: View) -> Flow:
 def _fill(found: Flow, body: int, box: Box, view: View, other: View, world: World) -> None:
     """What is seen of a body in `box` is the body's."""
     width, height = view.size
-    x, y = _spans(box)
+    x, y = spans(box)
     hidden: Mask | None = None
     if turns_in_space(body, view, world) and other.spaces is not None:
         to_x, to_y, hidden = Ball.between(body, view, other, world).carried(x, y)
@@ -78,13 +78,6 @@ def _fill(found: Flow, body: int, box: Box, view: View, other: View, world: Worl
         visible &= ~hidden
     np.copyto(found.inside[box], inside, where=mine)
     np.copyto(found.visible[box], visible, where=mine)
-
-
-def _spans(box: Box) -> tuple[Array, Array]:
-    """(1, w) x and (h, 1) y of a box, px."""
-    rows, columns = box
-    x = np.arange(columns.start, columns.stop, dtype=np.float64)
-    return x[None, :], np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
 
 
 @dataclass(frozen=True)

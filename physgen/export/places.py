@@ -24,6 +24,9 @@ Mask = NDArray[np.bool_]
 REST = 1e-9
 """px and rad."""
 
+Box = tuple[slice, slice]
+"""Rows and columns."""
+
 
 class Posed(Protocol):
     """How N bodies stand, and how they are filmed."""
@@ -93,6 +96,13 @@ def _lens(lens: Array) -> tuple[float, complex]:
     """By how much it enlarges, and its shift."""
     (large, _, x), (_, _, y) = lens.tolist()
     return large, complex(x, y)
+
+
+def spans(box: Box) -> tuple[Array, Array]:
+    """(1, w) x and (h, 1) y of a box, px."""
+    rows, columns = box
+    x = np.arange(columns.start, columns.stop, dtype=np.float64)
+    return x[None, :], np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
 
 
 @dataclass(frozen=True)

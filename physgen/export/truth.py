@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
+from physgen.export.places import Box
 from physgen.percepts.maps import Percepts
 from physgen.render.placing import covered
 from physgen.render.resample import nearest
@@ -26,8 +27,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
-Box = tuple[slice, slice]
-"""Rows and columns."""
+
+
+LEFT_OUT = 65535
+"""Stands for things of the photo that the scene leaves out."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ class Clip:
     """Frames."""
     source: Mapping[str, str] = field(default_factory=dict)
     """What it was made of: paths and SHA-256."""
+    stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
+    """(H, W) of the photo, at t = 0: who stands where by ids, and `LEFT_OUT`; empty without a photo."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,6 +113,13 @@ class Clip:
     def categories(self) -> tuple[str, ...]:
         """The labels, each once, in the order of the alphabet."""
         return tuple(sorted(set(self.labels)))
+
+
+def stood(labels: U16, photo: U16 | None, scenery: Mask) -> U16:
+    """`Clip.stood`, of the scene's labels (H, W), those of the photo, and pixels that show a boundary."""
+    if photo is None:
+        return labels
+    return np.where((photo > 0) & (labels == 0) & ~scenery, np.uint16(LEFT_OUT), labels)
 
 
 class Eye:

@@ -5,8 +5,10 @@ The wheel is that of Baker et al., A Database and Evaluation Methodology for Opt
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,8 @@ from physgen.export.truth import Clip
 F32 = NDArray[np.float32]
 SECTORS = (("RY", 15), ("YG", 6), ("GC", 4), ("CB", 11), ("BM", 13), ("MR", 6))
 """Hues between two colours: as many as people tell apart."""
+GRID = 256
+"""Steps from rest to full colour."""
 COLOURS = {"R": (1, 0, 0), "Y": (1, 1, 0), "G": (0, 1, 0), "C": (0, 1, 1), "B": (0, 0, 1), "M": (1, 0, 1)}
 
 
@@ -30,9 +34,20 @@ class Wheel:
 
     def add(self, moment: Moment) -> None:
         """One file a pair of views and direction."""
-        for way, flow in (("forward", moment.forward), ("backward", moment.backward)):
-            if flow is not None:
-                save(self._folder / way / f"{moment.view.index:05d}.png", coloured(flow.moved, self._most))
+        view = moment.view
+        for way, flow, other in (
+            ("forward", moment.forward, moment.after),
+            ("backward", moment.backward, moment.before),
+        ):
+            if flow is None or other is None:
+                continue
+            if np.array_equal(view.lens, other.lens):  # what is no thing's is at rest, and white
+                shown = np.full((*view.ids.shape, 3), 255, np.uint8)
+                for box in view.boxes.values():
+                    shown[box] = coloured(flow.moved[box], self._most)
+            else:
+                shown = coloured(flow.moved, self._most)
+            save(self._folder / way / f"{view.index:05d}.png", shown)
 
     def close(self) -> None:
         """Nothing is left to be said."""
@@ -50,10 +65,21 @@ def fastest(clip: Clip) -> float:
 
 def coloured(moved: F32, most: float) -> NDArray[np.uint8]:
     """(H, W, 3) sRGB of a flow (H, W, 2); `most` px are full colour, what is at rest is white."""
+    place = moved * np.float32(GRID / most)
+    place += np.float32(GRID)
+    nothing = np.empty(0, np.float32)
+    shown = cv2.remap(_disc(), place, nothing, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(shown, np.uint8)
+
+
+@cache
+def _disc() -> NDArray[np.uint8]:
+    """(2 GRID + 1, 2 GRID + 1, 3) sRGB of all flows up to 1 px in x and y, GRID steps a px."""
+    u = np.linspace(-1, 1, 2 * GRID + 1)[None, :]
+    v = u.T
     wheel = _wheel()
-    u, v = moved[..., 0] / np.float32(most), moved[..., 1] / np.float32(most)
     far = np.hypot(u, v)[..., None]
-    place = (np.arctan2(-v, -u) / np.float32(np.pi) + 1) / 2 * (len(wheel) - 1)
+    place = (np.arctan2(-v, -u) / np.pi + 1) / 2 * (len(wheel) - 1)
     low = np.floor(place).astype(np.int64)
     part = (place - low)[..., None]
     hue = wheel[low] * (1 - part) + wheel[(low + 1) % len(wheel)] * part

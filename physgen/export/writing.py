@@ -35,6 +35,8 @@ class Kind:
     about: str
     maps: bool = False
     """It reads the photo's maps."""
+    needs: str = ""
+    """The map of the photo that it cannot do without."""
 
 
 KINDS = (
@@ -42,6 +44,12 @@ KINDS = (
     Kind("flo", "flo:Flo", "optical flow, Middlebury .flo, with masks of what is hidden"),
     Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
     Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
+    Kind("tapvid", "tapvid:Tapvid", "point tracks, TAP-Vid npz"),
+    Kind("order", "order:Order", "who is in front, PNG and JSON"),
+    Kind("depth", "depth:Depth", "depth, 16-bit PNG", True, "depth"),
+    Kind("normals", "normals:Normals", "normals, 16-bit PNG", True, "normals"),
+    Kind("albedo", "albedo:Albedo", "albedo, linear, 16-bit PNG", True, "albedo"),
+    Kind("shading", "shading:Shading", "shading, linear, 16-bit PNG", True, "albedo"),
 )
 
 

@@ -117,7 +117,7 @@ def render_scene(
     with record.stage("report"):
         seen = perception(scene, compiled, maps.percepts) if page is Page.FULL else None
     filming = Filming(scene, compiled, maps, device, record, warm)
-    labels = Labels.of(export, maps.percepts)
+    labels = Labels.of(export, scene, maps.percepts)
     del maps
     kinds = (Format.MP4,) if formats is None else tuple(formats)
     faults: Sequence[Problem] = ()

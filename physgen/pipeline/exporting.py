@@ -13,12 +13,16 @@ from physgen.pipeline.filming import Filming
 from physgen.pipeline.watch import Progress
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from physgen.export.motion import Moment
     from physgen.export.truth import Clip
     from physgen.export.writing import Kind, Writer
     from physgen.percepts.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.record import RunRecord
+    from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
 
 Tapped = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
@@ -34,13 +38,15 @@ class Labels:
     """Of the photo, where a format asks for them."""
 
     @classmethod
-    def of(cls, formats: Sequence[str], maps: Percepts | None) -> Labels:
-        """Raises InputError where a format is none."""
+    def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
+        """Raises InputError where a format is none, or the scene lacks the map that it is made of."""
         if not formats:
             return cls((), None)
+        from physgen.export.lacking import lacking
         from physgen.export.writing import kinds
 
         chosen = kinds(formats)
+        lacking(chosen, scene, maps)
         return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
 
     @contextmanager
@@ -66,6 +72,7 @@ class Labels:
             scene.render.fps,
             len(shot.order),
             record.inputs,
+            stood=_stood(filming, self.maps),
         )
         with written(self.kinds, folder, clip) as writers:
             tap = Tap(filming, trajectory, writers, clip, record)
@@ -83,6 +90,14 @@ class Labels:
         with self.exported(filming, trajectory, folder, record) as tap:
             for index, _ in enumerate(tap(filming.frames(trajectory))):
                 progress("export", index + 1, count)
+
+
+def _stood(filming: Filming, maps: Percepts | None) -> NDArray[np.uint16]:
+    """(H, W) of the photo: who stands where at t = 0."""
+    from physgen.export.truth import stood
+
+    compiled = filming.compiled
+    return stood(compiled.labels, None if maps is None else maps.labels, compiled.scenery)
 
 
 class Tap:
