@@ -169,7 +169,7 @@ def parent(counts: tuple[int, ...] = (100, 1000, 10000)) -> list[dict]:
                 str(folder / "tiny.yaml"),
                 f"objects.ball.mass=1:100:{count}",
             ]
-            flags = ["-o", str(folder / "out"), "--report", "none", "--jobs", "2", "--no-gallery"]
+            flags = ["-o", str(folder / "out"), "--report", "none", "--jobs", "2"]
             done = subprocess.run([*command, *flags], check=True, capture_output=True, text=True, cwd=folder)
             rows.append({"clips": count, "mib": round(int(done.stderr.split()[-1]) / 1024, 1)})
     return rows

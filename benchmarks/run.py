@@ -11,6 +11,7 @@
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
+    python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """

@@ -8,9 +8,11 @@ import re
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 
-_PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+\.part$")
+_PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+(-[0-9a-f]+)?\.part$")
 
 
 Stamp = tuple[int, int, int]
@@ -25,15 +27,25 @@ def stamped(path: Path) -> Stamp:
     return told.st_mtime_ns, told.st_size, told.st_ino
 
 
-def partial(path: Path) -> Path:
-    """A name of our own beside `path`, on the same file system."""
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
+def partial(path: Path, kind: str = "part") -> Path:
+    """A name of this process's own beside `path`, on the same file system, which machines may share."""
+    return path.with_name(f".{path.name}.{os.getpid()}-{machine()}.{kind}")
+
+
+@cache
+def machine() -> str:
+    """Tells apart those on which a process may have the same number: machines, and containers on one."""
+    parts = [os.uname().nodename]
+    with suppress(OSError):
+        parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
+        parts.append(Path("/etc/machine-id").read_text())
+    return sha256("\n".join(parts).encode()).hexdigest()[:8]
 
 
 def meant(path: str) -> str:
     """The name that a reader knows for a partial one.
 
-    >>> meant("out/.a.npz.123.part")
+    >>> meant("out/.a.npz.123-0a1b2c3d.part")
     'out/a.npz'
     """
     return _PARTIAL.sub(r"\g<name>", path)

@@ -15,8 +15,8 @@ from typing import Any
 from physgen.problems import Place, Problem, Severity
 
 CODE = (
-    "cache", "clips", "compile", "outline", "perceive", "percepts", "pipeline", "refine", "render", "report", "scene",
-    "shadow", "simulate",
+    "cache", "clips", "compile", "fan", "outline", "perceive", "percepts", "pipeline", "refine", "render", "report",
+    "scene", "shadow", "simulate",
 )  # fmt: skip
 """Rooms whose code makes clips and their pages."""
 
@@ -34,21 +34,29 @@ def finished(folder: Path, mark: str, scene: Path, digest: Callable[[Path], str]
     `scene` is the file of its scene; `digest` gives a file's SHA-256.
     """
     try:
-        told: Mapping[str, Any] = json.loads((folder / "manifest.json").read_bytes())
-        if told["manifest"] != 1 or told["mark"] != mark or not told["frames"]:
-            return None
-        home = scene.parent.resolve()
-        inputs: Mapping[str, str] = told["inputs"]
-        if any(digest(Path(os.path.normpath(home / name))) != sha for name, sha in inputs.items()):
-            return None
-        if set(_maps(home, told["document"])) - inputs.keys():
-            return None
-        files: Mapping[str, str] = told["files"]
-        if any(_unlike(folder / name, sha) for name, sha in files.items()):
+        told = made_of_the_same((folder / "manifest.json").read_bytes(), mark, scene, digest)
+        if told is None or any(_unlike(folder / name, sha) for name, sha in told["files"].items()):
             return None
         return told
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
+
+
+def made_of_the_same(
+    manifest: bytes, mark: str, scene: Path, digest: Callable[[Path], str]
+) -> Mapping[str, Any] | None:
+    """What a clip's manifest tells, None where the clip was made of something else.
+
+    Raises OSError, ValueError, KeyError, TypeError or AttributeError where it is none, or an input cannot be read.
+    """
+    told: Mapping[str, Any] = json.loads(manifest)
+    if told["manifest"] != 1 or told["mark"] != mark or not told["frames"]:
+        return None
+    home = scene.parent.resolve()
+    inputs: Mapping[str, str] = told["inputs"]
+    if any(digest(Path(os.path.normpath(home / name))) != sha for name, sha in inputs.items()):
+        return None
+    return None if set(_maps(home, told["document"])) - inputs.keys() else told
 
 
 def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -15,13 +15,14 @@ from physgen.batch.columns import Cell
 from physgen.batch.finished import finished, mark
 from physgen.batch.finished import warnings as warned
 from physgen.batch.outcomes import outcomes
-from physgen.batch.workers import spread
+from physgen.batch.workers import LostError, spread
 from physgen.configured import plan
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.traces import clear, leave, trace_of
 from physgen.report.video import NO_ROOM, Format
 from physgen.simulate.trajectory import read_trajectory
+from physgen.urls import is_url, url_below
 from physgen.whole import meant
 
 
@@ -34,9 +35,17 @@ class Refiner:
     config: Path | None = None
     """In place of the files physgen.toml."""
     device: str | None = None
+    planned: Plan | tuple[Problem, ...] | None = field(default=None, compare=False, repr=False)
+    """What the files said to the command, or what is wrong with them, for a process that does not read them."""
+    said: str = ""
+    """The same as text, by which processes know it."""
 
     def plan(self) -> Plan:
         """With what the files say. Raises InputError."""
+        if isinstance(self.planned, Plan):
+            return self.planned
+        if self.planned is not None:
+            raise InputError(self.planned)
         told = plan(config=self.config, device=self.device)
         said = told.choices.get("refine")
         if not self.setting or (
@@ -44,6 +53,10 @@ class Refiner:
         ):  # a bare name: the file has its weights
             return told
         return plan([f"refine={self.setting}"], config=self.config, device=self.device)
+
+    def settled(self) -> Refiner:
+        """The same where files say something else, or nothing; worked out once a process."""
+        return _settled(self)
 
     @property
     def told(self) -> str:
@@ -54,12 +67,37 @@ class Refiner:
             return str(error)
 
 
+@cache
+def _settled(who: Refiner) -> Refiner:
+    try:
+        planned: Plan | tuple[Problem, ...] = who.plan()
+    except InputError as error:
+        planned = tuple(error.problems)
+    return replace(who, planned=planned, said=repr(planned))
+
+
+@dataclass(frozen=True)
+class Here:
+    """Where a clip's scene and folder are to the process that makes it, and what that process cannot know of them."""
+
+    scene: str
+    """A scene file or a pack."""
+    out: str
+    """A folder with nothing but this process's in it."""
+    name: str
+    """Of the clip's folder."""
+    mark: str
+    known: pipeline.Known
+
+
 @dataclass(frozen=True)
 class Job:
     """One clip to make."""
 
     path: str
+    """The scene as the user names it: a path or a URL."""
     out: str
+    """The folder of results as the user names it: a path or a URL."""
     overrides: tuple[str, ...]
     variant: str | None
     allow_outside: bool
@@ -77,17 +115,40 @@ class Job:
     export: tuple[str, ...] = ()
     """Formats of its ground truth."""
     single_file: bool = False
+    draws: int = 0
+    """Of what is uncertain; see `render_scene`."""
+    draw_seed: int = 0
+    here: Here | None = None
+    """Where it is made of copies."""
+
+    @property
+    def called(self) -> str:
+        """The name of the clip's folder. Raises InputError where that cannot be one."""
+        return self.here.name if self.here else self.name or pipeline.output_name(self.path, self.variant)
 
     @property
     def folder(self) -> Path:
-        """Where the clip goes. Raises InputError where its name cannot be one."""
-        return Path(self.out) / (self.name or pipeline.output_name(self.path, self.variant))
+        """Where the clip goes; of a URL, only the name is one. Raises InputError where that cannot be one."""
+        return Path(self.here.out if self.here else self.out) / self.called
+
+    @property
+    def scene(self) -> Path:
+        """Where its scene is read. Raises InputError for a file that is neither a scene nor a pack."""
+        return pipeline.scene_file(self.here.scene if self.here else self.path)
+
+    @property
+    def is_far(self) -> bool:
+        """Whether this process has yet to bring the scene here, or the clip to where it belongs."""
+        return self.here is None and (is_url(self.path) or is_url(self.out))
 
     @property
     def mark(self) -> str:
         """Of all that is asked of the clip, of the models that may refine it, and of the code."""
+        if self.here is not None:
+            return self.here.mark
         asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device)
-        return mark(*asked, self.page, self.single_file, self.export, self.refiner.told)
+        fan = (self.draws, self.draw_seed) if self.draws else ()
+        return mark(*asked, self.page, self.single_file, self.export, self.refiner.told, *fan)
 
 
 class State(Enum):
@@ -113,52 +174,79 @@ class Done:
     outcomes: Mapping[str, Cell] | None = None
     """What became of it; see `batch.outcomes.outcomes`."""
 
+    @property
+    def where(self) -> str | None:
+        """The clip's folder as the user knows it."""
+        if self.folder is None:
+            return None
+        return url_below(self.job.out, self.folder.name) if is_url(self.job.out) else str(self.folder)
+
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """One clip in this process, unless it is there."""
     done = _made(job, progress)
-    if job.tracked is None or done.folder is None:
+    if job.tracked is None or done.folder is None or done.outcomes is not None:
         return done
     return replace(done, outcomes=outcomes(read_trajectory(done.folder / "trajectory.npz"), job.tracked))
 
 
 def _made(job: Job, progress: pipeline.Progress) -> Done:
+    if job.is_far:
+        from physgen.batch.far import run_far
+
+        return run_far(job, progress)
     begun = time.perf_counter()
     warm = _warm()
     warnings: list[Problem] = []
     try:
         if job.cached:
-            told = finished(job.folder, job.mark, pipeline.scene_file(job.path), warm.hash)
+            told = finished(job.folder, job.mark, job.scene, hash_of)
             if told is not None:
                 return Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
         folder = pipeline.render_scene(
-            job.path,
-            job.out,
+            job.here.scene if job.here else job.path,
+            job.folder.parent,
             overrides=job.overrides,
             variant=job.variant,
-            name=job.name,
+            name=job.called,
             mark=job.mark,
             allow_outside=job.allow_outside,
             formats=job.formats,
             command=job.command,
             ask_chaos=job.chaos,
+            draws=job.draws,
+            draw_seed=job.draw_seed,
             device=job.device,
             refiners=_refiners(job.refiner),
             cached=job.cached,
             page=job.page,
             export=job.export,
+            known=job.here.known if job.here else None,
             warm=warm,
             single_file=job.single_file,
             progress=progress,
             warn=warnings.append,
         )
-    except InputError as error:
-        return Done(job, None, (*warnings, *error.problems), seconds=time.perf_counter() - begun)
-    except (OSError, MemoryError) as error:
-        full = isinstance(error, OSError) and error.errno in NO_ROOM
-        seconds = time.perf_counter() - begun
-        return Done(job, None, (*warnings, _failure(job, error)), seconds=seconds, full=full)
+    except (InputError, OSError, MemoryError) as error:
+        return failed(job, error, warnings, time.perf_counter() - begun)
     return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
+
+
+def failed(
+    job: Job,
+    error: InputError | OSError | MemoryError | LostError,
+    warnings: Sequence[Problem] = (),
+    seconds: float = 0.0,
+) -> Done:
+    """A clip that came to nothing, and why."""
+    problems = error.problems if isinstance(error, InputError) else [_failure(job, error)]
+    full = isinstance(error, OSError) and error.errno in NO_ROOM
+    return Done(job, None, (*warnings, *problems), seconds=seconds, full=full)
+
+
+def hash_of(file: Path) -> str:
+    """SHA-256, worked out once by this process. Raises OSError."""
+    return _warm().hash(file)
 
 
 _REFINERS: dict[Refiner, pipeline.Refiners] = {}
@@ -207,7 +295,9 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
             leave(out, trace_of(name, job.path, job.variant, job.overrides, job.command, done.problems), page)
 
 
-def run_all(jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.Progress]) -> Iterator[Done]:
+def run_all(
+    jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.Progress]
+) -> Generator[Done, None, None]:
     """Results in the order of the jobs, whatever finishes first; `watch` tells how far one is that runs alone.
 
     Jobs are pulled as they are begun. Whoever stops early must close the iterator, which ends the processes.
@@ -215,4 +305,4 @@ def run_all(jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.P
     if workers <= 1:
         yield from (run(job, watch(job)) for job in jobs)
     else:
-        yield from spread(run, jobs, workers, lambda job, error: Done(job, None, (_failure(job, error),)))
+        yield from spread(run, jobs, workers, failed)

@@ -149,7 +149,7 @@ def _take(
             queue.again.append(number)
             return
         code = worker.process.exitcode
-        result, error = lost(item, LostError(_reason(code))), None
+        result, error = lost(item, LostError(reason(code))), None
     else:
         worker.number = None
     if error is not None:
@@ -158,7 +158,8 @@ def _take(
     done[number] = result
 
 
-def _reason(code: int | None) -> str:
+def reason(code: int | None) -> str:
+    """How a process ended, in words."""
     if code is not None and code < 0:
         with suppress(ValueError):
             return f"its process was ended by {signal.Signals(-code).name}"
@@ -168,7 +169,7 @@ def _reason(code: int | None) -> str:
 def _hired(work: Callable[[Item], Result]) -> _Worker[Item, Result]:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, work, os.getpid()), daemon=True)
+    process = context.Process(target=serve, args=(theirs, work, os.getpid()), daemon=True)
     process.start()
     theirs.close()
     return _Worker(process, ours)
@@ -188,7 +189,7 @@ def _end(crew: list[_Worker[Item, Result]]) -> None:
             worker.process.join()
 
 
-def _serve(line: Connection, work: Callable[[Item], Result], parent: int) -> None:
+def serve(line: Connection, work: Callable[[Item], Result], parent: int) -> None:
     """A worker's life: an item, its result, the next one; until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))

@@ -30,6 +30,7 @@ AFTERWARDS = {
     "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants"},
     "Render": {"overlay", "play"},
     "Object": {"label", "provenance", "prompt"},
+    "Light": {"provenance"},
 }
 """What a scene says that no unrefined frame shows. The photo and its maps count by their bytes, not by their names."""
 FORMAT = 1

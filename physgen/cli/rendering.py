@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.printing import FAILED, OK, Bar, print_line, tell, tell_kept
+from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
 from physgen.cli.progress import Counter
 from physgen.flags import WRONG_INPUT
 from physgen.problems import InputError
+from physgen.urls import is_url
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
+    from physgen.batch.shelf import Shelf
 
 PREVIEWED = 24
 """Frames of a preview, at most."""
@@ -83,7 +85,7 @@ def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[
     from physgen import pipeline
 
     try:
-        scene = pipeline.load(path, options.set, variant, options.allow_outside)
+        scene = pipeline.load(_at_hand(path, options), options.set, variant, options.allow_outside)
     except InputError:  # told of where it is rendered
         return ()
     film, length = scene.render, scene.world.duration * scene.render.slow
@@ -136,6 +138,8 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
             tracked,
             options.export,
             options.single_file,
+            options.fan,
+            options.fan_seed,
         )
 
     return make
@@ -153,33 +157,47 @@ def make_all(
 
     `beside` finishes what else there is at the end, and returns the files to tell of; `shown` says who looks at it.
     """
-    from physgen.batch.pool import ended, run_all
-    from physgen.report.leftovers import cleared
+    from physgen.batch.shelf import shelf
 
-    root = Path(options.output)
+    kept_in = shelf(options.output)
     many = count > 1
-    gallery = shown is Shown.GALLERY and (many or (root / "index.html").exists())
+    gallery = shown is Shown.GALLERY and (many or kept_in.has_index())
     tally, told = Tally(), _Told()
     bar = Bar()
-    with Counter(count if many else 0) as counter:
-        done_ones = run_all(jobs, min(options.jobs, count), lambda job: bar.show if not many else _silent)
-        with cleared(root), closing(done_ones):  # type: ignore[type-var]
-            for done in done_ones:
-                bar.clear()
-                if done.full:  # of every clip that follows the same would be said
-                    tally.full = True
-                    break
-                _count(tally, done)
-                for line in told.new(done):
-                    counter.tell(line)
-                ended(done, root, gallery)
-                heard(done)
-                _told_of(done, options.json, counter)
-                counter.step(tally.failed)
-    changed = tally.made or tally.failed or not (root / "index.html").exists()
-    if gallery and changed and not tally.full and root.is_dir():
-        _gallery(root, bar, tally)
-    return _sum_up(tally, count, root, beside(), options)
+    with (
+        Counter(count if many else 0) as counter,
+        kept_in.cleared(),
+        closing(_made(jobs, count, options, bar, counter)) as done_ones,
+    ):
+        for done in done_ones:
+            bar.clear()
+            if done.full:  # of every clip that follows the same would be said
+                tally.full = True
+                break
+            _count(tally, done)
+            for line in told.new(done):
+                counter.tell(line)
+            kept_in.ended(done, gallery)
+            heard(done)
+            _told_of(done, options.json, counter)
+            counter.step(tally.failed)
+    if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index()):
+        _gallery(kept_in, bar, tally, options.output)
+    return _sum_up(tally, count, kept_in, beside(), options)
+
+
+def _made(
+    jobs: Iterable[Job], count: int, options: argparse.Namespace, bar: Bar, counter: Counter
+) -> Generator[Done, None, None]:
+    """How each job ended, on this machine or on a cluster."""
+    workers = min(options.jobs, count)
+    if getattr(options, "cluster", None):
+        from physgen.batch.cluster.farm import run_on
+
+        return run_on(options.cluster, workers, jobs, options.ship, counter.tell)
+    from physgen.batch.pool import run_all
+
+    return run_all(jobs, workers, lambda job: bar.show if count == 1 else _silent)
 
 
 class _Told:
@@ -224,50 +242,54 @@ def _told_of(done: Done, as_json: bool, counter: Counter) -> None:
                 "scene": done.job.path,
                 "variant": done.job.variant,
                 "state": done.state.value,
-                "folder": None if done.folder is None else str(done.folder),
+                "folder": done.where,
                 "seconds": round(done.seconds, 3),
                 "problems": [problem.as_dict() for problem in done.problems],
             }
             counter.line(json.dumps(line, ensure_ascii=False, default=str))
-    elif done.folder is not None:
-        counter.line(str(done.folder))
+    elif done.where is not None:
+        counter.line(done.where)
 
 
-def _gallery(root: Path, bar: Bar, tally: Tally) -> None:
+def _gallery(kept_in: Shelf, bar: Bar, tally: Tally, out: str) -> None:
     """The page of all that is in the folder, made again."""
     if tally.all > MOST_SHOWN:
-        tell(f"{root}: too many clips for one gallery; physgen gallery shows parts of them")
+        tell(f"{out}: too many clips for one gallery; physgen gallery shows parts of them")
         return
-    from physgen.report.gallery import write_gallery
-
-    write_gallery([root], root / "index.html", progress=bar.show, keep=tell_kept)
+    kept_in.write_index(
+        bar.show,
+        lambda name: tell(f"{kept_in.index}: was there already and differed; kept as {name}"),
+        tally.all,
+    )
     bar.clear()
 
 
-def _sum_up(tally: Tally, count: int, root: Path, beside: Sequence[Path], options: argparse.Namespace) -> int:
+def _sum_up(
+    tally: Tally, count: int, kept_in: Shelf, beside: Sequence[Path], options: argparse.Namespace
+) -> int:
     """The last line, and the exit code."""
     import json
 
-    index = root / "index.html"
-    index = index if count > 1 and index.exists() else None  # type: ignore[assignment]
+    index = kept_in.index if count > 1 and kept_in.has_index() else None
     if options.json:
         line = {
             "clips": count,
             "made": tally.made,
             "unchanged": tally.unchanged,
             "failed": tally.failed,
-            "index": None if index is None else str(index),
+            "index": index,
             **{path.name: str(path) for path in beside},
             "passed": tally.failed == 0 and tally.all == count,
         }
         print_line(json.dumps(line))
     else:
-        for path in ([] if index is None else [index]) + [*beside]:
-            print_line(str(path))
+        for file in ([] if index is None else [index]) + [str(path) for path in beside]:
+            print_line(file)
     if tally.full:
         left = count - tally.made - tally.unchanged
         tell(
-            f"{root}: no room left: {left:,} of {count:,} clips are missing; make room and run the same command again"
+            f"{options.output}: no room left: {left:,} of {count:,} clips are missing; "
+            "make room and run the same command again"
         )
         return FAILED
     if count > 1 and tally.failed:
@@ -299,7 +321,16 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
         return [options.variant]
     from physgen import pipeline
 
-    return [None, *pipeline.load(path, options.set, None, options.allow_outside).variants]
+    return [None, *pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants]
+
+
+def _at_hand(path: str, options: argparse.Namespace) -> str:
+    """Where a scene can be read, of which a URL may have been given."""
+    if not is_url(path):
+        return path
+    from physgen.batch.far import readable
+
+    return readable(path, options.set)
 
 
 def refuse_twins(jobs: list[Job]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from physgen import __version__
+from physgen.flags.clusters import clusters
 from physgen.flags.exhibiting import exhibit
 from physgen.flags.exporting import exports, labels
 from physgen.flags.measures import measures
@@ -16,7 +17,7 @@ from physgen.flags.perceiving import perceive, who
 from physgen.flags.plots import plots
 from physgen.flags.refining import refine
 from physgen.flags.sweeping import sweep
-from physgen.flags.values import count, formats, four, positive, scene_name, two
+from physgen.flags.values import count, draws, formats, four, place, positive, scene_name, seed, two
 from physgen.flags.verifying import verify
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
@@ -144,9 +145,14 @@ def build_parser() -> argparse.ArgumentParser:
         "Scenes to videos, reports and manifests.",
         "physgen render scene.yaml -o out --format mp4,gif",
     )
-    sub.add_argument("scenes", metavar="SCENE", nargs="+")
+    sub.add_argument("scenes", metavar="SCENE", nargs="+", type=place, help="a file, a pack, or a URL")
     sub.add_argument(
-        "-o", "--output", metavar="DIR", default="out", help="folder of the results; default: out"
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=place,
+        default="out",
+        help="folder of the results, or its URL; default: out",
     )
     _making(sub)
     sub.add_argument(
@@ -237,6 +243,7 @@ def _making(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
     )
+    clusters(sub)
     sub.add_argument(
         "--format",
         metavar="LIST",
@@ -249,6 +256,14 @@ def _making(sub: argparse.ArgumentParser) -> None:
         action="store_true",
         help="tell in the report how long the motion can be foretold; see simulate",
     )
+    sub.add_argument(
+        "--fan",
+        metavar="N",
+        type=draws,
+        default=0,
+        help="simulate N draws of what `from` is unsure of: which outcomes does the photo decide? see docs/fan.md",
+    )
+    sub.add_argument("--fan-seed", metavar="S", type=seed, default=0, help="of the draws; default: 0")
     sub.add_argument(
         "--device",
         choices=DEVICES,

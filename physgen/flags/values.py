@@ -14,6 +14,16 @@ FORMATS = ("mp4", "gif", "webp", "png")
 CURVES = ("x", "y", "speed", "angle")
 
 
+def place(text: str) -> str:
+    """A path or a URL; of a file of this machine, its path."""
+    from physgen.urls import plain
+
+    try:
+        return plain(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def positive(text: str) -> float:
     """A number above 0."""
     try:
@@ -54,6 +64,13 @@ def number_of_clips(text: str) -> int:
     """A number of draws."""
     if not text.isdecimal() or not 1 <= int(text[:12]) <= 10_000_000 or len(text) > 8:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 10,000,000")
+    return int(text)
+
+
+def draws(text: str) -> int:
+    """Draws of a fan."""
+    if not text.isdecimal() or not 2 <= int(text) <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 2 to 1000")
     return int(text)
 
 

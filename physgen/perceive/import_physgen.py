@@ -84,7 +84,8 @@ def import_physgen(
         if not shadows.faint:
             clean = refilled(clean, background, coverage, backends.make("inpaint"))
         percepts = replace(percepts, clean=clean)
-        document["light"] = words.light(shadows.light) | {"softness": shadows.softness}
+        said = words.source("shadows", shadows.confidence)
+        document["light"] = words.light(shadows.light) | {"softness": shadows.softness, "from": said}
         comments["light"] = f"{shadows.reason} (confidence {shadows.confidence:g})"
         document["world"] |= words.view(shadows, bool(sim.gravity))
     document["render"] = {"fps": max(1, round(sim.frames / sim.duration, 3)), "frames": sim.frames}

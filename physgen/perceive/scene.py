@@ -269,5 +269,6 @@ def _world(setting: Setting, pixels_per_meter: float, shadows: Shadows) -> dict[
 
 def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
     if shadows.clean is None:
-        return words.light(guess.light)
-    return words.light(shadows.light) | {"softness": shadows.softness}
+        return words.light(guess.light) | {"from": words.source("shading", guess.confidence)}
+    said = words.source("shadows", shadows.confidence)
+    return words.light(shadows.light) | {"softness": shadows.softness, "from": said}

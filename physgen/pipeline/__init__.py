@@ -11,7 +11,7 @@ of them, `refining` retouches what is filmed, and `clip` is the whole line.
 
 from __future__ import annotations
 
-from physgen.pipeline.clip import Page, output_name, render_scene
+from physgen.pipeline.clip import Known, Page, output_name, render_scene
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
@@ -19,6 +19,7 @@ from physgen.pipeline.stages import (
     chaos,
     compile,
     drawn_by,
+    fan,
     filled,
     lint,
     load,
@@ -33,6 +34,7 @@ from physgen.pipeline.watch import Keep, Progress, Warn, silent, unheard
 
 __all__ = [
     "Keep",
+    "Known",
     "Page",
     "Progress",
     "Refiners",
@@ -41,6 +43,7 @@ __all__ = [
     "chaos",
     "compile",
     "drawn_by",
+    "fan",
     "filled",
     "import_coco",
     "import_physgen",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.pipeline.exporting import Labels
+from physgen.pipeline.fanning import fanned
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guided, refined
@@ -25,6 +26,7 @@ from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
+    from physgen.report.fanned import Section
     from physgen.report.perception import Perception
     from physgen.report.record import RunRecord
     from physgen.report.retouched import Retouched
@@ -46,6 +48,16 @@ class Page(Enum):
     """There is none."""
 
 
+@dataclass(frozen=True)
+class Known:
+    """What a scene is to the user, where a copy of it is rendered."""
+
+    path: str
+    """Of the scene: a path on another machine, or a URL."""
+    source: str
+    """What the manifest says of where the scene is; see `RunRecord.source`."""
+
+
 UNBALANCED = 0.03
 """Part of the energy that flows above which a simulation is not to be trusted."""
 
@@ -62,11 +74,14 @@ def render_scene(
     formats: Sequence[Format] | None = None,
     command: Sequence[str] = (),
     ask_chaos: bool = False,
+    draws: int = 0,
+    draw_seed: int = 0,
     device: str = "cpu",
     refiners: Refiners | None = None,
     cached: bool = True,
     page: Page = Page.FULL,
     export: Sequence[str] = (),
+    known: Known | None = None,
     warm: Warm | None = None,
     single_file: bool = False,
     progress: Progress = silent,
@@ -76,12 +91,13 @@ def render_scene(
 
     `name` is the folder's in place of the scene's; `mark` goes into the manifest and tells what was asked for.
     `formats` are the video's, none where they are empty; `ask_chaos` runs the scene's neighbours too, for the report;
-    `device` is that of `render`. `refiners` hold models from one scene to the next, and `warm` holds what the scene
-    before left at hand; motions and frames that are refined come from the cache where they are kept, if it is to be
-    `cached`; `page` says how much the report holds, and as a `single_file` it carries its film, to be mailed alone.
-    Labels in the formats of `export`, of the clip without refinement, go to `truth/`, or, where there is no video, to
-    the folder itself. Raises InputError; where it is refinement that fails, the folder is there all the same, with
-    `unrefined.mp4`.
+    `draws` of what is uncertain are simulated, 0 for none, and `draw_seed` says which; `device` is that of `render`.
+    `refiners` hold models from one scene to the next, and `warm` holds what the scene before left at hand; motions and
+    frames that are refined come from the cache where they are kept, if it is to be `cached`; `page` says how much the
+    report holds, and as a `single_file` it carries its film, to be mailed alone. Labels in the formats of `export`, of
+    the clip without refinement, go to `truth/`, or, where there is no video, to the folder itself. What is told of the
+    scene is `known` where `path` is a copy. Raises InputError; where it is refinement that fails, the folder is there
+    all the same, with `unrefined.mp4`.
     """
     from physgen.report.embedded import heavy
     from physgen.report.folder import output_folder, whole_folder
@@ -94,14 +110,14 @@ def render_scene(
     record.device = drawn_by(device)
     warm = warm or Warm(Keep.NOTHING)
     with record.stage("load"):
-        scene = warm.load(path, overrides, variant, allow_outside)
+        scene = warm.load(path, overrides, variant, allow_outside, known.path if known else None)
         scene = replace(scene, name=output_name(path, variant) if name is None else name)
         maps = warm.maps(scene)
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document
     record.seeds = {"refine": scene.refine.seed}
     record.inputs = inputs(scene, scene_file(path), warm.hash)
-    record.source = source_of(Path(path), final)
+    record.source = known.source if known else source_of(Path(path), final)
     record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
 
     def odd(problem: Problem) -> None:
@@ -136,6 +152,12 @@ def render_scene(
         if ask_chaos:
             with record.stage("chaos"):
                 record.chaos = chaos(compiled.world, progress).as_dict()
+        spread = None
+        if draws:
+            record.seeds["fan"] = draw_seed
+            with record.stage("fan"):
+                spread = fanned(scene, compiled, draws, draw_seed, variant, progress, odd)
+                record.fan = None if spread is None else spread.told()
         folder = held.enter_context(whole_folder(final))
         truth = folder / "truth" if kinds else folder
         if footage is not None:
@@ -151,8 +173,23 @@ def render_scene(
                 record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
+            if spread is not None:
+                spread.save(folder)
             if kinds and page is not Page.NONE:
-                _report(filming, trajectory, first, record, folder, kinds, page, seen, retouched, single_file)
+                decided = None if spread is None else spread.section()
+                _report(
+                    filming,
+                    trajectory,
+                    first,
+                    record,
+                    folder,
+                    kinds,
+                    page,
+                    seen,
+                    retouched,
+                    single_file,
+                    decided,
+                )
         write_manifest(record, folder)
     if single_file and page is not Page.NONE:
         large = heavy(final / "report.html", "make the clip shorter or smaller")
@@ -200,6 +237,7 @@ def _report(
     seen: Perception | None,
     retouched: Retouched | None,
     single_file: bool,
+    decided: Section | None,
 ) -> None:
     """The page; `first` is the clip's first frame, unrefined."""
     from physgen.report.embedded import beside, carried
@@ -224,7 +262,7 @@ def _report(
         )
     if seen is not None and (pair := relit(filming.stage, trajectory)) is not None:
         seen = replace(seen, comparisons=(pair, *seen.comparisons))
-    html = report_page(scene, world, record, first, film, text, player, seen, retouched)
+    html = report_page(scene, world, record, first, film, text, player, seen, retouched, decided)
     (folder / "report.html").write_text(html, encoding="utf-8")
 
 
@@ -233,7 +271,8 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
     from physgen.report.record import file_hash, write_json
 
     for file in sorted(p for p in folder.rglob("*") if p.is_file()):
-        record.files[file.relative_to(folder).as_posix()] = file_hash(file)
+        name = file.relative_to(folder).as_posix()
+        record.files[name], record.sizes[name] = file_hash(file), file.stat().st_size
     write_json(folder / "manifest.json", record.manifest())
 
 

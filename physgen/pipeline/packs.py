@@ -10,6 +10,7 @@ import hashlib
 import os
 import tempfile
 from collections import OrderedDict
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,24 +35,37 @@ def scene_file(path: str | Path) -> Path:
     path = Path(path)
     if not is_pack(path):
         return path
-    from physgen.cache.store import opened
     from physgen.scene.unpacked import read_pack
 
-    store, name, stamp = opened(), os.path.abspath(path), stamped(path)
+    name, stamp = os.path.abspath(path), stamped(path)
     told, key = _KNOWN.get(name, (None, ""))
     data = b""
-    if told != stamp or (str(store.root), key) not in _HELD:
+    if told != stamp:
         data = read_pack(path)
-        key = f"pack-{hashlib.sha256(data).hexdigest()[:32]}"
+        key = pack_key(data)
+    found = scene_in(key, lambda: data or read_pack(path), str(path))
+    _KNOWN[name] = stamp, key
+    return found
+
+
+def pack_key(data: bytes) -> str:
+    """What the bytes of a pack are known by."""
+    return f"pack-{hashlib.sha256(data).hexdigest()[:32]}"
+
+
+def scene_in(key: str, data: Callable[[], bytes], name: str) -> Path:
+    """The scene file of the pack of that key, unpacked from its `data` unless it is there. Raises InputError."""
+    from physgen.cache.store import opened
+
+    store = opened()
     held = _HELD.pop((str(store.root), key), None)
     if held is None and not _HELD:
         atexit.register(_let_go)
     if held is None or not held[1].is_file():
-        held = _opened(store, key, data or read_pack(path), str(path))
+        held = _opened(store, key, data, name)
     _HELD[str(store.root), key] = held
     while len(_HELD) > MOST_HELD:
         _HELD.popitem(last=False)[1][0].close()
-    _KNOWN[name] = stamp, key
     return held[1]
 
 
@@ -61,12 +75,12 @@ def _let_go() -> None:
         _HELD.popitem()[1][0].close()
 
 
-def _opened(store: Store, key: str, data: bytes, name: str) -> tuple[ExitStack, Path]:
+def _opened(store: Store, key: str, data: Callable[[], bytes], name: str) -> tuple[ExitStack, Path]:
     """The scene file, and what keeps it there."""
     with ExitStack() as stack:
         folder = stack.enter_context(store.find(key))
         if folder is None:
-            _kept(store, key, data, name)
+            _kept(store, key, data(), name)
             folder = stack.enter_context(store.find(key))
         if folder is not None:
             scene = folder / FILES / (folder / SCENE).read_text(encoding="utf-8")
@@ -74,7 +88,7 @@ def _opened(store: Store, key: str, data: bytes, name: str) -> tuple[ExitStack, 
             own = stack.enter_context(tempfile.TemporaryDirectory(prefix="physgen-"))
             from physgen.scene.unpacked import unpacked
 
-            scene = unpacked(data, Path(own) / FILES, name)
+            scene = unpacked(data(), Path(own) / FILES, name)
         return stack.pop_all(), scene
 
 

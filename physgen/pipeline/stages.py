@@ -18,6 +18,7 @@ from physgen.problems import InputError, Problem
 if TYPE_CHECKING:
     from physgen.compile.assemble import Compiled
     from physgen.compile.world import World
+    from physgen.fan.fan import Fan
     from physgen.percepts.maps import Percepts
     from physgen.render.shot import Shot
     from physgen.render.stage import Frame, Stage
@@ -85,6 +86,23 @@ def chaos(world: World, progress: Progress = silent) -> Chaos:
     from physgen.simulate.chaos import chaos as compare
 
     return compare(world, progress)
+
+
+def fan(
+    scene: Scene,
+    compiled: Compiled,
+    count: int,
+    seed: int = 0,
+    variant: str | None = None,
+    progress: Progress = silent,
+) -> Fan:
+    """The scene simulated `count` times, each with other numbers from what `from` is unsure of; see docs/fan.md.
+
+    `variant` is the one that was applied to the scene: what it sets is certain.
+    """
+    from physgen.fan.fan import fan as draw
+
+    return draw(scene, compiled, count, seed, variant, progress)
 
 
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:

@@ -94,17 +94,22 @@ class Warm:
         self._hashes: dict[Path, tuple[Stamp, str]] = {}
 
     def load(
-        self, path: str | Path, overrides: Sequence[str], variant: str | None, allow_outside: bool
+        self,
+        path: str | Path,
+        overrides: Sequence[str],
+        variant: str | None,
+        allow_outside: bool,
+        shown: str | None = None,
     ) -> Scene:
-        """As `stages.load`."""
+        """As `stages.load`; `shown` is what messages call the file where that is not its path."""
         from physgen.scene.build import Opened
 
         name = str(scene_file(path))
-        read = (os.getcwd(), name, allow_outside)
-        opened = self._opened.of(read, lambda: Opened(name, allow_outside))
+        read = (os.getcwd(), name, allow_outside, shown)
+        opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
         if opened.stale():
             self._opened.forget(read)
-            opened = self._opened.of(read, lambda: Opened(name, allow_outside))
+            opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
         return opened.scene(overrides, variant)
 
     def maps(self, scene: Scene) -> Maps:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,7 +21,7 @@ def whole_folder(final: Path) -> Iterator[Path]:
     beside = partial(final)
     shutil.rmtree(beside, ignore_errors=True)
     beside.mkdir()
-    old = final.with_name(f".{final.name}.{os.getpid()}.old")
+    old = partial(final, "old")
     with in_use(beside):
         try:
             yield beside

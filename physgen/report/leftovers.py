@@ -1,7 +1,8 @@
 """What killed runs leave beside finished results -> gone, and what they had moved aside -> back in its place.
 
 Who fills a folder holds a lock on it, which ends with the process however that ends. Where a file system knows no such
-locks, as some shared ones, a leftover goes when it is a day old.
+locks, as some shared ones, a leftover goes when it is a day old; so does one of another machine, whose locks may not be
+seen here.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-_LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})\.(?P<kind>part|old)")
+from physgen.whole import machine
+
+_LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(-(?P<machine>[0-9a-f]+))?\.(?P<kind>part|old)")
 FRESH = 0.5
 """s for which a file without a lock is left alone: whoever writes it may be on another machine."""
 MINUTE, DAY = 60.0, 86400.0
@@ -66,29 +69,34 @@ def sweep(out: Path) -> None:
             path, final = Path(entry.path), out / match["name"]
             folder = entry.is_dir(follow_symlinks=False)
             age = time.time() - entry.stat(follow_symlinks=False).st_ctime
-            dead = not _lives(int(match["process"]))
+            away = match["machine"] not in (None, machine())
+            dead = age > DAY if away else not _lives(int(match["process"]))
             gone = dead and age > FRESH
             if match["kind"] == "old" and folder and gone:
                 if final.exists():
                     shutil.rmtree(path, ignore_errors=True)
                 else:
                     path.rename(final)
-            elif match["kind"] == "part" and folder and _is_free(path, dead, age):
+            elif (
+                match["kind"] == "part"
+                and folder
+                and _is_free(path, dead or (age > MINUTE and not away), age)
+            ):
                 shutil.rmtree(path, ignore_errors=True)
             elif match["kind"] == "part" and not folder and gone:
                 path.unlink(missing_ok=True)
 
 
-def _is_free(folder: Path, dead: bool, age: float) -> bool:
-    """Whether nobody fills it."""
+def _is_free(folder: Path, left: bool, age: float) -> bool:
+    """Whether nobody fills it, though it looks `left`."""
     lock = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return dead or age > MINUTE
+        return left
     except BlockingIOError:
         return False
     except OSError:
-        return dead and age > DAY
+        return left and age > DAY
     finally:
         os.close(lock)
 

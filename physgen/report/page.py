@@ -17,6 +17,7 @@ from physgen.compile.world import World
 from physgen.problems import Problem
 from physgen.report.embedded import Film
 from physgen.report.encoded import jpeg
+from physgen.report.fanned import Section, dimmed
 from physgen.report.highlighted import lines
 from physgen.report.holds import drawn, listed
 from physgen.report.parameters import COLUMNS, edits, parameter_rows
@@ -53,11 +54,12 @@ def report_page(
     player: Data | None = None,
     seen: Perception | None = None,
     retouched: Retouched | None = None,
+    fan: Section | None = None,
 ) -> str:
     """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
     `player` is what `player_data` gives; without it, or without scripts, the page has that picture and the video.
-    `seen` is what was perceived of the photo, `retouched` what refinement changed.
+    `seen` is what was perceived of the photo, `retouched` what refinement changed, `fan` what is told of draws.
     """
     width, height = scene.size
     page: str = template("report.html.j2").render(
@@ -101,6 +103,8 @@ def report_page(
         pairs=pair_table(world),
         perception=seen,
         retouched=retouched,
+        fan=fan,
+        dimmed=None if fan is None else dimmed(first),
         provenance=provenance(record, scene_text, _file(scene)),
         version=__version__,
     )
@@ -143,7 +147,7 @@ def failed_page(
 def _file(scene: Scene) -> str | None:
     """The scene's file as it was written; None where it cannot be read."""
     try:
-        return Path(scene.place("").file).read_text(encoding="utf-8")
+        return scene.file_of(scene.place("")).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return None
 

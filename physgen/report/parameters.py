@@ -2,30 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees
-from pathlib import Path
 from typing import Any
 
 from physgen.compile.world import Body, World
-from physgen.problems import Place
 from physgen.scene.model import Motion, Scene, Solid
-
-_SURE = re.compile(r"^(.*?)\s*(?<![\d.])(0(?:\.\d+)?|1(?:\.0+)?)$")
-"""Who, and a confidence in 0..1 behind it: `table 0.4`."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a number comes from."""
-
-    kind: str
-    """`flag`, `variant`, `guess`, `file` or `default`; `worked out` where nobody says it."""
-    text: str
-    sure: float | None = None
-    """0..1."""
+from physgen.scene.said import Said, Source
 
 
 @dataclass(frozen=True)
@@ -65,7 +49,7 @@ WORKED_OUT = Source("worked out", "worked out")
 
 def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]:
     """A row an object, then a row a boundary."""
-    said = _Said(scene, variant)
+    said = Said(scene, variant)
     rows = [_object(scene, k, body, said) for k, body in enumerate(world.bodies)]
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
         path = f"boundaries.{item.name}"
@@ -91,62 +75,18 @@ def edits(scene: Scene, overrides: Sequence[str], variant: str | None) -> list[t
     return found + [("--set", text) for text in overrides]
 
 
-def source(said: str) -> Source:
-    """What `from` says of a number.
-
-    >>> source("table 0.4")
-    Source(kind='guess', text='table', sure=0.4)
-    """
-    match = _SURE.match(said.strip())
-    if match is None or not match[1]:
-        return Source("guess", said)
-    return Source("guess", match[1], float(match[2]))
-
-
-class _Said:
-    """Who said the value of a key."""
-
-    def __init__(self, scene: Scene, variant: str | None) -> None:
-        self._scene = scene
-        start = f"variants.{variant}"
-        self._edited = {
-            place for key, place in scene.places.items() if variant is not None and key.startswith(start)
-        }
-        self._variant = variant
-        root = scene.places.get("", Place(""))
-        self._file = Path(root.file).name
-
-    def of(self, path: str, provenance: str | None, near: bool = False) -> Source:
-        """Flag before variant before guess before the file's own line; else the default.
-
-        With `near`, a value that is written nowhere by itself stands where what it belongs to does.
-        """
-        place = self._scene.places.get(path)
-        if place is None and near:
-            place = self._scene.place(path)
-        if place is not None and not place.line:
-            return Source("flag", "--set")
-        if place is not None and place in self._edited:
-            return Source("variant", f"variant {self._variant}")
-        if provenance is not None:
-            return source(provenance)
-        if place is None:
-            return Source("default", "default")
-        name = Path(place.file).name
-        return Source("file", f"line {place.line}" if name == self._file else f"{name}, line {place.line}")
-
-
-def _object(scene: Scene, index: int, body: Body, said: _Said) -> Row:
+def _object(scene: Scene, index: int, body: Body, said: Said) -> Row:
     item = scene.objects[index]
     path = f"objects.{item.name}"
 
     def cell(text: str, key: str) -> Cell:
-        return Cell(text, said.of(f"{path}.{key}", item.provenance.get(key)))
+        told = f"{path}.from.{key}"
+        return Cell(text, said.of(f"{path}.{key}", item.provenance.get(key), told=told))
 
     weight = "mass" if item.mass is not None else "density"
     cells = {
-        "shape": Cell(_shape(body), said.of(f"{path}.shape", item.provenance.get("shape"))),
-        "mass": Cell(_grams(body.mass), said.of(f"{path}.{weight}", item.provenance.get(weight))),
+        "shape": cell(_shape(body), "shape"),
+        "mass": cell(_grams(body.mass), weight),
         "moment": Cell(f"{body.moment:.3e}", WORKED_OUT),
         "friction": cell(f"{item.friction:g}", "friction"),
         "elasticity": cell(f"{item.elasticity:g}", "elasticity"),

@@ -61,6 +61,8 @@ class RunRecord:
     """`size`: width and height, px; `fps`: 1/s."""
     files: dict[str, str] = field(default_factory=dict)
     """Output file -> SHA-256."""
+    sizes: dict[str, int] = field(default_factory=dict)
+    """Output file -> bytes: what can be asked of a distant file without reading it."""
     warnings: list[dict[str, object]] = field(default_factory=list)
     document: Mapping[str, Any] = field(default_factory=dict)
     """The resolved scene."""
@@ -72,6 +74,8 @@ class RunRecord:
     """What drew the frames: the processor, or a GPU and the torch that it was told by."""
     chaos: dict[str, Any] | None = None
     """See `simulate.chaos.Chaos.as_dict`; None where it was not asked for."""
+    fan: dict[str, Any] | None = None
+    """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None
     """`backend`, what `refine.refining.Refinement.note` tells, and `changes`, see `report.changes.Changes.figures`; or
     `backend` and why it `failed`. `strip`: the `file` that shows what changed, and its `size`. None: nobody asked."""
@@ -109,6 +113,7 @@ class RunRecord:
             "effort": self.effort,
             "energy_imbalance": self.imbalance,
             "chaos": self.chaos,
+            "fan": self.fan,
             "refine": self.refine,
             "warnings": self.warnings,
             "stages": {
@@ -117,6 +122,7 @@ class RunRecord:
             "peak_memory_mib": round(peak_memory() / 2**20, 1),
             "video": self.video,
             "files": self.files,
+            "sizes": self.sizes,
             "samples": self.samples,
             "frames": self.frames,
             "unrefined": self.unrefined,
@@ -193,8 +199,8 @@ def _plain(value: object) -> object:
 
 def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) -> dict[str, str]:
     """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
-    written = dict.fromkeys(place.file for place in scene.places.values() if place.line)
-    files = [path, *map(Path, written)]
+    written = {place.file: place for place in scene.places.values() if place.line}
+    files = [path, *map(scene.file_of, written.values())]
     if scene.image is not None:
         files.append(scene.image)
         if scene.assets is not None and scene.assets.is_dir():

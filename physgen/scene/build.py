@@ -32,12 +32,15 @@ MAX_EDITS = 20_000
 class Opened:
     """A scene file that was read and checked, for any number of its variants: an edit costs what it changes.
 
-    Of a scene that is right, what an edit leaves as it was is not checked again.
+    Of a scene that is right, what an edit leaves as it was is not checked again. `shown` is what messages call it
+    where that is not its path.
     """
 
-    def __init__(self, path: str | os.PathLike[str], allow_outside: bool = False) -> None:
-        name = os.fspath(path)
-        self.file = Path(name)
+    def __init__(
+        self, path: str | os.PathLike[str], allow_outside: bool = False, shown: str | None = None
+    ) -> None:
+        self.file = Path(os.fspath(path))
+        name = shown or os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
         files = [self.file]
         self._root = with_bases(read_scene(self.file, name), self.file, allow_outside, files)

@@ -84,7 +84,7 @@ def with_bases(root: Node, file: Path, allow_outside: bool, files: list[Path] | 
             break
         base = _base(link, home, allow_outside, len(chain), seen)
         if files is not None:
-            files.append(Path(base.source.name))
+            files.append(base.source.folder / Path(base.source.name).name)
         chain.append(base)
     whole = chain.pop()
     while chain:
@@ -119,8 +119,17 @@ def _base(link: Node, home: Path, allow_outside: bool, depth: int, seen: set[str
         raise refused("does not exist", "write the path of a scene file, relative to this one") from None
     if not stat.S_ISREG(mode):
         raise refused("is not a file", "write the path of a scene file, relative to this one")
-    name = os.path.normpath(os.path.join(os.path.dirname(link.source.name), link.value))
-    return read_scene(path, name)
+    return read_scene(path, beside(link.source.name, link.value))
+
+
+def beside(name: str, written: str) -> str:
+    """What a path `written` in a file is called that is called `name`, a URL perhaps.
+
+    >>> beside("s3://films/pool/scene.yaml", "../base/scene.yaml")
+    's3://films/base/scene.yaml'
+    """
+    scheme, mark, rest = name.rpartition("://")
+    return scheme + mark + os.path.normpath(os.path.join(os.path.dirname(rest), written))
 
 
 def image_size(path: Path) -> tuple[int, int]:

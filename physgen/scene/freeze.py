@@ -227,6 +227,7 @@ def _light(item: Mapping[str, Any]) -> model.Light:
         float(item["intensity"]),
         float(item["ambient"]),
         float(item["softness"]),
+        item.get("from", ""),
     )
 
 

@@ -50,23 +50,25 @@ def packed(
     overrides: Sequence[str] = (),
     allow_outside: bool = False,
     warn: Warn = unheard,
+    variant: str | None = None,
 ) -> bytes:
     """The pack of a scene file; the same scene gives the same bytes, wherever it lies and whenever it is packed.
 
     Files that its variants or `KEY=VALUE` overrides name come along; overrides are not written down. With
     `allow_outside`, files from outside the scene's folder come along, too, and the pack does not need it; `warn` is
-    told of each path that had to be written anew. Raises InputError with every problem of the scene, or one of packing.
+    told of each path that had to be written anew. Raises InputError with every problem of the scene, or of that
+    `variant` of it, or one of packing.
     """
-    load(path, overrides, None, allow_outside)
+    load(path, overrides, variant, allow_outside)
     file = Path(os.fspath(path))
     layout = _Layout(file, warn)
     root = layout.scenes(allow_outside)
-    for node in _named(root, overrides, layout.home):
+    for node in pictures_named(root, overrides, layout.home):
         layout.add(node)
     return layout.written()
 
 
-def _named(root: Node, overrides: Sequence[str], source: Source) -> Iterator[tuple[str, Node]]:
+def pictures_named(root: Node, overrides: Sequence[str], source: Source) -> Iterator[tuple[str, Node]]:
     """Every `image` and `assets` of the scene, its variants and the flags: key and value."""
     trees = [root]
     for _, variant in variants_of(root):

@@ -70,7 +70,8 @@ objects:
     label: Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde
     shape: {circle: {center: [80, 60], radius: 22}}
     mass: 120
-    from: {mass: table 0.4, label: clip 0.3}
+    velocity: [60, 700]
+    from: {mass: table 0.4, elasticity: table 0.3, label: clip 0.3}
   b:
     label: "صندوق خشبي قديم جدا من خشب الأبنوس المطعم بالعاج والصدف"
     shape: {box: {center: [240, 200], size: [60, 50]}}
@@ -80,6 +81,7 @@ objects:
   d: {label: 🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈🎱🧱👩‍👩‍👧‍👦🏳️‍🌈, shape: {circle: {center: [160, 60], radius: 12}}}
 boundaries:
   floor: {segment: [[-100, 280], [600, 280]]}
+light: {direction: [0.3, -0.6, 0.74], from: shadows 0.3}
 variants:
   heavy: {objects.b.mass: 900}
 """

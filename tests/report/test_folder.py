@@ -95,6 +95,20 @@ def test_a_folder_that_is_being_filled_stays_whoever_fills_it(tmp_path: Path) ->
     assert not busy.exists()
 
 
+@pytest.mark.usefixtures("later")
+def test_what_another_machine_is_at_stays_for_a_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its processes and, on some shared disks, its locks are not seen from here."""
+    theirs = [tmp_path / f".run.{DEAD}-0123abcd.part", tmp_path / f".index.html.{DEAD}-0123abcd.part"]
+    theirs[0].mkdir()
+    theirs[1].write_text("half")
+    monkeypatch.setattr(leftovers, "MINUTE", -1.0)
+    leftovers.sweep(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(theirs)
+    monkeypatch.setattr(leftovers, "DAY", -1.0)
+    leftovers.sweep(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_is_fresh_and_has_no_lock_stays(tmp_path: Path) -> None:
     (tmp_path / f".index.html.{DEAD}.part").write_text("half")
     leftovers.sweep(tmp_path)

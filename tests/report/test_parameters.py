@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen import pipeline
-from physgen.report.parameters import Source, edits, parameter_rows, source
+from physgen.report.parameters import edits, parameter_rows
+from physgen.scene.said import Source, source
 
 BASE = """\
 physgen: 1

@@ -7,6 +7,7 @@ holds, `film` is how it is shown.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -126,6 +127,8 @@ class Light:
     ambient: float
     softness: float
     """degrees: half its width as the objects see it."""
+    provenance: str = ""
+    """`from`: who found its direction and how sure; empty where nobody says."""
 
 
 @dataclass(frozen=True)
@@ -181,3 +184,8 @@ class Scene:
                 return self.places[path]
             path = path[: max(path.rfind("."), path.rfind("["), 0)]
         return self.places.get("", Place(str(self.folder / self.name)))
+
+    def file_of(self, place: Place) -> Path:
+        """Where that stands which a place with a line names: places name files as the user knows them."""
+        home = os.path.dirname(self.place("").file)
+        return self.folder / os.path.relpath(place.file, home or os.curdir)

@@ -1,0 +1,260 @@
+"""Jobs and a cluster -> how each ended, in the order of the jobs; as `pool.run_all`, with workers elsewhere.
+
+A few jobs more are handed out than workers can begin, and no job much further ahead than the oldest unfinished one: the
+memory that this takes does not grow with their number.
+"""
+
+from __future__ import annotations
+
+import pickle
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+from physgen.batch.cluster.errands import Answer
+from physgen.batch.cluster.hands import run_errand, same
+from physgen.batch.cluster.hired import hired
+from physgen.batch.cluster.home import Home, at_home, brought, pack_for
+from physgen.batch.cluster.versions import here, other
+from physgen.batch.fetched import naming
+from physgen.batch.pool import Done, Job, failed
+from physgen.batch.workers import AHEAD, LostError
+from physgen.pipeline.packs import pack_key
+from physgen.problems import InputError
+from physgen.urls import is_url
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+Tell = Callable[[str], None]
+
+TRIES = 3
+"""Times that the cluster may forget a job, as a scheduler does that somebody restarts."""
+SPARE = 8
+"""Jobs handed out beyond two a thread: a cluster may grow, and does where something waits for it."""
+LOOK = 2.0
+"""s between looks at who works."""
+PATIENCE = 10.0
+"""s without any worker after which it is told."""
+NAP = 0.005
+"""s between looks for answers."""
+MOST_PACKS = 8
+"""Scenes that are kept at hand on the cluster."""
+
+
+def run_on(
+    where: str, workers: int, jobs: Iterable[Job], ship: bool = False, tell: Tell = lambda text: None
+) -> Generator[Done, None, None]:
+    """Results in the order of the jobs, of the cluster that `where` names.
+
+    `tell` is told what there is to wait for. Raises InputError where there is no such cluster or a worker would make
+    other clips, OSError where the scheduler is lost. Whoever stops early must close the generator.
+    """
+    with hired(where, workers) as client, at_home(ship) as home:
+        yield from _Farm(client, home, where, tell).results(iter(jobs))
+
+
+@dataclass(eq=False)
+class _Task:
+    """A job that is under way."""
+
+    number: int
+    job: Job
+    lost: int = 0
+    """How often the cluster forgot it."""
+    alone: bool = False
+    """Whether workers died on it, or on one beside it: which of the two is found out without company."""
+
+
+@dataclass(eq=False)
+class _Farm:
+    client: Client
+    home: Home
+    where: str
+    tell: Tell
+    threads: int = 0
+    gpus: bool = False
+    """Whether any worker says that it has one."""
+    _under_way: dict[Future, _Task] = field(default_factory=dict)
+    _done: dict[int, Done] = field(default_factory=dict)
+    _suspects: list[_Task] = field(default_factory=list)
+    _packs: OrderedDict[object, tuple[str, Future]] = field(default_factory=OrderedDict)
+    _looked: float = 0.0
+    _waiting: float | None = field(default_factory=time.monotonic)
+    """Since when there has been no worker; None once that was told."""
+    _run: str = field(default_factory=lambda: uuid4().hex)
+    _submitted: int = 0
+
+    def results(self, jobs: Iterator[Job]) -> Iterator[Done]:
+        from distributed import as_completed
+
+        answers = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
+        due = count = 0
+        more = True
+        try:
+            while True:
+                self._look()
+                if self._suspects and not self._under_way:
+                    self._begin(self._suspects.pop(0), answers)
+                while more and self._has_room and count < due + self._ahead:
+                    job = next(jobs, None)
+                    if job is None:
+                        more = False
+                    else:
+                        self._begin(_Task(count, job), answers)
+                        count += 1
+                if due in self._done:
+                    yield self._done.pop(due)
+                    due += 1
+                    continue
+                if not more and due == count:
+                    return
+                for future, result in answers.next_batch(block=False) or self._nap():
+                    self._take(self._under_way.pop(future), future, result, answers)
+        finally:
+            self.client.cancel(list(self._under_way), force=True)
+
+    @property
+    def _has_room(self) -> bool:
+        """Whether the cluster is to get more to do."""
+        if self._suspects or any(task.alone for task in self._under_way.values()):
+            return False
+        return len(self._under_way) < 2 * self.threads + SPARE
+
+    @property
+    def _ahead(self) -> int:
+        return AHEAD * max(self.threads, 1)
+
+    def _nap(self) -> tuple[()]:
+        time.sleep(NAP)
+        return ()
+
+    def _look(self) -> None:
+        """How many work now; and whether there still is a scheduler."""
+        now = time.monotonic()
+        if now < self._looked + LOOK:
+            return
+        self._looked = now
+        if self.client.status != "running":
+            raise ConnectionError(
+                f"{self.where}: the scheduler is gone; once it is back, run the same command again"
+            )
+        try:
+            told = self.client.scheduler_info(n_workers=-1)
+        except TypeError:  # before 2025
+            told = self.client.scheduler_info()
+        workers = told["workers"].values()
+        self.threads = sum(worker["nthreads"] for worker in workers)
+        self.gpus = any(worker.get("resources", {}).get("GPU") for worker in workers)
+        if self.threads:
+            self._waiting = None
+        elif self._waiting is not None and now > self._waiting + PATIENCE:
+            self.tell(f"{self.where}: has no workers yet; waiting for them")
+            self._waiting = None
+
+    def _begin(self, task: _Task, answers: Any) -> None:
+        """Hand it to the cluster, unless it ends here."""
+        job = task.job
+        early = self.home.early(job)
+        if early is None:
+            try:
+                key, pack = self._pack(job) if self.home.sends(job) else ("", None)
+                errand = pickle.dumps(self.home.errand(job))
+            except (InputError, OSError) as error:
+                early = failed(job, error)
+        if early is not None:
+            self._done[task.number] = early
+            return
+        gpu = self.gpus and wants_gpu(job)
+        self._submitted += 1
+        future = self.client.submit(
+            run_errand,
+            here(),
+            errand,
+            pack,
+            key,
+            "gpu" if gpu else "",
+            key=(f"physgen-clip-{self._run}", self._submitted),
+            pure=False,
+            resources={"GPU": 1} if gpu else None,
+        )
+        self._under_way[future] = task
+        answers.add(future)
+
+    def _pack(self, job: Job) -> tuple[str, Future]:
+        """What its scene is known by, and the scene on the cluster. Raises InputError or OSError."""
+        what = job.path, naming(job.overrides), job.allow_outside
+        if what not in self._packs:
+            data = pack_for(job)
+            key = pack_key(data)
+            self._packs[what] = (
+                key,
+                self.client.submit(same, data, key=(f"physgen-scene-{self._run}", key), pure=False),
+            )
+            while len(self._packs) > MOST_PACKS:
+                self._packs.popitem(last=False)
+        self._packs.move_to_end(what)
+        return self._packs[what]
+
+    def _take(self, task: _Task, future: Future, result: Any, answers: Any) -> None:
+        """What came of a job: an answer, or none."""
+        from distributed import KilledWorker
+
+        if future.status == "finished" and isinstance(result, bytes):
+            answer: Answer = pickle.loads(result)
+            if answer.versions is not None:
+                raise other(self._worker(future), answer.versions)
+            if answer.done is None:
+                self.home.missed(answer.scene_unseen, answer.folder_unseen)
+                self._begin(task, answers)
+            else:
+                self._done[task.number] = brought(task.job, answer.done, answer.files)
+            return
+        error = result[1] if isinstance(result, tuple) else result
+        if isinstance(error, LostError):
+            self._done[task.number] = failed(task.job, error)
+        elif isinstance(error, (ModuleNotFoundError, AttributeError)) and "physgen" in str(error):
+            expected = f"has no physgen, or another one ({error})"
+            raise InputError.of("--cluster", self.where, expected, "install the same on workers as here")
+        elif isinstance(error, KilledWorker):
+            if task.alone:
+                self._done[task.number] = failed(task.job, LostError("its workers died each time"))
+            else:
+                task.alone = True
+                self._suspects.append(task)
+        elif future.status in ("cancelled", "lost", "finished"):
+            task.lost += 1
+            if task.lost < TRIES:
+                self._begin(task, answers)
+            else:
+                self._done[task.number] = failed(task.job, LostError("the cluster lost it each time"))
+        else:
+            raise error
+
+    def _worker(self, future: Future) -> str:
+        """Its address."""
+        found = self.client.who_has([future]).values()
+        return next((str(address) for addresses in found for address in addresses), "of the cluster")
+
+
+def wants_gpu(job: Job) -> bool:
+    """Whether a clip is drawn on a GPU, or refined."""
+    if job.device != "cpu":
+        return True
+    said = [text for text in job.overrides if text.startswith("refine.backend=")]
+    if said:
+        return said[-1] != "refine.backend=none"
+    return not is_url(job.path) and _refines(job)
+
+
+def _refines(job: Job) -> bool:
+    """Whether its scene says so; one that cannot be read is told of where it is rendered."""
+    from physgen.scene.build import load
+
+    try:
+        return load(job.scene, job.overrides, job.variant, job.allow_outside).refine.backend != "none"
+    except InputError:
+        return False

@@ -1,0 +1,208 @@
+"""An errand on a Dask worker -> its answer, made by a process of the worker's own.
+
+Clips that kill their process take no worker along, workers of several threads make several clips at a time, and what is
+no more wanted is ended at once. Answers pass as bytes: the worker itself need not know what they mean.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from physgen.batch.workers import GRACE, LostError, reason, serve
+from physgen.whole import write_whole
+
+TRIES = 3
+"""Times that an errand is begun: whatever kills its process thrice is the errand itself."""
+LOOK = 0.1
+"""s between looks whether it is still wanted."""
+IDLE = 30.0
+"""s after which a process that has nothing to do goes: others may use the worker, too."""
+MOST_PACKS = 32
+"""Scenes on the worker's disk that were sent to it."""
+
+
+def run_errand(versions: Mapping[str, str], errand: bytes, pack: bytes | None, key: str, kind: str) -> bytes:
+    """What the client submits. `pack` is a scene that the worker does not see, `key` what it is known by.
+
+    Processes of one `kind` share what they have loaded. Raises LostError where the errand killed its process each time.
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    task = worker.get_current_task()
+
+    def wanted() -> bool:
+        state = worker.state.tasks.get(task)
+        return state is not None and state.state in ("executing", "long-running")
+
+    path = None if pack is None else str(_on_disk(Path(worker.local_directory, "physgen"), key, pack))
+    answer: bytes = _CREW.ask(kind, (versions, errand, path), wanted)
+    return answer
+
+
+def same(pack: bytes) -> bytes:
+    """A task whose result is what it was given: unlike scattered data, it is there again when its worker is lost."""
+    return pack
+
+
+def _on_disk(folder: Path, key: str, pack: bytes) -> Path:
+    """The pack's file, written once; those that were used longest ago go."""
+    path = folder / f"{key}.physgen"
+    with _PACKS:
+        if path.exists():
+            os.utime(path)
+            return path
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(path, pack)
+        kept = sorted(folder.glob("*.physgen"), key=lambda file: file.stat().st_mtime)
+        for old in kept[:-MOST_PACKS]:
+            old.unlink(missing_ok=True)
+    return path
+
+
+class Hand:
+    """A process that does one errand after the other."""
+
+    def __init__(self) -> None:
+        self._line, theirs = Pipe()
+        code = (
+            f"import sys; sys.path[:] = {[name or os.getcwd() for name in sys.path]!r}\n"
+            f"from physgen.batch.cluster.hands import begin; begin({theirs.fileno()}, {os.getpid()})"
+        )
+        # a worker's process may have no children of multiprocessing's; a session of its own: Ctrl-C is the client's
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,
+        )
+        theirs.close()
+        self.since = time.monotonic()
+        """When it had nothing more to do."""
+
+    def ask(self, item: Any, wanted: Callable[[], bool]) -> Any:
+        """Its answer. Raises what the work raised, or LostError where the process died or is no more wanted."""
+        try:
+            self._line.send(item)
+            while not self._line.poll(LOOK):
+                if not wanted():
+                    self.end()
+                    raise LostError("is no more wanted")
+            result, error = self._line.recv()
+        except (EOFError, OSError):
+            self._line.close()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(GRACE)
+            code = self._process.returncode
+            self.end()
+            raise LostError(reason(code)) from None
+        self.since = time.monotonic()
+        if error is not None:
+            raise error
+        return result
+
+    def dismiss(self) -> None:
+        """One that has nothing to do goes by itself when nobody is on the line."""
+        self._line.close()
+
+    def end(self) -> None:
+        """Told to stop, and killed where it does not listen."""
+        self._line.close()
+        self._process.terminate()
+        try:
+            self._process.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+class Crew:
+    """The processes of one worker."""
+
+    def __init__(self) -> None:
+        self._idle: dict[str, list[Hand]] = {}
+        self._lock = threading.Lock()
+        self._watched = False
+
+    def ask(self, kind: str, item: Any, wanted: Callable[[], bool]) -> Any:
+        """The answer of one of them, begun where all are busy. Raises as `Hand.ask`."""
+        lost = LostError("is no more wanted")
+        for _ in range(TRIES):
+            hand = self._free(kind)
+            try:
+                answer = hand.ask(item, wanted)
+            except LostError as error:
+                lost = error
+                if not wanted():
+                    break
+                continue
+            except Exception:
+                self._put_back(kind, hand)
+                raise
+            self._put_back(kind, hand)
+            return answer
+        raise lost
+
+    def end(self) -> None:
+        """All that have nothing to do."""
+        with self._lock:
+            gone = [hand for hands in self._idle.values() for hand in hands]
+            self._idle.clear()
+        for hand in gone:
+            hand.dismiss()
+
+    def _free(self, kind: str) -> Hand:
+        """The one that was busy last: others may go."""
+        with self._lock:
+            if self._idle.get(kind):
+                return self._idle[kind].pop()
+        return Hand()
+
+    def _put_back(self, kind: str, hand: Hand) -> None:
+        with self._lock:
+            self._idle.setdefault(kind, []).append(hand)
+            if not self._watched:
+                self._watched = True
+                threading.Thread(target=self._send_home, daemon=True).start()
+
+    def _send_home(self) -> None:
+        """Ends those that have had nothing to do for long, until there are none."""
+        while True:
+            time.sleep(IDLE / 10)
+            with self._lock:
+                until = time.monotonic() - IDLE
+                gone = [hand for hands in self._idle.values() for hand in hands if hand.since < until]
+                for hands in self._idle.values():
+                    hands[:] = [hand for hand in hands if hand not in gone]
+                self._watched = any(self._idle.values())
+                going_on = self._watched
+            for hand in gone:
+                hand.dismiss()
+            if not going_on:
+                return
+
+
+_CREW = Crew()
+_PACKS = threading.Lock()
+
+
+def begin(number: int, worker: int) -> None:
+    """The life of a hand: `number` is that of its end of the line, `worker` that of the process that asks."""
+    from physgen.batch.cluster.errands import answered
+
+    serve(Connection(number), answered, worker)
+
+
+def end_all() -> None:
+    """Of a worker in this process: those of its hands that have nothing to do."""
+    _CREW.end()

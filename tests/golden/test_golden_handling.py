@@ -1,0 +1,159 @@
+"""`physgen_golden` as its users have it: files that are written, damaged or missing, and whatever they ask for."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from users import ONE, TABLE, Said, edit
+
+pytest_plugins = ["pytester"]
+
+
+def test_force_regen_takes_what_is_now(home: Path, said: Said) -> None:
+    said()
+    scene, kept = home / "scene.yaml", home / "test_scenes" / "test_clip.npz"
+    first = kept.read_bytes()
+    edit(scene, ("velocity: [300, 0]", "velocity: [350, 0]"))
+    assert said()[0] == 1
+    assert kept.read_bytes() == first
+    code, text = said("--force-regen")
+    assert code == 1
+    assert "--force-regen set, regenerating file at" in text
+    assert "test_clip.html" in text
+    assert kept.read_bytes() != first
+    assert said("--force-regen")[0] == 0, "nothing differs any more"
+    edit(scene, ("velocity: [350, 0]", "velocity: [300, 0]"))
+    assert said("--regen-all")[0] == 0
+    assert kept.read_bytes() == first, "the same clip is kept as the same bytes"
+
+
+@pytest.mark.parametrize("harm", ["cut", "no picture", "other picture"])
+def test_damaged_files_are_named_and_mended(home: Path, said: Said, harm: str) -> None:
+    said()
+    kept = home / "test_scenes" / "test_clip.npz"
+    picture = kept.with_suffix(".webp")
+    if harm == "cut":
+        kept.write_bytes(kept.read_bytes()[:-40])
+    elif harm == "no picture":
+        picture.unlink()
+    else:
+        edit(home / "scene.yaml", ("size: [128, 96]", "size: [120, 96]"))
+        old = kept.read_bytes()
+        said("--regen-all")
+        kept.write_bytes(old)
+    code, text = said()
+    assert code == 1
+    assert {
+        "cut": "test_clip.npz is no golden file of physgen, or damaged; --force-regen writes them anew",
+        "no picture": "test_clip.webp is missing",
+        "other picture": "test_clip.webp is not the picture that test_clip.npz was written with",
+    }[harm] in text
+    said("--force-regen")
+    assert said()[0] == 0
+
+
+def test_names_of_classes_parameters_and_several_clips(pytester: pytest.Pytester, said: Said) -> None:
+    (pytester.path / "scenes").mkdir()
+    (pytester.path / "scenes" / "a.yaml").write_text(TABLE)
+    (pytester.path / "tests").mkdir()
+    (pytester.path / "pytest.ini").touch()
+    (pytester.path / "tests" / "test_scenes.py").write_text(
+        "import pytest\n"
+        "class TestAll:\n"
+        "    @pytest.mark.parametrize('mass', [100])\n"
+        "    def test_clip(self, physgen_golden, mass):\n"
+        "        physgen_golden('scenes/a.yaml', overrides=[f'objects.cue.mass={mass}'], pixels=None)\n"
+        "def test_two(physgen_golden):\n"
+        "    for name in ('one', 'other'):\n"
+        "        physgen_golden('scenes/a.yaml', basename=name, motion=None)\n"
+        "def test_unnamed(physgen_golden):\n"
+        "    physgen_golden('scenes/a.yaml', frames=[0, 3])\n"
+        "    physgen_golden('scenes/a.yaml', frames=[0, 4])\n"
+    )
+    code, text = said("--regen-all", "--with-test-class-names")
+    assert code == 1
+    assert "test_unnamed.npz is that of another clip of this test: give each of them a basename" in text
+    kept = {path.name for path in (pytester.path / "tests" / "test_scenes").iterdir()}
+    assert kept == {
+        "TestAll_test_clip_100_.npz",
+        *(f"{name}{ending}" for name in ("one", "other", "test_unnamed") for ending in (".npz", ".webp")),
+    }
+
+
+def test_wrong_input_is_told_without_a_traceback(home: Path, said: Said) -> None:
+    edit(home / "scene.yaml", ("mass: 100", "mass: heavy"))
+    code, text = said()
+    assert code == 1
+    assert "scene.yaml gives no clip:" in text
+    assert 'scene.yaml:6:69: objects.bystander.mass: "heavy" is not a number' in text
+    assert "Traceback" not in text
+    (home / "test_scenes.py").write_text(ONE.replace("scene.yaml", "nowhere.yaml"))
+    assert f"there is no scene nowhere.yaml, in {home}" in said()[1]
+    assert not (home / "test_scenes").exists()
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ("overrides='objects.cue.mass=2'", "overrides is a text; write a list"),
+        ("until=-1", "until is -1; write a time of the clip in seconds"),
+        ("frames=[0, 99]", "frames: 99 are not among the clip's first 24"),
+        ("frames=200", "wider side by side than 16,383 px"),
+        ("motion=Motion(px=0)", "Motion.px is 0; write a number of at least 1e-09"),
+        ("pixels=Pixels(share=-1)", "Pixels.share is -1; write 0 or more"),
+        ("motion=None, pixels=None", "nothing would be compared"),
+    ],
+)
+def test_what_cannot_be_asked_for(home: Path, said: Said, how: str, why: str) -> None:
+    first = "from physgen.pytest_plugin import Motion, Pixels\n"
+    (home / "test_scenes.py").write_text(first + ONE.replace('yaml"', f'yaml", {how}'))
+    assert why in said()[1]
+
+
+def test_what_came_can_be_kept_by_hand(home: Path, said: Said) -> None:
+    """As it comes from another machine, with the page."""
+    said()
+    edit(home / "scene.yaml", ("[72, 44]", "[72, 46]"))
+    said("--physgen-golden-report", "pages")
+    for ending in (".npz", ".webp"):
+        got = home / "pages" / "test_scenes" / f"test_clip.obtained{ending}"
+        got.replace(home / "test_scenes" / f"test_clip{ending}")
+    assert said()[0] == 0
+
+
+def test_workers_write_pages_of_their_own(home: Path, pytester: pytest.Pytester) -> None:
+    (home / "test_scenes.py").write_text(
+        "import os, pytest\n"
+        "@pytest.mark.parametrize('n', range(3))\n"
+        "def test_clip(physgen_golden, n):\n"
+        "    physgen_golden('scene.yaml', overrides=os.environ.get('EDIT', 'objects.cue.mass=170').split())\n"
+    )
+    pytester.runpytest_inprocess("-q", "--regen-all").assert_outcomes(passed=3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EDIT", "objects.cue.mass=400")
+        pytester.runpytest_inprocess("-q", "-n", "2", "--physgen-golden-report=pages").assert_outcomes(
+            failed=3
+        )
+    assert len(list((home / "pages" / "test_scenes").glob("*.html"))) == 3
+
+
+def test_sessions_without_pytest_regressions_go_on(home: Path, said: Said) -> None:
+    (home / "test_scenes.py").write_text(ONE + "def test_other():\n    pass\n")
+    _, text = said("-p", "no:regressions", "-p", "no:pytest-datadir")
+    assert "1 passed, 1 error" in text
+    assert 'physgen_golden needs pytest-regressions: pip install "physgen[golden]"' in text
+
+
+def test_being_loaded_costs_nothing() -> None:
+    """pytest loads the plugin in every session."""
+    code = (
+        "import sys, pytest; before = set(sys.modules); import physgen.pytest_plugin;"
+        "print(*sorted({name.split('.')[0] for name in set(sys.modules) - before}))"
+    )
+    new = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert set(new) <= {"physgen", *sys.stdlib_module_names}

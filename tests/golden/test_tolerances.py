@@ -1,0 +1,246 @@
+"""What is right and what is not: at the edges of tolerances, where clips do not match, and read by others than us."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from pytest import approx
+
+from physgen.golden.asking import SIDE, Asked, Motion, Pixels
+from physgen.golden.causes import causes
+from physgen.golden.checking import Check, checked
+from physgen.golden.drawn import drawn
+from physgen.golden.files import read
+from physgen.golden.moved import Moved, moved, too_coarse
+from physgen.golden.taking import Still
+from physgen.golden.tracks import track, units
+from physgen.pipeline import Warm
+from physgen.simulate.trajectory import Trajectory
+
+G, SPIN = 600.0, 90.0
+FALL = f"""\
+physgen: 1
+size: [320, 240]
+world: {{gravity: [0, {G:g}], duration: 0.5}}
+objects:
+  ball: {{shape: {{circle: {{center: [30, 40], radius: 12}}}}, spin: {SPIN:g}}}
+  shelf: {{shape: {{box: {{center: [250, 200], size: [80, 12]}}}}, motion: static}}
+"""
+
+
+@pytest.fixture(scope="module")
+def fall(tmp_path_factory: pytest.TempPathFactory) -> Check:
+    path = tmp_path_factory.mktemp("fall") / "scene.yaml"
+    path.write_text(FALL)
+    return checked(path, "scene.yaml", "test", Asked(motion=Motion(px_per_s=1.0)), Warm())
+
+
+def compared(then: Trajectory, now: Trajectory, allowed: Motion, until: float | None = None) -> Moved:
+    return moved(track(then, units(allowed), until), now, allowed, until)
+
+
+def shifted(trajectory: Trajectory, sample: int, by: tuple[float, float, float]) -> Trajectory:
+    """With the first object `by` px, px and degrees from where it is, from a sample on."""
+    poses = trajectory.poses.copy()
+    poses[sample:, 0] += (by[0], by[1], np.radians(by[2]))
+    return replace(trajectory, poses=poses)
+
+
+# ---- motion ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("by", "right"),
+    [
+        ((0.1, 0, 0), True),
+        ((0.06, 0.08, 0), True),
+        ((0.11, 0, 0), False),
+        ((0.08, 0.08, 0), False),
+        ((0, 0, 0.1), True),
+        ((0, 0, -0.11), False),
+        ((0, 0, 360), False),
+    ],
+)
+def test_what_is_allowed_is_allowed_and_no_more(
+    fall: Check, by: tuple[float, float, float], right: bool
+) -> None:
+    trajectory = fall.clip.trajectory
+    there = np.round(trajectory.poses / [0.01, 0.01, np.radians(0.01)]) * [0.01, 0.01, np.radians(0.01)]
+    trajectory = replace(trajectory, poses=there)
+    found = compared(trajectory, shifted(trajectory, 5, by), Motion(px=0.1, degrees=0.1))
+    assert found.agrees is right
+    if not right:
+        [strayed] = found.strayed
+        assert (strayed.name, strayed.sample, strayed.time) == ("ball", 5, approx(5 / 30))
+        assert strayed.there["px"] == approx(np.hypot(*by[:2]))
+        assert strayed.there["degrees"] == approx(abs(by[2]))
+
+
+def test_nothing_after_until_counts(fall: Check) -> None:
+    then, now = fall.clip.trajectory, shifted(fall.clip.trajectory, 6, (5, 0, 0))
+    assert compared(then, now, Motion(), until=5 / 30).agrees
+    assert not compared(then, now, Motion(), until=6 / 30).agrees
+
+
+def test_turns_in_space_count_as_angles_whatever_their_sign(fall: Check) -> None:
+    trajectory = fall.clip.trajectory
+
+    def turned(degrees: float, sign: float = 1.0) -> Trajectory:
+        half = np.radians(degrees) / 2
+        turns = np.zeros((*trajectory.poses.shape[:2], 4))
+        turns[...] = sign * np.array([np.cos(half), np.sin(half), 0, 0])
+        return replace(trajectory, turns=turns)
+
+    assert compared(turned(40), turned(40.05, -1), Motion(degrees=0.1)).agrees
+    found = compared(turned(40), turned(41), Motion(degrees=0.1))
+    assert found.most("degrees") == approx(1, rel=0.02)
+    assert not found.agrees
+
+
+def test_velocities_count_where_they_are_asked_for(fall: Check) -> None:
+    then = fall.clip.trajectory
+    now = replace(then, velocities=then.velocities + np.array([3.0, 0, 0]))
+    assert compared(then, now, Motion()).agrees
+    assert not compared(then, now, Motion(px_per_s=2.0)).agrees
+    assert compared(then, now, Motion(px_per_s=4.0)).agrees
+
+
+def test_what_was_kept_roughly_is_not_compared_finely(fall: Check) -> None:
+    rough = units(Motion(px=0.1))
+    assert too_coarse(rough, Motion(px=0.02)) == ""
+    assert "kept to 0.01 px only, and 0.001 px are asked for" in too_coarse(rough, Motion(px=0.001))
+    assert "velocities are not kept" in too_coarse(rough, Motion(px_per_s=1.0))
+
+
+def test_objects_and_times_that_do_not_match_are_told(fall: Check) -> None:
+    then = fall.clip.trajectory
+    other = replace(then, names=("ball", "other"))
+    found = compared(then, other, Motion())
+    assert (found.gone, found.new, found.strayed, found.agrees) == (("shelf",), ("other",), (), False)
+    shorter = replace(then, times=then.times[:9], poses=then.poses[:9], turns=then.turns[:9])
+    shorter = replace(shorter, velocities=then.velocities[:9])
+    for one, two in ((then, shorter), (shorter, then)):
+        found = compared(one, two, Motion())
+        assert (found.retimed, found.strayed, found.agrees) == (True, (), False)
+    slower = compared(then, replace(then, times=then.times * 2), Motion())
+    assert len(slower.times) == 1
+    assert slower.retimed
+
+
+def test_a_long_clip_is_kept_in_fewer_samples(fall: Check) -> None:
+    one = fall.clip.trajectory
+    long = replace(
+        one,
+        times=np.arange(30_000) / 30,
+        poses=np.zeros((30_000, 2, 3)),
+        velocities=np.zeros((30_000, 2, 3)),
+        turns=np.zeros((30_000, 0, 4)),
+    )
+    kept = track(long, units(Motion()), None)
+    assert kept.poses.shape[:2] == (5000, 2)
+    assert (kept.samples[0], kept.samples[-1]) == (0, 29_999)
+    assert moved(kept, long, Motion(), None).agrees
+
+
+# ---- pixels ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("pixels", "levels", "right"),
+    [(10, 100, True), (11, 9, False), (11, 8, True), (2000, 1, True), (2001, 1, False), (10_000, 0, True)],
+)
+def test_few_pixels_may_differ_much_or_many_a_little(pixels: int, levels: int, right: bool) -> None:
+    """Of 10,000, 10 may differ by more than 8 levels; the mean may differ by 0.2."""
+    now = np.full((100, 100, 3), 100, np.uint8)
+    now.reshape(-1, 3)[:pixels] -= np.uint8(levels)
+    found = drawn([Still(0, 0.0, np.full((100, 100, 3), 100, np.uint8))], [Still(0, 0.0, now)], Pixels())
+    assert found.agrees is right
+    assert found.worst == levels
+
+
+def test_frames_of_another_size_or_number_are_bad(fall: Check) -> None:
+    stills = fall.clip.stills
+    assert stills is not None
+    smaller = [Still(s.index, s.time, s.rgb[:, :-1]) for s in stills]
+    found = drawn(stills, smaller, Pixels(255, 1, 255))
+    assert found.first is not None
+    assert found.first.levels is None
+    found = drawn(stills, stills[:-1], Pixels())
+    assert (found.first, found.agrees) == (None, False)
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------
+
+
+def test_others_read_what_is_kept(fall: Check, tmp_path: Path) -> None:
+    """NumPy and Pillow, and what a falling body does: y = y0 + g t²/2, turning steadily."""
+    path = tmp_path / "fall.npz"
+    fall.write(path)
+    with np.load(path, allow_pickle=False) as kept:
+        t = kept["times"]
+        x, y, degrees = (kept["poses"] * kept["poses_unit"])[:, kept["names"].tolist().index("ball")].T
+        vy = (kept["velocities"] * kept["velocities_unit"])[:, 0, 1]
+        made = json.loads(kept["made"].tobytes())
+        frames, frame_times = kept["frames"], kept["frame_times"]
+    assert t == approx(np.arange(15) / 30)
+    assert x == approx(30, abs=0.006)
+    assert y == approx(40 + G * t**2 / 2, abs=0.006)
+    assert degrees == approx(SPIN * t, abs=0.006)
+    assert vy == approx(G * t, abs=0.06)
+    assert made["document"]["objects"]["ball"]["spin"] == SPIN
+    assert frames.tolist() == [0, 3, 6, 8, 11, 14]
+    with Image.open(path.with_suffix(".webp")) as picture:
+        sheet = np.asarray(picture.convert("RGB")).astype(int)
+    assert sheet.shape == (SIDE * 240 // 320, 6 * SIDE, 3)
+    scale = SIDE / 320
+    paper = sheet[4, 4]
+    for k, time in enumerate(frame_times.tolist()):
+        part = sheet[:, k * SIDE : (k + 1) * SIDE]
+        rows, columns = np.nonzero(np.abs(part[:, : SIDE // 2] - paper).max(axis=-1) > 40)
+        assert columns.mean() == approx((30.5 * scale) - 0.5, abs=0.6)
+        assert rows.mean() == approx((40.5 + G * time**2 / 2) * scale - 0.5, abs=0.6)
+
+
+def test_a_clip_comes_back_as_it_was_kept(fall: Check, tmp_path: Path) -> None:
+    path = tmp_path / "fall.npz"
+    fall.write(path)
+    back = read(path, path.with_suffix(".webp"))
+    assert back.made == fall.clip.made
+    assert back.track is not None
+    assert back.stills is not None
+    assert fall.clip.stills is not None
+    assert moved(back.track, fall.clip.trajectory, Motion(), None).most("px") == 0
+    assert all(np.array_equal(a.rgb, b.rgb) for a, b in zip(back.stills, fall.clip.stills, strict=True))
+    assert path.stat().st_size + path.with_suffix(".webp").stat().st_size < 20_000
+
+
+def test_what_has_changed_is_told_by_its_meaning(fall: Check) -> None:
+    made = fall.clip.made
+    assert not any((causes(made, made).scene, causes(made, made).versions, causes(made, made).machine))
+    document = json.loads(json.dumps(made.document))
+    document["objects"]["ball"]["label"] = "\x1b[31mred"
+    document["objects"]["ball"].pop("spin")
+    document["world"]["tilt"] = {"new": 1}
+    other = replace(
+        made,
+        document=document,
+        inputs={**made.inputs, "photo.png": "0"},
+        versions={**made.versions, "numpy": "9.9", "sources": "0"},
+        machine={**made.machine, "kind": "abacus"},
+        asked={**made.asked, "variant": "hard"},
+    )
+    found = causes(made, other)
+    assert found.scene == (
+        'the test says variant="hard" now, not null',
+        "world.tilt is a mapping, was 4",
+        'objects.ball.label is "\\u001b[31mred", was ""',
+        "objects.ball.spin is gone, was 90",
+        "photo.png is read now, was not",
+    )
+    assert found.versions == (f"numpy is 9.9, was {made.versions['numpy']}", "physgen's own code has changed")
+    assert found.machine == (f"the processor is abacus, was {made.machine['kind']}",)

@@ -1,0 +1,147 @@
+"""What the page, the manifest and the table of a fan tell: of a ball that may roll over an edge."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import opened, report
+
+from physgen import pipeline
+from physgen.fan.fan import fan
+from physgen.fan.verdict import percent, verdicts
+from physgen.problems import Severity
+
+EDGE = """\
+physgen: 1
+size: [160, 120]
+world: {duration: 0.9}
+objects:
+  ball: {label: ball, shape: {circle: {center: [50, 50], radius: 10}}, mass: 40, solid: sphere, velocity: [130, 0],
+    friction: 0.8, rolling: 0.12, from: {rolling: table 0.4, mass: table 0.5}}
+  block: {shape: {box: {center: [20, 50], size: [16, 20]}}, mass: 30, from: {friction: by eye 0.5}}
+boundaries:
+  table: {segment: [[0, 60], [100, 60]], friction: 0.8}
+  floor: {segment: [[0, 118], [159, 118]]}
+light: {direction: [0.2, -0.7, 0.6], from: shadows 0.6}
+render: {frames: 4}
+"""
+DRAWS = 12
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    home = tmp_path_factory.mktemp("fan")
+    (home / "edge.yaml").write_text(EDGE)
+    return pipeline.render_scene(home / "edge.yaml", home / "out", draws=DRAWS, draw_seed=5)
+
+
+def test_manifest_and_table_tell_the_same(clip: Path) -> None:
+    told = json.loads((clip / "manifest.json").read_text())
+    assert told["seeds"]["fan"] == 5
+    assert "fan.csv" in told["files"]
+    made = told["fan"]
+    rows = list(csv.DictReader((clip / "fan.csv").open()))
+    assert [int(row["draw"]) for row in rows] == list(range(DRAWS))
+    falls = [row["ball.fate"] == "falls" for row in rows]
+    assert 0 < sum(falls) < DRAWS
+    assert made["objects"]["ball"]["draws"] == {"falls": sum(falls), "moves": DRAWS - sum(falls)}
+    assert made["objects"]["block"]["decided"]
+    assert f"falls in {sum(falls)} of {DRAWS}" in made["objects"]["ball"]["verdict"]
+    assert "smaller" in made["objects"]["ball"]["verdict"], "what rolls with less resistance gets to the edge"
+    assert made["objects"]["ball"]["matters_most"]["paths"] == ["objects.ball.rolling"]
+    rolling = [float(row["objects.ball.rolling"]) for row in rows]
+    assert max(r for r, fell in zip(rolling, falls, strict=True) if fell) < min(
+        r for r, fell in zip(rolling, falls, strict=True) if not fell
+    ), "and nothing else matters"
+    assert {one["path"] for one in made["drawn"]} == {
+        "objects.ball.rolling",
+        "objects.ball.mass",
+        "objects.block.friction",
+    }
+
+
+def test_the_python_way_gives_the_same_draws(clip: Path) -> None:
+    """And so does any other run of that seed; the clip itself is the file's own."""
+    scene = pipeline.load(clip.parent.parent / "edge.yaml")
+    compiled = pipeline.compile(scene, None)
+    again = fan(scene, compiled, DRAWS, 5)
+    assert again.table() == (clip / "fan.csv").read_text()
+    plain = pipeline.render_scene(clip.parent.parent / "edge.yaml", clip.parent.parent / "plain")
+    both = [json.loads((folder / "manifest.json").read_text()) for folder in (clip, plain)]
+    assert both[0]["frames"] == both[1]["frames"]
+    assert both[0]["samples"] == both[1]["samples"]
+    assert both[1]["fan"] is None
+    assert "fan" not in both[1]["seeds"]
+
+
+def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
+    made = json.loads((clip / "manifest.json").read_text())["fan"]
+    with opened(browser, clip / "report.html", ready=False, java_script_enabled=False) as seen:
+        section = seen.page.locator("#fan")
+        assert made["verdict"] in section.inner_text()
+        counts = made["objects"]["ball"]["draws"]
+        for fate, count in counts.items():
+            assert section.locator(f".ways path.{fate}").count() == count
+            assert section.locator(f".ends use.{fate}").count() == count
+            width = section.locator(f".share i.{fate}").first.get_attribute("style")
+            assert float(re.search(r"[\d.]+", width)[0]) == pytest.approx(100 * count / DRAWS, abs=0.01)
+        assert section.locator(".own path").count() == 1, "of what moves in the clip"
+        assert section.locator(".cast path").count() == section.locator("circle.spot").count() == DRAWS
+        assert f"in {counts['falls']} of {DRAWS} draws" in section.inner_text().replace("\u00a0", " ")
+        assert "block" in section.locator(".alike").inner_text()
+        assert seen.errors == []
+
+
+def test_marks_lie_on_the_photo(browser: Any, clip: Path) -> None:
+    """The number in the picture is the one of the list, where the object stands in the photo."""
+    with opened(browser, clip / "report.html", ready=False) as seen:
+        shown = seen.page.evaluate("""() => {
+            const svg = document.querySelector('.fan svg'), box = svg.getBoundingClientRect();
+            const mark = svg.querySelector('.numbers circle').getBoundingClientRect();
+            return [(mark.x + mark.width / 2 - box.x) / box.width, (mark.y + mark.height / 2 - box.y) / box.height];
+        }""")
+        assert shown == pytest.approx([50.5 / 160, 50.5 / 120], abs=0.01)
+        assert seen.page.inner_text(".fan h3 .number") == seen.page.text_content(".fan .numbers text") == "1"
+
+
+def test_the_long_page_has_its_fan(pages: Path) -> None:
+    """So that all that is asked of that page is asked of the fan: nothing flows over, axe has nothing to say."""
+    text = report(pages, "long-heavy").read_text()
+    assert 'id="fan"' in text
+    assert 'class="share"' in text
+
+
+def test_with_nothing_uncertain_there_is_a_warning_and_a_clip(tmp_path: Path) -> None:
+    (tmp_path / "sure.yaml").write_text(re.sub(r",\s+from: ({[^}]*}|shadows 0.6)", "", EDGE))
+    heard = []
+    folder = pipeline.render_scene(tmp_path / "sure.yaml", tmp_path / "out", draws=5, warn=heard.append)
+    (told,) = [problem for problem in heard if problem.path == "--fan"]
+    assert told.severity is Severity.WARNING
+    assert "nothing in the scene is uncertain" in str(told)
+    assert json.loads((folder / "manifest.json").read_text())["fan"] is None
+    assert not (folder / "fan.csv").exists()
+    assert 'id="fan"' not in (folder / "report.html").read_text()
+
+
+def test_light_alone_moves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "lit.yaml").write_text(re.sub(r",\s+from: {[^}]*}", "", EDGE))
+    scene = pipeline.load(tmp_path / "lit.yaml")
+    found = fan(scene, pipeline.compile(scene, None), 9)
+    assert (found.poses == found.own_poses).all()
+    assert all(told.decided and told.placed for told in verdicts(found))
+    assert len(found.directions) == 9
+
+
+def test_shares_are_told_as_they_are() -> None:
+    assert [percent(share) for share in (0.0, 0.004, 0.5, 0.995, 1.0)] == [
+        "0 %",
+        "0.4 %",
+        "50 %",
+        "99.5 %",
+        "100 %",
+    ]
