@@ -135,7 +135,7 @@ def filled(values: F32, where: Mask) -> F32:
     return membrane(deep, where, max(reach, 1e-6) * FILM).reshape(values.shape)
 
 
-FILM = 2e-3
+FILM = 2e-4
 """Of a map's reach: the error that the film may leave."""
 
 

@@ -67,8 +67,8 @@ def coloured(moved: F32, most: float) -> NDArray[np.uint8]:
     """(H, W, 3) sRGB of a flow (H, W, 2); `most` px are full colour, what is at rest is white."""
     place = moved * np.float32(GRID / most)
     place += np.float32(GRID)
-    nothing = np.empty(0, np.float32)
-    shown = cv2.remap(_disc(), place, nothing, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    u, v = cv2.split(place)
+    shown = cv2.remap(_disc(), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(shown, np.uint8)
 
 
