@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
 
@@ -17,6 +19,25 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+
+
+_CALLED: dict[str, str] = {}
+"""Folder -> the file that what is in it was in."""
+
+
+def call(folder: Path, name: str) -> None:
+    """From now on problems of files below `folder` are told as `NAME: FILE`: its reader knows no such folder."""
+    for path in (str(folder), os.path.normpath(folder)):
+        _CALLED[path] = name
+
+
+def _called(place: Place) -> Place:
+    """The place as its reader knows it."""
+    file = PurePath(place.file)
+    for folder in file.parents if _CALLED else ():
+        if (name := _CALLED.get(str(folder))) is not None:
+            return place._replace(file=f"{name}: {file.relative_to(folder)}")
+    return place
 
 
 class Severity(Enum):
@@ -44,6 +65,9 @@ class Problem:
     fix: str
     """What to do, as an imperative: `write grams, e.g. 170`."""
     severity: Severity = Severity.ERROR
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "place", _called(self.place))
 
     def __str__(self) -> str:
         where = f"{self.place}: " + (f"{self.path}: " if self.path else "")

@@ -15,16 +15,16 @@ from pathlib import Path
 _PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+(-[0-9a-f]+)?\.part$")
 
 
-Stamp = tuple[int, int, int]
+Stamp = tuple[int, int, int, int]
 
 
 def stamped(path: Path) -> Stamp:
-    """What changes when a file is written: its time, size and number on the disk; zeros where there is none."""
+    """What changes when a file is written: its times, size and number on the disk; zeros where there is none."""
     try:
         told = os.stat(path)
     except (OSError, ValueError):
-        return 0, 0, 0
-    return told.st_mtime_ns, told.st_size, told.st_ino
+        return 0, 0, 0, 0
+    return told.st_mtime_ns, told.st_ctime_ns, told.st_size, told.st_ino
 
 
 def partial(path: Path, kind: str = "part") -> Path:

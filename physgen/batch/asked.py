@@ -10,14 +10,17 @@ from typing import Any
 
 from physgen.batch.axes import Listed, read_axes
 from physgen.batch.columns import Column, Kind
+from physgen.batch.harmed import harmed_files, is_blank
 from physgen.batch.outcomes import LASTING, START, STILL, STILL_TURN
 from physgen.batch.sweep import Design, Sweep
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.report.record import file_hash, versions, write_json
 from physgen.report.swept import unit
 from physgen.scene.words import Path as Keys
+from physgen.whole import set_aside
 
 NAME = "sweep.json"
+FILES_OF_OURS = (NAME, "sweep.csv", "sweep.parquet")
 LEAD = (
     Column("number", Kind.WHOLE),
     Column("name", Kind.TEXT),
@@ -71,6 +74,8 @@ def core(sweep: Sweep) -> dict[str, Any]:
 
 def read_asked(folder: Path) -> dict[str, Any] | None:
     """What a folder's `sweep.json` tells; None where there is none of ours."""
+    if not (folder / NAME).is_file():
+        return None
     try:
         told = json.loads((folder / NAME).read_text(encoding="utf-8"))
         return told if told["sweep"] == 1 else None
@@ -87,17 +92,24 @@ def sweep_of(told: Mapping[str, Any]) -> Sweep:
 def begun(folder: Path, told: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
     """Writes `sweep.json`; the warning that clips of another sweep lie there, too. Raises InputError.
 
-    Nothing of the user's is written over: a `sweep.json` or table that is not ours is refused.
+    Nothing of the user's is written over: a `sweep.json` or table that is not ours is refused. What a power cut left of
+    one that was ours is no reason to stop; where it says anything, it is kept as `NAME~`.
     """
     before = read_asked(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder")
-    for name in (NAME, "sweep.csv", "sweep.parquet"):
-        if before is None and (folder / name).exists():
+    there = [] if before is not None else [name for name in FILES_OF_OURS if (folder / name).exists()]
+    harmed = harmed_files(folder, sweep) if there else ()
+    for name in there:
+        if name not in harmed:
             fix = "move it away, or choose another folder with -o"
             raise InputError.of(str(folder / name), "", "is there already and was not made by physgen", fix)
-    warnings = []
-    if before is not None and any(before.get(key) != value for key, value in core(sweep).items()):
+    warnings = [_mended(folder / NAME)] if there else []
+    if before is None:
+        changed = bool(there)
+    else:
+        changed = any(before.get(key) != value for key, value in core(sweep).items())
+    if changed:
         strange = [
             p.name for p in folder.iterdir() if (p / "manifest.json").is_file() and not sweep.find(p.name)
         ]
@@ -109,3 +121,12 @@ def begun(folder: Path, told: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / NAME, told)
     return warnings
+
+
+def _mended(path: Path) -> Problem:
+    """Out of the way of what is written anew."""
+    kept: list[Path] = []
+    if not is_blank(path):
+        set_aside(path, kept.append)
+    fix = f"kept as {kept[0].name}" if kept else ""
+    return Problem(Place(str(path)), "", "", "was damaged, and is made anew", fix, Severity.WARNING)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import re
 import shlex
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
 
 from physgen.batch import draws, steps
 from physgen.batch.columns import Kind, kind_of
@@ -49,18 +52,24 @@ class Listed(Key):
     parts: tuple[Value | Steps, ...]
 
     def __len__(self) -> int:
-        return sum(part.count if isinstance(part, Steps) else 1 for part in self.parts)
+        return self._begins[-1]
 
     def at(self, index: int) -> Value:
         """One of them, from 0."""
-        for part in self.parts:
-            count = part.count if isinstance(part, Steps) else 1
-            if index < count:
-                return part.at(index) if isinstance(part, Steps) else part
-            index -= count
-        raise IndexError(index)
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        which = bisect_right(self._begins, index) - 1
+        part = self.parts[which]
+        return part.at(index - self._begins[which]) if isinstance(part, Steps) else part
 
-    @property
+    @cached_property
+    def _begins(self) -> tuple[int, ...]:
+        """Index of the first value of each part, and of the one that would come next."""
+        return tuple(
+            accumulate((part.count if isinstance(part, Steps) else 1 for part in self.parts), initial=0)
+        )
+
+    @cached_property
     def kind(self) -> Kind:
         """Of its values."""
         return kind_of(
@@ -85,7 +94,7 @@ class Drawn(Key):
 
     distribution: Distribution
 
-    @property
+    @cached_property
     def kind(self) -> Kind:
         """Of its values."""
         if isinstance(self.distribution, Choice):

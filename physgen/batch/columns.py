@@ -37,7 +37,9 @@ def kind_of(values: Iterable[Any]) -> Kind:
     seen = {type(value) for value in known}
     if not seen or not seen <= {int, float, bool} or (bool in seen and len(seen) > 1):
         return Kind.TEXT
-    if any(abs(value) >= 2**63 for value in known):  # no column of whole numbers is so wide
+    if any(
+        isinstance(value, int) and abs(value) >= 2**63 for value in known
+    ):  # no column of whole numbers is so wide
         return Kind.TEXT
     return Kind.TRUTH if seen == {bool} else Kind.WHOLE if seen == {int} else Kind.NUMBER
 

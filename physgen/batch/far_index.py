@@ -40,8 +40,8 @@ class FarShelf:
         """The gallery's URL."""
         return url_below(self._there.url, INDEX)
 
-    def has_index(self) -> bool:
-        """Whether there is a gallery."""
+    def has_index(self, since: float = 0.0) -> bool:
+        """Whether there is a gallery; not how old it is."""
         return self._there.read(INDEX, 0) is not None
 
     def ended(self, done: Done, gallery: bool) -> None:

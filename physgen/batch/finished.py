@@ -9,14 +9,16 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from physgen.problems import Place, Problem, Severity
 
 CODE = (
-    "cache", "clips", "compile", "fan", "outline", "perceive", "percepts", "pipeline", "refine", "render", "report",
-    "scene", "shadow", "simulate",
+    "cache", "clips", "compile", "export", "fan", "outline", "perceive", "percepts", "pipeline", "refine", "render",
+    "report", "scene", "shadow", "simulate",
 )  # fmt: skip
 """Rooms whose code makes clips and their pages."""
 
@@ -24,8 +26,24 @@ CODE = (
 def mark(*asked: Any) -> str:
     """Of what a command asks of a clip, as plain data, and of the code that makes it; not of files that are read."""
     from physgen.cache.keys import code_version, key
+    from physgen.report.record import versions
 
-    return key("clip", code_version(CODE), *asked)
+    return key("clip", code_version(CODE), data_version(), versions(), *asked)
+
+
+@cache
+def data_version() -> str:
+    """SHA-256 of all that comes with the code: schema, templates, tables, networks; worked out once a process."""
+    import physgen
+    from physgen.resources import resource
+
+    found = sha256()
+    package = Path(physgen.__file__).parent
+    beside = [path for path in package.rglob("*") if path.suffix in (".yaml", ".json", ".onnx")]
+    shipped = [path for folder in ("schemas", "templates") for path in Path(str(resource(folder))).rglob("*")]
+    for path in sorted(path for path in (*beside, *shipped) if path.is_file()):
+        found.update(f"{path.name} ".encode() + path.read_bytes())
+    return found.hexdigest()
 
 
 def finished(folder: Path, mark: str, scene: Path, digest: Callable[[Path], str]) -> Mapping[str, Any] | None:
@@ -54,6 +72,9 @@ def made_of_the_same(
         return None
     home = scene.parent.resolve()
     inputs: Mapping[str, str] = told["inputs"]
+    led_to = [scene, *([home / told["document"]["image"]] if "image" in told["document"] else [])]
+    if any(_beside(home, path) not in inputs for path in led_to):  # a link that leads elsewhere now
+        return None
     if any(digest(Path(os.path.normpath(home / name))) != sha for name, sha in inputs.items()):
         return None
     return None if set(_maps(home, told["document"])) - inputs.keys() else told
@@ -64,13 +85,15 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    names = (entry.path for entry in os.scandir(folder) if entry.name.endswith(".png"))
-    return [Path(os.path.relpath(os.path.realpath(name), home)).as_posix() for name in names]
+    return [_beside(home, Path(entry.path)) for entry in os.scandir(folder) if entry.name.endswith(".png")]
+
+
+def _beside(home: Path, path: Path) -> str:
+    """As manifests name files: where it leads to, relative to the scene's folder."""
+    return Path(os.path.relpath(os.path.realpath(path), home)).as_posix()
 
 
 def _unlike(file: Path, sha: str) -> bool:
-    from hashlib import sha256
-
     return sha256(file.read_bytes()).hexdigest() != sha
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -19,11 +20,12 @@ from physgen.batch.workers import LostError, spread
 from physgen.configured import plan
 from physgen.crew import Plan
 from physgen.problems import InputError, Problem
+from physgen.report.record import source_of
 from physgen.report.traces import clear, leave, trace_of
 from physgen.report.video import NO_ROOM, Format
 from physgen.simulate.trajectory import read_trajectory
 from physgen.urls import is_url, url_below
-from physgen.whole import meant
+from physgen.whole import meant, stamped
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,10 @@ class Refiner:
     def told(self) -> str:
         """Who would refine, as text: where it changes, clips are made again."""
         try:
-            return repr(self.plan().choices.get("refine"))
+            told = self.plan()
+            who = told.choices.get("refine")
+            chosen = None if who is None else (who.name, who.weights, stamped(Path(who.weights)))
+            return repr((chosen, told.device, told.dtype, told.options))
         except InputError as error:  # told of where a clip is to be refined
             return str(error)
 
@@ -146,9 +151,11 @@ class Job:
         """Of all that is asked of the clip, of the models that may refine it, and of the code."""
         if self.here is not None:
             return self.here.mark
-        asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.device)
+        asked = (self.overrides, self.variant, self.name, self.formats, self.chaos, self.page)
         fan = (self.draws, self.draw_seed) if self.draws else ()
-        return mark(*asked, self.page, self.single_file, self.export, self.refiner.told, *fan)
+        return mark(
+            *asked, pipeline.drawn_by(self.device), self.single_file, self.export, self.refiner.told, *fan
+        )
 
 
 class State(Enum):
@@ -187,7 +194,11 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     done = _made(job, progress)
     if job.tracked is None or done.folder is None or done.outcomes is not None:
         return done
-    return replace(done, outcomes=outcomes(read_trajectory(done.folder / "trajectory.npz"), job.tracked))
+    try:
+        told = outcomes(read_trajectory(done.folder / "trajectory.npz"), job.tracked)
+    except (OSError, ValueError, KeyError) as error:  # another command replaces it
+        return failed(job, error, done.problems, done.seconds)
+    return replace(done, outcomes=told)
 
 
 def _made(job: Job, progress: pipeline.Progress) -> Done:
@@ -201,7 +212,7 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
     try:
         if job.cached:
             told = finished(job.folder, job.mark, job.scene, hash_of)
-            if told is not None:
+            if told is not None and (job.here or told["source"] == source_of(Path(job.path), job.folder)):
                 return Done(job, job.folder, tuple(warned(told)), State.UNCHANGED)
         folder = pipeline.render_scene(
             job.here.scene if job.here else job.path,
@@ -227,14 +238,14 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
             progress=progress,
             warn=warnings.append,
         )
-    except (InputError, OSError, MemoryError) as error:
+    except Exception as error:
         return failed(job, error, warnings, time.perf_counter() - begun)
     return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
 
 
 def failed(
     job: Job,
-    error: InputError | OSError | MemoryError | LostError,
+    error: Exception,
     warnings: Sequence[Problem] = (),
     seconds: float = 0.0,
 ) -> Done:
@@ -270,6 +281,11 @@ def _failure(job: Job, error: BaseException) -> Problem:
     if isinstance(error, OSError):
         where = f"{meant(str(error.filename))}: " if error.filename else ""
         return InputError.of(job.path, "", f"failed: {where}{error.strerror or error}", "").problems[0]
+    if not isinstance(error, MemoryError | LostError):
+        frames = traceback.extract_tb(error.__traceback__)[-1:]
+        at = "".join(f" in {Path(frame.filename).name}:{frame.lineno}" for frame in frames)
+        said = f"failed: {type(error).__name__}{at}: {error}"
+        return InputError.of(job.path, "", said, "this is a fault of physgen's: please report it").problems[0]
     said = "ran out of memory" if isinstance(error, MemoryError) else f"failed: {error}"
     return InputError.of(job.path, "", said, "try fewer --jobs or a smaller scene").problems[0]
 

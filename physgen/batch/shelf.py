@@ -23,8 +23,8 @@ class Shelf(Protocol):
     def index(self) -> str:
         """The gallery's file, as the user knows it."""
 
-    def has_index(self) -> bool:
-        """Whether there is a gallery."""
+    def has_index(self, since: float = 0.0) -> bool:
+        """Whether there is a gallery, made since then, s since 1970, as far as that can be told."""
 
     def ended(self, done: Done, gallery: bool) -> None:
         """What `pool.ended` leaves or takes away; never raises."""
@@ -47,9 +47,10 @@ class NearShelf:
         """The gallery's file."""
         return str(self._root / "index.html")
 
-    def has_index(self) -> bool:
-        """Whether there is a gallery."""
-        return (self._root / "index.html").exists()
+    def has_index(self, since: float = 0.0) -> bool:
+        """Whether there is a gallery that is not older."""
+        index = self._root / "index.html"
+        return index.exists() and index.stat().st_mtime >= since
 
     def ended(self, done: Done, gallery: bool) -> None:
         """See `pool.ended`."""

@@ -11,6 +11,8 @@ from physgen.batch.quantiles import FINE, between
 from physgen.batch.values import Value, WrongError, numeric, of
 
 MOST = 10_000_000
+WIDE = 2**53
+"""Whole numbers from which on a float does not hold every one: they are floats here."""
 _LOOKS = re.compile(r"[-+.\d][^:\s\[\]{}'\"]*(?::[^:\s\[\]{}'\"]*)+").fullmatch
 _PLAIN = re.compile(r"[-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][-+]?\d{1,3})?").fullmatch
 
@@ -35,9 +37,10 @@ class Steps:
 
     @property
     def whole(self) -> bool:
-        """Whether all of them are whole numbers."""
+        """Whether all of them are whole numbers, and small enough to be written as such."""
         step = (self.end - self.begin) / (self.count - 1)
-        return not self.log and self.begin.denominator == step.denominator == 1
+        exact = not self.log and self.begin.denominator == step.denominator == 1
+        return exact and max(abs(self.begin), abs(self.end)) < WIDE
 
 
 def looks_like(text: str) -> bool:
@@ -76,4 +79,4 @@ def _exact(text: str) -> Fraction:
 
 
 def _short(value: Fraction) -> int | float:
-    return int(value) if value.denominator == 1 and abs(value) < 2**53 else float(value)
+    return int(value) if value.denominator == 1 and abs(value) < WIDE else float(value)

@@ -32,6 +32,8 @@ class Table:
 
     def __init__(self, stem: Path, columns: Sequence[Column]) -> None:
         """`stem` is the files' path without its ending."""
+        self.lost: Exception | None = None
+        """Why there is no Parquet after all: the CSV goes on without it."""
         self._columns = tuple(columns)
         self._stack = ExitStack()
         self._begun: list[tuple[Path, Path]] = []
@@ -47,7 +49,9 @@ class Table:
             self._text = stack.enter_context(TextIOWrapper(BufferedWriter(files[0]), "utf-8", newline=""))
             self._rows = csv.writer(self._text, lineterminator="\n")
             self._rows.writerow(column.name for column in self._columns)
-            self._parquet = stack.enter_context(_Parquet(files[1], self._columns)) if files[1:] else None
+            self._parquet: _Parquet | None = None
+            with self._apart():
+                self._parquet = stack.enter_context(_Parquet(files[1], self._columns)) if files[1:] else None
             self._stack = stack.pop_all()
         return self
 
@@ -57,8 +61,9 @@ class Table:
         with self._named():
             self._rows.writerow(map(_written, cells))
             self._text.flush()
-            if self._parquet is not None:
-                self._parquet.add(cells)
+            with self._apart():
+                if self._parquet is not None:
+                    self._parquet.add(cells)
         self.count += 1
 
     def __exit__(
@@ -72,13 +77,27 @@ class Table:
     def publish(self) -> list[Path]:
         """All rows are there: the files under their final names."""
         with self._named():
-            if self._parquet is not None:
-                self._parquet.close()
+            with self._apart():
+                if self._parquet is not None:
+                    self._parquet.close()
             self._text.close()
             for beside, path in self._begun:
-                beside.replace(path)
+                if path in self.paths:
+                    beside.replace(path)
+                else:  # of an earlier run: it would tell of other rows than the CSV
+                    beside.unlink(missing_ok=True)
+                    path.unlink(missing_ok=True)
         self._begun.clear()
         return self.paths
+
+    @contextmanager
+    def _apart(self) -> Iterator[None]:
+        """Whatever becomes of Parquet, the CSV has it not to suffer."""
+        try:
+            yield
+        except Exception as error:
+            self.lost, self._parquet = error, None
+            del self.paths[1:]
 
     @contextmanager
     def _named(self) -> Iterator[None]:
@@ -143,7 +162,8 @@ class _Parquet:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._writer.close()
+        with suppress(Exception):  # what could not be written before
+            self._writer.close()
 
     def add(self, cells: list[Cell]) -> None:
         """One row."""

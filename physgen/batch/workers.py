@@ -7,6 +7,7 @@ memory that this takes does not grow with their number. Workers leave Ctrl-C to 
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
 import time
@@ -170,7 +171,12 @@ def _hired(work: Callable[[Item], Result]) -> _Worker[Item, Result]:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=serve, args=(theirs, work, os.getpid()), daemon=True)
-    process.start()
+    # until it ignores Ctrl-C itself, it inherits that nobody tells it of one
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     theirs.close()
     return _Worker(process, ours)
 
@@ -204,9 +210,20 @@ def serve(line: Connection, work: Callable[[Item], Result], parent: int) -> None
         except Exception as error:
             answer = None, error
         try:
-            line.send(answer)
+            line.send_bytes(_pickled(answer))
         except (BrokenPipeError, ConnectionResetError):
             return
+
+
+def _pickled(answer: object) -> bytes:
+    """What comes back as it was; where it would not, why."""
+    try:
+        data = pickle.dumps(answer)
+        pickle.loads(data)
+    except Exception as error:
+        told = answer[1] if isinstance(answer, tuple) and answer[1] is not None else error
+        return pickle.dumps((None, RuntimeError(f"{type(told).__name__}: {told}")))
+    return data
 
 
 def _follow(parent: int) -> None:

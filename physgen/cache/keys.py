@@ -27,7 +27,7 @@ ROOMS = ("compile", "outline", "perceive", "percepts", "pipeline", "render", "sc
 MOVING = ("compile", "outline", "scene", "simulate")
 """Whose code makes motions."""
 AFTERWARDS = {
-    "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants"},
+    "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants", "files"},
     "Render": {"overlay", "play"},
     "Object": {"label", "provenance", "prompt"},
     "Light": {"provenance"},
@@ -91,7 +91,9 @@ def code_version(rooms: Sequence[str]) -> dict[str, str]:
         with open(path, "rb") as file:
             text = file.read()
         found.update(f"{path[len(home) :]} {len(text)}\n".encode() + text)
-    libraries = {name: number for name, number in versions().items() if name != "av"}  # it only encodes
+    libraries = {
+        name: number for name, number in versions().items() if name != "av"
+    }  # it only encodes: see `mark`
     return {**libraries, "machine": platform.machine(), "sources": found.hexdigest()}
 
 

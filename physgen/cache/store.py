@@ -25,6 +25,8 @@ Warn = Callable[[Problem], None]
 
 MOST_BYTES = 5_000_000_000
 """Of all entries, unless `PHYSGEN_CACHE_BYTES` says otherwise."""
+ROOM = 0.9
+"""Of what may be kept, that is left when there is too much: else each entry more would have all of them listed."""
 SHARE = 100
 """A hundredth of what may be kept is added before the eldest entries are looked for."""
 LEASE, LOCK, GROWN = "lease", ".lock", ".grown"
@@ -124,7 +126,7 @@ class Store:
             os.close(lease)
         with suppress(OSError):
             if grown and self._due(grown):
-                self._shrink(self.most_bytes)
+                self._shrink(self.most_bytes, int(ROOM * self.most_bytes))
 
     def sizes(self) -> list[Entry]:
         """All entries, the least recently used first."""
@@ -218,15 +220,19 @@ class Store:
             folder.rename(self.root / key)
         return size
 
-    def _shrink(self, most: int) -> Freed:
-        """Entries go, the least recently used first, until no more than `most` bytes are left; remains go too."""
+    def _shrink(self, most: int, least: int | None = None) -> Freed:
+        """Where there are more than `most` bytes, entries go, the least recently used first, until `least` are left.
+
+        Remains go too.
+        """
         with self._locked():
             freed = self._sweep()
             entries = self.sizes()
             left = sum(entry.bytes for entry in entries)
             gone = held = 0
+            bound = most if least is None or left <= most else least
             for entry in entries:
-                if left <= most:
+                if left <= bound:
                     break
                 if not self._remove(entry.key):
                     held += 1

@@ -17,7 +17,7 @@ from physgen.cli.moving import check, simulate
 from physgen.cli.packing import pack, unpack
 from physgen.cli.perceiving import import_, list_backends, perceive
 from physgen.cli.plotting import plot
-from physgen.cli.printing import FAILED, INTERRUPTED, OK, tell, tell_problems
+from physgen.cli.printing import FAILED, INTERRUPTED, OK, print_json, tell, tell_problems
 from physgen.cli.refining import refine
 from physgen.cli.rendering import render
 from physgen.cli.sweeping import sweep
@@ -25,6 +25,11 @@ from physgen.cli.verifying import verify
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
 from physgen.whole import meant
+
+BATCHES = ("render", "sweep", "export", "verify")
+"""Commands that make many things, and that a program reads."""
+UNREAD = 141
+"""As of a program that nobody reads any more (128 + SIGPIPE): not all was made."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,13 +46,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return COMMANDS[options.command](options)
     except InputError as error:
         tell_problems(error.problems)
+        if getattr(options, "json", False) and options.command in BATCHES:
+            print_json({"passed": False, "problems": [problem.as_dict() for problem in error.problems]})
         return WRONG_INPUT
     except KeyboardInterrupt:
         tell("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()
-        return OK
+        return UNREAD if options.command in BATCHES else OK
     except OSError as error:
         where = f"{meant(str(error.filename))}: " if error.filename else ""
         tell(f"{where}{error.strerror or error}")

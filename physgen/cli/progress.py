@@ -41,14 +41,14 @@ class Counter:
     def line(self, text: str) -> None:
         """A result, on stdout."""
         if self._progress is not None and sys.stdout.isatty():  # the same screen
-            self._progress.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            self._progress.console.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
         else:
             print_line(text)
 
     def tell(self, text: str) -> None:
         """Anything else, on stderr."""
         if self._progress is not None:
-            self._progress.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            self._progress.console.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
         else:
             tell(text)
 

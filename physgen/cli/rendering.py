@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,12 @@ from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
 from physgen.cli.progress import Counter
 from physgen.flags import WRONG_INPUT
 from physgen.problems import InputError
-from physgen.urls import is_url
+from physgen.urls import is_private, is_url
 
 if TYPE_CHECKING:
     from physgen.batch.pool import Done, Job, Refiner
     from physgen.batch.shelf import Shelf
+    from physgen.scene.build import Opened
 
 PREVIEWED = 24
 """Frames of a preview, at most."""
@@ -42,6 +44,8 @@ class Tally:
     made: int = 0
     unchanged: int = 0
     failed: int = 0
+    newest: float = 0.0
+    """s since 1970: when the newest clip was made."""
     full: bool = False
     """The disk: what is missing was not begun."""
 
@@ -77,15 +81,16 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            yield make(path, variant, quick(path, variant, options) if options.preview else ())
+            yield make(path, variant, quick(path, variant, options, ()) if options.preview else ())
 
 
-def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
-    """Edits that make a clip quick to draw: few frames, of the photo's size."""
-    from physgen import pipeline
-
+def quick(
+    path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
+) -> tuple[str, ...]:
+    """Edits that make a clip with these `further` edits quick to draw: few frames, of the photo's size."""
     try:
-        scene = pipeline.load(_at_hand(path, options), options.set, variant, options.allow_outside)
+        opened = _opened(_at_hand(path, options), options.allow_outside)
+        scene = opened.scene((*options.set, *further), variant)
     except InputError:  # told of where it is rendered
         return ()
     film, length = scene.render, scene.world.duration * scene.render.slow
@@ -97,12 +102,22 @@ def quick(path: str, variant: str | None, options: argparse.Namespace) -> tuple[
     return tuple(edits)
 
 
+@lru_cache(maxsize=1)
+def _opened(path: str, allow_outside: bool) -> Opened:
+    """A file of which many clips are made is read once."""
+    from physgen import pipeline
+    from physgen.scene.build import Opened
+
+    return Opened(pipeline.scene_file(path), allow_outside)
+
+
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     """Scene, variant, further overrides and a name -> a job as the flags say. Raises InputError."""
     from physgen import pipeline
     from physgen.batch.pool import Job
     from physgen.report.video import Format
 
+    _refuse_unseen(options)
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     if options.single_file and page is pipeline.Page.NONE:
         fix = f"leave out {'--report none' if options.report else '--preview'}"
@@ -145,6 +160,22 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     return make
 
 
+def _refuse_unseen(options: argparse.Namespace) -> None:
+    """Flags that would have clips made where nobody looks for them."""
+    places = [options.output, *getattr(options, "scenes", [getattr(options, "scene", "")])]
+    if options.jobs > 1 and not options.cluster and any(map(is_private, places)):
+        raise InputError.of(
+            f"--jobs {options.jobs}",
+            "",
+            "cannot be, as memory:// is seen by one process alone",
+            "leave it out",
+        )
+    if getattr(options, "watch", False) and (options.cluster or any(map(is_url, places))):
+        raise InputError.of("--watch", "", "watches files of this machine, and renders here", "leave it out")
+    if options.ship and not options.cluster:
+        raise InputError.of("--ship", "", "is for clusters", "add --cluster, or leave it out")
+
+
 def make_all(
     jobs: Iterable[Job],
     count: int,
@@ -181,7 +212,7 @@ def make_all(
             heard(done)
             _told_of(done, options.json, counter)
             counter.step(tally.failed)
-    if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index()):
+    if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index(tally.newest)):
         _gallery(kept_in, bar, tally, options.output)
     return _sum_up(tally, count, kept_in, beside(), options)
 
@@ -194,7 +225,7 @@ def _made(
     if getattr(options, "cluster", None):
         from physgen.batch.cluster.farm import run_on
 
-        return run_on(options.cluster, workers, jobs, options.ship, counter.tell)
+        return run_on(options.cluster, workers, jobs, count, options.ship, counter.tell)
     from physgen.batch.pool import run_all
 
     return run_all(jobs, workers, lambda job: bar.show if count == 1 else _silent)
@@ -222,6 +253,9 @@ def _silent(stage: str, done: int, total: int) -> None:
 def _count(tally: Tally, done: Done) -> None:
     from physgen.batch.pool import State
 
+    if done.folder is not None:
+        with suppress(OSError):  # of one behind a URL there is nothing here
+            tally.newest = max(tally.newest, (done.folder / "manifest.json").stat().st_mtime)
     match done.state:
         case State.MADE:
             tally.made += 1
@@ -321,7 +355,11 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
         return [options.variant]
     from physgen import pipeline
 
-    return [None, *pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants]
+    try:
+        known = pipeline.load(_at_hand(path, options), options.set, None, options.allow_outside).variants
+    except InputError:  # told of where it is rendered; the others are
+        return [None]
+    return [None, *known]
 
 
 def _at_hand(path: str, options: argparse.Namespace) -> str:

@@ -102,16 +102,20 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
     with Table(out / "sweep", table) as rows:
         under_way: deque[Point] = deque()  # they end in the order in which they are begun
 
-        looks = {v: quick(options.scene, v, options) if options.preview else () for v in plan.variants}
-
         def jobs() -> Iterator[Job]:
             for point in plan:
                 under_way.append(point)
-                further = (*looks[point.variant], *point.overrides)
+                look: tuple[str, ...] = ()
+                if options.preview:
+                    look = quick(options.scene, point.variant, options, point.overrides)
+                further = (*look, *point.overrides)
                 yield make(options.scene, point.variant, further, point.name, tracked)
 
         def beside() -> Sequence[Path]:
-            return rows.publish() if rows.count == len(plan) else ()
+            made = rows.publish() if rows.count == len(plan) else ()
+            if rows.lost is not None:
+                tell(f"{out / 'sweep.parquet'}: could not be written: {rows.lost}; the table is CSV alone")
+            return made
 
         return make_all(
             jobs(),

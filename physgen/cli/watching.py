@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 LOOK = 0.05
 """s between looks."""
+PATIENCE = 1.0
+"""s for which a file that is gone may come back, and writing may go on."""
 
 
 def watch(
@@ -25,25 +27,25 @@ def watch(
     """`make` them, and again after each save; a mistake is told, and mended by the next save."""
     from physgen.problems import InputError
 
-    seen: dict[Path, Stamp] = {}
+    kept: set[Path] = set()
+    """Of the last clips that could be made: what a mistake leaves unsaid."""
     try:
         while True:
             begun = time.perf_counter()
-            before = {path: stamped(path) for path in _first(options.scenes)} | {
-                path: stamped(path) for path in seen
-            }
-            made: list[Job] = []
+            before: dict[Path, Stamp] = {path: stamped(path) for path in (*_first(options.scenes), *kept)}
+            files = set(_first(options.scenes))
             try:
                 made = jobs()
                 make(made)
+                kept = {path for job in made for path in _inputs(job)} or kept
             except InputError as error:
                 for problem in error.problems:
                     tell(str(problem))
+                files |= {Path(problem.place.file) for problem in error.problems if problem.place.line}
+            files |= kept
             took = time.perf_counter() - begun
-            files = {*_first(options.scenes), *(path for job in made for path in _inputs(job)), *seen}
-            seen = {path: before.get(path) or stamped(path) for path in files}
             tell(f"{took:.1f} s; watching {len(files)} files, Ctrl-C ends it")
-            _wait(seen)
+            _wait({path: before.get(path) or stamped(path) for path in files})
     except KeyboardInterrupt:
         return OK
 
@@ -54,10 +56,12 @@ def _first(scenes: Sequence[str]) -> list[Path]:
 
 
 def _inputs(job: Job) -> list[Path]:
-    """Files that the clip was made of, and the folder in which maps may appear."""
+    """Files that the clip was made of, and the folder in which maps may appear; of a pack, the pack."""
+    if Path(job.path).suffix not in (".yaml", ".yml"):
+        return []
     try:
         told = json.loads((job.folder / "manifest.json").read_bytes())
-        home = Path(job.path).parent
+        home = Path(job.path).resolve().parent
         files = [home / name for name in told["inputs"]]
         assets = told["document"].get("assets")
         return [*files, home / assets] if assets else files
@@ -70,9 +74,9 @@ def _wait(seen: dict[Path, Stamp]) -> None:
     while all(stamped(path) == stamp for path, stamp in seen.items()):
         time.sleep(LOOK)
     now = {path: stamped(path) for path in seen}
-    while True:
+    for _ in range(round(PATIENCE / LOOK)):
         time.sleep(LOOK)
         later = {path: stamped(path) for path in seen}
-        if later == now and all(path.exists() for path in seen if str(path).endswith((".yaml", ".yml"))):
+        if later == now and all(path.exists() for path in seen):
             return
         now = later

@@ -7,6 +7,7 @@ frame 0 to 1; `flow_noc/`: those that are seen in the other frame.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -47,7 +48,23 @@ class Kitti:
 
 def encoded(flow: Flow) -> U16:
     """(H, W, 3): u, v, and whether they fit."""
-    codes = flow.moved * np.float32(STEPS)
+    if flow.moving is None:
+        return _encoded(flow.moved)
+    every = _rest(*flow.inside.shape).copy()
+    for box in flow.moving:
+        every[box] = _encoded(flow.moved[box])
+    return every
+
+
+@cache
+def _rest(height: int, width: int) -> U16:
+    """(H, W, 3) of what does not move."""
+    return np.tile(np.array([ZERO, ZERO, 1], np.uint16), (height, width, 1))
+
+
+def _encoded(moved: NDArray[np.float32]) -> U16:
+    """(h, w, 3) of a flow (h, w, 2)."""
+    codes = moved * np.float32(STEPS)
     np.rint(codes, out=codes)
     codes += np.float32(ZERO)
     fits = np.ones(codes.shape[:2], np.uint16)

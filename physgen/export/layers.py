@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.places import Ball, Box, Still, is_still, similarity, spans, turns_in_space
+from physgen.export.places import Ball, Still, is_still, similarity, spans, turns_in_space
 from physgen.export.truth import Clip, View
 from physgen.perceive.membrane import grown, membrane
+from physgen.render.placing import Slices
 
 F32 = NDArray[np.float32]
 U16 = NDArray[np.uint16]
@@ -40,7 +41,7 @@ class Part:
     values: F32
     """(h, w[, C]), carried on beyond the thing's mask."""
 
-    def warped(self, box: Box, m: complex, n: complex) -> F32:
+    def warped(self, box: Slices, m: complex, n: complex) -> F32:
         """(h, w[, C]) on a box of a view; `m` and `n` lead from its px to those of the photo."""
         rows, columns = box
         n += m * complex(columns.start, rows.start) - complex(*self.corner)
@@ -58,8 +59,16 @@ class Part:
             cv2.remap(self.values, here, there, way, borderMode=cv2.BORDER_REPLICATE), np.float32
         )
 
+    def squeezed(self, middle: tuple[float, float], radius: float) -> Part:
+        """What lies farther than `radius` from a px of the photo gives way to what is there in its direction."""
+        height, width = self.values.shape[:2]
+        x = np.arange(width) + self.corner[0] - middle[0]
+        y = (np.arange(height) + self.corner[1] - middle[1])[:, None]
+        within = np.minimum(radius / np.maximum(np.hypot(x, y), 1e-9), 1)
+        return Part(self.corner, self.at(middle[0] + x * within, middle[1] + y * within))
 
-Sample = Callable[[int, Part, View, Box], F32]
+
+Sample = Callable[[int, Part, View, Slices], F32]
 """What the part of a body shows of it in the box of a view, (h, w[, C])."""
 
 
@@ -73,6 +82,7 @@ class Layers:
         self._world, self._still, self._size = clip.world, Still.of(clip.trajectory), clip.size
         self._ground, self._parts, self._finish = ground, parts, finish
         self._filmed: tuple[Array, U16] | None = None
+        self._skins: dict[int, Part] = {}
 
     def seen(self, view: View, sample: Sample) -> U16:
         """(h, w[, C]) of a view, finished."""
@@ -84,29 +94,27 @@ class Layers:
                 np.copyto(shown[box], values, where=mine if values.ndim == 2 else mine[..., None])
         return shown
 
-    def turned(self, body: int, part: Part, view: View, box: Box) -> F32:
+    def turned(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """A part that turns with its body in the picture."""
         return part.warped(box, *similarity(body, view, self._still))
 
-    def carried(self, body: int, part: Part, view: View, box: Box) -> F32:
+    def carried(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """A part that moves with its body and never turns."""
         m, _ = similarity(-1, view, self._still)
         (x, y), (to_x, to_y) = view.lens @ [*view.poses[body, :2], 1.0], self._still.poses[body, :2]
         return part.warped(box, m, complex(to_x, to_y) - m * complex(x, y))
 
-    def rolled(self, body: int, part: Part, view: View, box: Box) -> F32:
+    def rolled(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """A part that turns with its body, in space where that does.
 
         What no photo shows, of a ball's far side, is the mirror image of what it does: as frames have it.
         """
         if not turns_in_space(body, view, self._world) or is_still(body, view, self._still):
             return self.turned(body, part, view, box)
-        x, y = spans(box)
         ball = Ball.between(body, view, self._still, self._world)
-        at_x, at_y, _ = ball.carried(x, y)
-        (to_x, to_y), radius = ball.to, RIM_OF_BALL * ball.radius * ball.larger
-        squeeze = np.minimum(radius / np.maximum(np.hypot(at_x - to_x, at_y - to_y), 1e-9), 1)
-        return part.at(to_x + (at_x - to_x) * squeeze, to_y + (at_y - to_y) * squeeze)
+        if body not in self._skins:
+            self._skins[body] = part.squeezed(ball.to, RIM_OF_BALL * ball.radius * ball.larger)
+        return self._skins[body].at(*ball.origin(*spans(box)))
 
     def _background(self, lens: Array) -> U16:
         """As it is filmed; again only where the camera has moved."""

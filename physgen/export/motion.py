@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.export.places import Ball, Box, is_still, similarity, spans, turns_in_space
+from physgen.export.places import Ball, is_still, similarity, spans, turns_in_space
 from physgen.export.truth import View
+from physgen.render.placing import Slices
 
 Array = NDArray[np.float64]
 F32 = NDArray[np.float32]
@@ -27,16 +29,21 @@ class Flow:
     """(H, W): it is still in the picture."""
     visible: Mask
     """(H, W): it is in the picture, and nothing hides it."""
+    moving: Sequence[Slices] | None = None
+    """Beyond these boxes nothing moves; None: nobody has looked."""
 
 
 def flow(view: View, other: View, world: World) -> Flow:
     """What each pixel of `view` shows, found again in `other`."""
     found = _background(view, other)
-    filmed_alike = np.array_equal(view.lens, other.lens)
-    for body, box in view.boxes.items():
-        if not (filmed_alike and is_still(body, view, other)):
+    if not np.array_equal(view.lens, other.lens):
+        for body, box in view.boxes.items():
             _fill(found, body, box, view, other, world)
-    return found
+        return found
+    moving = {body: box for body, box in view.boxes.items() if not is_still(body, view, other)}
+    for body, box in moving.items():
+        _fill(found, body, box, view, other, world)
+    return replace(found, moving=tuple(moving.values()))
 
 
 def _background(view: View, other: View) -> Flow:
@@ -55,7 +62,7 @@ def _background(view: View, other: View) -> Flow:
     return Flow(moved, inside, inside & (there == view.ids))
 
 
-def _fill(found: Flow, body: int, box: Box, view: View, other: View, world: World) -> None:
+def _fill(found: Flow, body: int, box: Slices, view: View, other: View, world: World) -> None:
     """What is seen of a body in `box` is the body's."""
     width, height = view.size
     x, y = spans(box)

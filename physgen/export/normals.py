@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from physgen.export.layers import Layers, Part, filled, hole, parted
 from physgen.export.motion import Moment
 from physgen.export.pictures import save, told
-from physgen.export.places import Box, is_ball, spans
+from physgen.export.places import is_ball, spans
 from physgen.export.truth import Clip, View
+from physgen.render.placing import Slices
 
 F32 = NDArray[np.float32]
 MIDDLE, UNIT = 32768, 32767
@@ -41,7 +42,7 @@ class Normals:
     def close(self) -> None:
         """Nothing is left to be said."""
 
-    def _sampled(self, body: int, part: Part, view: View, box: Box) -> F32:
+    def _sampled(self, body: int, part: Part, view: View, box: Slices) -> F32:
         thing = self._world.bodies[body]
         if not is_ball(thing):
             return self._turned(body, part, view, box)
@@ -59,7 +60,7 @@ class Normals:
             np.copyto(round_, self._turned(body, part, view, box), where=outside[..., None])
         return round_
 
-    def _turned(self, body: int, part: Part, view: View, box: Box) -> F32:
+    def _turned(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """As the photo's map has them, turned in the picture."""
         turn = float(view.poses[body, 2] - self._start[body, 2])
         c, s = np.cos(turn), np.sin(turn)

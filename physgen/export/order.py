@@ -47,9 +47,9 @@ class Order:
 def hiding(view: View) -> list[tuple[int, int, int]]:
     """Who is seen where whom would be, and on how many px."""
     found = []
-    for behind, whole in view.amodal.items():
-        hidden = whole & (view.ids != behind + 1)
-        if hidden.any():
-            counts = np.bincount(view.ids[hidden])
-            found += [(int(i) - 1, behind, int(counts[i])) for i in np.flatnonzero(counts) if i]
+    for thing in view.presences:
+        if thing.seen_area < thing.whole_area:
+            x, y, w, h = thing.box
+            counts = np.bincount(view.ids[y : y + h, x : x + w][thing.whole & ~thing.seen])
+            found += [(int(i) - 1, thing.body, int(counts[i])) for i in np.flatnonzero(counts) if i]
     return sorted(found)

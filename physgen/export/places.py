@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
+from physgen.render.placing import Slices
 from physgen.scene.model import Solid
 from physgen.simulate.trajectory import Trajectory
 
@@ -23,9 +24,6 @@ Mask = NDArray[np.bool_]
 
 REST = 1e-9
 """px and rad."""
-
-Box = tuple[slice, slice]
-"""Rows and columns."""
 
 
 class Posed(Protocol):
@@ -98,7 +96,7 @@ def _lens(lens: Array) -> tuple[float, complex]:
     return large, complex(x, y)
 
 
-def spans(box: Box) -> tuple[Array, Array]:
+def spans(box: Slices) -> tuple[Array, Array]:
     """(1, w) x and (h, 1) y of a box, px."""
     rows, columns = box
     x = np.arange(columns.start, columns.stop, dtype=np.float64)
@@ -144,20 +142,29 @@ class Ball:
         """
         u, v = (x - self.middle[0]) / self.radius, (y - self.middle[1]) / self.radius
         far = u * u + v * v
-        if far.max(initial=0) > 1:
-            squeeze = 1 / np.sqrt(np.maximum(far, 1))
-            beyond = u * (1 - squeeze), v * (1 - squeeze)
-            u, v, far = u * squeeze, v * squeeze, np.minimum(far, 1)
-        else:
-            beyond = 0 * u, 0 * v
-        towards = np.sqrt(1 - far)
-        turned = [row[0] * u + row[1] * v - row[2] * towards for row in self.turn]
+        towards = np.sqrt(np.maximum(1 - far, 0))
         reach = self.radius * self.larger
+        along, down = self.to[0] + reach * u, self.to[1] + reach * v
+        within = 1 / np.sqrt(np.maximum(far, 1))
+        u, v = u * within, v * within
+        change = (self.turn - np.diag([1.0, 1.0, 0.0])) * [[reach], [reach], [1.0]]
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = change.tolist()
         return (
-            self.to[0] + reach * (turned[0] + beyond[0]),
-            self.to[1] + reach * (turned[1] + beyond[1]),
-            turned[2] > 0,
+            along + (xx * u + xy * v - xz * towards),
+            down + (yx * u + yy * v - yz * towards),
+            zx * u + zy * v > zz * towards,
         )
+
+    def origin(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """The same without what is underneath, where x and y are none but roughly those of the ball's pixels."""
+        u, v = (x - self.middle[0]) / self.radius, (y - self.middle[1]) / self.radius
+        towards = np.sqrt(np.maximum(1 - (u * u + v * v), 0))
+        reach = self.radius * self.larger
+        along, down = (
+            to + (reach * row[0] * u + reach * row[1] * v) - reach * row[2] * towards
+            for to, row in zip(self.to, self.turn[:2].tolist(), strict=True)
+        )
+        return along, down
 
 
 def carried(points: Array, body: int, view: Posed, other: Posed, world: World) -> tuple[Array, Mask]:

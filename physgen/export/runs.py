@@ -1,42 +1,44 @@
-"""A label map <-> its runs of equal values, row by row: a hundredth of the memory, at hardly any cost."""
+"""Masks on their boxes -> run lengths as COCO has them: down the columns, background first (Lin et al., 2014).
+
+Runs are found on the box alone; pycocotools makes characters of them.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-U16 = NDArray[np.uint16]
+from physgen.export.presence import Box
+
+Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Runs:
-    """A label map (H, W)."""
+def run_lengths(mask: Mask, box: Box, size: tuple[int, int]) -> list[int]:
+    """Counts of a mask (h, w) that lies on a `box` of a picture of `size` (W, H); they fill it.
 
-    shape: tuple[int, int]
-    values: U16
-    """(R,)."""
-    lengths: NDArray[np.int32]
-    """(R,) px; they may go on in the next row."""
+    >>> run_lengths(np.array([[True, True], [False, True]]), (1, 0, 2, 2), (4, 3))
+    [3, 1, 2, 2, 4]
+    """
+    left, top, width, height = box
+    down = np.zeros((width, height + 2), bool)
+    down[:, 1:-1] = mask.T
+    # every column begins and ends outside: an odd change enters the body, an even one leaves it
+    column, row = np.nonzero(down[:, 1:] != down[:, :-1])
+    at = (left + column) * size[1] + top + row
+    if height == size[1]:  # what leaves at a column's foot may go on at the next one's head
+        again = np.flatnonzero(at[1:-1:2] == at[2::2]) * 2 + 1
+        at = np.delete(at, np.concatenate([again, again + 1]))
+    ends = [*at.tolist(), size[0] * size[1]]
+    counts = [ends[0], *(end - start for start, end in pairwise(ends))]
+    return counts if counts[-1] or len(counts) == 1 else counts[:-1]
 
-    @classmethod
-    def of(cls, ids: U16) -> Runs:
-        """The runs of `ids` (H, W).
 
-        >>> Runs.of(np.array([[0, 0, 3], [3, 3, 1]], np.uint16)).lengths.tolist()
-        [2, 3, 1]
-        """
-        flat = ids.ravel()
-        ends = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-        starts = np.concatenate([[0], ends])
-        lengths = np.diff(starts, append=flat.size).astype(np.int32)
-        return cls((ids.shape[0], ids.shape[1]), flat[starts], lengths)
+def compressed(mask: Mask, box: Box, size: tuple[int, int]) -> str:
+    """The same as COCO's characters; as `pycocotools.mask.encode` of the whole picture's mask."""
+    from pycocotools import mask as coco
 
-    def map(self) -> U16:
-        """(H, W) again."""
-        return np.repeat(self.values, self.lengths).reshape(self.shape)
-
-    def areas(self, count: int) -> NDArray[np.float64]:
-        """(count,) px of each value below `count`."""
-        return np.asarray(np.bincount(self.values, self.lengths, count), np.float64)
+    width, height = size
+    plain = {"size": [height, width], "counts": run_lengths(mask, box, size)}
+    return str(coco.frPyObjects(plain, height, width)["counts"], "ascii")

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.albedo import FULL, Paint
 from physgen.export.motion import Moment
+from physgen.export.paint import FULL
 from physgen.export.pictures import save, told
 from physgen.export.truth import Clip
 from physgen.photometry import decode
@@ -28,7 +28,7 @@ class Shading:
     """Of the frame as it is drawn, with its shadows."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._paint = folder, Paint(clip)
+        self._folder, self._paint = folder, clip.paint
         told(folder, {"at_0": 0.0, "at_65535": MOST, "light": "linear", "frame": "albedo x shading"})
 
     def add(self, moment: Moment) -> None:
@@ -42,10 +42,6 @@ class Shading:
 
 def shading(rgb: U8, albedo: U16) -> U16:
     """(h, w, 3) of a frame (h, w, 3) sRGB and its albedo (h, w, 3)."""
-    light = cv2.LUT(rgb, _light())
+    light = cv2.LUT(rgb, decode(np.arange(256, dtype=np.uint8)))
     found = cv2.divide(light, albedo.astype(np.float32), scale=FULL * FULL / MOST, dtype=cv2.CV_16U)
     return np.asarray(found, np.uint16)
-
-
-def _light() -> NDArray[np.float32]:
-    return decode(np.arange(256, dtype=np.uint8))

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from physgen.export.idmap import Runs
 from physgen.export.motion import Moment
-from physgen.export.runs import Runs
 from physgen.export.tracks import Filmed, Points, drawn, shares, tracked
 from physgen.export.truth import Clip
 
@@ -43,7 +43,7 @@ class Tapvid:
         self._spaces: list[Array] = []
         self._ids: list[Runs] = []
         width, height = clip.size
-        self._zip = ZipFile(folder / "tapvid.npz", "w")
+        self._zip = _Archive(folder / "tapvid.npz", "w")
         self._video = _begun(self._zip, "video", np.dtype(np.uint8), (clip.count, height, width, 3))
 
     def add(self, moment: Moment) -> None:
@@ -81,6 +81,13 @@ class Tapvid:
             "names": np.array(["background", *self._clip.names]),
             "fps": np.array(self._clip.fps),
         }
+
+
+class _Archive(ZipFile):
+    """One that may be left half-way, as where a clip fails: its folder goes, and nobody is told of the file."""
+
+    def __del__(self) -> None:
+        """Whoever is done has closed it."""
 
 
 def _begun(archive: ZipFile, name: str, kind: np.dtype[Any], shape: tuple[int, ...]) -> IO[bytes]:

@@ -7,21 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.export.places import Box
+from physgen.export.extent import Extent
+from physgen.export.pictures import jpeg
+from physgen.export.presence import Presence, presences
 from physgen.percepts.maps import Percepts
-from physgen.render.placing import covered
-from physgen.render.resample import nearest
-from physgen.render.shot import Shot, on_canvas
-from physgen.render.stage import Frame, Stage, Stand, planned
+from physgen.render.placing import Slices
+from physgen.render.shot import Shot
+from physgen.render.stage import Cover, Frame
 from physgen.scene.model import Scene
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
+
+if TYPE_CHECKING:
+    from physgen.export.paint import Paint
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -51,24 +56,27 @@ class View:
     """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
     spaces: Array | None
     """(N, 3, 3): how bodies have turned in space since t = 0, +z into the photo; None: in the picture alone."""
-    covering: Callable[[], Mapping[int, Mask]] = field(repr=False, compare=False)
-    """Works out `amodal`."""
+    covering: Callable[[], Sequence[Cover]] = field(repr=False, compare=False)
+    """Works out where things are, see `Frame.covers`."""
 
     @cached_property
-    def amodal(self) -> Mapping[int, Mask]:
-        """Body -> (H, W) where it is, what hides it taken away; those alone that reach into the picture."""
-        return self.covering()
+    def presences(self) -> Sequence[Presence]:
+        """The bodies that reach into the picture, those too that are hidden; in the order of their ids."""
+        return presences(self.covering(), self.ids)
 
     @cached_property
-    def boxes(self) -> Mapping[int, Box]:
-        """Body -> what holds all that is seen of it; those alone that are seen."""
-        from cv2 import boundingRect
+    def jpeg(self) -> bytes:
+        """The picture as a JPEG file: several formats hold it, and it is encoded once."""
+        return jpeg(self.rgb)
 
+    @cached_property
+    def boxes(self) -> Mapping[int, Slices]:
+        """Body -> the rows and columns that hold all that is seen of it; those alone that are seen."""
         found = {}
-        for body in range(int(self.ids.max(initial=0))):
-            x, y, w, h = boundingRect((self.ids == body + 1).view(np.uint8))
+        for thing in self.presences:
+            x, y, w, h = thing.seen_box
             if w:
-                found[body] = np.s_[y : y + h, x : x + w]
+                found[thing.body] = np.s_[y : y + h, x : x + w]
         return found
 
     @property
@@ -88,6 +96,8 @@ class Clip:
     """A sample a frame, played forward."""
     maps: Percepts | None
     """Of the photo; None without one."""
+    extents: Sequence[Extent | None]
+    """Of the bodies; None where nothing is drawn of one."""
     size: tuple[int, int]
     """Width and height of the frames, px."""
     fps: float
@@ -99,20 +109,33 @@ class Clip:
     stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
     """(H, W) of the photo, at t = 0: who stands where by ids, and `LEFT_OUT`; empty without a photo."""
 
-    @property
+    @cached_property
+    def paint(self) -> Paint:
+        """The albedo of its views, of a photo that has one; two formats are made of it."""
+        from physgen.export.paint import Paint
+
+        return Paint(self)
+
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the bodies, in the order of their ids."""
         return tuple(body.name for body in self.world.bodies)
 
-    @property
+    @cached_property
     def labels(self) -> tuple[str, ...]:
         """What each body is called in words; its name where nobody said."""
         return tuple(item.label or item.name for item in self.scene.objects)
 
-    @property
+    @cached_property
     def categories(self) -> tuple[str, ...]:
         """The labels, each once, in the order of the alphabet."""
         return tuple(sorted(set(self.labels)))
+
+    @cached_property
+    def classes(self) -> tuple[int, ...]:
+        """Of each body the place of its label among the categories, from 1 on."""
+        numbers = {name: number for number, name in enumerate(self.categories, 1)}
+        return tuple(numbers[label] for label in self.labels)
 
 
 def stood(labels: U16, photo: U16 | None, scenery: Mask) -> U16:
@@ -125,45 +148,23 @@ def stood(labels: U16, photo: U16 | None, scenery: Mask) -> U16:
 class Eye:
     """Frames one after the other -> their views."""
 
-    def __init__(self, stage: Stage, trajectory: Trajectory, samples: Sequence[int], shot: Shot) -> None:
+    def __init__(self, trajectory: Trajectory, samples: Sequence[int], shot: Shot) -> None:
         """`samples` tells of each frame the sample of `trajectory` whose moment it shows."""
-        self._stage, self._trajectory, self._samples, self._shot = stage, trajectory, samples, shot
+        self._trajectory, self._samples, self._shot = trajectory, samples, shot
         self._spaces = in_space(trajectory.turns) if trajectory.turns.size else None
-        self._stood = planned(stage, trajectory, samples)
         self._count = 0
 
     def seen(self, frame: Frame) -> View:
         """The view of the next frame."""
         index, self._count = self._count, self._count + 1
         sample = self._samples[index]
-        _, stands = next(self._stood)
-        lens = self._shot.affine(frame.time)
         return View(
             index,
             float(self._trajectory.times[sample]),
             frame.rgb,
             frame.ids,
-            lens,
+            self._shot.affine(frame.time),
             self._trajectory.poses[sample],
             None if self._spaces is None else self._spaces[sample],
-            partial(_amodal, self._stage, stands, on_canvas(lens, self._stage.scale), frame),
+            lambda: frame.covers,
         )
-
-
-def _amodal(stage: Stage, stands: Sequence[Stand], matrix: Array, frame: Frame) -> dict[int, Mask]:
-    """What is seen of a body belongs to it in any case."""
-    height, width = stage.background.shape[:2]
-    same = frame.ids.shape == (height, width) and np.array_equal(matrix, np.eye(2, 3))
-    whole: dict[int, Mask] = {}
-    for stand in stands:
-        if stand.where is None:
-            continue
-        sprite = stage.sprites[stand.k]
-        drawn = np.zeros((height, width), np.uint16)
-        drawn[stand.where.box] = covered(sprite, stand.where) >= 0.5
-        seen = drawn if same else nearest(drawn, matrix, (frame.ids.shape[1], frame.ids.shape[0]))
-        whole[sprite.body] = (seen > 0) | whole.get(sprite.body, False)
-    shown = np.unique(frame.ids)
-    for body in (int(i) - 1 for i in shown if i):
-        whole[body] = (frame.ids == body + 1) | whole.get(body, False)
-    return {body: mask for body, mask in sorted(whole.items()) if mask.any()}

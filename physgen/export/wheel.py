@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.motion import Moment
+from physgen.export.motion import Flow, Moment
 from physgen.export.pictures import save
 from physgen.export.truth import Clip
 
@@ -34,20 +34,10 @@ class Wheel:
 
     def add(self, moment: Moment) -> None:
         """One file a pair of views and direction."""
-        view = moment.view
-        for way, flow, other in (
-            ("forward", moment.forward, moment.after),
-            ("backward", moment.backward, moment.before),
-        ):
-            if flow is None or other is None:
-                continue
-            if np.array_equal(view.lens, other.lens):  # what is no thing's is at rest, and white
-                shown = np.full((*view.ids.shape, 3), 255, np.uint8)
-                for box in view.boxes.values():
-                    shown[box] = coloured(flow.moved[box], self._most)
-            else:
-                shown = coloured(flow.moved, self._most)
-            save(self._folder / way / f"{view.index:05d}.png", shown)
+        for way, flow in (("forward", moment.forward), ("backward", moment.backward)):
+            if flow is not None:
+                name = f"{moment.view.index:05d}.png"
+                save(self._folder / way / name, _shown(flow, self._most))
 
     def close(self) -> None:
         """Nothing is left to be said."""
@@ -61,6 +51,16 @@ def fastest(clip: Clip) -> float:
     reach = np.array([body.reach for body in clip.world.bodies])
     way = np.hypot(steps[..., 0], steps[..., 1]) + reach * np.minimum(np.abs(steps[..., 2]), 2)
     return max(1.0, float(way.max()) * max(clip.size) / max(clip.scene.size))
+
+
+def _shown(flow: Flow, most: float) -> NDArray[np.uint8]:
+    """(H, W, 3) sRGB; what is at rest is white."""
+    if flow.moving is None:
+        return coloured(flow.moved, most)
+    shown = np.full((*flow.inside.shape, 3), 255, np.uint8)
+    for box in flow.moving:
+        shown[box] = coloured(flow.moved[box], most)
+    return shown
 
 
 def coloured(moved: F32, most: float) -> NDArray[np.uint8]:

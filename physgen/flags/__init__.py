@@ -300,9 +300,12 @@ def _making(sub: argparse.ArgumentParser) -> None:
         help="a quick look: at most 24 frames as large as the photo, without a report",
     )
     sub.add_argument(
-        "--no-cache", dest="cache", action="store_false", help="neither read nor keep unrefined frames"
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        help="make clips again that are there, and neither read nor keep results of stages",
     )
-    sub.add_argument("--json", action="store_true", help="print the folders as JSON")
+    sub.add_argument("--json", action="store_true", help="print a line of JSON a clip, and one at the end")
 
 
 def _overlays(sub: argparse.ArgumentParser) -> None:

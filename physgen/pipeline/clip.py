@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
@@ -23,6 +25,7 @@ from physgen.pipeline.warm import Keep, Warm
 from physgen.pipeline.watch import Progress, Warn, silent, unheard
 from physgen.pipeline.writing import written
 from physgen.problems import InputError, Place, Problem, Severity
+from physgen.whole import stamped
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -109,6 +112,7 @@ def render_scene(
     record.overrides, record.variant, record.mark = list(overrides), variant, mark
     record.device = drawn_by(device)
     warm = warm or Warm(Keep.NOTHING)
+    begun = time.time_ns()
     with record.stage("load"):
         scene = warm.load(path, overrides, variant, allow_outside, known.path if known else None)
         scene = replace(scene, name=output_name(path, variant) if name is None else name)
@@ -141,11 +145,11 @@ def render_scene(
     with ExitStack() as held:
         footage = None
         if scene.refine.backend != "none":
-            footage = held.enter_context(guided(filming, record, progress, odd, cached))
+            footage = held.enter_context(guided(filming, record, progress, warn, cached))
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)
-            trajectory = filming.simulated(progress, cached, odd)
+            trajectory = filming.simulated(progress, cached, warn)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)
@@ -190,6 +194,8 @@ def render_scene(
                     single_file,
                     decided,
                 )
+        if _saved(scene, record, begun):
+            record.mark = ""  # the next run makes it again: nobody knows which of the two was drawn
         write_manifest(record, folder)
     if single_file and page is not Page.NONE:
         large = heavy(final / "report.html", "make the clip shorter or smaller")
@@ -198,6 +204,13 @@ def render_scene(
     if faults:
         raise InputError([*faults, _left(final, "has the clip without refinement")])
     return final
+
+
+def _saved(scene: Scene, record: RunRecord, begun: int) -> bool:
+    """Whether anything that the clip was made of was written since, ns since 1970."""
+    home = scene.folder.resolve()
+    times = [stamped(Path(os.path.normpath(home / name)))[:2] for name in record.inputs]
+    return any(max(pair) >= begun for pair in times)
 
 
 def _is_refined(folder: Path) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,14 +39,13 @@ class Labels:
 
     @classmethod
     def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
-        """Raises InputError where a format is none, or the scene lacks the map that it is made of."""
+        """Raises InputError where a format is none, or not for this scene."""
         if not formats:
             return cls((), None)
-        from physgen.export.lacking import lacking
-        from physgen.export.writing import kinds
+        from physgen.export.writing import check_fits, kinds
 
         chosen = kinds(formats)
-        lacking(chosen, scene, maps)
+        check_fits(chosen, scene, maps)
         return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
 
     @contextmanager
@@ -57,6 +56,7 @@ class Labels:
         if not self.kinds:
             yield lambda frames: frames
             return
+        from physgen.export.extent import extents
         from physgen.export.truth import Clip
         from physgen.export.writing import written
 
@@ -68,17 +68,21 @@ class Labels:
             filming.compiled.world,
             trajectory,
             self.maps,
+            extents(filming.stage, filming.compiled.world),
             scene.video_size,
             scene.render.fps,
             len(shot.order),
             record.inputs,
             stood=_stood(filming, self.maps),
         )
-        with written(self.kinds, folder, clip) as writers:
+        with ExitStack() as held:
+            with record.stage("export"):
+                writers = held.enter_context(written(self.kinds, folder, clip))
             tap = Tap(filming, trajectory, writers, clip, record)
             yield tap
             with record.stage("export"):
                 tap.finish()
+                held.close()
 
     def of_frames(
         self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord, progress: Progress
@@ -126,7 +130,7 @@ class Tap:
         eye = None
         for frame in frames:
             wall, cpu = time.perf_counter(), time.thread_time()
-            eye = eye or Eye(self._filming.stage, fine, samples, shot)
+            eye = eye or Eye(fine, samples, shot)
             self._put(self._line.put(eye.seen(frame)))
             self._took(time.perf_counter() - wall, time.thread_time() - cpu)
             yield frame

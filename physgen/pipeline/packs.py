@@ -13,8 +13,9 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+from physgen.problems import call
 from physgen.scene.pack_format import is_pack
 from physgen.whole import Stamp, stamped
 
@@ -25,9 +26,21 @@ MOST_HELD = 64
 """Packs that a process holds at a time: each costs it an open file."""
 FILES, SCENE = "files", "scene.txt"
 """Of an entry of the cache: what was in the pack, and the name of the scene among it."""
+
+
+class _Held(NamedTuple):
+    """What a pack was unpacked to."""
+
+    stack: ExitStack
+    """Keeps it there."""
+    files: Path
+    """Folder of all that was in it."""
+    scene: Path
+
+
 _KNOWN: dict[str, tuple[Stamp, str]] = {}
 """Absolute path of a pack -> when it was written, and the key of its entry."""
-_HELD: OrderedDict[tuple[str, str], tuple[ExitStack, Path]] = OrderedDict()
+_HELD: OrderedDict[tuple[str, str], _Held] = OrderedDict()
 
 
 def scene_file(path: str | Path) -> Path:
@@ -61,35 +74,37 @@ def scene_in(key: str, data: Callable[[], bytes], name: str) -> Path:
     held = _HELD.pop((str(store.root), key), None)
     if held is None and not _HELD:
         atexit.register(_let_go)
-    if held is None or not held[1].is_file():
+    if held is None or not held.scene.is_file():
         held = _opened(store, key, data, name)
     _HELD[str(store.root), key] = held
     while len(_HELD) > MOST_HELD:
-        _HELD.popitem(last=False)[1][0].close()
-    return held[1]
+        _HELD.popitem(last=False)[1].stack.close()
+    call(held.files, name)
+    return held.scene
 
 
 def _let_go() -> None:
     """While there still is somebody to close files."""
     while _HELD:
-        _HELD.popitem()[1][0].close()
+        _HELD.popitem()[1].stack.close()
 
 
-def _opened(store: Store, key: str, data: Callable[[], bytes], name: str) -> tuple[ExitStack, Path]:
-    """The scene file, and what keeps it there."""
+def _opened(store: Store, key: str, data: Callable[[], bytes], name: str) -> _Held:
+    """In the cache, or where nothing is kept in a folder of this process."""
     with ExitStack() as stack:
         folder = stack.enter_context(store.find(key))
         if folder is None:
             _kept(store, key, data(), name)
             folder = stack.enter_context(store.find(key))
         if folder is not None:
-            scene = folder / FILES / (folder / SCENE).read_text(encoding="utf-8")
-        else:  # nothing is kept: for this process alone
-            own = stack.enter_context(tempfile.TemporaryDirectory(prefix="physgen-"))
+            files = folder / FILES
+            scene = files / (folder / SCENE).read_text(encoding="utf-8")
+        else:
+            files = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="physgen-")), FILES)
             from physgen.scene.unpacked import unpacked
 
-            scene = unpacked(data(), Path(own) / FILES, name)
-        return stack.pop_all(), scene
+            scene = unpacked(data(), files, name)
+        return _Held(stack.pop_all(), files, scene)
 
 
 def _kept(store: Store, key: str, data: bytes, name: str) -> None:

@@ -18,7 +18,7 @@ from physgen.render.lit import shaded
 from physgen.render.placing import Placement, Slices, covered, drawn, resting, thrice
 from physgen.render.shadowed import brightened, figured, lifted, thrown, veiled
 from physgen.render.slides import Slides
-from physgen.render.stage import Frame, Stage, Stand, planned
+from physgen.render.stage import Cover, Frame, Stage, Stand, planned
 from physgen.render.threads import one_thread
 from physgen.render.tiles import runs, tiled, union
 from physgen.shadow import Silhouette
@@ -53,6 +53,8 @@ class Moment:
     """(H, W, 3)."""
     named: Callable[[], U16]
     """Works out the ids, (H, W)."""
+    covering: Callable[[], Sequence[Cover]]
+    """Works out where things are, the farthest first."""
     boxes: list[Slices]
     """Where the canvas is not what was `Left`; they do not overlap."""
 
@@ -82,7 +84,7 @@ def render_frames(
                 for box in union([box for moment in group for box in moment.boxes], size):
                     rgb[box] = encoded(left.light[box] + more[box] / np.float32(parts))
                     more[box] = 0
-            yield Frame(index, last.time, rgb, last.named)
+            yield Frame(index, last.time, rgb, last.named, last.covering)
             index += 1
 
 
@@ -142,7 +144,8 @@ def _moments(stage: Stage, moments: Iterable[tuple[float, list[Stand]]], left: L
                 touched.append(box)
         before = tiled(touched, size)
         covers = [(stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage) for p in pictures]
-        yield Moment(time, canvas, partial(_named, covers, size), runs(before, size))
+        named, covering = partial(_named, covers, size), partial(_covering, covers)
+        yield Moment(time, canvas, named, covering, runs(before, size))
 
 
 def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> U16:
@@ -151,6 +154,11 @@ def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> 
     for id_, box, coverage in covers:
         np.copyto(ids[box], np.uint16(id_), where=coverage >= 0.5)
     return ids
+
+
+def _covering(covers: Sequence[tuple[int, Slices, F32]]) -> list[Cover]:
+    """The same, each by itself: nothing in it that ids would not show if nothing were in front."""
+    return [Cover(id_ - 1, box, coverage >= 0.5) for id_, box, coverage in covers]
 
 
 def _pictures(stage: Stage, balls: Balls, stands: Sequence[Stand]) -> Iterator[Picture]:

@@ -20,6 +20,7 @@ from physgen.photometry import decode, encode_u8
 U8 = NDArray[np.uint8]
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Slices = tuple[slice, slice]
 Size = tuple[int, int]
 """Width and height, px."""
 
@@ -60,10 +61,27 @@ def resampled(rgb: U8, matrix: Array, size: Size) -> U8:
 
 def nearest(ids: NDArray[np.uint16], matrix: Array, size: Size) -> NDArray[np.uint16]:
     """(h, w) of `size` (w, h): the nearest value to each pixel."""
-    x, y = (_sources(matrix, axis, size[axis]) for axis in (0, 1))
-    rows = np.clip(np.floor(y + 0.5).astype(int), 0, ids.shape[0] - 1)
-    columns = np.clip(np.floor(x + 0.5).astype(int), 0, ids.shape[1] - 1)
+    rows, columns = sources(matrix, (ids.shape[1], ids.shape[0]), size)
     return np.asarray(ids.take(columns, 1).take(rows, 0))
+
+
+def nearest_in(
+    box: Slices, mask: NDArray[np.bool_], rows: Index, columns: Index
+) -> tuple[Slices, NDArray[np.bool_]]:
+    """`nearest` of a picture that is True in a `box` alone, by its `sources`: the box and mask of the result."""
+    parts, picked = [], []
+    for at, own in ((rows, box[0]), (columns, box[1])):
+        first, last = np.searchsorted(at, (own.start, own.stop)).tolist()
+        parts.append(slice(first, last))
+        picked.append(at[first:last] - own.start)
+    return (parts[0], parts[1]), np.asarray(mask.take(picked[1], 1).take(picked[0], 0))
+
+
+def sources(matrix: Array, shown: Size, size: Size) -> tuple[Index, Index]:
+    """(h,) rows and (w,) columns of a picture of the size `shown` that are nearest to those of the result."""
+    at = (np.floor(_sources(matrix, axis, size[axis]) + 0.5).astype(np.int64) for axis in (1, 0))
+    rows, columns = (np.clip(part, 0, side - 1) for part, side in zip(at, shown[::-1], strict=True))
+    return rows, columns
 
 
 def _seen(rgb: U8, matrix: Array, size: Size) -> tuple[float, float, float, float]:

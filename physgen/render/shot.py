@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.framing import Point, Size, affine, held, magnification, room
-from physgen.render.resample import nearest, resampled
-from physgen.render.stage import Frame
+from physgen.render.resample import nearest, nearest_in, resampled, sources
+from physgen.render.stage import Cover, Frame
 from physgen.scene.model import Play, Scene, Sight
 from physgen.simulate.trajectory import Trajectory
 
@@ -145,7 +145,9 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
             rgb = last[2].rgb
         else:
             rgb = resampled(frame.rgb, matrix, through.video)
-        seen = Frame(frame.index, frame.time, rgb, partial(_named, frame, matrix, through.video))
+        through_it = frame, matrix, through.video
+        named, covering = partial(_named, *through_it), partial(_covering, *through_it)
+        seen = Frame(frame.index, frame.time, rgb, named, covering)
         last = frame, matrix, seen
         yield seen
 
@@ -153,6 +155,13 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
 def _named(frame: Frame, matrix: Array, size: Size) -> NDArray[np.uint16]:
     """(h, w) of `size` (w, h): the ids of the frame as they are seen."""
     return nearest(frame.ids, matrix, size)
+
+
+def _covering(frame: Frame, matrix: Array, size: Size) -> list[Cover]:
+    """Covers of the frame as they are seen, of the very pixels that `_named` takes."""
+    height, width = frame.rgb.shape[:2]
+    rows, columns = sources(matrix, (width, height), size)
+    return [Cover(cover.body, *nearest_in(cover.box, cover.mask, rows, columns)) for cover in frame.covers]
 
 
 def drawn_large(scene: Scene) -> float:

@@ -47,7 +47,8 @@ def exposed(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
         group = [first, *(next(frames) for _ in range(parts - 1))]
         last = group[-1]
         if all(np.array_equal(frame.rgb, last.rgb) for frame in group):
-            yield Frame(index, last.time, last.rgb, last.named)
+            yield Frame(index, last.time, last.rgb, last.named, last.covering)
             continue
         light = sum((decode(frame.rgb) for frame in group), np.zeros(last.rgb.shape, np.float32))
-        yield Frame(index, last.time, encode_u8(light / np.float32(parts)), last.named)
+        rgb = encode_u8(light / np.float32(parts))
+        yield Frame(index, last.time, rgb, last.named, last.covering)

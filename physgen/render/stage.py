@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry import Pose
 from physgen.render.lit import Lit
-from physgen.render.placing import Placement, placed
+from physgen.render.placing import Placement, Slices, placed
 from physgen.render.sprites import Sprite
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
@@ -20,6 +20,17 @@ F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class Cover:
+    """Where a body is in a picture, what hides it taken away."""
+
+    body: int
+    box: Slices
+    """Rows and columns of the picture that hold it."""
+    mask: NDArray[np.bool_]
+    """(h, w) on its box."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +44,18 @@ class Frame:
     """(H, W, 3) sRGB."""
     named: Callable[[], U16] = field(repr=False, compare=False)
     """Works out `ids`: few ask."""
+    covering: Callable[[], Sequence[Cover]] = field(default=tuple, repr=False, compare=False)
+    """Works out `covers`."""
 
     @cached_property
     def ids(self) -> U16:
         """(H, W): body k shows as k + 1, 0 = background."""
         return self.named()
+
+    @cached_property
+    def covers(self) -> Sequence[Cover]:
+        """Of things that reach into the picture, the farthest first; a body may be made of several."""
+        return self.covering()
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +13,13 @@ from pathlib import Path
 from physgen.problems import InputError
 from physgen.report.leftovers import in_use, sweep_once
 from physgen.whole import partial
+
+TRIES = 20
+OURS = re.compile(
+    r"manifest\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"
+    r"|(video|unrefined)\.(mp4|gif|webp)|(frames|unrefined)/\d{5}\.png|truth/.+"
+)
+"""Files of clips, where no manifest tells."""
 
 
 @contextmanager
@@ -25,15 +34,27 @@ def whole_folder(final: Path) -> Iterator[Path]:
     with in_use(beside):
         try:
             yield beside
-            if final.exists():
-                final.rename(old)
-            beside.rename(final)
+            _instead(beside, final, old)
         except BaseException:
             shutil.rmtree(beside, ignore_errors=True)
             if old.exists() and not final.exists():
                 old.rename(final)
             raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def _instead(beside: Path, final: Path, old: Path) -> None:
+    """`beside` becomes `final`, which becomes `old`, also where another command does the same now."""
+    for left in range(TRIES, 0, -1):
+        try:
+            if final.exists():
+                shutil.rmtree(old, ignore_errors=True)
+                final.rename(old)
+            beside.rename(final)
+            return
+        except OSError as error:
+            if left == 1 or error.errno not in (errno.ENOENT, errno.ENOTEMPTY, errno.EEXIST):
+                raise
 
 
 def output_folder(out: Path, name: str) -> Path:
@@ -61,9 +82,12 @@ def _strangers(folder: Path) -> list[str] | None:
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
         own = {"manifest.json", *manifest["files"]} if manifest["manifest"] == 1 else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except OSError:
         return None
+    except (ValueError, KeyError, TypeError):  # ours, and damaged: a machine that lost its power left it so
+        own = None
     if own is None:
-        return None
+        names = [p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir()]
+        return None if any(OURS.fullmatch(name) is None for name in names) else []
     files = (p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir())
     return [name for name in files if name not in own]

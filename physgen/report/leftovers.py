@@ -18,7 +18,7 @@ from pathlib import Path
 
 from physgen.whole import machine
 
-_LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})(-(?P<machine>[0-9a-f]+))?\.(?P<kind>part|old)")
+_LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
 FRESH = 0.5
 """s for which a file without a lock is left alone: whoever writes it may be on another machine."""
 MINUTE, DAY = 60.0, 86400.0
@@ -32,7 +32,7 @@ def in_use(folder: Path) -> Iterator[None]:
     lock = None
     with suppress(OSError):
         lock = os.open(folder, os.O_RDONLY)
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(lock, fcntl.LOCK_EX)  # who clears up may hold it for an instant
     try:
         yield
     finally:
@@ -69,7 +69,7 @@ def sweep(out: Path) -> None:
             path, final = Path(entry.path), out / match["name"]
             folder = entry.is_dir(follow_symlinks=False)
             age = time.time() - entry.stat(follow_symlinks=False).st_ctime
-            away = match["machine"] not in (None, machine())
+            away = match["machine"] != machine()
             dead = age > DAY if away else not _lives(int(match["process"]))
             gone = dead and age > FRESH
             if match["kind"] == "old" and folder and gone:

@@ -199,8 +199,7 @@ def _plain(value: object) -> object:
 
 def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) -> dict[str, str]:
     """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
-    written = {place.file: place for place in scene.places.values() if place.line}
-    files = [path, *map(scene.file_of, written.values())]
+    files = [path, *scene.files]
     if scene.image is not None:
         files.append(scene.image)
         if scene.assets is not None and scene.assets.is_dir():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,30 +43,29 @@ class Opened:
         self.file = Path(os.fspath(path))
         name = shown or os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
-        files = [self.file]
-        self._root = with_bases(read_scene(self.file, name), self.file, allow_outside, files)
-        self._stamps = [(file, stamped(file)) for file in files]
+        self._stamps = {self.file: stamped(self.file)}
+        self._root = with_bases(read_scene(self.file, name), self.file, allow_outside, self._stamps)
         self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Report()
-        self._ground = _check(self._root, self._own, self._files)
+        _check(self._root, self._own, self._files)
         self._of_variants = tuple(_problems_of_variants(self._root, self._own, self._files))
 
     def stale(self) -> bool:
         """Whether it, or a file that it extends, was written since."""
-        return any(stamped(file) != stamp for file, stamp in self._stamps)
+        return any(stamped(file) != stamp for file, stamp in self._stamps.items())
 
     def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> model.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         edited = _edited(self._root, overrides, variant, self._source)
-        report, ground = self._own, self._ground
-        if edited is not self._root:
-            report = Report() if self._own.problems else self._own.beyond()
-            ground = _check(edited, report, self._files)
+        report = Report() if self._own.problems else self._own.beyond()
+        ground = _check(
+            edited, report, self._files
+        )  # of the file itself too: the photo may be another by now
         problems = dict.fromkeys((*report.problems, *self._of_variants))
         if problems:
             raise InputError(problems)
-        return frozen(edited, scene_name(self.file), self._source, ground)
+        return replace(frozen(edited, scene_name(self.file), self._source, ground), files=tuple(self._stamps))
 
 
 def load(

@@ -18,6 +18,7 @@ from physgen.scene.document import MAX_BYTES, decode, read
 from physgen.scene.node import Node, Source
 from physgen.scene.overlay import merge
 from physgen.scene.words import shown
+from physgen.whole import Stamp, stamped
 
 MAX_EXTENDS = 10
 SUFFIXES = (".yaml", ".yml")
@@ -71,7 +72,7 @@ def read_scene(path: Path, name: str) -> Node:
     return read(decode(data, name), Source(name, folder))
 
 
-def with_bases(root: Node, file: Path, allow_outside: bool, files: list[Path] | None = None) -> Node:
+def with_bases(root: Node, file: Path, allow_outside: bool, files: dict[Path, Stamp] | None = None) -> Node:
     """The tree with what it extends underneath, and `extends` gone; these `files` are added. Raises InputError."""
     home = root.source.folder.parent
     chain = [root]
@@ -82,9 +83,7 @@ def with_bases(root: Node, file: Path, allow_outside: bool, files: list[Path] | 
         link = top.value.get("extends")
         if link is None:
             break
-        base = _base(link, home, allow_outside, len(chain), seen)
-        if files is not None:
-            files.append(base.source.folder / Path(base.source.name).name)
+        base = _base(link, home, allow_outside, len(chain), seen, {} if files is None else files)
         chain.append(base)
     whole = chain.pop()
     while chain:
@@ -93,7 +92,9 @@ def with_bases(root: Node, file: Path, allow_outside: bool, files: list[Path] | 
     return whole.with_value({key: child for key, child in whole.value.items() if key != "extends"})
 
 
-def _base(link: Node, home: Path, allow_outside: bool, depth: int, seen: set[str]) -> Node:
+def _base(
+    link: Node, home: Path, allow_outside: bool, depth: int, seen: set[str], files: dict[Path, Stamp]
+) -> Node:
     """The tree of the file that `extends` names."""
 
     def refused(expected: str, fix: str) -> InputError:
@@ -119,6 +120,7 @@ def _base(link: Node, home: Path, allow_outside: bool, depth: int, seen: set[str
         raise refused("does not exist", "write the path of a scene file, relative to this one") from None
     if not stat.S_ISREG(mode):
         raise refused("is not a file", "write the path of a scene file, relative to this one")
+    files[path] = stamped(path)  # before it is read: a save in between is noticed
     return read_scene(path, beside(link.source.name, link.value))
 
 

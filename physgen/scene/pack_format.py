@@ -20,6 +20,10 @@ VERSION = 1
 SCENES = (".yaml", ".yml")
 
 MOST_FILES = 10_000
+MOST_FOLDERS = 10_000
+"""Distinct ones that the names lead through."""
+DEEPEST = 32
+"""Parts of a name: folders one in another, and a file."""
 LONGEST, LONGEST_PART = 1024, 255
 """Bytes of a name, and of what stands between two strokes in it."""
 MOST_CONTENTS = 2**16
@@ -63,6 +67,8 @@ def fault_of(name: str) -> Fault | None:
     parts = name.split("/")
     if len(name.encode()) > LONGEST or max(len(part.encode()) for part in parts) > LONGEST_PART:
         return Fault(name, "has too long a name", "rename it")
+    if len(parts) > DEEPEST:
+        return Fault(name, f"lies more than {DEEPEST} folders deep", "move it up")
     if name.startswith("/") or name[1:2] == ":":
         return Fault(name, "is an absolute name", "names in a pack are relative")
     if "\\" in name:
@@ -73,15 +79,19 @@ def fault_of(name: str) -> Fault | None:
 
 
 def clash_of(names: Iterable[str]) -> Fault | None:
-    """Two names that some file systems take for one, or a file that stands where another needs a folder.
+    """Two names that some file systems take for one, a file that stands where another needs a folder, or the name with
+    which folders are too many.
 
     Names of folders end with a stroke.
     """
     taken: dict[str, tuple[str, bool]] = {}
+    folders: set[str] = set()
     for name in names:
         whole = PurePosixPath(name)
         for path in (whole, *whole.parents[:-1]):
             is_file, text = path == whole and not name.endswith("/"), str(path)
+            if text in folders and not is_file:  # and so are those above it
+                break
             key = unicodedata.normalize("NFC", text).casefold()
             other, was_file = taken.setdefault(key, (text, is_file))
             if other != text:
@@ -89,4 +99,10 @@ def clash_of(names: Iterable[str]) -> Fault | None:
                 return Fault(text, expected, "rename one of the two")
             if was_file != is_file:
                 return Fault(text, "is a file, and a folder too", "rename one of the two")
+            if not is_file:
+                folders.add(text)
+            if len(folders) > MOST_FOLDERS:
+                return Fault(
+                    text, f"is one folder more than the {MOST_FOLDERS:,} of a pack", "pack fewer variants"
+                )
     return None

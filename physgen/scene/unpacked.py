@@ -56,17 +56,32 @@ DAMAGED = (
 
 
 def read_pack(path: Path) -> bytes:
-    """The bytes of a pack's file. Raises InputError, or OSError where the machine fails."""
+    """The bytes of a pack's file; of what is none no more than the first ones are read.
+
+    Raises InputError, or OSError where the machine fails.
+    """
     try:
-        with path.open("rb") as file:
-            data = file.read(MOST_WHOLE + 1)
+        with open(path, "rb", opener=_at_once) as file:
+            told = os.fstat(file.fileno())
+            if not stat.S_ISREG(told.st_mode):
+                raise InputError.of(str(path), "", "is no plain file", OTHER)
+            begin = file.read(len(MAGIC))
+            if begin != MAGIC:
+                raise InputError.of(str(path), "", "is no pack", OTHER)
+            large = told.st_size > MOST_WHOLE
+            data = b"" if large else begin + file.read(MOST_WHOLE + 1 - len(begin))
     except FileNotFoundError:
         raise InputError.of(str(path), "", "no such file", OTHER) from None
     except IsADirectoryError:
         raise InputError.of(str(path), "", "is a folder", OTHER) from None
-    if len(data) > MOST_WHOLE:
+    if large or len(data) > MOST_WHOLE:
         raise InputError.of(str(path), "", f"is larger than {MOST_WHOLE >> 30} GiB", OTHER)
     return data
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Opens a pipe without waiting for who writes into it."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def unpacked(data: bytes, folder: Path, name: str = "the pack") -> Path:

@@ -244,3 +244,36 @@ def test_kinds_of_columns_are_the_narrowest() -> None:
     W, N, T, X = Kind.WHOLE, Kind.NUMBER, Kind.TRUTH, Kind.TEXT
     assert [axis.kind for axis in axes if isinstance(axis, Listed)] == [W, W, N, N, T, X, X, W]
     assert [axis.kind for axis in drawn if isinstance(axis, Drawn)] == [N, W, N, X]
+
+
+def test_values_are_as_their_column_says_however_large() -> None:
+    for text in (
+        "1:100000000000000000001:3",
+        "9007199254740992:9007199254740996:3",
+        "-1e300:1:2",
+        "1,1e20",
+        "7,0:5:6",
+    ):
+        [axis] = read_axes([f"objects.ball.mass={text}"])
+        assert isinstance(axis, Listed)
+        kinds = {type(axis.at(k).data) for k in range(len(axis))}
+        assert axis.kind is (Kind.WHOLE if kinds == {int} else Kind.NUMBER), text
+
+
+def test_a_long_list_is_gone_through_once() -> None:
+    class Watched(tuple[Any, ...]):
+        times = 0
+
+        def __iter__(self) -> Any:
+            Watched.times += 1
+            return super().__iter__()
+
+    [axis] = read_axes(["objects.ball.mass=5,0:1:3,7,8:9:2"])
+    assert isinstance(axis, Listed)
+    axis = Listed(axis.key, axis.argument, Watched(axis.parts))
+    assert [axis.at(k).data for k in range(len(axis))] == [5, 0, 0.5, 1, 7, 8, 9]
+    assert {axis.kind for _ in range(10)} == {Kind.NUMBER}
+    assert Watched.times <= 2
+    for outside in (-1, 7):
+        with pytest.raises(IndexError):
+            axis.at(outside)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -433,6 +435,39 @@ def test_a_tree_by_command(desk: Path, capsys: pytest.CaptureFixture[str], tmp_p
     assert told[1]["problems"][0]["expected"] == "is damaged: it is no manifest that can be read"
     assert told[2] == {"clips": 2, "equal": 1, "differs": 0, "unknown": 1, "passed": False}
     assert main(["verify", str(tree / "a2")]) == 0
+
+
+def test_one_manifest_of_nonsense_keeps_no_other_clip_from_being_told(
+    desk: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def odd(read: Callable[[Path], Any], folder: Path) -> Any:
+        if folder.parent.name == "odd":
+            raise ZeroDivisionError("that nobody thought of")
+        return read(folder)
+
+    for name in ("damaged", "good", "odd", "pipe"):
+        shutil.copytree(desk / "out" / "desk", desk / "tree" / name / "desk")
+    monkeypatch.setattr(again, "read_told", partial(odd, again.read_told))
+    told = (desk / "tree" / "damaged" / "desk" / "manifest.json").read_text()
+    endless = json.loads(told) | {"video": {"size": [float("inf"), 1]}}
+    (desk / "tree" / "damaged" / "desk" / "manifest.json").write_text(json.dumps(endless))
+    (desk / "tree" / "pipe" / "desk" / "manifest.json").unlink()
+    os.mkfifo(desk / "tree" / "pipe" / "desk" / "manifest.json")
+    good = desk / "tree" / "good" / "desk" / "trajectory.npz"
+    good.unlink()
+    os.mkfifo(good)
+    assert main(["verify", str(desk / "tree"), "--scene", str(desk / "scene.yaml")]) == 2
+    lines = [line.partition("tree/")[2] for line in capsys.readouterr().out.splitlines()]
+    assert [line.split(": ")[:2] for line in lines] == [
+        ["damaged/desk", "not verified"],
+        ["good/desk", "differs"],
+        ["odd/desk", "not verified"],
+        ["pipe/desk", "not verified"],
+    ]
+    assert lines[1].endswith("trajectory.npz is missing")
+    assert lines[2].endswith("failed: ZeroDivisionError: that nobody thought of")
+    assert "is damaged: it is no manifest that can be read" in lines[0]
+    assert "is damaged: it is no manifest that can be read" in lines[3]
 
 
 def test_what_is_no_clip_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from pathlib import Path
 
@@ -130,7 +131,19 @@ def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]
     assert painted["frames"] != before["frames"]
     assert painted["inputs"] != before["inputs"]
     assert painted["frames"] == clip(pictured, (), None)["frames"]
+    larger = cv2.resize(brighter, (160, 112))  # the photo, and what else is as large
+    masks = cv2.imread(str(pictured.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(photo), larger)
+    cv2.imwrite(
+        str(pictured.parent / "photo.assets" / "masks.png"),
+        cv2.resize(masks, (160, 112), None, 0, 0, cv2.INTER_NEAREST),
+    )
+    assert clip(pictured, (), at_hand)["video"]["size"] == [160, 112]  # type: ignore[index]
+    cv2.imwrite(str(photo), brighter)
+    cv2.imwrite(str(pictured.parent / "photo.assets" / "masks.png"), masks)
+    times = pictured.stat()
     pictured.write_text(pictured.read_text().replace("mass: 100", "mass: 101"))
+    os.utime(pictured, ns=(times.st_atime_ns, times.st_mtime_ns))  # as rsync leaves it
     heavier = clip(pictured, (), at_hand)
     assert heavier["samples"] != before["samples"]
     normals = np.full((56, 80, 3), 128, np.uint8)

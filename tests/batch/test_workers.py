@@ -51,6 +51,18 @@ def never(item: int, error: LostError) -> int:
     raise AssertionError(item)
 
 
+class SingularError(Exception):
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(one)
+        self.other = other
+
+
+def strange(item: int) -> object:
+    if item == 1:
+        raise SingularError("a", "b")  # it pickles, and does not come back
+    return (lambda: item) if item == 2 else item  # does not pickle
+
+
 def told(item: int, error: LostError) -> str:
     return f"{item}: {error}"
 
@@ -97,6 +109,12 @@ def test_an_item_that_kills_its_process_twice_is_lost_and_no_other() -> None:
 def test_what_work_raises_is_raised_here() -> None:
     with pytest.raises(LookupError, match="no such thing"):
         list(spread(faulty, range(4), 2, never))
+
+
+@pytest.mark.parametrize(("items", "said"), [([0, 1], "SingularError: a"), ([0, 2], "pickle")])
+def test_what_cannot_be_handed_back_is_told_as_it_is(items: list[int], said: str) -> None:
+    with pytest.raises(RuntimeError, match=said):
+        list(spread(strange, items, 2, never))
 
 
 def test_who_stops_early_leaves_no_process_behind(tmp_path: Path) -> None:

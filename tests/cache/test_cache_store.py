@@ -356,7 +356,7 @@ def test_entries_are_listed_once_a_hundredth_of_the_bound_was_added(
     """Listing 100,000 entries for each new one would take longer than most entries save."""
     looked = []
     whole = Store._shrink
-    monkeypatch.setattr(Store, "_shrink", lambda store, most: (looked.append(most), whole(store, most))[1])
+    monkeypatch.setattr(Store, "_shrink", lambda store, *most: (looked.append(most), whole(store, *most))[1])
     store = Store(tmp_path / "stages", most_bytes=1_000_000)
     for number in range(40):
         with store.fill(f"s-{number:x}") as filling:

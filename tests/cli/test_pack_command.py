@@ -133,3 +133,48 @@ def test_help_has_examples(capsys: Capture) -> None:
             main([command, "--help"])
         assert stopped.value.code == 0
         assert f"example: {example}" in capsys.readouterr().out
+
+
+def test_faults_and_oddities_are_told_by_the_name_of_the_pack(lesson: Path, capsys: Capture) -> None:
+    base = lesson.parent.parent / "base" / "base.yaml"
+    base.parent.mkdir()
+    base.write_text(SCENE.replace("mass: 100", "masss: 100"))
+    lesson.write_text("physgen: 1\nextends: ../base/base.yaml\nrender: {fps: slow}\n")
+    with zipfile.ZipFile("bad.physgen", "w") as archive:
+        archive.writestr("pack.json", '{"pack": 1, "scene": "lesson/scene.yaml"}')
+        archive.write(lesson, "lesson/scene.yaml")
+        archive.write(base, "base/base.yaml")
+    Path("folder").mkdir()
+    copy = Path("folder", "same.physgen")
+    copy.write_bytes(Path("bad.physgen").read_bytes())
+    for name in ("bad.physgen", str(copy)):
+        for command in (
+            ["check", name],
+            *(
+                [["render", name], ["render", name, "nothing.yaml", "--jobs", "2"]]
+                if name == "bad.physgen"
+                else []
+            ),
+            ["sweep", name, "objects.ball.friction=0.1,0.2"],
+            ["sweep", name, "objects.ball.friction=0.1,0.2", "--dry-run"],
+            ["simulate", name],
+            ["check", name, "--json"],
+        ):
+            assert main(command) == 2, command
+            told = capsys.readouterr()
+            if "--json" in command:
+                places = [problem["file"] for problem in json.loads(told.out)["problems"]]
+            else:
+                places = [
+                    line.partition(".yaml")[0] + ".yaml"
+                    for line in told.err.splitlines()
+                    if "physgen: " in line
+                ]
+            assert set(places) == {f"{name}: base/base.yaml", f"{name}: lesson/scene.yaml"}, command
+    lesson.write_text(SCENE.replace("mass: 100}", "mass: 100, velocity: [30000, 0]}"))
+    assert main(["pack", str(lesson)]) == 0
+    capsys.readouterr()
+    assert main(["check", "lesson.physgen"]) == 0
+    odd = capsys.readouterr().err.splitlines()
+    assert odd
+    assert all(line.startswith("lesson.physgen: lesson/scene.yaml:") for line in odd)

@@ -184,6 +184,18 @@ def test_a_dry_run_lists_and_makes_nothing(lesson: Path, tmp_path: Path, monkeyp
     assert list(tmp_path.iterdir()) == [lesson]
 
 
+def test_previews_last_as_long_as_their_own_clips(lesson: Path, tmp_path: Path) -> None:
+    import cv2
+
+    out = tmp_path / "out"
+    assert sweep(lesson, out, "world.duration=0.25,3", "--preview") == 0
+    for name, seconds in (("00,duration=0.25", 0.25), ("01,duration=3", 3)):
+        film = cv2.VideoCapture(str(out / name / "video.mp4"))
+        frames = film.get(cv2.CAP_PROP_FRAME_COUNT)
+        assert frames <= 24
+        assert frames / film.get(cv2.CAP_PROP_FPS) == pytest.approx(seconds, rel=0.05)
+
+
 def test_the_folder_is_named_after_scene_and_variant(
     lesson: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
@@ -204,6 +216,26 @@ def test_without_pyarrow_there_is_csv_and_one_line(lesson: Path, tmp_path: Path,
     assert "objects.ball.x" not in header
 
 
+def test_whole_numbers_too_large_for_floats_have_their_tables(lesson: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    sweep(lesson, out, "objects.ball.mass=1:100000000000000000001:3")
+    assert list(pd.read_csv(out / "sweep.csv")["objects.ball.mass"]) == [1, 5e19, 1e20]
+    assert list(pd.read_parquet(out / "sweep.parquet")["objects.ball.mass"]) == [1, 5e19, 1e20]
+
+
+def test_what_parquet_cannot_hold_leaves_the_csv(tmp_path: Path) -> None:
+    from physgen.batch.columns import Column, Kind
+
+    (tmp_path / "sweep.parquet").write_text("of the run before")
+    with table.Table(tmp_path / "sweep", [Column("n", Kind.WHOLE)]) as made:
+        for n in range(table.GROUP + 2):
+            made.add({"n": n if n else 1e20})
+        assert made.publish() == [tmp_path / "sweep.csv"]
+    assert made.lost is not None
+    assert [p.name for p in tmp_path.iterdir()] == ["sweep.csv"]
+    assert pd.read_csv(tmp_path / "sweep.csv")["n"].tolist() == [1e20, *range(1, table.GROUP + 2)]
+
+
 def test_nothing_of_somebody_else_is_written_over(lesson: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -211,6 +243,55 @@ def test_nothing_of_somebody_else_is_written_over(lesson: Path, tmp_path: Path, 
     assert sweep(lesson, out, "objects.ball.mass=5,6") == 2
     assert "is there already and was not made by physgen" in capsys.readouterr().err
     assert [p.name for p in out.iterdir()] == ["sweep.csv"]
+
+
+@pytest.mark.parametrize("left", [b"", b"\0" * 700, b'{"sweep": 1, "sce'])
+def test_what_a_power_cut_left_of_a_sweep_is_gone_on_with(
+    left: bytes, lesson: Path, tmp_path: Path, capsys
+) -> None:
+    out, keys = tmp_path / "out", "objects.ball.mass=5,6"
+    assert sweep(lesson, out, keys) == 0
+    whole = json.loads((out / "sweep.json").read_text())
+    rows = (out / "sweep.csv").read_text()
+    (out / "sweep.json").write_bytes(left)
+    (out / "sweep.parquet").write_bytes(b"\0" * 9)
+    capsys.readouterr()
+    assert sweep(lesson, out, keys, "--json") == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out.splitlines()[-1])["unchanged"] == 2  # the clips are those that were there
+    kept = "; kept as sweep.json~" if left.strip(b"\0") else ""
+    assert said.err == f"{out / 'sweep.json'}: warning: was damaged, and is made anew{kept}\n"
+    assert json.loads((out / "sweep.json").read_text())["axes"] == whole["axes"]
+    assert (out / "sweep.csv").read_text() == rows
+    assert len(pd.read_parquet(out / "sweep.parquet")) == 2
+    assert [p.read_bytes() for p in out.glob("*~")] == ([left] if kept else [])
+
+
+@pytest.mark.parametrize(
+    ("theirs", "refused"),
+    [
+        ({"sweep.json": '{"sweep": 2}'}, "sweep.json"),
+        ({"sweep.json": "my notes"}, "sweep.json"),
+        ({"sweep.json": "my notes", "00,mass=5/manifest.json": '{"manifest": 3}'}, "sweep.json"),
+        ({"sweep.json": "", "sweep.csv": "mine\n"}, "sweep.csv"),
+        ({"sweep.json": "", "sweep.parquet": "PAR1 mine"}, "sweep.parquet"),
+        ({"sweep.csv": ""}, "sweep.csv"),
+    ],
+)
+def test_a_folder_of_somebody_else_stays_as_it_was(
+    theirs: dict[str, str], refused: str, lesson: Path, tmp_path: Path, capsys
+) -> None:
+    for name, text in theirs.items():
+        (tmp_path / "out" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "out" / name).write_text(text)
+    assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 2
+    assert f"{refused}: is there already and was not made by physgen" in capsys.readouterr().err
+    files = {
+        str(p.relative_to(tmp_path / "out")): p.read_text()
+        for p in (tmp_path / "out").rglob("*.*")
+        if p.is_file()
+    }
+    assert files == theirs
 
 
 def test_clips_of_another_sweep_are_told_and_stay(lesson: Path, tmp_path: Path, capsys) -> None:

@@ -10,6 +10,7 @@ import pytest
 from physgen.problems import InputError
 from physgen.report import leftovers
 from physgen.report.folder import output_folder, whole_folder
+from physgen.whole import machine
 
 
 def test_a_folder_appears_when_it_is_whole(tmp_path: Path) -> None:
@@ -62,15 +63,17 @@ def later(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("later")
 def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path: Path) -> None:
-    (tmp_path / f".run.{DEAD}.part").mkdir()
-    (tmp_path / f".run.{DEAD}.old").mkdir()
-    (tmp_path / f".run.{DEAD}.old" / "kept").write_text("1")
+    (tmp_path / f".run.{DEAD}-{machine()}.part").mkdir()
+    (tmp_path / f".run.{DEAD}-{machine()}.old").mkdir()
+    (tmp_path / f".run.{DEAD}-{machine()}.old" / "kept").write_text("1")
     (tmp_path / "whole").mkdir()
-    (tmp_path / f".whole.{DEAD}.old").mkdir()
-    (tmp_path / f".index.html.{DEAD}.part").write_text("half")
-    (tmp_path / f".run.{os.getpid()}.old").mkdir()  # of somebody who lives
+    (tmp_path / f".whole.{DEAD}-{machine()}.old").mkdir()
+    (tmp_path / f".index.html.{DEAD}-{machine()}.part").write_text("half")
+    (tmp_path / f".run.{os.getpid()}-{machine()}.old").mkdir()  # of somebody who lives
     (tmp_path / ".running").mkdir()
     (tmp_path / ".mine.part").mkdir()
+    (tmp_path / ".notes.2023.old").mkdir()
+    (tmp_path / ".download.8831234.part").touch()
 
     def interrupted() -> None:
         with whole_folder(tmp_path / "other"):
@@ -79,14 +82,22 @@ def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert (tmp_path / "run" / "kept").read_text() == "1"
-    left = [".mine.part", f".run.{os.getpid()}.old", ".running", "run", "whole"]
+    left = [
+        ".download.8831234.part",
+        ".mine.part",
+        ".notes.2023.old",
+        f".run.{os.getpid()}-{machine()}.old",
+        ".running",
+        "run",
+        "whole",
+    ]
     assert sorted(p.name for p in tmp_path.iterdir()) == left
 
 
 @pytest.mark.usefixtures("later")
 def test_a_folder_that_is_being_filled_stays_whoever_fills_it(tmp_path: Path) -> None:
     """On another machine, its process's number says nothing here."""
-    busy = tmp_path / f".run.{DEAD}.part"
+    busy = tmp_path / f".run.{DEAD}-{machine()}.part"
     busy.mkdir()
     with leftovers.in_use(busy):
         leftovers.sweep(tmp_path)
@@ -110,7 +121,7 @@ def test_what_another_machine_is_at_stays_for_a_day(tmp_path: Path, monkeypatch:
 
 
 def test_what_is_fresh_and_has_no_lock_stays(tmp_path: Path) -> None:
-    (tmp_path / f".index.html.{DEAD}.part").write_text("half")
+    (tmp_path / f".index.html.{DEAD}-{machine()}.part").write_text("half")
     leftovers.sweep(tmp_path)
     assert len(list(tmp_path.iterdir())) == 1
     leftovers.sweep(tmp_path / "nowhere")

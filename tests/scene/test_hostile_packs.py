@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import shutil
 import stat
 import struct
 import tempfile
+import tracemalloc
 import warnings
 import zipfile
 import zlib
@@ -200,6 +202,14 @@ CASES: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: pack(*((f"a/{k}.png", b"") for k in range(10_001))),
         f"x: 10,003 files are over the 10,000 of a pack; {OTHER}",
     ),
+    "deep": (
+        lambda: pack((f"a/{'b/' * 31}p.png", png())),
+        f'x: "a/{"b/" * 17}b..." lies more than 32 folders deep; pack the scene again',
+    ),
+    "folders": (  # 400 files in 29 folders each, and one for all
+        lambda: pack(*((f"a/{k}/{'b/' * 28}p.png", png()) for k in range(400))),
+        'x: "a/344/b/b/b/b/b" is one folder more than the 10,000 of a pack; pack the scene again',
+    ),
     "very many": (
         lambda: pack(*((f"a/{k:0200}.png", b"") for k in range(10_001))),
         f"x: lists more files than the 10,000 of a pack; {OTHER}",
@@ -220,6 +230,37 @@ def test_exact_messages_and_nothing_left(case: str, tmp_path: Path) -> None:
         unpacked(make(), empty)
     assert list(tmp_path.iterdir()) == [empty]
     assert list(empty.iterdir()) == []
+
+
+def test_only_what_begins_as_a_pack_is_read(tmp_path: Path) -> None:
+    def said(path: Path) -> str:
+        with pytest.raises(InputError) as caught:
+            reader.read_pack(path)
+        return str(caught.value)
+
+    pipe, large, other, folder = (tmp_path / name for name in "plof")
+    os.mkfifo(pipe)  # nobody writes into it
+    folder.mkdir()
+    for path, begin in ((other, b"physgen: 1"), (large, b"PK\3\4")):
+        with path.open("wb") as file:
+            file.write(begin)
+            file.truncate(2**31 + 1 if path == large else 2**30)
+    tracemalloc.start()
+    assert said(pipe) == f"{pipe}: is no plain file; {OTHER}"
+    assert said(other) == f"{other}: is no pack; {OTHER}"
+    assert said(large) == f"{large}: is larger than 2 GiB; {OTHER}"
+    assert tracemalloc.get_traced_memory()[1] < 2**22
+    tracemalloc.stop()
+    assert said(folder) == f"{folder}: is a folder; {OTHER}"
+    assert said(tmp_path / "none") == f"{tmp_path / 'none'}: no such file; {OTHER}"
+
+
+def test_names_are_judged_in_little_memory(tmp_path: Path) -> None:
+    data = pack(*((f"a/{k}/{'b/' * 180}p.png", b"") for k in range(2000)))
+    tracemalloc.start()
+    assert "folders deep" in (refusal(data, tmp_path / "new") or "")
+    assert tracemalloc.get_traced_memory()[1] < 2**26
+    tracemalloc.stop()
 
 
 def test_what_another_tool_zipped_is_read(tmp_path: Path) -> None:

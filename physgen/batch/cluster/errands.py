@@ -51,7 +51,7 @@ class Answer:
 
 
 def answered(asked: tuple[Versions, bytes, str | None]) -> bytes:
-    """What a hand does with what `hands.run_errand` was given: versions, errand, and the path of a pack."""
+    """What a hand does with what `hands.run_errands` was given: versions, errand, and the path of a pack."""
     versions, errand, pack = asked
     if versions != here():
         return pickle.dumps(Answer(versions=here()))

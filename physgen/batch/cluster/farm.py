@@ -9,13 +9,14 @@ from __future__ import annotations
 import pickle
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from physgen.batch.cluster.errands import Answer
-from physgen.batch.cluster.hands import run_errand, same
+from physgen.batch.cluster.hands import run_errands, same
 from physgen.batch.cluster.hired import hired
 from physgen.batch.cluster.home import Home, at_home, brought, pack_for
 from physgen.batch.cluster.versions import here, other
@@ -32,9 +33,11 @@ if TYPE_CHECKING:
 Tell = Callable[[str], None]
 
 TRIES = 3
-"""Times that the cluster may forget a job, as a scheduler does that somebody restarts."""
+"""Times that the cluster may lose a job, as a scheduler does that somebody restarts."""
 SPARE = 8
 """Jobs handed out beyond two a thread: a cluster may grow, and does where something waits for it."""
+FEW = 64
+"""Threads that get their jobs one by one."""
 LOOK = 2.0
 """s between looks at who works."""
 PATIENCE = 10.0
@@ -46,15 +49,20 @@ MOST_PACKS = 8
 
 
 def run_on(
-    where: str, workers: int, jobs: Iterable[Job], ship: bool = False, tell: Tell = lambda text: None
+    where: str,
+    workers: int,
+    jobs: Iterable[Job],
+    count: int = 1,
+    ship: bool = False,
+    tell: Tell = lambda text: None,
 ) -> Generator[Done, None, None]:
-    """Results in the order of the jobs, of the cluster that `where` names.
+    """Results in the order of the `count` jobs, of the cluster that `where` names.
 
     `tell` is told what there is to wait for. Raises InputError where there is no such cluster or a worker would make
     other clips, OSError where the scheduler is lost. Whoever stops early must close the generator.
     """
     with hired(where, workers) as client, at_home(ship) as home:
-        yield from _Farm(client, home, where, tell).results(iter(jobs))
+        yield from _Farm(client, home, where, count, tell).results(iter(jobs))
 
 
 @dataclass(eq=False)
@@ -64,9 +72,13 @@ class _Task:
     number: int
     job: Job
     lost: int = 0
-    """How often the cluster forgot it."""
+    """How often the cluster forgot it, or lost it in company."""
     alone: bool = False
     """Whether workers died on it, or on one beside it: which of the two is found out without company."""
+
+
+_Needs = tuple[object, bool]
+"""Of jobs that may be handed out together: the scene that is sent, if any, and a GPU."""
 
 
 @dataclass(eq=False)
@@ -74,11 +86,14 @@ class _Farm:
     client: Client
     home: Home
     where: str
+    total: int
     tell: Tell
     threads: int = 0
     gpus: bool = False
     """Whether any worker says that it has one."""
-    _under_way: dict[Future, _Task] = field(default_factory=dict)
+    _count: int = 0
+    """Jobs begun."""
+    _under_way: dict[Future, list[_Task]] = field(default_factory=dict)
     _done: dict[int, Done] = field(default_factory=dict)
     _suspects: list[_Task] = field(default_factory=list)
     _packs: OrderedDict[object, tuple[str, Future]] = field(default_factory=OrderedDict)
@@ -92,25 +107,23 @@ class _Farm:
         from distributed import as_completed
 
         answers = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
-        due = count = 0
+        due = 0
         more = True
         try:
             while True:
                 self._look()
                 if self._suspects and not self._under_way:
-                    self._begin(self._suspects.pop(0), answers)
-                while more and self._has_room and count < due + self._ahead:
-                    job = next(jobs, None)
-                    if job is None:
-                        more = False
-                    else:
-                        self._begin(_Task(count, job), answers)
-                        count += 1
+                    self._begin([self._suspects.pop(0)], answers)
+                while more and self._has_room and self._count < due + AHEAD * max(self.threads, 1):
+                    taken = list(islice(jobs, self._together))
+                    more = bool(taken)
+                    self._begin([_Task(self._count + k, job) for k, job in enumerate(taken)], answers)
+                    self._count += len(taken)
                 if due in self._done:
                     yield self._done.pop(due)
                     due += 1
                     continue
-                if not more and due == count:
+                if not more and due == self._count:
                     return
                 for future, result in answers.next_batch(block=False) or self._nap():
                     self._take(self._under_way.pop(future), future, result, answers)
@@ -120,13 +133,15 @@ class _Farm:
     @property
     def _has_room(self) -> bool:
         """Whether the cluster is to get more to do."""
-        if self._suspects or any(task.alone for task in self._under_way.values()):
+        if self._suspects or any(task.alone for tasks in self._under_way.values() for task in tasks):
             return False
         return len(self._under_way) < 2 * self.threads + SPARE
 
     @property
-    def _ahead(self) -> int:
-        return AHEAD * max(self.threads, 1)
+    def _together(self) -> int:
+        """Jobs handed out in one piece: more where many workers would ask more often than can be answered."""
+        threads = max(self.threads, 1)
+        return max(1, min(threads // FEW, (self.total - self._count) // (4 * threads)))
 
     def _nap(self) -> tuple[()]:
         time.sleep(NAP)
@@ -155,84 +170,89 @@ class _Farm:
             self.tell(f"{self.where}: has no workers yet; waiting for them")
             self._waiting = None
 
-    def _begin(self, task: _Task, answers: Any) -> None:
-        """Hand it to the cluster, unless it ends here."""
-        job = task.job
-        early = self.home.early(job)
-        if early is None:
-            try:
-                key, pack = self._pack(job) if self.home.sends(job) else ("", None)
-                errand = pickle.dumps(self.home.errand(job))
-            except (InputError, OSError) as error:
-                early = failed(job, error)
-        if early is not None:
-            self._done[task.number] = early
-            return
-        gpu = self.gpus and wants_gpu(job)
-        self._submitted += 1
-        future = self.client.submit(
-            run_errand,
-            here(),
-            errand,
-            pack,
-            key,
-            "gpu" if gpu else "",
-            key=(f"physgen-clip-{self._run}", self._submitted),
-            pure=False,
-            resources={"GPU": 1} if gpu else None,
-        )
-        self._under_way[future] = task
-        answers.add(future)
+    def _begin(self, tasks: Sequence[_Task], answers: Any) -> None:
+        """Hand them to the cluster, but for those that end here."""
+        groups: dict[_Needs, list[tuple[_Task, bytes]]] = {}
+        for task in tasks:
+            job = task.job
+            early = self.home.early(job)
+            if early is None:
+                try:
+                    scene = self._sent(job) if self.home.sends(job) else None
+                    errand = pickle.dumps(self.home.errand(job))
+                    needs = scene, self.gpus and wants_gpu(job)
+                    groups.setdefault(needs, []).append((task, errand))
+                except (InputError, OSError) as error:
+                    early = failed(job, error)
+            if early is not None:
+                self._done[task.number] = early
+        for (scene, gpu), group in groups.items():
+            key, pack = self._packs[scene] if scene is not None else ("", None)
+            self._submitted += 1
+            future = self.client.submit(
+                run_errands,
+                here(),
+                [errand for _, errand in group],
+                pack,
+                key,
+                "gpu" if gpu else "",
+                key=(f"physgen-clips-{self._run}", self._submitted),
+                pure=False,
+                resources={"GPU": 1} if gpu else None,
+            )
+            self._under_way[future] = [task for task, _ in group]
+            answers.add(future)
 
-    def _pack(self, job: Job) -> tuple[str, Future]:
-        """What its scene is known by, and the scene on the cluster. Raises InputError or OSError."""
-        what = job.path, naming(job.overrides), job.allow_outside
-        if what not in self._packs:
+    def _sent(self, job: Job) -> object:
+        """The scene's, among those on the cluster, where it is now. Raises InputError or OSError."""
+        scene = job.path, naming(job.overrides), job.allow_outside
+        if scene not in self._packs:
             data = pack_for(job)
             key = pack_key(data)
-            self._packs[what] = (
-                key,
-                self.client.submit(same, data, key=(f"physgen-scene-{self._run}", key), pure=False),
-            )
+            pack = self.client.submit(same, data, key=(f"physgen-scenes-{self._run}", key), pure=False)
+            self._packs[scene] = key, pack
             while len(self._packs) > MOST_PACKS:
                 self._packs.popitem(last=False)
-        self._packs.move_to_end(what)
-        return self._packs[what]
+        self._packs.move_to_end(scene)
+        return scene
 
-    def _take(self, task: _Task, future: Future, result: Any, answers: Any) -> None:
-        """What came of a job: an answer, or none."""
+    def _take(self, tasks: list[_Task], future: Future, result: Any, answers: Any) -> None:
+        """What came of jobs: an answer each, or none."""
         from distributed import KilledWorker
 
-        if future.status == "finished" and isinstance(result, bytes):
-            answer: Answer = pickle.loads(result)
-            if answer.versions is not None:
-                raise other(self._worker(future), answer.versions)
-            if answer.done is None:
-                self.home.missed(answer.scene_unseen, answer.folder_unseen)
-                self._begin(task, answers)
-            else:
-                self._done[task.number] = brought(task.job, answer.done, answer.files)
+        if future.status == "finished" and isinstance(result, list) and len(result) == len(tasks):
+            for task, answer in zip(tasks, result, strict=True):
+                self._answered(task, answer, future, answers)
             return
         error = result[1] if isinstance(result, tuple) else result
-        if isinstance(error, LostError):
-            self._done[task.number] = failed(task.job, error)
-        elif isinstance(error, (ModuleNotFoundError, AttributeError)) and "physgen" in str(error):
+        if isinstance(error, (ModuleNotFoundError, AttributeError)) and "physgen" in str(error):
             expected = f"has no physgen, or another one ({error})"
             raise InputError.of("--cluster", self.where, expected, "install the same on workers as here")
-        elif isinstance(error, KilledWorker):
-            if task.alone:
+        if not isinstance(error, KilledWorker) and future.status == "error":
+            raise error
+        for task in tasks:
+            task.lost += 1
+            if task.alone or task.lost > TRIES:
                 self._done[task.number] = failed(task.job, LostError("its workers died each time"))
-            else:
+            elif isinstance(error, KilledWorker) and len(tasks) == 1:
                 task.alone = True
                 self._suspects.append(task)
-        elif future.status in ("cancelled", "lost", "finished"):
-            task.lost += 1
-            if task.lost < TRIES:
-                self._begin(task, answers)
             else:
-                self._done[task.number] = failed(task.job, LostError("the cluster lost it each time"))
+                self._begin([task], answers)
+
+    def _answered(self, task: _Task, said: bytes | LostError, future: Future, answers: Any) -> None:
+        """What a worker says of a job."""
+        if isinstance(said, LostError):
+            self._done[task.number] = failed(task.job, said)
+            return
+        answer: Answer = pickle.loads(said)
+        if answer.versions is not None:
+            raise other(self._worker(future), answer.versions)
+        if answer.done is None:
+            self.home.missed(answer.scene_unseen, answer.folder_unseen)
+            self._begin([task], answers)
         else:
-            raise error
+            self._done[task.number] = brought(task.job, answer.done, answer.files)
 
     def _worker(self, future: Future) -> str:
         """Its address."""

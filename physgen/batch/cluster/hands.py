@@ -11,8 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -31,10 +30,13 @@ MOST_PACKS = 32
 """Scenes on the worker's disk that were sent to it."""
 
 
-def run_errand(versions: Mapping[str, str], errand: bytes, pack: bytes | None, key: str, kind: str) -> bytes:
-    """What the client submits. `pack` is a scene that the worker does not see, `key` what it is known by.
+def run_errands(
+    versions: Mapping[str, str], errands: Sequence[bytes], pack: bytes | None, key: str, kind: str
+) -> list[bytes | LostError]:
+    """What the client submits; a LostError stands for the answer to an errand that killed its process each time.
 
-    Processes of one `kind` share what they have loaded. Raises LostError where the errand killed its process each time.
+    `pack` is a scene that the worker does not see, `key` what it is known by. Processes of one `kind` share what they
+    have loaded.
     """
     from distributed import get_worker
 
@@ -46,8 +48,15 @@ def run_errand(versions: Mapping[str, str], errand: bytes, pack: bytes | None, k
         return state is not None and state.state in ("executing", "long-running")
 
     path = None if pack is None else str(_on_disk(Path(worker.local_directory, "physgen"), key, pack))
-    answer: bytes = _CREW.ask(kind, (versions, errand, path), wanted)
-    return answer
+    answers: list[bytes | LostError] = []
+    for errand in errands:
+        try:
+            answers.append(_CREW.ask(kind, (versions, errand, path), wanted))
+        except LostError as error:
+            answers.append(error)
+            if not wanted():
+                break
+    return answers
 
 
 def same(pack: bytes) -> bytes:
@@ -101,11 +110,8 @@ class Hand:
             result, error = self._line.recv()
         except (EOFError, OSError):
             self._line.close()
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(GRACE)
-            code = self._process.returncode
             self.end()
-            raise LostError(reason(code)) from None
+            raise LostError(reason(self._process.returncode)) from None
         self.since = time.monotonic()
         if error is not None:
             raise error
@@ -116,9 +122,10 @@ class Hand:
         self._line.close()
 
     def end(self) -> None:
-        """Told to stop, and killed where it does not listen."""
-        self._line.close()
-        self._process.terminate()
+        """Told to stop where it is at something, and killed where it does not listen."""
+        if not self._line.closed:
+            self._line.close()
+            self._process.terminate()
         try:
             self._process.wait(GRACE)
         except subprocess.TimeoutExpired:
@@ -160,6 +167,8 @@ class Crew:
             self._idle.clear()
         for hand in gone:
             hand.dismiss()
+        for hand in gone:
+            hand.end()
 
     def _free(self, kind: str) -> Hand:
         """The one that was busy last: others may go."""

@@ -13,13 +13,13 @@ from physgen.batch.verify.recorded import recorded
 from physgen.batch.verify.redrawn import Clip, Take, compared, gives
 from physgen.batch.verify.told import Told, read_told
 from physgen.batch.verify.verdict import Outcome, Recorded, Verdict
+from physgen.batch.workers import LostError
 from physgen.pipeline.packs import scene_file
 from physgen.problems import InputError
 from physgen.report.record import inputs
 from physgen.whole import meant
 
 if TYPE_CHECKING:
-    from physgen.batch.workers import LostError
     from physgen.scene.model import Scene
 
 UNREFINED = "refinement was not run again: the clip as it was drawn is compared"
@@ -42,13 +42,15 @@ def verify(claim: Claim, progress: pipeline.Progress = pipeline.silent) -> Verdi
         return _verified(claim, progress)
     except InputError as error:
         return Verdict(str(claim.folder), Outcome.UNKNOWN, problems=tuple(error.problems))
-    except (OSError, MemoryError) as error:
+    except Exception as error:  # a manifest may be anybody's, and other clips wait
         return failed(claim, error)
 
 
 def failed(claim: Claim, error: BaseException | LostError) -> Verdict:
-    """The machine's fault."""
+    """Not the scene's fault: the machine's, or ours."""
     said = "ran out of memory" if isinstance(error, MemoryError) else str(error)
+    if not isinstance(error, MemoryError | OSError | LostError):
+        said = f"{type(error).__name__}: {said}"
     if isinstance(error, OSError):
         where = f"{meant(str(error.filename))}: " if error.filename else ""
         said = f"{where}{error.strerror or error}"

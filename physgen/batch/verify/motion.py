@@ -77,6 +77,8 @@ class Motion:
 
 def stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
     """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
+    if not path.is_file():
+        return None
     try:
         trajectory = read_trajectory(path)
         count, bodies = len(trajectory.times), len(trajectory.names)

@@ -75,7 +75,9 @@ def _below(root: Path) -> Iterator[Path]:
 
 
 def _ours(path: Path) -> bool:
-    """Web pages have a file of that name, too; one that is damaged may be ours."""
+    """Web pages have a file of that name, too; one that is damaged, or no file, may be ours."""
+    if not path.is_file():  # a pipe never ends
+        return True
     try:
         data = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -87,6 +89,8 @@ def read_told(folder: Path) -> Told:
     """Raises InputError where the manifest cannot be read."""
     path = folder / MANIFEST
     try:
+        if not path.is_file():
+            raise OSError
         data: Mapping[str, Any] = json.loads(path.read_bytes())
         refined = bool(data.get("refine"))
         source = data.get("source") or None
@@ -108,7 +112,7 @@ def read_told(folder: Path) -> Told:
             size=(int(width), int(height)),
             document=dict(data["document"]),
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         fix = "render the scene again"
         raise InputError.of(str(path), "", "is damaged: it is no manifest that can be read", fix) from None
 

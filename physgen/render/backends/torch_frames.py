@@ -21,7 +21,7 @@ from physgen.problems import InputError
 from physgen.render.backends.torch_cutout import Cutout
 from physgen.render.placing import covered
 from physgen.render.shadowed import figured, lifted, thrown, veiled
-from physgen.render.stage import Frame, Stage, Stand, planned
+from physgen.render.stage import Cover, Frame, Stage, Stand, planned
 from physgen.simulate.trajectory import Trajectory
 
 F32 = NDArray[np.float32]
@@ -71,11 +71,18 @@ def render_frames_torch(
         while group := list(islice(moments, batch * parts)):
             with torch.inference_mode():
                 rgb, ids = (pictures.cpu().numpy() for pictures in canvas.exposed(group, parts))
-            for (time, _), picture, names in zip(group[parts - 1 :: parts], rgb, ids, strict=True):
-                yield Frame(index, time, picture, partial(names.view, np.uint16))
+            for (time, stands), picture, names in zip(group[parts - 1 :: parts], rgb, ids, strict=True):
+                named, covering = partial(names.view, np.uint16), partial(_covering, stage, stands)
+                yield Frame(index, time, picture, named, covering)
                 index += 1
     except torch.OutOfMemoryError as error:
         raise MemoryError from error
+
+
+def _covering(stage: Stage, stands: Sequence[Stand]) -> list[Cover]:
+    """Worked out on the processor, which few ask for: at an edge, a pixel may differ from what was drawn."""
+    there = [(stage.sprites[stand.k], stand.where) for stand in stands if stand.where is not None]
+    return [Cover(sprite.body, where.box, covered(sprite, where) >= 0.5) for sprite, where in there]
 
 
 def _fitting(pixels: int, device: torch.device) -> int:

@@ -167,6 +167,8 @@ class Scene:
     """The resolved document as plain YAML data, defaults filled in: what `check --resolved` prints."""
     variants: tuple[str, ...] = ()
     """Names of the variants that the file offers."""
+    files: tuple[Path, ...] = field(default=(), compare=False, repr=False)
+    """It, and what it extends, as they were opened."""
 
     @property
     def video_size(self) -> tuple[int, int]:

@@ -1,0 +1,74 @@
+"""What a format cannot tell, and what it does with nothing at all."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from labelled import hall, labelled
+from PIL import Image
+
+from physgen.cli import main
+from physgen.export import writing
+
+ALL = "coco,davis,youtubevos,mot,mots"
+
+
+def crowd(count: int) -> str:
+    places = [(8 * (k % 40) + 4, 8 * (k // 40) + 4) for k in range(count)]
+    rows = [
+        f"  o{k}: {{motion: static, shape: {{circle: {{center: [{x}, {y}], radius: 3}}}}}}"
+        for k, (x, y) in enumerate(places)
+    ]
+    head = "physgen: 1\nsize: [320, 216]\nworld: {view: top, duration: 0.1}\nrender: {frames: 1}\nobjects:\n"
+    return head + "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "most"), [("davis", 255, 254), ("youtubevos", 255, 254), ("mots", 1000, 999)]
+)
+def test_too_many_objects(name: str, count: int, most: int, tmp_path, capsys) -> None:
+    scene = tmp_path / "crowd.yaml"
+    scene.write_text(crowd(count), encoding="utf-8")
+    assert main(["export", str(scene), "--format", name, "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert (
+        f"objects: {count:,} objects are more than the format {name} tells apart, which is {most}; take coco"
+        in said
+    )
+    assert not (tmp_path / "out/crowd").exists()
+
+
+def test_as_many_as_a_palette_holds(tmp_path) -> None:
+    scene = tmp_path / "crowd.yaml"
+    scene.write_text(crowd(254), encoding="utf-8")
+    clip = labelled(scene, tmp_path / "out", "davis")
+    masks = clip.folder / "davis/Annotations/Full-Resolution/crowd/00000.png"
+    assert np.array_equal(Image.open(masks), clip.ids[0])
+    assert clip.ids[0].max() == 254
+
+
+def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr(writing, "find_spec", lambda name: None)
+    assert (
+        main(["export", str(hall(tmp_path)), "--format", "coco,mot,mots", "-o", str(tmp_path / "out")]) == 2
+    )
+    said = capsys.readouterr().err
+    for name in ("coco", "mots"):
+        assert f'"{name}" needs pycocotools, which is not installed; pip install "physgen[labels]"' in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_empty_scene(tmp_path) -> None:
+    scene = tmp_path / "empty.yaml"
+    scene.write_text("physgen: 1\nsize: [40, 30]\nworld: {duration: 0.2}\nobjects: {}\n", encoding="utf-8")
+    clip = labelled(scene, tmp_path / "out", ALL, "render.frames=2")
+    assert len(clip.coco.imgs) == 2
+    assert not clip.coco.anns
+    for name in ("mot", "mots"):
+        assert (clip.folder / name / "empty/gt/gt.txt").read_text() == ""
+    assert json.loads((clip.folder / "youtubevos/meta.json").read_text()) == {
+        "videos": {"empty": {"objects": {}}}
+    }
+    assert not np.asarray(Image.open(clip.folder / "davis/Annotations/Full-Resolution/empty/00001.png")).any()

@@ -1,0 +1,133 @@
+"""Whole masks against scenes without what hides them; boxes against where things were put."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from labelled import ROOT, Labelled, hall, labelled
+from pytest import approx
+
+from physgen import pipeline
+
+CROSSING = (
+    "objects.*.motion=static",
+    "objects.ball.motion={path: [[0, 49.28, 273.28], [0.2, 400, 390, 90]]}",
+    "objects.ball.velocity=",
+    "objects.ball.spin=",
+    "objects.ball.layer=5",
+    "forces=[]",
+    "render.frames=2",
+    "world.duration=0.2",
+)
+"""A ball flies past tins that stand; both are soft at their borders."""
+FILMED = (
+    "render.camera=[{time: 0, center: [230, 330], zoom: 1.7}, {time: 0.2, center: [290, 330], zoom: 2.3}]",
+    "render.size=[200, 160]",
+    "render.play=there-and-back",
+    "render.motion_blur=0.5",
+    "render.fps=10",
+    "render.slow=1.5",
+)
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory) -> Labelled:
+    home = tmp_path_factory.mktemp("whole")
+    return labelled(hall(home), home / "out", "coco")
+
+
+def without(clip: Labelled, *names: str) -> Labelled:
+    """The same scene where some things are not; nothing is exported."""
+    return Labelled(clip.scene, (*clip.edits, *(f"objects.{name}=" for name in names)), Path())
+
+
+def test_a_whole_mask_is_what_is_seen_when_nothing_else_is_there(clip: Labelled) -> None:
+    whole = clip.whole
+    for name in clip.names:
+        alone = without(clip, *(other for other in clip.names if other != name))
+        for frame in range(len(clip.ids)):
+            found = whole.get((frame, name), np.zeros((72, 96), bool))
+            assert np.array_equal(found, alone.mask(frame, name))
+
+
+def test_what_is_hidden_altogether_is_told_of_apart(clip: Labelled) -> None:
+    hidden = clip.coco.dataset["hidden_annotations"]
+    assert {(row["image_id"] - 1, clip.names[row["track_id"] - 1]) for row in hidden} == {
+        (frame, "post") for frame in range(8) if not clip.mask(frame, "post").any()
+    }
+    assert hidden
+    assert all(row["visible_fraction"] == 0 and row["amodal_area"] > 100 for row in hidden)
+    tile = [
+        row for row in clip.coco.dataset["annotations"] if row["track_id"] == clip.names.index("tile") + 1
+    ]
+    fractions = [row["visible_fraction"] for row in tile]
+    assert fractions[0] == 1
+    assert min(fractions) < 0.5
+
+
+@pytest.mark.parametrize("film", [(), FILMED], ids=["plain", "filmed"])
+def test_of_a_photo_too_however_it_is_filmed(film: tuple[str, ...], tmp_path) -> None:
+    photo = ROOT / "scenes/cans/scene.yaml"
+    clip = labelled(photo, tmp_path, "coco", *CROSSING, *film)
+    whole = clip.whole
+    assert len(clip.ids) == (5 if film else 2)
+    assert min(row["visible_fraction"] for row in clip.coco.dataset["annotations"]) < 0.8
+    for name in ("ball", "tin-5"):
+        alone = without(clip, *(other for other in clip.names if other != name))
+        masks = [alone.mask(k, name) for k in range(len(clip.ids))]
+        assert {k for k, mask in enumerate(masks) if mask.any()} == {k for k, other in whole if other == name}
+        assert all(np.array_equal(whole[k, name], mask) for k, mask in enumerate(masks) if mask.any())
+    # tins touch: that one is taken away leaves their common border where it was
+    fewer = labelled(photo, tmp_path / "fewer", "coco", *without(clip, "ball", "tin-6").edits)
+    assert all(np.array_equal(mask, whole[key]) for key, mask in fewer.whole.items())
+    assert len(whole) - len(fewer.whole) == sum(name in ("ball", "tin-6") for _, name in whole)
+
+
+def test_oriented_boxes_are_where_things_were_put(clip: Labelled) -> None:
+    for row in clip.coco.dataset["annotations"] + clip.coco.dataset["hidden_annotations"]:
+        frame, name = row["image_id"] - 1, clip.names[row["track_id"] - 1]
+        corners = np.array(row["oriented_bbox"]).reshape(4, 2)
+        t = frame / 8
+        if name == "door":  # 22 x 40, from (14, 36) to (96, 31), and by 40 degrees
+            turned = corners[1] - corners[0]
+            assert np.degrees(np.arctan2(turned[1], turned[0])) == approx(40 * t, abs=0.01)
+            assert np.hypot(*turned) == approx(22, abs=1.01)
+            assert np.hypot(*(corners[2] - corners[1])) == approx(40, abs=1.01)
+            assert corners.mean(axis=0) == approx([14 + 82 * t + 0.5, 36 - 5 * t + 0.5], abs=0.51)
+        if name == "tile":
+            assert corners[2] - corners[0] == approx([24, 18], abs=1.01)
+
+
+@pytest.mark.parametrize(
+    "edits", [("render.scale=2",), ("render.camera=[{time: 0, center: [50, 36], zoom: 1.5}]",)]
+)
+def test_boxes_hold_masks_however_large_they_are_filmed(edits: tuple[str, ...], tmp_path) -> None:
+    clip = labelled(hall(tmp_path), tmp_path / "out", "coco", *edits)
+    checked = 0
+    for row in clip.coco.dataset["annotations"] + clip.coco.dataset["hidden_annotations"]:
+        mask = clip.whole[row["image_id"] - 1, clip.names[row["track_id"] - 1]]
+        corners = np.array(row["oriented_bbox"]).reshape(4, 2)
+        points = np.argwhere(mask)[:, ::-1] + 0.5 - corners[0]
+        for edge in (corners[1] - corners[0], corners[3] - corners[0]):
+            length = np.hypot(*edge)
+            along = points @ edge / length
+            assert along.min() > -1
+            assert along.max() < length + 1
+            if row["truncation"] == 0:
+                assert np.ptp(along) > length - 3
+                checked += 1
+    assert checked > 20
+
+
+def test_torch_tells_the_same_whole_masks(tmp_path) -> None:
+    clip = Labelled(hall(tmp_path), (), Path())
+    drawn = pipeline.render(clip.filming.stage, clip.trajectory, device="cpu")
+    from physgen.render.backends.torch_frames import render_frames_torch
+
+    others = render_frames_torch(clip.filming.stage, clip.trajectory, device="cpu")
+    for mine, other in zip(drawn, others, strict=True):
+        for one, two in zip(mine.covers, other.covers, strict=True):
+            assert (one.body, one.box) == (two.body, two.box)
+            assert (one.mask != two.mask).mean() < 0.01
