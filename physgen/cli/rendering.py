@@ -81,7 +81,8 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            yield make(path, variant, quick(path, variant, options, ()) if options.preview else ())
+            look = quick(path, variant, options, ()) if options.preview else ()
+            yield make(path, variant, look=look)
 
 
 def quick(
@@ -98,7 +99,9 @@ def quick(
     few = min(count, PREVIEWED)
     edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
-    edits += [f"render.{key}=" for key in ("size", "scale") if getattr(film, key) is not None]
+    said = [edit.partition("=")[0] for edit in (*options.set, *further)]  # what a person asks for stays
+    if not {"render.size", "render.scale"} & set(said):
+        edits += [f"render.{key}=" for key in ("size", "scale") if getattr(film, key) is not None]
     return tuple(edits)
 
 
@@ -135,11 +138,12 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         further: tuple[str, ...] = (),
         name: str | None = None,
         tracked: tuple[str, ...] | None = None,
+        look: tuple[str, ...] = (),
     ) -> Job:
         return Job(
             path,
             options.output,
-            (*overrides, *further),
+            (*look, *overrides, *further),
             variant,
             options.allow_outside,
             formats,

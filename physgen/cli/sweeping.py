@@ -108,8 +108,7 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
                 look: tuple[str, ...] = ()
                 if options.preview:
                     look = quick(options.scene, point.variant, options, point.overrides)
-                further = (*look, *point.overrides)
-                yield make(options.scene, point.variant, further, point.name, tracked)
+                yield make(options.scene, point.variant, point.overrides, point.name, tracked, look)
 
         def beside() -> Sequence[Path]:
             made = rows.publish() if rows.count == len(plan) else ()

@@ -7,13 +7,18 @@ import argparse
 from physgen.flags.values import count, names
 
 DEVICES = ("cpu", "cuda")
+NAMES = ("frames", "flo", "kitti", "wheel", "coco", "davis", "youtubevos", "mot", "mots")
 
 
 def exports(sub: argparse.ArgumentParser) -> None:
     """Of the whole command."""
     sub.add_argument("scenes", metavar="SCENE", nargs="+")
     sub.add_argument(
-        "--format", metavar="LIST", type=labels, required=True, help="any of the formats that --list names"
+        "--format",
+        metavar="LIST",
+        type=labels,
+        required=True,
+        help="any of " + ",".join(NAMES) + "; see docs/ground-truth.md",
     )
     sub.add_argument("-o", "--output", metavar="DIR", default="labels", help="default: labels")
     sub.add_argument("--jobs", metavar="N", type=count, default=1, help="scenes at a time; default: 1")

@@ -91,10 +91,10 @@ def test_a_clip_is_not_there_before_all_of_it_is(store, lesson: Path, monkeypatc
     """Whatever moment the run is killed at, a manifest stands beside the files that it names."""
     seen = []
 
-    def watched(name: str):  # noqa: ANN202
+    def watched(name: str):
         plain = getattr(places.Far, name)
 
-        def method(self, *arguments):  # noqa: ANN001, ANN002, ANN202
+        def method(self, *arguments):
             result = plain(self, *arguments)
             if store.exists("/clips/lesson/manifest.json"):
                 told = json.loads(store.cat_file("/clips/lesson/manifest.json"))

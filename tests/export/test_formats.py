@@ -1,0 +1,10 @@
+"""The formats there are, and those that the help names."""
+
+from __future__ import annotations
+
+from physgen.export.writing import KINDS
+from physgen.flags.exporting import NAMES
+
+
+def test_the_help_names_the_formats_there_are() -> None:
+    assert tuple(kind.name for kind in KINDS) == NAMES
