@@ -10,6 +10,7 @@
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
+    python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
@@ -38,6 +39,7 @@ from frames import presets
 from gallery import gallery
 from growth import growth, plot
 from kills import kills
+from labels import labels
 from perceiving import perceiving
 from percepts import percepts
 from prompts import prompts
@@ -296,7 +298,7 @@ PARTS = {"render": render, "start": start, "check": check, "segmentation": segme
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
 PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving, "percepts": percepts}
-PARTS |= {"refine": refining, "gallery": gallery, "batch": batch, "kills": kills}
+PARTS |= {"refine": refining, "gallery": gallery, "batch": batch, "kills": kills, "labels": labels}
 
 
 def main(names: list[str]) -> None:

@@ -7,8 +7,10 @@ frame 0 to 1; `flow_noc/`: those that are seen in the other frame.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +37,10 @@ class Kitti:
             if flow is not None:
                 name, every = f"{moment.view.index:06d}_10.png", encoded(flow)
                 save(home / "flow_occ" / name, every)
-                save(home / "flow_noc" / name, np.where(flow.visible[..., None], every, np.uint16(0)))
+                seen = flow.visible.view(np.uint8)
+                save(
+                    home / "flow_noc" / name, np.asarray(cv2.bitwise_and(every, every, mask=seen), np.uint16)
+                )
 
     def close(self) -> None:
         """Nothing is left to be said."""
@@ -43,6 +48,28 @@ class Kitti:
 
 def encoded(flow: Flow) -> U16:
     """(H, W, 3): u, v, and whether they fit."""
-    codes = np.rint(flow.moved * np.float32(STEPS)) + np.float32(ZERO)
-    fits = ((codes >= 0) & (codes < 2**16)).all(axis=-1)
-    return np.dstack([np.where(fits[..., None], codes, 0), fits]).astype(np.uint16)
+    if flow.moving is None:
+        return _encoded(flow.moved)
+    every = _rest(*flow.inside.shape).copy()
+    for box in flow.moving:
+        every[box] = _encoded(flow.moved[box])
+    return every
+
+
+@cache
+def _rest(height: int, width: int) -> U16:
+    """(H, W, 3) of what does not move."""
+    return np.tile(np.array([ZERO, ZERO, 1], np.uint16), (height, width, 1))
+
+
+def _encoded(moved: NDArray[np.float32]) -> U16:
+    """(h, w, 3) of a flow (h, w, 2)."""
+    codes = moved * np.float32(STEPS)
+    np.rint(codes, out=codes)
+    codes += np.float32(ZERO)
+    fits = np.ones(codes.shape[:2], np.uint16)
+    if codes.min() < 0 or codes.max() >= 2**16:
+        fits[:] = ((codes >= 0) & (codes < 2**16)).all(axis=-1)
+        codes *= fits[..., None]
+    u, v = cv2.split(codes.astype(np.uint16))
+    return np.asarray(cv2.merge((u, v, fits)), np.uint16)

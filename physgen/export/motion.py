@@ -1,24 +1,21 @@
-"""Two views -> where each pixel of the one is in the other: optical flow, exact from poses, and what hides it.
-
-A body's pixels move with its pose; those of a ball on a table turn with it in space; the background moves with the
-camera alone.
-"""
+"""Two views -> where each pixel of the one is in the other: optical flow, exact from poses, and what hides it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, World
+from physgen.compile.world import World
+from physgen.export.places import Ball, is_still, similarity, spans, turns_in_space
 from physgen.export.truth import View
-from physgen.scene.model import Solid
+from physgen.render.placing import Slices
 
 Array = NDArray[np.float64]
+F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
@@ -26,53 +23,68 @@ Mask = NDArray[np.bool_]
 class Flow:
     """From one view to another; H, W."""
 
-    moved: NDArray[np.float32]
+    moved: F32
     """(H, W, 2) px: x and y by which what a pixel shows has moved, also where that is hidden or out of the picture."""
     inside: Mask
     """(H, W): it is still in the picture."""
     visible: Mask
     """(H, W): it is in the picture, and nothing hides it."""
+    moving: Sequence[Slices] | None = None
+    """Beyond these boxes nothing moves; None: nobody has looked."""
 
 
 def flow(view: View, other: View, world: World) -> Flow:
     """What each pixel of `view` shows, found again in `other`."""
+    found = _background(view, other)
+    if not np.array_equal(view.lens, other.lens):
+        for body, box in view.boxes.items():
+            _fill(found, body, box, view, other, world)
+        return found
+    moving = {body: box for body, box in view.boxes.items() if not is_still(body, view, other)}
+    for body, box in moving.items():
+        _fill(found, body, box, view, other, world)
+    return replace(found, moving=tuple(moving.values()))
+
+
+def _background(view: View, other: View) -> Flow:
+    """As if all were background, which moves with the camera alone: rows and columns apart."""
     width, height = view.size
     moved = np.zeros((height, width, 2), np.float32)
-    hidden = np.zeros((height, width), bool)
-    for body, box in _boxes(view, other):
-        mine = view.ids[box] == body + 1
-        rows, columns = np.nonzero(mine)
-        points = np.column_stack([columns + box[1].start, rows + box[0].start]).astype(np.float64)
-        there, back = carried(points, body, view, other, world)
-        # to a multiple of 1/2^20 px, so that what is at rest is at rest
-        moved[box][mine] = np.round((there - points) * 2**20) / 2**20
-        hidden[box][mine] = back
-    y, x = np.arange(height, dtype=np.float32)[:, None], np.arange(width, dtype=np.float32)
-    column, row = np.rint(moved[..., 0] + x), np.rint(moved[..., 1] + y)
+    m, n = similarity(-1, view, other)
+    if (m, n) == (1, 0):
+        return Flow(moved, np.ones((height, width), bool), np.asarray(view.ids == other.ids))
+    x, y = np.arange(width), np.arange(height)
+    to_x, to_y = m.real * x + n.real, m.real * y + n.imag
+    moved[..., 0], moved[..., 1] = to_x - x, (to_y - y)[:, None]
+    column, row = np.rint(to_x).astype(np.int64), np.rint(to_y).astype(np.int64)
+    there = other.ids.take(column.clip(0, width - 1), 1).take(row.clip(0, height - 1), 0)
+    inside = ((row >= 0) & (row < height))[:, None] & (column >= 0) & (column < width)
+    return Flow(moved, inside, inside & (there == view.ids))
+
+
+def _fill(found: Flow, body: int, box: Slices, view: View, other: View, world: World) -> None:
+    """What is seen of a body in `box` is the body's."""
+    width, height = view.size
+    x, y = spans(box)
+    hidden: Mask | None = None
+    if turns_in_space(body, view, world) and other.spaces is not None:
+        to_x, to_y, hidden = Ball.between(body, view, other, world).carried(x, y)
+    else:
+        m, n = similarity(body, view, other)
+        to_x = (m.real * x + n.real) - m.imag * y
+        to_y = (m.real * y + n.imag) + m.imag * x
+    mine = view.ids[box] == body + 1
+    moved = found.moved[box]
+    np.copyto(moved[..., 0], to_x - x, where=mine, casting="same_kind")
+    np.copyto(moved[..., 1], to_y - y, where=mine, casting="same_kind")
+    column, row = np.rint(to_x).astype(np.int64), np.rint(to_y).astype(np.int64)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    place = np.where(inside, row * width + column, 0).astype(np.int64)
-    found = other.ids.ravel().take(place)
-    return Flow(moved, inside, inside & ~hidden & (found == view.ids))
-
-
-def _boxes(view: View, other: View) -> Iterator[tuple[int, tuple[slice, slice]]]:
-    """Bodies in the picture, -1 the background where the camera moves, and the rows and columns that hold them."""
-    for number, box in enumerate(boxes(view.ids)):
-        if box is not None:
-            yield number, box
-    if not np.array_equal(view.lens, other.lens):
-        yield -1, (slice(0, view.size[1]), slice(0, view.size[0]))
-
-
-def boxes(ids: NDArray[np.uint16]) -> list[tuple[slice, slice] | None]:
-    """Rows and columns that hold each id from 1 on; None where there is none of it."""
-    from cv2 import boundingRect
-
-    found: list[tuple[slice, slice] | None] = []
-    for id_ in range(1, int(ids.max(initial=0)) + 1):
-        x, y, w, h = boundingRect((ids == id_).astype(np.uint8))
-        found.append((slice(y, y + h), slice(x, x + w)) if w else None)
-    return found
+    visible = other.ids.take(row * width + column, mode="clip") == body + 1
+    visible &= inside
+    if hidden is not None:
+        visible &= ~hidden
+    np.copyto(found.inside[box], inside, where=mine)
+    np.copyto(found.visible[box], visible, where=mine)
 
 
 @dataclass(frozen=True)
@@ -113,54 +125,3 @@ class Line:
         """The last one."""
         view, self._view = self._view, None
         return None if view is None else Moment(self._world, self._before, view, None)
-
-
-def carried(points: Array, body: int, view: View, other: View, world: World) -> tuple[Array, Mask]:
-    """Points (K, 2) video px of a `body` of `view`, -1 the background, in px of `other`; which are on its back."""
-    photo = _undone(view.lens, points)
-    hidden = np.zeros(len(points), bool)
-    if body >= 0:
-        thing = world.bodies[body]
-        if view.spaces is not None and other.spaces is not None and is_ball(thing):
-            photo, hidden = _rolled(photo, thing, view, other, body)
-        else:
-            photo = _placed(_unplaced(photo, view.poses[body]), other.poses[body])
-    return photo @ other.lens[:, :2].T + other.lens[:, 2], hidden
-
-
-def is_ball(body: Body) -> bool:
-    """Whether it turns in space."""
-    return body.radius is not None and body.solid is Solid.SPHERE
-
-
-def _undone(lens: Array, points: Array) -> Array:
-    """Video px -> photo px."""
-    return np.asarray(np.linalg.solve(lens[:, :2], (points - lens[:, 2]).T).T)
-
-
-def _turned(angle: float) -> Array:
-    return np.array([[cos(angle), -sin(angle)], [sin(angle), cos(angle)]])
-
-
-def _unplaced(points: Array, pose: Array) -> Array:
-    """Photo px -> px in the frame of a body."""
-    return np.asarray((points - pose[:2]) @ _turned(pose[2]))
-
-
-def _placed(points: Array, pose: Array) -> Array:
-    """The inverse of `_unplaced`."""
-    return np.asarray(points @ _turned(pose[2]).T + pose[:2])
-
-
-def _rolled(points: Array, ball: Body, view: View, other: View, body: int) -> tuple[Array, Mask]:
-    """Points of a ball that turned in space, seen from straight above; and which of them are underneath now."""
-    assert ball.radius is not None
-    assert view.spaces is not None
-    assert other.spaces is not None
-    flat = (points - view.poses[body][:2]) / ball.radius
-    far = np.hypot(*flat.T)
-    flat /= np.maximum(far, 1.0)[:, None]  # what a mask has beyond the rim goes with the rim
-    normals = np.column_stack([flat, -np.sqrt(np.maximum(1 - (flat**2).sum(axis=1), 0))])
-    turned = normals @ (other.spaces[body] @ view.spaces[body].T).T
-    beyond = (points - view.poses[body][:2]) - flat * ball.radius
-    return other.poses[body][:2] + ball.radius * turned[:, :2] + beyond, turned[:, 2] > 0

@@ -1,7 +1,9 @@
-"""Arrays -> PNG files, whose whole numbers come back as they are, and JPEG files, which other tools ask for."""
+"""Arrays -> PNG files, whose whole numbers come back as they are, with what those mean; and JPEG files."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -20,7 +22,12 @@ def save(path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16], level: int
     done, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, level])
     if not done:
         raise OSError(f"{path} cannot be encoded")
-    path.write_bytes(data.tobytes())
+    path.write_bytes(data.data)
+
+
+def told(folder: Path, scale: Mapping[str, object]) -> None:
+    """What the numbers of a folder's pictures mean, `scale.json`. Raises OSError."""
+    (folder / "scale.json").write_text(json.dumps(scale, indent=1) + "\n", encoding="utf-8")
 
 
 def jpeg(rgb: NDArray[np.uint8]) -> bytes:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +18,24 @@ from physgen.export.extent import Extent
 from physgen.export.pictures import jpeg
 from physgen.export.presence import Presence, presences
 from physgen.percepts.maps import Percepts
+from physgen.render.placing import Slices
 from physgen.render.shot import Shot
 from physgen.render.stage import Cover, Frame
 from physgen.scene.model import Scene
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
 
+if TYPE_CHECKING:
+    from physgen.export.paint import Paint
+
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
+
+
+LEFT_OUT = 65535
+"""Stands for things of the photo that the scene leaves out."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,16 @@ class View:
         """The picture as a JPEG file: several formats hold it, and it is encoded once."""
         return jpeg(self.rgb)
 
+    @cached_property
+    def boxes(self) -> Mapping[int, Slices]:
+        """Body -> the rows and columns that hold all that is seen of it; those alone that are seen."""
+        found = {}
+        for thing in self.presences:
+            x, y, w, h = thing.seen_box
+            if w:
+                found[thing.body] = np.s_[y : y + h, x : x + w]
+        return found
+
     @property
     def size(self) -> tuple[int, int]:
         """Width and height, px."""
@@ -86,6 +106,15 @@ class Clip:
     """Frames."""
     source: Mapping[str, str] = field(default_factory=dict)
     """What it was made of: paths and SHA-256."""
+    stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
+    """(H, W) of the photo, at t = 0: who stands where by ids, and `LEFT_OUT`; empty without a photo."""
+
+    @cached_property
+    def paint(self) -> Paint:
+        """The albedo of its views, of a photo that has one; two formats are made of it."""
+        from physgen.export.paint import Paint
+
+        return Paint(self)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -107,6 +136,13 @@ class Clip:
         """Of each body the place of its label among the categories, from 1 on."""
         numbers = {name: number for number, name in enumerate(self.categories, 1)}
         return tuple(numbers[label] for label in self.labels)
+
+
+def stood(labels: U16, photo: U16 | None, scenery: Mask) -> U16:
+    """`Clip.stood`, of the scene's labels (H, W), those of the photo, and pixels that show a boundary."""
+    if photo is None:
+        return labels
+    return np.where((photo > 0) & (labels == 0) & ~scenery, np.uint16(LEFT_OUT), labels)
 
 
 class Eye:

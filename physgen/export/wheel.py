@@ -5,18 +5,22 @@ The wheel is that of Baker et al., A Database and Evaluation Methodology for Opt
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.motion import Moment
+from physgen.export.motion import Flow, Moment
 from physgen.export.pictures import save
 from physgen.export.truth import Clip
 
 F32 = NDArray[np.float32]
 SECTORS = (("RY", 15), ("YG", 6), ("GC", 4), ("CB", 11), ("BM", 13), ("MR", 6))
 """Hues between two colours: as many as people tell apart."""
+GRID = 256
+"""Steps from rest to full colour."""
 COLOURS = {"R": (1, 0, 0), "Y": (1, 1, 0), "G": (0, 1, 0), "C": (0, 1, 1), "B": (0, 0, 1), "M": (1, 0, 1)}
 
 
@@ -32,7 +36,8 @@ class Wheel:
         """One file a pair of views and direction."""
         for way, flow in (("forward", moment.forward), ("backward", moment.backward)):
             if flow is not None:
-                save(self._folder / way / f"{moment.view.index:05d}.png", coloured(flow.moved, self._most))
+                name = f"{moment.view.index:05d}.png"
+                save(self._folder / way / name, _shown(flow, self._most))
 
     def close(self) -> None:
         """Nothing is left to be said."""
@@ -48,12 +53,33 @@ def fastest(clip: Clip) -> float:
     return max(1.0, float(way.max()) * max(clip.size) / max(clip.scene.size))
 
 
+def _shown(flow: Flow, most: float) -> NDArray[np.uint8]:
+    """(H, W, 3) sRGB; what is at rest is white."""
+    if flow.moving is None:
+        return coloured(flow.moved, most)
+    shown = np.full((*flow.inside.shape, 3), 255, np.uint8)
+    for box in flow.moving:
+        shown[box] = coloured(flow.moved[box], most)
+    return shown
+
+
 def coloured(moved: F32, most: float) -> NDArray[np.uint8]:
     """(H, W, 3) sRGB of a flow (H, W, 2); `most` px are full colour, what is at rest is white."""
+    place = moved * np.float32(GRID / most)
+    place += np.float32(GRID)
+    u, v = cv2.split(place)
+    shown = cv2.remap(_disc(), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(shown, np.uint8)
+
+
+@cache
+def _disc() -> NDArray[np.uint8]:
+    """(2 GRID + 1, 2 GRID + 1, 3) sRGB of all flows up to 1 px in x and y, GRID steps a px."""
+    u = np.linspace(-1, 1, 2 * GRID + 1)[None, :]
+    v = u.T
     wheel = _wheel()
-    u, v = moved[..., 0] / np.float32(most), moved[..., 1] / np.float32(most)
     far = np.hypot(u, v)[..., None]
-    place = (np.arctan2(-v, -u) / np.float32(np.pi) + 1) / 2 * (len(wheel) - 1)
+    place = (np.arctan2(-v, -u) / np.pi + 1) / 2 * (len(wheel) - 1)
     low = np.floor(place).astype(np.int64)
     part = (place - low)[..., None]
     hue = wheel[low] * (1 - part) + wheel[(low + 1) % len(wheel)] * part

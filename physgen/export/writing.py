@@ -12,6 +12,7 @@ from typing import Protocol
 
 from physgen.export.motion import Moment
 from physgen.export.truth import Clip
+from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import Scene
 from physgen.scene.words import listed, nearest
@@ -37,6 +38,8 @@ class Kind:
     about: str
     maps: bool = False
     """It reads the photo's maps."""
+    needs: str = ""
+    """The map of the photo that it cannot do without."""
     library: str = ""
     """A module that it needs beyond those that are always there."""
     extra: str = "labels"
@@ -50,12 +53,22 @@ KINDS = (
     Kind("flo", "flo:Flo", "optical flow, Middlebury .flo, with masks of what is hidden"),
     Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
     Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
+    Kind("tapvid", "tapvid:Tapvid", "point tracks, TAP-Vid npz"),
+    Kind("order", "order:Order", "who is in front, PNG and JSON"),
+    Kind("depth", "depth:Depth", "depth, 16-bit PNG", True, "depth"),
+    Kind("normals", "normals:Normals", "normals, 16-bit PNG", True, "normals"),
+    Kind("albedo", "albedo:Albedo", "albedo, linear, 16-bit PNG", True, "albedo"),
+    Kind("shading", "shading:Shading", "shading, linear, 16-bit PNG", True, "albedo"),
     Kind("coco", "coco:Coco", "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
     Kind("davis", "davis:Davis", "masks, palette PNG as in DAVIS 2017", most=254),
     Kind("youtubevos", "youtubevos:YoutubeVos", "masks, palette PNG as in YouTube-VOS", most=254),
     Kind("mot", "mot:Mot", "boxes and tracks, MOT Challenge text"),
     Kind("mots", "mots:Mots", "masks and tracks, MOTS text", library="pycocotools", most=999),
 )
+
+
+MAKERS = {"depth": " --backend depth=NAME"}
+"""What `perceive` has to be told to make a map that it does not make by itself."""
 
 
 def kinds(names: Sequence[str]) -> list[Kind]:
@@ -78,8 +91,8 @@ def kinds(names: Sequence[str]) -> list[Kind]:
     return [known[name] for name in dict.fromkeys(names)]
 
 
-def check_fits(chosen: Sequence[Kind], scene: Scene) -> None:
-    """Raises InputError with every format that a scene has too many objects for."""
+def check_fits(chosen: Sequence[Kind], scene: Scene, maps: Percepts | None) -> None:
+    """Raises InputError with every format that a scene has too many objects for, or not the map."""
     count, problems = len(scene.objects), []
     for kind in chosen:
         if kind.most is not None and count > kind.most:
@@ -87,8 +100,22 @@ def check_fits(chosen: Sequence[Kind], scene: Scene) -> None:
             fix = "take coco, which has no limit, or leave objects out"
             place = scene.place("objects")
             problems.append(Problem(place, "objects", f"{count:,} objects", expected, fix))
+        if kind.needs and (maps is None or getattr(maps, kind.needs) is None):
+            problems.append(_lacking(kind, scene, maps))
     if problems:
         raise InputError(problems)
+
+
+def _lacking(kind: Kind, scene: Scene, maps: Percepts | None) -> Problem:
+    """A map is missing, or all of them."""
+    found = f'--format "{kind.name}"'
+    if maps is None:
+        expected, fix = "is made of a photo's maps, and there is no photo", f"leave {kind.name} out"
+        return Problem(scene.place("size"), "", found, expected, fix)
+    place = scene.place("assets")
+    by = MAKERS.get(kind.needs, "")
+    fix = f"have it made: physgen perceive --refresh {place.file}{by} -o NEW.yaml"
+    return Problem(place, "assets", found, f"is made of {kind.needs}.png, which is not there", fix)
 
 
 @contextmanager

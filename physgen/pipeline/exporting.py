@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,9 @@ from physgen.pipeline.filming import Filming
 from physgen.pipeline.watch import Progress
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from physgen.export.motion import Moment
     from physgen.export.truth import Clip
     from physgen.export.writing import Kind, Writer
@@ -42,7 +45,7 @@ class Labels:
         from physgen.export.writing import check_fits, kinds
 
         chosen = kinds(formats)
-        check_fits(chosen, scene)
+        check_fits(chosen, scene, maps)
         return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
 
     @contextmanager
@@ -70,12 +73,16 @@ class Labels:
             scene.render.fps,
             len(shot.order),
             record.inputs,
+            stood=_stood(filming, self.maps),
         )
-        with written(self.kinds, folder, clip) as writers:
+        with ExitStack() as held:
+            with record.stage("export"):
+                writers = held.enter_context(written(self.kinds, folder, clip))
             tap = Tap(filming, trajectory, writers, clip, record)
             yield tap
             with record.stage("export"):
                 tap.finish()
+                held.close()
 
     def of_frames(
         self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord, progress: Progress
@@ -87,6 +94,14 @@ class Labels:
         with self.exported(filming, trajectory, folder, record) as tap:
             for index, _ in enumerate(tap(filming.frames(trajectory))):
                 progress("export", index + 1, count)
+
+
+def _stood(filming: Filming, maps: Percepts | None) -> NDArray[np.uint16]:
+    """(H, W) of the photo: who stands where at t = 0."""
+    from physgen.export.truth import stood
+
+    compiled = filming.compiled
+    return stood(compiled.labels, None if maps is None else maps.labels, compiled.scenery)
 
 
 class Tap:

@@ -1,0 +1,232 @@
+"""Point tracks by a reader of TAP-Vid's layout, and against poses, flow and ids."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from physgen.simulate.trajectory import read_trajectory
+
+FREE = ("world.gravity=[0, 0]", "boundaries={}", "objects.*.spin=0")
+CAMERA = "render.camera=[{time: 0}, {time: 0.4, center: [70, 60], zoom: 1.5}]"
+PASSING = (
+    *FREE,
+    "objects.ball.motion={path: [[0, 40, 60], [0.4, 140, 62]]}",
+    "objects.ball.velocity=[0, 0]",
+    "objects.crate.motion=static",
+    "objects.crate.velocity=[0, 0]",
+    "objects.ball.layer=2",
+)
+BALL, CRATE = 1, 2
+
+
+class Read:
+    """As TAP-Vid's readers use it: points times the video's size are px from the picture's corner."""
+
+    def __init__(self, folder: Path) -> None:
+        with np.load(folder / "tapvid" / "tapvid.npz", allow_pickle=False) as file:
+            found = dict(file)
+        self.video, self.occluded, self.queries = found["video"], found["occluded"], found["query_points"]
+        self.size = np.array([self.video.shape[2], self.video.shape[1]])
+        self.points = found["points"] * self.size
+        self.object, self.names = found["object"], found["names"]
+        self.px = self.points - 0.5
+        """With pixel centres at whole numbers, as flow and poses have them."""
+        self.inside = ((self.px >= -0.5) & (self.px < self.size - 0.5)).all(axis=2)
+
+    def first(self) -> NDArray[np.float64]:
+        """The protocol `first`: (t, y, x) of each track's first sight; one that is never seen has none."""
+        seen = ~self.occluded
+        assert seen.any(axis=1).all()
+        t = seen.argmax(axis=1)
+        x, y = self.points[np.arange(len(t)), t].T
+        return np.column_stack([t, y, x])
+
+    def strided(self, stride: int) -> NDArray[np.float64]:
+        """The protocol `strided`: (t, y, x) of whatever is seen in every so many frames."""
+        rows = []
+        for t in range(0, self.video.shape[0], stride):
+            seen = ~self.occluded[:, t]
+            x, y = self.points[seen, t].T
+            rows.append(np.column_stack([np.full(len(x), t), y, x]))
+        return np.concatenate(rows)
+
+
+def shown(folder: Path) -> NDArray[np.uint16]:
+    """(T, H, W) who is where: ranks, which are ids where nobody is given a layer."""
+    paths = sorted((folder / "order").glob("*.png"))
+    return np.stack([cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths])
+
+
+def test_the_file_is_what_tap_vid_readers_expect(export) -> None:
+    folder = export("side", "tapvid,frames")
+    read = Read(folder)
+    count = len(read.points)
+    assert read.video.dtype == np.uint8
+    assert (read.points.shape, read.occluded.shape) == ((count, 8, 2), (count, 8))
+    assert (read.points.dtype, read.occluded.dtype, read.queries.dtype) == (np.float64, np.bool_, np.float32)
+    for frame, path in zip(read.video, sorted((folder / "frames").glob("*.png")), strict=True):
+        np.testing.assert_array_equal(frame, cv2.imread(str(path))[:, :, ::-1])
+    np.testing.assert_allclose(read.queries, read.first(), atol=1e-4)
+    strided = read.strided(5)
+    assert set(strided[:, 0]) == {0, 5}
+    assert len(strided) > count
+    assert read.names.tolist() == ["background", "ball", "crate"]
+    assert count == 256
+    assert np.bincount(read.object)[0] == 64
+    assert np.bincount(read.object).min() >= 4
+    with zipfile.ZipFile(folder / "tapvid" / "tapvid.npz") as file:
+        assert {info.date_time for info in file.infolist()} == {(1980, 1, 1, 0, 0, 0)}  # bytes stay the same
+
+
+@pytest.mark.parametrize("edits", [(), (CAMERA,), ("render.size=[200, 160]",), ("render.play=backward",)])
+def test_tracks_are_the_motion_of_the_poses(edits: tuple, export) -> None:
+    """By another formula: everything about the middle of a body turns with it as a vector."""
+    folder = export("side", "tapvid", *edits)
+    read, poses = Read(folder), read_trajectory(folder / "trajectory.npz").poses
+    if "backward" in str(edits):
+        poses = poses[::-1]
+    still = read.px[read.object == 0]
+    if not edits or "play" in edits[0]:
+        assert np.abs(still - still[:, :1]).max() < 1e-3
+    for body in (0, 1):
+        points = read.px[read.object == body + 1]
+        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)  # (K, K, T)
+        larger = apart.sum(axis=(0, 1)) / apart.sum(axis=(0, 1))[0]
+        # a rigid body keeps its distances; the camera enlarges all of them alike
+        np.testing.assert_allclose(apart, apart[..., :1] * larger, atol=2e-3)
+        if "size" in str(edits):
+            np.testing.assert_allclose(larger, 1, atol=1e-5)
+        if edits and "play" not in edits[0]:
+            continue
+        turn = np.exp(1j * (poses[:, body, 2] - poses[0, body, 2]))
+        middle = poses[:, body, 0] + 1j * poses[:, body, 1]
+        spoke = points[:, 0] @ [1, 1j] - middle[0]
+        want = middle + spoke[:, None] * turn
+        np.testing.assert_allclose(points @ [1, 1j], want, atol=1e-3)
+
+
+@pytest.mark.parametrize("case", [("side", ()), ("side", (CAMERA,)), ("top", ())])
+def test_tracks_are_where_flow_leads(case: tuple, export) -> None:
+    scene, edits = case
+    folder = export(scene, "tapvid,flo,order", *edits)
+    read, ids = Read(folder), shown(folder)
+    flows = [cv2.readOpticalFlow(str(path)) for path in sorted((folder / "flo" / "forward").glob("*.flo"))]
+    count, longest = 0, 0
+    for k in range(len(read.px)):
+        t, y, x = read.queries[k]
+        place, steps = np.array([x, y]) - 0.5, 0
+        for frame in range(int(t), len(flows)):
+            column, row = np.floor(place).astype(int)
+            around = ids[frame, max(row - 1, 0) : row + 3, max(column - 1, 0) : column + 3]
+            if read.occluded[k, frame] or around.size < 16 or (around != read.object[k]).any():
+                break  # between a thing's flow and that of what is behind it there is none
+            px, py = place - (column, row)
+            corner = flows[frame][row : row + 2, column : column + 2].astype(np.float64)
+            step = np.einsum("i,j,ijk", [1 - py, py], [1 - px, px], corner)
+            if case[0] == "top" and read.object[k] == BALL:
+                place = read.px[k, frame]  # a sphere's flow is not linear: step by step
+            place, steps = place + step, steps + 1
+            assert np.abs(place - read.px[k, frame + 1]).max() < 0.05
+            count += 1
+        longest = max(longest, steps)
+    assert count > 500
+    assert longest == len(flows)
+
+
+def test_points_are_queried_on_their_things_and_hidden_by_others(export) -> None:
+    folder = export("side", "tapvid,order", *PASSING)
+    read, ranks = Read(folder), shown(folder)
+    ids = np.array([0, CRATE, BALL], np.uint16)[ranks]  # the ball is drawn last
+    hidden = 0
+    for k, owner in enumerate(read.object):
+        for t in range(len(ids)):
+            if not read.inside[k, t]:
+                assert read.occluded[k, t]
+                continue
+            column, row = np.rint(read.px[k, t]).astype(int)
+            assert read.occluded[k, t] == (ids[t, row, column] != owner)
+            hidden += owner == CRATE and ids[t, row, column] == BALL
+    assert hidden > 20
+    came_back = read.occluded[:, :-1] & ~read.occluded[:, 1:]
+    assert came_back[read.object == 0].any()
+
+
+def test_what_leaves_the_picture_is_told_on(export) -> None:
+    read = Read(export("side", "tapvid", *FREE, "objects.ball.velocity=[600, 0]", "objects.crate=null"))
+    ball = read.object == BALL
+    assert read.occluded[ball, -1].all()
+    steps = np.diff(read.px[ball, :, 0], axis=1)
+    np.testing.assert_allclose(steps, 30, atol=1e-3)
+    assert not read.occluded[ball, 0].any()
+
+
+def test_points_of_a_rolling_ball_go_under_and_come_back(export) -> None:
+    rolling = "objects.ball.velocity=[130, 0]", "world.duration=0.9", "objects.crate=null"
+    folder = export("top", "tapvid", *rolling)
+    read, poses = Read(folder), read_trajectory(folder / "trajectory.npz").poses
+    ball = read.object == BALL
+    spoke = (read.px[ball] - poses[None, :, 0, :2]) / 16
+    rolled = (poses[:, 0, 0] - poses[0, 0, 0]) / 16
+    # about +y by the way over the radius; what is up at an angle stays on its circle across y
+    t = read.queries[ball, 0].astype(int)
+    rows = np.arange(ball.sum())
+    up = np.arctan2(spoke[rows, t, 0], np.sqrt(np.maximum(1 - (spoke[rows, t] ** 2).sum(axis=1), 0)))
+    ring = np.sqrt(np.maximum(1 - spoke[:, :1, 1] ** 2, 0))
+    angle = up[:, None] + rolled - rolled[t][:, None]
+    sure = ring[:, 0] > 0.2  # near its poles nothing turns
+    np.testing.assert_allclose(spoke[..., 0][sure], (ring * np.sin(angle))[sure], atol=0.02)
+    np.testing.assert_allclose(spoke[..., 1], spoke[:, :1, 1] + 0 * angle, atol=1e-3)
+    under = np.cos(angle) < 0
+    clear = (np.abs(np.cos(angle)) > 0.1) & read.inside[ball] & sure[:, None]
+    edge = np.hypot(*np.moveaxis(spoke, 2, 0)) < 0.8
+    np.testing.assert_array_equal(read.occluded[ball][clear & edge], under[clear & edge])
+    back = (~read.occluded[ball][:, :1]) & read.occluded[ball] & read.inside[ball]
+    returned = back[:, :-1] & ~read.occluded[ball][:, 1:]
+    assert returned.any()
+
+
+def test_paint_stays_with_its_point(photo: Path, export) -> None:
+    """Albedo and tracks know nothing of each other: a point that is seen shows the same paint in every frame."""
+    field = np.random.default_rng(5).normal(0, 1, (128, 160, 3)).astype(np.float32)
+    field = cv2.GaussianBlur(field, None, 4)
+    field = 0.5 + 0.4 * field / np.abs(field).max()
+    cv2.imwrite(str(photo / "photo.assets" / "albedo.png"), np.rint(field * 65535).astype(np.uint16))
+    for scene in ("side", "top"):
+        folder = export(scene, "tapvid,albedo")
+        read = Read(folder)
+        paths = sorted((folder / "albedo").glob("*.png"))
+        paints = np.stack([cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]) / 65535
+        of_things = read.object > 0
+        for k in np.flatnonzero(of_things):
+            t = np.flatnonzero(~read.occluded[k])
+            at = read.px[k, t].astype(np.float32)
+            seen = np.array(
+                [
+                    cv2.remap(paints[i].astype(np.float32), *(np.array([[v]]) for v in p), cv2.INTER_LINEAR)[
+                        0, 0
+                    ]
+                    for i, p in zip(t, at, strict=True)
+                ]
+            )
+            # the first is the photo's own, which is mixed at a ball's rim
+            assert np.median(np.abs(seen - np.median(seen, axis=0)).max(axis=1)) < 0.03
+
+
+@pytest.mark.parametrize("objects", ["{a: {shape: {circle: {center: [20, 20], radius: 8}}}}", "{}"])
+def test_scenes_without_a_photo_or_objects(objects: str, tmp_path: Path) -> None:
+    from physgen.cli import main
+
+    scene = tmp_path / "flat.yaml"
+    scene.write_text(
+        f"physgen: 1\nsize: [64, 48]\nworld: {{duration: 0.1}}\nrender: {{fps: 20, scale: 2}}\nobjects: {objects}\n"
+    )
+    assert main(["export", str(scene), "--format", "tapvid,order", "-o", str(tmp_path / "labels")]) == 0
+    read = Read(tmp_path / "labels" / "flat")
+    assert len(read.points) == 256
+    assert (~read.occluded[:, 0]).sum() > 100
