@@ -77,7 +77,7 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
     from physgen.batch import asked
     from physgen.batch.outcomes import columns
     from physgen.batch.rows import row
-    from physgen.batch.table import HINT, Table, has_parquet
+    from physgen.tables import HINT, Table, has_parquet
 
     variant = None if len(plan.variants) > 1 else plan.variants[0]
     out = Path(options.output or Path("out", f"{pipeline.output_name(options.scene, variant)}-sweep"))

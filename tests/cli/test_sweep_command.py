@@ -15,7 +15,8 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 
-from physgen.batch import asked, table
+from physgen import tables
+from physgen.batch import asked
 from physgen.cli import main
 
 LESSON = """\
@@ -194,7 +195,7 @@ def test_the_folder_is_named_after_scene_and_variant(
 
 
 def test_without_pyarrow_there_is_csv_and_one_line(lesson: Path, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(table, "find_spec", lambda name: None)
+    monkeypatch.setattr(tables, "find_spec", lambda name: None)
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6", "--track", "crate") == 0
     assert capsys.readouterr().err == 'the table is CSV alone; pip install "physgen[tables]" adds Parquet\n'
     names = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_file())
@@ -242,7 +243,7 @@ def test_rows_by_the_ten_thousand_go_out_in_groups(tmp_path: Path) -> None:
     from physgen.batch.columns import Column, Kind
 
     columns = [Column("n", Kind.WHOLE), Column("x"), Column("word", Kind.TEXT), Column("on", Kind.TRUTH)]
-    with table.Table(tmp_path / "sweep", columns) as made:
+    with tables.Table(tmp_path / "sweep", columns) as made:
         for n in range(10_000):
             made.add({"n": n, "x": n / 3, "word": f'a,"{n}"', "on": n % 2 == 0} if n % 7 else {"n": n})
         made.publish()
@@ -266,7 +267,7 @@ def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
     (tmp_path / "sweep.csv").write_text("of the run before\n")
 
     def fill() -> None:
-        with table.Table(tmp_path / "sweep", [Column("word", Kind.TEXT)]) as made:
+        with tables.Table(tmp_path / "sweep", [Column("word", Kind.TEXT)]) as made:
             for _ in range(1000):
                 made.add({"word": "x" * 100})
 
