@@ -15,8 +15,8 @@ from typing import Any
 from physgen.problems import Place, Problem, Severity
 
 CODE = (
-    "cache", "clips", "compile", "outline", "perceive", "percepts", "pipeline", "refine", "render", "report", "scene",
-    "shadow", "simulate",
+    "cache", "clips", "compile", "export", "outline", "perceive", "percepts", "pipeline", "refine", "render", "report",
+    "scene", "shadow", "simulate",
 )  # fmt: skip
 """Rooms whose code makes clips and their pages."""
 

@@ -77,6 +77,8 @@ class Clip:
     """1/s at which it plays."""
     count: int
     """Frames."""
+    shot: Shot
+    """Where the camera is at any time, and in which order the frames show the samples."""
     source: Mapping[str, str] = field(default_factory=dict)
     """What it was made of: paths and SHA-256."""
 

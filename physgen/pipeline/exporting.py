@@ -65,6 +65,7 @@ class Labels:
             scene.video_size,
             scene.render.fps,
             len(shot.order),
+            shot,
             record.inputs,
         )
         with written(self.kinds, folder, clip) as writers:
