@@ -103,9 +103,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
 
     formats = tuple(Format(name) for name in options.format)
     if options.export:
-        from physgen.export.writing import kinds
+        from physgen.cli.exporting import exportable
 
-        kinds(options.export)
+        exportable(options.export)
     refiner, overrides = _refining(options)
 
     def make(

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from physgen.render.stage import Frame, Stage, Stand, planned
 from physgen.scene.model import Scene
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
+
+if TYPE_CHECKING:
+    from physgen.export.telling.story import Story
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -79,6 +83,8 @@ class Clip:
     """Frames."""
     shot: Shot
     """Where the camera is at any time, and in which order the frames show the samples."""
+    owners: U16
+    """(H, W) of the photo: body k is k + 1, 0 = background; all 0 without a photo."""
     source: Mapping[str, str] = field(default_factory=dict)
     """What it was made of: paths and SHA-256."""
 
@@ -91,6 +97,13 @@ class Clip:
     def labels(self) -> tuple[str, ...]:
         """What each body is called in words; its name where nobody said."""
         return tuple(item.label or item.name for item in self.scene.objects)
+
+    @cached_property
+    def story(self) -> Story:
+        """What happens in it; worked out once for all formats that tell it."""
+        from physgen.export.telling.story import story
+
+        return story(self)
 
     @property
     def categories(self) -> tuple[str, ...]:

@@ -42,6 +42,12 @@ KINDS = (
     Kind("flo", "flo:Flo", "optical flow, Middlebury .flo, with masks of what is hidden"),
     Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
     Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
+    Kind("events", "events:Events", "what happens: JSON, CSV, a sentence for each event and a caption"),
+    Kind(
+        "trajectory", "trajectory:Motions", "poses and velocities in px, video px and SI: CSV, Parquet, npz"
+    ),
+    Kind("conditioning", "conditioning:Conditioning", "what video models are conditioned on", maps=True),
+    Kind("physics", "physics:Physics", "masses, coefficients and all that the motion follows from: JSON"),
 )
 
 

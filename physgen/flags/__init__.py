@@ -166,7 +166,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub = command(
         "export",
         "Scenes to ground truth: flow, masks, tracks and events, in the formats that other tools read.",
-        "physgen export scene.yaml --format flo,coco -o labels",
+        "physgen export scene.yaml --format flo,events,conditioning --frames 49 --size 832x480 --fps 16 -o labels",
     )
     exports(sub)
     _overlays(sub)

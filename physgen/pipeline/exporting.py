@@ -66,6 +66,7 @@ class Labels:
             scene.render.fps,
             len(shot.order),
             shot,
+            filming.compiled.labels,
             record.inputs,
         )
         with written(self.kinds, folder, clip) as writers:

@@ -66,7 +66,7 @@ def _collision(event: Event, speech: Speech) -> str:
     one, other = speech.hitter(event)
     who, whom, when = speech.nouns.the(one), speech.nouns.other(other, one), speech.when(event.time)
     if event.closing < STILL:  # it passes through what touched already
-        return f"a blow goes from one to the other, {who} and {whom}, {when}"
+        return f"{who} and {whom} touch, and jolt each other {when}"
     return f"{who} hits {whom} {when}" + (" and bounces" if speech.bounces(event) else "")
 
 
