@@ -10,6 +10,7 @@ from typing import NoReturn
 from physgen import __version__
 from physgen.flags.exhibiting import exhibit
 from physgen.flags.exporting import exports, labels
+from physgen.flags.gathering import dataset
 from physgen.flags.measures import measures
 from physgen.flags.packing import pack, unpack
 from physgen.flags.perceiving import perceive, who
@@ -170,6 +171,13 @@ def build_parser() -> argparse.ArgumentParser:
     )
     exports(sub)
     _overlays(sub)
+
+    sub = command(
+        "dataset",
+        "Clips that are there to a data set for training: a folder, or WebDataset shards; split by photo.",
+        "physgen dataset out sweep -o data --layout webdataset",
+    )
+    dataset(sub)
 
     sub = command(
         "refine",

@@ -13,7 +13,11 @@ def exports(sub: argparse.ArgumentParser) -> None:
     """Of the whole command."""
     sub.add_argument("scenes", metavar="SCENE", nargs="+")
     sub.add_argument(
-        "--format", metavar="LIST", type=labels, required=True, help="any of the formats that --list names"
+        "--format",
+        metavar="LIST",
+        type=labels,
+        required=True,
+        help="formats by name, e.g. flo,events; docs/ground-truth.md lists them",
     )
     sub.add_argument("-o", "--output", metavar="DIR", default="labels", help="default: labels")
     sub.add_argument(
