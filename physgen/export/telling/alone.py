@@ -14,7 +14,7 @@ from physgen.scene.model import FieldKind, Load, Motion, Point, Solid, View
 from physgen.simulate.settled import STILL, STILL_TURN, rests, still
 from physgen.simulate.trajectory import Trajectory
 
-SHIFT = 2.0
+SHIFT = 1.0
 """px by which its centre must come away from where it was at t = 0, or its rim turn: less is settling, no motion."""
 TIPPED = pi / 4
 """rad."""
