@@ -60,7 +60,7 @@ def dataset(options: argparse.Namespace) -> int:
             print_line(str(path))
         total = done.made + done.kept
         split = ", ".join(f"{name} {count.clips:,}" for name, count in done.counts.items())
-        tell(f"{total:,} clips ({split}): {done.made:,} written, {done.kept:,} unchanged")
+        tell(f"{_clips(total)} ({split}): {done.made:,} written, {done.kept:,} unchanged")
     return WRONG_INPUT if done.left_out else OK
 
 
@@ -72,14 +72,19 @@ def _odd(done: Gathered, options: argparse.Namespace) -> None:
 
     silent = sum(count.clips - count.captions for count in done.counts.values())
     if silent:
-        odd(f"has {silent:,} clips without a caption", "render or export them with the format events")
+        odd(f"has {_clips(silent)} without a caption", "render or export them with the format events")
     empty = [name for name, count in done.counts.items() if not count.clips]
     if empty:
         photos = sum(len(count.photos) for count in done.counts.values())
         fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
-        odd(f"has no clip in {', '.join(empty)}: there are {photos} photos", fix)
+        there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
+        odd(f"has no clip in {', '.join(empty)}: {there}", fix)
     if done.strays:
         odd(
             f"holds {done.strays:,} folders of clips that are not named here",
             "remove them, or name their clips too",
         )
+
+
+def _clips(count: int) -> str:
+    return "1 clip" if count == 1 else f"{count:,} clips"

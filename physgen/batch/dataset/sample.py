@@ -115,8 +115,9 @@ def _members(folder: Path, files: Mapping[str, str], formats: Collection[str]) -
 
 
 def _member(folder: Path, name: str, file: str, files: Mapping[str, str]) -> Member:
-    if ".." in PurePosixPath(file).parts or PurePosixPath(file).is_absolute():
-        raise ValueError(file)
+    for path in map(PurePosixPath, (name, file)):  # a manifest may be anybody's
+        if ".." in path.parts or path.is_absolute():
+            raise ValueError(file)
     try:
         size = (folder / file).stat().st_size
     except OSError:
