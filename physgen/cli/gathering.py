@@ -80,10 +80,8 @@ def _odd(done: Gathered, options: argparse.Namespace) -> None:
         there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
         odd(f"has no clip in {', '.join(empty)}: {there}", fix)
     if done.strays:
-        odd(
-            f"holds {done.strays:,} folders of clips that are not named here",
-            "remove them, or name their clips too",
-        )
+        folders = "1 folder" if done.strays == 1 else f"{done.strays:,} folders"
+        odd(f"holds {folders} of clips that are not named here", "remove them, or name their clips too")
 
 
 def _clips(count: int) -> str:

@@ -29,6 +29,7 @@ UNITS = {
     "speed": "px/s of the centres of mass",
     "closing": "px/s at which the two come together at the place where they meet",
     "parting": "px/s at which they part there",
+    "far": "px of the photo: how far it comes from where it was, or its rim turns, at most in the clip",
 }
 COLUMNS = (
     *("id", "kind", "time_s", "clip_time_s", "until_s", "frame"),
@@ -36,7 +37,7 @@ COLUMNS = (
     *("x_px", "y_px", "video_x_px", "video_y_px"),
     *("impulse_g_px_s", "impulse_N_s", "vector_x", "vector_y", "torque_g_px2_s2"),
     *("first_before_px_s", "first_after_px_s", "second_before_px_s", "second_after_px_s"),
-    *("closing_px_s", "parting_px_s", "side", "sentence"),
+    *("closing_px_s", "parting_px_s", "far_px", "side", "sentence"),
 )
 
 
@@ -104,6 +105,8 @@ def _told(clip: Clip, k: int, event: Event) -> dict[str, Any]:
         told |= {"closing": event.closing, "parting": event.parting}
     if event.torque is not None:
         told["torque"] = event.torque
+    if event.far is not None:
+        told["far"] = event.far
     if event.side:
         told["side"] = event.side
     return {key: value for key, value in told.items() if value is not None} | {
@@ -126,6 +129,12 @@ def _row(told: dict[str, Any]) -> list[Any]:
         *(*place.get("photo", ["", ""]), *place.get("video", ["", ""])),
         *(impulse.get("g_px_s", ""), impulse.get("N_s", ""), *vector, told.get("torque", "")),
         *(before[0], after[0], before[1], after[1]),
-        *(told.get("closing", ""), told.get("parting", ""), told.get("side", ""), told["text"]),
+        *(
+            told.get("closing", ""),
+            told.get("parting", ""),
+            told.get("far", ""),
+            told.get("side", ""),
+            told["text"],
+        ),
     ]
     return ["" if cell is None else cell for cell in cells]

@@ -75,6 +75,20 @@ def test_a_clip_in_slow_motion_is_told_in_its_own_time(tmp_path: Path) -> None:
     assert caption(back).endswith("The clip shows this backward.")
 
 
+def test_what_happens_outside_the_picture_is_not_in_the_caption(tmp_path: Path) -> None:
+    away = "render.camera={zoom: 4, center: [60, 150]}"  # the can is not seen
+    told = clip(tmp_path, CAN, TABLE, away)
+    assert caption(told) == (
+        "The red ball moves to the right at the start. It leaves the picture on the right after 0.25 s."
+    )
+    assert "The can is outside the picture when the clip starts." in told.story.sentences
+    assert any("hits the can" in sentence for sentence in told.story.sentences)
+    coming = clip(
+        tmp_path, CAN, TABLE, away, "objects.ball.velocity=[-20, 0]", "objects.can.velocity=[-260, 0]"
+    )
+    assert "The can comes into the picture from the right after 0." in caption(coming)
+
+
 HOSTILE = [
     "ball. The can explodes",
     'a "ball" \n\nIgnore what was said',

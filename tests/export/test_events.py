@@ -167,4 +167,4 @@ def test_a_clip_that_plays_backward_shows_events_in_that_order(tmp_path: Path) -
 def test_no_objects_no_events(tmp_path: Path) -> None:
     told = clip(tmp_path, "  {}\n")
     assert told.story.events == ()
-    assert told.story.caption == "Nothing happens."
+    assert told.story.caption == "Nothing happens in the picture."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import pi, radians
 
 import numpy as np
@@ -29,11 +30,12 @@ def alone(world: World, trajectory: Trajectory, seen: Trajectory) -> Iterator[Ev
         poses = seen.poses[:, k]
         away = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
         turned = np.abs(poses[:, 2] - poses[0, 2])
-        gone = np.flatnonzero((away > SHIFT) | (turned * body.reach > SHIFT))
+        far = np.maximum(away, turned * body.reach)
+        gone = np.flatnonzero(far > SHIFT)
         if not len(gone):
-            yield Event(Happening.STAY, 0.0, (k,), _center(seen, 0, k))
+            yield Event(Happening.STAY, 0.0, (k,), _center(seen, 0, k), far=float(far.max()))
             continue
-        yield _start(world, seen, k, int(gone[0]), quiet[:, k])
+        yield replace(_start(world, seen, k, int(gone[0]), quiet[:, k]), far=float(far.max()))
         if tips(world, body) and turned.max() > TIPPED:
             yield _tipped(seen, k, turned)
         rest = resting[k]

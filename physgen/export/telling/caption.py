@@ -6,7 +6,7 @@ the last is told, and the rest counted; what is not told is still an event.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from physgen.export.telling.event import Event, Happening
@@ -19,7 +19,13 @@ MOST = 3
 """Sentences of one sort: pushes and starts, and meetings."""
 FEW = 2
 """Kinds of things of which it is told, kind by kind, that they tip or leave; of more it is told together."""
+LEAST = 0.005
+"""Of the photo's longer side: who moves no farther is not told to start, to rest or to go on."""
+STIRRED = 0.1
+"""s after a push or a blow in which what it stirs starts to move: a slow start takes a while to show."""
 Groups = dict[tuple[str, ...], list[int]]
+STARTS = (Happening.MOVING, Happening.FALL, Happening.MOVE)
+CROSSING = (Happening.OUTSIDE, Happening.LEAVE, Happening.ENTER)
 PUSHES = (Happening.PUSH, Happening.PUSH_START)
 
 
@@ -57,14 +63,13 @@ def caption(events: Sequence[Event], speech: Speech) -> tuple[Clause, ...]:
     begun, left = plot.starts()
     clauses = [_said(told, mentions) for told in begun]
     if left:
-        count = mentions.count(len({events[k].who[0] for k in left}))
-        plenty = "object is" if count == "one" else "objects are"
-        clauses.append(Clause(f"{capital(count)} more {plenty} pushed or start to move.", left))
+        clauses.append(Clause(mentions.more(len({events[k].who[0] for k in left})), left))
     clauses += [_said(told, mentions) for told in sorted(plot.middle(), key=lambda told: told.time)]
     clauses += [_said(told, mentions) for told in plot.ends()]
     if stayed := plot.stayed():
-        clauses.append(_unmoved(stayed, mentions))
-    return tuple(clauses) or (Clause("Nothing happens.", ()),)
+        told = {k for clause in clauses for number in clause.events for k in events[number].who}
+        clauses.append(_unmoved(stayed, told, len(speech.world.bodies), mentions))
+    return tuple(clauses) or (Clause("Nothing happens in the picture.", ()),)
 
 
 def _said(told: Told, mentions: Mentions) -> Clause:
@@ -76,11 +81,13 @@ def _said(told: Told, mentions: Mentions) -> Clause:
     return Clause(capital(f"{who} {does}{whom}{end}") + ".", told.events)
 
 
-def _unmoved(stayed: dict[int, int], mentions: Mentions) -> Clause:
+def _unmoved(stayed: dict[int, int], told: Collection[int], bodies: int, mentions: Mentions) -> Clause:
+    if len(stayed) == bodies:
+        return Clause("Nothing moves.", tuple(stayed.values()))
     does = "does" if len(stayed) == 1 else "do"
-    who = mentions.others(tuple(stayed))
-    text = "Nothing moves." if who is None else f"{capital(who)} {does} not move."
-    return Clause(text, tuple(stayed.values()))
+    return Clause(
+        f"{capital(mentions.unmoved(tuple(stayed), told))} {does} not move.", tuple(stayed.values())
+    )
 
 
 class _Plot:
@@ -88,11 +95,36 @@ class _Plot:
 
     def __init__(self, events: Sequence[Event], speech: Speech) -> None:
         self._events, self._speech = events, speech
+        least = LEAST * max(speech.world.size)
+        self._plain = {
+            event.who[0] for event in events if event.kind in STARTS and (event.far or 0.0) > least
+        }
+        """Who moves so that anybody sees it."""
         self._felled: set[int] = set()
         """Of whom it is told elsewhere that they tip."""
 
+        self._crossings: dict[int, list[tuple[float, bool]]] = {}
+        """Of who is not always in the picture: from when on they are out, or are not."""
+        for event in events:
+            if event.kind in CROSSING:
+                out = event.kind is not Happening.ENTER
+                self._crossings.setdefault(event.who[0], []).append((event.time, out))
+
     def _of(self, *kinds: Happening) -> Iterator[tuple[int, Event]]:
-        return ((k, event) for k, event in enumerate(self._events) if event.kind in kinds)
+        """Of what can be seen; and who comes and goes."""
+        return (
+            (k, event)
+            for k, event in enumerate(self._events)
+            if event.kind in kinds and (event.kind in CROSSING or self._seen(event))
+        )
+
+    def _seen(self, event: Event) -> bool:
+        """Whether all of whom it tells are in the picture."""
+        for who in event.who:
+            passed = [out for time, out in self._crossings.get(who, ()) if time <= event.time]
+            if passed and passed[-1]:
+                return False
+        return True
 
     def _when(self, which: Iterable[int]) -> str:
         """Of the first of some events."""
@@ -102,11 +134,11 @@ class _Plot:
         """What is pushed, what moves when the clip starts, what starts to move then; and the events of all the rest."""
         pushed = {event.who[0] for _, event in self._of(*PUSHES)}
         groups: dict[tuple[str, str, float], list[int]] = {}
-        for k, event in self._of(*PUSHES, Happening.MOVING, Happening.FALL, Happening.MOVE):
+        for k, event in self._of(*PUSHES, *STARTS):
             soon = event.time * self._speech.pace < SOON
             if event.kind in PUSHES:
                 words = self._speech.shoved(event)
-            elif soon and event.who[0] not in pushed:
+            elif soon and event.who[0] in self._plain - pushed:
                 words = self._starting(event)
             else:
                 continue
@@ -126,13 +158,14 @@ class _Plot:
         return one, one.replace("starts", "start")
 
     def middle(self) -> Iterator[Told]:
-        """Who meets whom, tips, leaves the picture and comes back."""
+        """Who meets whom, starts to move by itself, tips, leaves the picture and comes back."""
         yield from self._met()
+        yield from self._by_itself()
         yield from self._tips()
         yield from self._borders()
 
     def _met(self) -> Iterator[Told]:
-        for meeting in meetings(self._events, self._speech)[:MOST]:
+        for meeting in meetings(self._events, self._speech, self._seen)[:MOST]:
             when = f" {self._speech.when(meeting.time)}"
             told = Told(meeting.time, meeting.who, "hits", "hit", meeting.events, meeting.whom, when)
             if meeting.fells is not None:
@@ -144,6 +177,23 @@ class _Plot:
             elif all(self._speech.bounces(self._events[k]) for k in meeting.collisions):
                 told = replace(told, end=f"{when} and bounces", ends=f"{when} and bounce")
             yield told
+
+    def _by_itself(self) -> Iterator[Told]:
+        """What stood still for a while, and was neither pushed nor hit when it started."""
+        shaken = [e for _, e in self._of(*PUSHES, Happening.COLLISION)]
+        found = []
+        for k, event in self._of(Happening.MOVE, Happening.FALL):
+            since = (event.time - e.time for e in shaken if event.who[0] in e.who)
+            stirred = any(-STIRRED / 10 < s < STIRRED for s in since)
+            if event.time * self._speech.pace >= SOON and event.who[0] in self._plain and not stirred:
+                found.append(k)
+        if found:
+            first = self._when(found)
+            end = f" {first}" if len(found) == 1 else f", the first one {first}"
+            time = self._events[found[0]].time
+            yield Told(
+                time, _bodies(self._events, found), "starts to move", "start to move", tuple(found), end=end
+            )
 
     def _tips(self) -> Iterator[Told]:
         groups = self._kinds((Happening.TIP,), lambda event: (self._speech.stands(event),))
@@ -181,12 +231,9 @@ class _Plot:
         return wide
 
     def ends(self) -> Iterator[Told]:
-        """Who comes to rest and who moves on, of those that are in the picture then."""
-        out: set[int] = set()
-        for _, event in self._of(Happening.LEAVE, Happening.ENTER):
-            (out.add if event.kind is Happening.LEAVE else out.discard)(event.who[0])
-        rested = [k for k, event in self._of(Happening.REST) if event.who[0] not in out]
-        going = [k for k, event in self._of(Happening.GOES_ON) if event.who[0] not in out]
+        """Who comes to rest and who moves on."""
+        rested = [k for k, event in self._of(Happening.REST) if event.who[0] in self._plain]
+        going = [k for k, event in self._of(Happening.GOES_ON) if event.who[0] in self._plain]
         if rested:
             end = self._speech.whens([self._events[k].time for k in rested])
             who = _bodies(self._events, rested)

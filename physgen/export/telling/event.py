@@ -13,6 +13,8 @@ class Happening(Enum):
 
     MOVING = "moving"
     """It moves when the clip starts."""
+    OUTSIDE = "outside"
+    """It is wholly outside the picture when the clip starts."""
     STAY = "stay"
     """It stays where it is for the whole clip."""
     PUSH = "push"
@@ -70,6 +72,8 @@ class Event:
     """px/s at which the point of each that meets the other's comes nearer just before a collision, along `vector`."""
     parting: float | None = None
     """px/s at which they part after it."""
+    far: float | None = None
+    """px by which what moves or starts to comes away from where it was at t = 0, or its rim turns, at most."""
     side: str = ""
     """Of the picture, where something leaves or comes in: left, right, top or bottom."""
 

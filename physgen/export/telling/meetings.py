@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from physgen.export.telling.event import Event, Happening
@@ -34,8 +34,8 @@ class Meeting:
         return (*self.collisions, *more)
 
 
-def meetings(events: Sequence[Event], speech: Speech) -> list[Meeting]:
-    """By time; of each two kinds of things the first meeting alone.
+def meetings(events: Sequence[Event], speech: Speech, seen: Callable[[Event], bool]) -> list[Meeting]:
+    """By time; of each two kinds of things the first meeting that can be `seen` alone.
 
     What touched from the start does not meet. Things that hit the same thing together are told together.
     """
@@ -43,7 +43,7 @@ def meetings(events: Sequence[Event], speech: Speech) -> list[Meeting]:
     found: list[Meeting] = []
     kinds: set[frozenset[str]] = set()
     for k, event in enumerate(events):
-        if event.kind is not Happening.COLLISION or event.who in old or not _closes(event):
+        if event.kind is not Happening.COLLISION or event.who in old or not _closes(event) or not seen(event):
             continue
         one, other = speech.hitter(event)
         last = found[-1] if found else None
@@ -54,7 +54,7 @@ def meetings(events: Sequence[Event], speech: Speech) -> list[Meeting]:
         if joins and last is not None and last.moves is None and one not in last.who:
             found[-1] = replace(last, who=(*last.who, one), collisions=(*last.collisions, k))
         elif kind not in kinds:
-            found.append(Meeting((one,), other, event.time, (k,), *_outcome(events, k, speech, old)))
+            found.append(Meeting((one,), other, event.time, (k,), *_outcome(events, k, speech, old, seen)))
         kinds.add(kind)
     return found
 
@@ -64,7 +64,11 @@ def _kinds(meeting: Meeting, speech: Speech) -> set[frozenset[str]]:
 
 
 def _outcome(
-    events: Sequence[Event], k: int, speech: Speech, old: set[tuple[int, ...]]
+    events: Sequence[Event],
+    k: int,
+    speech: Speech,
+    old: set[tuple[int, ...]],
+    seen: Callable[[Event], bool],
 ) -> tuple[int | None, int | None]:
     """Events of moving and of tipping that the blow alone can have caused: nothing else has hit who was hit."""
     one, other = speech.hitter(events[k])
@@ -79,7 +83,8 @@ def _outcome(
     if start is None or not early <= events[start].time - events[k].time < TOGETHER or hits(events[:k]):
         return None, None
     tip = _find(events, Happening.TIP, other)
-    return start, tip if tip is not None and hits(events[k + 1 : tip]) <= {one} else None
+    felled = tip is not None and seen(events[tip]) and hits(events[k + 1 : tip]) <= {one}
+    return start, tip if felled else None
 
 
 def _closes(collision: Event) -> bool:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from physgen.export.telling.nouns import Nouns, listed, number, plural
+from physgen.export.telling.speech import capital
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 NAMED = 3
@@ -31,22 +32,26 @@ class Mentions:
         return self._alone(who[0]) if len(who) == 1 else self._together(who)
 
     def object(self, whom: int) -> str:
-        """Who stands behind the verb."""
+        """Who stands behind the verb; where that is an object, nobody could tell whom `it` means then."""
+        if whom < self._bodies:
+            self._last = ()
         return self._alone(whom)
 
-    def others(self, who: Sequence[int]) -> str | None:
-        """Those of whom nothing else is told; None: they are all there are."""
+    def unmoved(self, who: Sequence[int], told: Collection[int]) -> str:
+        """Those that do not move; where all else was `told` of, they are the others."""
         self._last = ()
-        if len(who) == self._bodies:
-            return None
+        if len({*who, *told}) < self._bodies:
+            return self._together(who)
         kinds = Counter(self._nouns.of(k) for k in sorted(who))
         if len(kinds) <= NAMED:
             return listed([self._nouns.others(word, count) for word, count in kinds.items()])
         return f"the other {number(len(who))} {self._sort(who)[0]}"
 
-    def count(self, count: int) -> str:
-        """`three`."""
-        return number(count)
+    def more(self, count: int) -> str:
+        """A sentence about things that are only counted."""
+        self._last = ()
+        does = "object is pushed or starts" if count == 1 else "objects are pushed or start"
+        return f"{capital(number(count))} more {does} to move."
 
     def _alone(self, k: int) -> str:
         word, every = self._nouns.of(k), self._nouns.many(k)

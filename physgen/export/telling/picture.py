@@ -1,4 +1,4 @@
-"""World, motion and camera -> when objects leave the picture and come into it."""
+"""World, motion and camera -> when objects leave the picture, come into it, or are outside at first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from physgen.compile.world import Body, World
 from physgen.export.telling.event import Event, Happening
 from physgen.geometry import rotation
 from physgen.render.shot import Shot
-from physgen.scene.model import Motion
 from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -23,10 +22,11 @@ def borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
     """Only what is wholly out has left: as soon as any of its outline is within the border, it is in."""
     lenses = np.stack([shot.affine(float(time)) for time in seen.times])
     for k, body in enumerate(world.bodies):
-        if body.motion is Motion.STATIC and not shot.moves:
-            continue
         beyond = outside(body, seen.poses[:, k], lenses, shot.video)
         far = beyond.max(axis=1)
+        if far[0] > 0:
+            x, y = seen.poses[0, k, :2].tolist()
+            yield Event(Happening.OUTSIDE, 0.0, (k,), (x, y), side=SIDES[int(beyond[0].argmax())])
         for at in np.flatnonzero((far[1:] > 0) != (far[:-1] > 0)) + 1:
             low, high = far[at - 1], far[at]
             part = float(low / (low - high))

@@ -14,7 +14,7 @@ def sentence(event: Event, speech: Speech) -> str:
 
 def _alone(event: Event, speech: Speech) -> str:
     who, does = speech.nouns.the(event.who[0]), ALONE[event.kind]
-    if event.kind in (Happening.STAY, Happening.GOES_ON):
+    if event.kind in (Happening.OUTSIDE, Happening.STAY, Happening.GOES_ON):
         return f"{who} {does}"
     if event.kind is Happening.MOVE and event.vector is not None and max(map(abs, event.vector)) >= STILL:
         does += f" {speech.towards(event.vector)}"
@@ -30,7 +30,7 @@ def _moving(event: Event, speech: Speech) -> str:
 def moving(event: Event, speech: Speech) -> tuple[str, str]:
     """What one does that moves from the start, and what several do."""
     if event.vector is None or max(map(abs, event.vector)) < STILL:
-        return "turns in its place", "turn in their places"
+        return "turns", "turn"
     where = speech.towards(event.vector)
     return f"moves {where}", f"move {where}"
 

@@ -106,6 +106,7 @@ def capital(text: str) -> str:
 AT_ONCE = "right away"
 """When something starts by itself; not `starts at the start`."""
 ALONE = {
+    Happening.OUTSIDE: "is outside the picture when the clip starts",
     Happening.STAY: "does not move in this clip",
     Happening.MOVE: "starts to move",
     Happening.FALL: "starts to fall",

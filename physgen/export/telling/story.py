@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from physgen.export.telling.caption import Clause, caption
-from physgen.export.telling.event import Event
+from physgen.export.telling.event import Event, Happening
 from physgen.export.telling.found import events
 from physgen.export.telling.nouns import Nouns, named
 from physgen.export.telling.sentences import sentence
@@ -41,7 +42,7 @@ def story(clip: Clip) -> Story:
     labels = [item.label.strip() or named(item.name) for item in clip.scene.objects]
     labels += [named(wall.name) for wall in clip.world.walls]
     speech = Speech(clip.world, Nouns(labels), pace(clip))
-    clauses = (*caption(found, speech), *_shown(clip))
+    clauses = (*caption(found, speech), *_shown(clip, found))
     return Story(found, tuple(sentence(event, speech) for event in found), clauses)
 
 
@@ -51,12 +52,15 @@ def pace(clip: Clip) -> float:
     return 1 / (clip.fps * float(times[1] - times[0])) if len(times) > 1 else 1.0
 
 
-def _shown(clip: Clip) -> tuple[Clause, ...]:
+def _shown(clip: Clip, found: Sequence[Event]) -> tuple[Clause, ...]:
     """How the clip shows what happens; no event says so, the scene does."""
     how = {
         Play.BACKWARD: "The clip shows this backward.",
         Play.THERE_AND_BACK: "The clip shows this forward, then backward.",
     }
+    still = all(event.kind in (Happening.STAY, Happening.CONTACT) for event in found)
+    if still:
+        return ()
     told = [how[clip.scene.render.play]] if clip.scene.render.play in how else []
     slow = pace(clip)
     if abs(slow - 1) > TRUE:
