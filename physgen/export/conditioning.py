@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ class Conditioning:
         self._depths = None if depth is None else Depths(depth, clip.owners, clip.world)
         for name in ("masks", "flow", "force", *(["depth"] if self._depths else [])):
             (folder / name).mkdir()
+        self._idle: Path | None = None
         self._open = ExitStack()
         self._video, self._force = (
             self._open.enter_context(open_video(folder, Format.MP4, clip.size, clip.fps, name))
@@ -57,13 +59,23 @@ class Conditioning:
         save(folder / "masks" / f"{name}.png", ids)
         if moment.forward is not None:
             save(folder / "flow" / f"{name}.png", encoded(moment.forward))
-        save(folder / "force" / f"{name}.png", self._maps.channels(view.time, view.poses, view.lens))
+        self._push(moment, folder / "force" / f"{name}.png")
         blobs = self._blobs.picture(view.index, view.poses, view.lens)
         self._force(np.repeat(blobs[..., None], 3, axis=2))
         if self._depths is not None:
             low, high = self._depths.range
             part = (self._depths.seen(view) - low) / max(high - low, 1e-12)
             save(folder / "depth" / f"{name}.png", np.rint(np.clip(part, 0, 1) * DEEPEST).astype(np.uint16))
+
+    def _push(self, moment: Moment, path: Path) -> None:
+        """Where nothing pushes, all maps are the same file."""
+        view = moment.view
+        idle = self._maps.idle(view.time)
+        if idle and self._idle is not None:
+            copyfile(self._idle, path)
+            return
+        save(path, self._maps.channels(view.time, view.poses, view.lens))
+        self._idle = path if idle else self._idle
 
     def close(self) -> None:
         """The films are whole, and told of."""

@@ -93,6 +93,11 @@ class ForceMaps:
         self.most_turn = max((sum(abs(turn) for _, turn in row) for row in given), default=0.0)
         """g·px²/s."""
 
+    def idle(self, time: float) -> bool:
+        """Whether nothing pushes in a frame at `time` (s)."""
+        given = (shove.given(time, time + self._step) for shove in self._shoves)
+        return not any(vector.any() or turn for vector, turn in given)
+
     def channels(self, time: float, poses: Array, lens: Array) -> NDArray[np.uint16]:
         """(H, W, 3): impulse to the right, impulse down, turn clockwise, of a frame at `time` (s); see ZERO and FULL.
 
