@@ -11,12 +11,12 @@ from typing import Any
 from physgen.batch.axes import Listed, read_axes
 from physgen.batch.columns import Column, Kind
 from physgen.batch.harmed import harmed_files, is_blank
-from physgen.batch.outcomes import LASTING, START, STILL, STILL_TURN
 from physgen.batch.sweep import Design, Sweep
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.report.record import file_hash, versions, write_json
 from physgen.report.swept import unit
 from physgen.scene.words import Path as Keys
+from physgen.simulate.settled import LASTING, START, STILL, STILL_TURN
 from physgen.urls import is_url
 from physgen.whole import set_aside
 

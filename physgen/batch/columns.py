@@ -1,34 +1,14 @@
-"""What a table has columns for: a name, a kind and a unit each."""
+"""Values that somebody wrote -> the kind of column that holds them, and their cells."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 from physgen.batch.values import Value
+from physgen.tables import Cell, Column, Kind
 
-Cell = str | int | float | bool | None
-"""None is an empty cell."""
-
-
-class Kind(Enum):
-    """Of the values of a column."""
-
-    TEXT = "text"
-    WHOLE = "whole"
-    NUMBER = "number"
-    TRUTH = "truth"
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a table."""
-
-    name: str
-    kind: Kind = Kind.NUMBER
-    unit: str = ""
+__all__ = ["Cell", "Column", "Kind", "cell", "kind_of"]
 
 
 def kind_of(values: Iterable[Any]) -> Kind:

@@ -13,16 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.batch.columns import Cell, Column, Kind
+from physgen.simulate.settled import fresh, rests
 from physgen.simulate.trajectory import Trajectory
-
-STILL = 1.0
-"""px/s: what is slower is at rest, if it turns slower than `STILL_TURN` too."""
-STILL_TURN = 1.0
-"""degrees/s."""
-LASTING = 0.1
-"""s for which it must have been so at the clip's end: what hangs at the top of its way does not rest."""
-START = 0.005
-"""s: whom an object touches so early, it stood at or on before; it counts in `touches`, and not as a `first_touch`."""
 
 TOGETHER = (
     Column("peak_speed", Kind.NUMBER, "px/s"),
@@ -56,14 +48,14 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
     if not len(trajectory.times):
         return {}
     speeds = np.hypot(trajectory.velocities[..., 0], trajectory.velocities[..., 1])
-    rests = [_rest(trajectory, body) for body in range(len(trajectory.names))]
+    resting = rests(trajectory)
     touches = trajectory.contacts.touch_pairs
-    fresh = _fresh(trajectory)
+    begins = np.where(fresh(trajectory), trajectory.contacts.touch_times[:, 0], np.inf)
     cells: dict[str, Cell] = {"touches": len(touches)}
     if trajectory.names:
         cells["peak_speed"] = float(speeds.max())
-        cells["rest_time"] = None if None in rests else max(rest for rest in rests if rest is not None)
-        cells["first_touch"] = _first(fresh)
+        cells["rest_time"] = None if None in resting else max(rest for rest in resting if rest is not None)
+        cells["first_touch"] = _first(begins)
     for body, name in enumerate(trajectory.names):
         if name not in tracked:
             continue
@@ -73,35 +65,12 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
             "y": y,
             "angle": degrees(angle),
             "peak_speed": float(speeds[:, body].max()),
-            "rest_time": rests[body],
-            "first_touch": _first(fresh[(touches == body).any(axis=1)]),
+            "rest_time": resting[body],
+            "first_touch": _first(begins[(touches == body).any(axis=1)]),
             "touches": int((touches == body).any(axis=1).sum()),
         }
         cells |= {f"objects.{name}.{key}": value for key, value in found.items()}
     return {key: value for key, value in cells.items() if value is not None}
-
-
-def _rest(trajectory: Trajectory, body: int) -> float | None:
-    """s."""
-    velocity = trajectory.velocities[:, body]
-    turning = np.abs(velocity[:, 2:])
-    if trajectory.rolls.shape[1]:
-        turning = np.concatenate([turning, np.abs(trajectory.rolls[:, body])], axis=1)
-    slow = np.hypot(velocity[:, 0], velocity[:, 1]) < STILL
-    still = slow & (np.degrees(turning) < STILL_TURN).all(axis=1)
-    moving = np.flatnonzero(~still)
-    since = int(moving[-1]) + 1 if len(moving) else 0
-    if since == len(still) or trajectory.times[-1] - trajectory.times[since] < LASTING - 1e-9:
-        return None
-    return float(trajectory.times[since])
-
-
-def _fresh(trajectory: Trajectory) -> NDArray[np.float64]:
-    """(E,) s: when each touch began; infinite for those of pairs that touched from the start."""
-    begins = trajectory.contacts.touch_times[:, 0]
-    pairs = [tuple(pair) for pair in trajectory.contacts.touch_pairs.tolist()]
-    old = {pair for pair, begin in zip(pairs, begins.tolist(), strict=True) if begin < START}
-    return np.array([np.inf if pair in old else b for pair, b in zip(pairs, begins.tolist(), strict=True)])
 
 
 def _first(begins: NDArray[np.float64]) -> float | None:

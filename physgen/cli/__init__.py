@@ -13,6 +13,7 @@ from physgen.cli.caching import cache
 from physgen.cli.evaluating import evaluate
 from physgen.cli.exhibiting import gallery
 from physgen.cli.exporting import export
+from physgen.cli.gathering import dataset
 from physgen.cli.moving import check, simulate
 from physgen.cli.packing import pack, unpack
 from physgen.cli.perceiving import import_, list_backends, perceive
@@ -86,6 +87,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "render": render,
     "sweep": sweep,
     "export": export,
+    "dataset": dataset,
     "refine": refine,
     "gallery": gallery,
     "evaluate": evaluate,

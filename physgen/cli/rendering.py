@@ -127,9 +127,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         raise InputError.of("--single-file", "", "needs a page to put the video into", fix)
     formats = tuple(Format(name) for name in options.format)
     if options.export:
-        from physgen.export.writing import kinds
+        from physgen.cli.exporting import exportable
 
-        kinds(options.export)
+        exportable(options.export)
     refiner, overrides = _refining(options)
 
     def make(

@@ -81,7 +81,7 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
     from physgen.batch.outcomes import columns
     from physgen.batch.rows import row
     from physgen.batch.staged import staged
-    from physgen.batch.table import HINT, Table, has_parquet
+    from physgen.tables import HINT, Table, has_parquet
 
     variant = None if len(plan.variants) > 1 else plan.variants[0]
     named = f"{pipeline.output_name(options.scene, variant)}-sweep"

@@ -36,8 +36,23 @@ class Pair:
     elasticity: float
 
 
+@dataclass(frozen=True)
+class Pairing:
+    """The same, with everybody's name."""
+
+    first: tuple[str, ...]
+    second: tuple[str, ...]
+    friction: float
+    elasticity: float
+
+
 def pair_table(world: World) -> list[Pair]:
-    """The pair coefficients in use; things with equal surfaces share a row. Seen from above, so does the table."""
+    """The pair coefficients in use, as they are shown; see `pairings`."""
+    return [Pair(_names(p.first), _names(p.second), p.friction, p.elasticity) for p in pairings(world)]
+
+
+def pairings(world: World) -> list[Pairing]:
+    """The pair coefficients in use; things with equal surfaces share one. Seen from above, so does the table."""
     groups: dict[Surface, list[str]] = {}
     movable = len(world.bodies)
     pairs = []
@@ -53,14 +68,14 @@ def pair_table(world: World) -> list[Pair]:
         for b, second in rows[i:]:
             if a is b and len(first) == 1:
                 continue
-            pairs.append(
-                Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity)
-            )
+            pairs.append(_pairing(first, second, a, b))
         for b, second in walls.items():
-            pairs.append(
-                Pair(_names(first), _names(second), a.friction * b.friction, a.elasticity * b.elasticity)
-            )
+            pairs.append(_pairing(first, second, a, b))
     return pairs
+
+
+def _pairing(first: Sequence[str], second: Sequence[str], a: Surface, b: Surface) -> Pairing:
+    return Pairing(tuple(first), tuple(second), a.friction * b.friction, a.elasticity * b.elasticity)
 
 
 def _names(names: Sequence[str]) -> str:

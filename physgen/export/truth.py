@@ -27,6 +27,7 @@ from physgen.simulate.turning import matrix as in_space
 
 if TYPE_CHECKING:
     from physgen.export.paint import Paint
+    from physgen.export.telling.story import Story
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -104,6 +105,8 @@ class Clip:
     """1/s at which it plays."""
     count: int
     """Frames."""
+    shot: Shot
+    """Where the camera is at any time, and in which order the frames show the samples."""
     source: Mapping[str, str] = field(default_factory=dict)
     """What it was made of: paths and SHA-256."""
     stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
@@ -125,6 +128,13 @@ class Clip:
     def labels(self) -> tuple[str, ...]:
         """What each body is called in words; its name where nobody said."""
         return tuple(item.label or item.name for item in self.scene.objects)
+
+    @cached_property
+    def story(self) -> Story:
+        """What happens in it; worked out once for all formats that tell it."""
+        from physgen.export.telling.story import story
+
+        return story(self)
 
     @cached_property
     def categories(self) -> tuple[str, ...]:

@@ -64,6 +64,12 @@ KINDS = (
     Kind("youtubevos", "youtubevos:YoutubeVos", "masks, palette PNG as in YouTube-VOS", most=254),
     Kind("mot", "mot:Mot", "boxes and tracks, MOT Challenge text"),
     Kind("mots", "mots:Mots", "masks and tracks, MOTS text", library="pycocotools", most=999),
+    Kind("events", "events:Events", "what happens: JSON, CSV, a sentence for each event and a caption"),
+    Kind(
+        "trajectory", "trajectory:Motions", "poses and velocities in px, video px and SI: CSV, Parquet, npz"
+    ),
+    Kind("conditioning", "conditioning:Conditioning", "what video models are conditioned on", maps=True),
+    Kind("physics", "physics:Physics", "masses, coefficients and all that the motion follows from: JSON"),
 )
 
 

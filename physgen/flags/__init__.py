@@ -11,6 +11,7 @@ from physgen import __version__
 from physgen.flags.clusters import clusters
 from physgen.flags.exhibiting import exhibit
 from physgen.flags.exporting import exports, labels
+from physgen.flags.gathering import dataset
 from physgen.flags.measures import measures
 from physgen.flags.packing import pack, unpack
 from physgen.flags.perceiving import perceive, who
@@ -172,10 +173,17 @@ def build_parser() -> argparse.ArgumentParser:
     sub = command(
         "export",
         "Scenes to ground truth: flow, masks, tracks and events, in the formats that other tools read.",
-        "physgen export scene.yaml --format flo,coco -o labels",
+        "physgen export scene.yaml --format flo,events,conditioning --frames 49 --size 832x480 --fps 16 -o labels",
     )
     exports(sub)
     _overlays(sub)
+
+    sub = command(
+        "dataset",
+        "Clips that are there to a data set for training: a folder, or WebDataset shards; split by photo.",
+        "physgen dataset out sweep -o data --layout webdataset",
+    )
+    dataset(sub)
 
     sub = command(
         "refine",

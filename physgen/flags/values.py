@@ -53,6 +53,16 @@ def side(text: str) -> int:
     return int(text)
 
 
+def two_sides(text: str) -> tuple[int, int]:
+    """`832x480` -> px."""
+    sides = text.lower().split("x")
+    if len(sides) != 2 or not all(
+        part.isdecimal() and len(part) < 6 and 2 <= int(part) <= 16384 for part in sides
+    ):
+        raise argparse.ArgumentTypeError(f"{text} is not a size from 2x2 to 16384x16384, e.g. 832x480")
+    return int(sides[0]), int(sides[1])
+
+
 def count(text: str) -> int:
     """A number of things."""
     if not text.isdecimal() or not 1 <= int(text) <= 1024:

@@ -72,6 +72,7 @@ class Labels:
             scene.video_size,
             scene.render.fps,
             len(shot.order),
+            shot,
             record.inputs,
             stood=_stood(filming, self.maps),
         )

@@ -44,6 +44,8 @@ class Blow:
     """(2,) px of the photo."""
     impulse: float
     """g·px/s."""
+    way: Array
+    """(2,) unit: where the second of the pair pushes the first."""
     pair: tuple[int, int]
     """The two surfaces, counted as in `World.surfaces`."""
 
@@ -69,7 +71,8 @@ def blows(world: World, seen: Trajectory, span: float) -> list[Blow]:
     place = np.maximum(np.ceil(seen.times[rows[:, 0]] / span - 1e-9).astype(np.int64) - 1, 0)
     B = int(place.max()) + AFTER + 2
     keys, group = np.unique((rows[:, 1] * S + rows[:, 2]) * B + place, return_inverse=True)
-    given = np.hypot(*(np.bincount(group, part, len(keys)) for part in contacts.impulses.T))
+    pushes = np.stack([np.bincount(group, part, len(keys)) for part in contacts.impulses.T], axis=1)
+    given = np.hypot(*pushes.T)
     lasting = np.maximum(
         _given(keys, given, -1), np.min([_given(keys, given, k + 1) for k in range(AFTER)], axis=0)
     )
@@ -97,7 +100,8 @@ def blows(world: World, seen: Trajectory, span: float) -> list[Blow]:
             points_before, gap_before = between(world, seen.poses[before], first, second)
             if gap_before < gap - SLACK:
                 sample, points = before, points_before
-            found.append(Blow(float(seen.times[sample]), points.mean(axis=0), push, (first, second)))
+            way = pushes[k] / given[k]
+            found.append(Blow(float(seen.times[sample]), points.mean(axis=0), push, way, (first, second)))
         last = int(keys[k])
     return sorted(found, key=lambda blow: blow.time)
 

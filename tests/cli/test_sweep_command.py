@@ -15,7 +15,8 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 
-from physgen.batch import asked, table
+from physgen import tables
+from physgen.batch import asked
 from physgen.cli import main
 
 LESSON = """\
@@ -206,7 +207,7 @@ def test_the_folder_is_named_after_scene_and_variant(
 
 
 def test_without_pyarrow_there_is_csv_and_one_line(lesson: Path, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(table, "find_spec", lambda name: None)
+    monkeypatch.setattr(tables, "find_spec", lambda name: None)
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6", "--track", "crate") == 0
     assert capsys.readouterr().err == 'the table is CSV alone; pip install "physgen[tables]" adds Parquet\n'
     names = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_file())
@@ -227,13 +228,13 @@ def test_what_parquet_cannot_hold_leaves_the_csv(tmp_path: Path) -> None:
     from physgen.batch.columns import Column, Kind
 
     (tmp_path / "sweep.parquet").write_text("of the run before")
-    with table.Table(tmp_path / "sweep", [Column("n", Kind.WHOLE)]) as made:
-        for n in range(table.GROUP + 2):
+    with tables.Table(tmp_path / "sweep", [Column("n", Kind.WHOLE)]) as made:
+        for n in range(tables.GROUP + 2):
             made.add({"n": n if n else 1e20})
         assert made.publish() == [tmp_path / "sweep.csv"]
     assert made.lost is not None
     assert [p.name for p in tmp_path.iterdir()] == ["sweep.csv"]
-    assert pd.read_csv(tmp_path / "sweep.csv")["n"].tolist() == [1e20, *range(1, table.GROUP + 2)]
+    assert pd.read_csv(tmp_path / "sweep.csv")["n"].tolist() == [1e20, *range(1, tables.GROUP + 2)]
 
 
 def test_nothing_of_somebody_else_is_written_over(lesson: Path, tmp_path: Path, capsys) -> None:
@@ -323,7 +324,7 @@ def test_rows_by_the_ten_thousand_go_out_in_groups(tmp_path: Path) -> None:
     from physgen.batch.columns import Column, Kind
 
     columns = [Column("n", Kind.WHOLE), Column("x"), Column("word", Kind.TEXT), Column("on", Kind.TRUTH)]
-    with table.Table(tmp_path / "sweep", columns) as made:
+    with tables.Table(tmp_path / "sweep", columns) as made:
         for n in range(10_000):
             made.add({"n": n, "x": n / 3, "word": f'a,"{n}"', "on": n % 2 == 0} if n % 7 else {"n": n})
         made.publish()
@@ -347,7 +348,7 @@ def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
     (tmp_path / "sweep.csv").write_text("of the run before\n")
 
     def fill() -> None:
-        with table.Table(tmp_path / "sweep", [Column("word", Kind.TEXT)]) as made:
+        with tables.Table(tmp_path / "sweep", [Column("word", Kind.TEXT)]) as made:
             for _ in range(1000):
                 made.add({"word": "x" * 100})
 

@@ -1,4 +1,4 @@
-"""Rows, one at a time -> `sweep.csv`, and `sweep.parquet` where pyarrow is: both appear when they are whole.
+"""Rows, one at a time -> a CSV file, and a Parquet file where pyarrow is: both appear when they are whole.
 
 Memory does not grow with the rows: CSV goes out row by row, Parquet in groups.
 """
@@ -9,17 +9,39 @@ import csv
 import fcntl
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from enum import Enum
 from importlib.util import find_spec
 from io import BufferedWriter, FileIO, TextIOWrapper
 from pathlib import Path
 from types import TracebackType
 
-from physgen.batch.columns import Cell, Column, Kind
 from physgen.whole import partial
 
 GROUP = 4096
 """Rows of a group of a Parquet file."""
 HINT = 'the table is CSV alone; pip install "physgen[tables]" adds Parquet'
+
+Cell = str | int | float | bool | None
+"""None is an empty cell."""
+
+
+class Kind(Enum):
+    """Of the values of a column."""
+
+    TEXT = "text"
+    WHOLE = "whole"
+    NUMBER = "number"
+    TRUTH = "truth"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table."""
+
+    name: str
+    kind: Kind = Kind.NUMBER
+    unit: str = ""
 
 
 def has_parquet() -> bool:
@@ -110,7 +132,7 @@ class Table:
 
 @contextmanager
 def _beside(path: Path) -> Iterator[FileIO]:
-    """`sweep.part.csv`, for whoever wants to look; gone at the end. Where another run fills it, a file of our own."""
+    """`NAME.part.csv`, for whoever wants to look; gone at the end. Where another run fills it, a file of our own."""
     beside = path.with_name(f"{path.stem}.part{path.suffix}")
     file = FileIO(beside, "a")
     try:

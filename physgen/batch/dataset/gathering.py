@@ -1,0 +1,186 @@
+"""Folders of clips -> a data set in a folder of its own; run again, it makes only what is missing or has changed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from physgen import __version__
+from physgen.batch.dataset.card import card
+from physgen.batch.dataset.folders import Copy, Folders, Link
+from physgen.batch.dataset.found import checked, clips
+from physgen.batch.dataset.layout import Count, Layout
+from physgen.batch.dataset.sample import sample
+from physgen.batch.dataset.shards import Shards
+from physgen.batch.dataset.splits import Splits
+from physgen.problems import InputError, Problem
+from physgen.whole import write_whole
+
+NAME = "dataset.json"
+LAYOUTS = ("folder", "webdataset")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What kind of data set."""
+
+    layout: str
+    """One of `LAYOUTS`."""
+    splits: Splits
+    formats: tuple[str, ...] = ()
+    """Labels that go along; empty: all that clips have."""
+    shard_clips: int = 1000
+    shard_bytes: int = 1_000_000_000
+    link: bool = False
+    """In a folder, names of the same files where the disk allows, no copies."""
+
+    def settings(self) -> dict[str, Any]:
+        """What may not change from run to run."""
+        told: dict[str, Any] = {"dataset": 1, "layout": self.layout, "seed": self.splits.seed}
+        told |= {"splits": dict(self.splits.shares), "formats": list(self.formats)}
+        if self.layout == "webdataset":
+            told |= {"shard_clips": self.shard_clips, "shard_bytes": self.shard_bytes}
+        return told
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """What was done."""
+
+    counts: Mapping[str, Count]
+    """By split."""
+    made: int
+    kept: int
+    left_out: int
+    """Clips that cannot be used."""
+    strays: int
+    """Clips that lie there and are not of this data set."""
+    files: Sequence[Path]
+    """Those that readers open, the card first."""
+
+
+def gather(
+    roots: Sequence[Path],
+    out: Path,
+    asked: Asked,
+    command: Sequence[str],
+    warn: Callable[[Problem], None],
+    progress: Callable[[int], None] = lambda count: None,
+) -> Gathered:
+    """Raises InputError where the folders or `out` cannot be used, or where there is no clip at all.
+
+    Clips that cannot be used are told of, left out and counted.
+    """
+    roots = checked(roots)
+    _own(out, asked, roots)
+    counts = {name: Count() for name in asked.splits.names}
+    formats: set[str] = set()
+    layout = _layout(out, asked)
+    try:
+        left_out = _added(roots, out, asked, layout, counts, formats, warn, progress)
+        files = layout.close()
+    except BaseException:
+        layout.drop()
+        raise
+    text = card(asked.layout, counts, asked.splits, sorted(formats), command, _shards(files))
+    write_whole(out / "README.md", text.encode())
+    told = {name: _count(count) for name, count in counts.items()}
+    write_whole(out / NAME, _json({**asked.settings(), "physgen": __version__, "counts": told}))
+    strays = layout.strays()
+    return Gathered(counts, layout.made, layout.kept, left_out, strays, [out / "README.md", *files])
+
+
+def _added(
+    roots: Sequence[Path],
+    out: Path,
+    asked: Asked,
+    layout: Layout,
+    counts: Mapping[str, Count],
+    formats: set[str],
+    warn: Callable[[Problem], None],
+    progress: Callable[[int], None],
+) -> int:
+    """All clips into the layout; returns how many were left out. Raises InputError where none is left."""
+    keys: set[str] = set()
+    left_out = 0
+    for number, found in enumerate(clips(roots)):
+        try:
+            one = sample(found, asked.splits, asked.formats)
+            if one.key in keys:
+                fix = "give one of their folders another name"
+                raise InputError.of(str(found.folder), "", f"is called {one.key}, as another clip is", fix)
+        except InputError as error:
+            left_out += 1
+            for problem in error.problems:
+                warn(problem)
+            continue
+        if not keys:
+            out.mkdir(parents=True, exist_ok=True)
+            write_whole(out / NAME, _json(asked.settings()))
+        keys.add(one.key)
+        layout.add(one)
+        counts[one.split].add(one)
+        formats |= set(one.about["labels"])
+        progress(number + 1)
+    if not keys:
+        fix = "name folders that physgen rendered or exported into"
+        names = ", ".join(map(str, roots))
+        raise InputError.of(names, "", "holds no clip that can be used", fix)
+    return left_out
+
+
+def _layout(out: Path, asked: Asked) -> Layout:
+    if asked.layout == "folder":
+        return Folders(out, asked.splits.names, Link() if asked.link else Copy())
+    return Shards(out, asked.splits.names, asked.shard_clips, asked.shard_bytes)
+
+
+def _own(out: Path, asked: Asked, roots: Sequence[Path]) -> None:
+    """The folder is empty or new, or holds a data set of the same settings. Raises InputError."""
+    if out.exists() and not out.is_dir():
+        raise InputError.of(str(out), "", "is a file", "name a folder with -o")
+    for root in roots:
+        if out.resolve().is_relative_to(root.resolve()) or root.resolve().is_relative_to(out.resolve()):
+            fix = "name a folder beside it with -o"
+            raise InputError.of(str(out), "", f"and {root}, which is read, lie in each other", fix)
+    if not out.exists() or not any(out.iterdir()):
+        return
+    try:
+        told = json.loads((out / NAME).read_bytes())
+        ours = bool(told["dataset"] == 1)
+    except (OSError, ValueError, KeyError, TypeError):
+        ours = False
+    if not ours:
+        raise InputError.of(
+            str(out), "", "is not empty and holds no data set of ours", "choose another folder with -o"
+        )
+    for name, value in asked.settings().items():
+        if told.get(name) != value:
+            found = f"holds a data set with {name} {json.dumps(told.get(name))}, not {json.dumps(value)}"
+            raise InputError.of(str(out), "", found, "choose another folder with -o, or remove it")
+
+
+def _shards(files: Sequence[Path]) -> dict[str, int]:
+    """Number of shards of each split."""
+    found: dict[str, int] = {}
+    for path in files:
+        found[path.parent.name] = found.get(path.parent.name, 0) + 1
+    return found
+
+
+def _count(count: Count) -> dict[str, Any]:
+    return {
+        "clips": count.clips,
+        "photos": len(count.photos),
+        "frames": count.frames,
+        "seconds": round(count.seconds, 6),
+        "bytes": count.bytes,
+        "captions": count.captions,
+    }
+
+
+def _json(data: Mapping[str, Any]) -> bytes:
+    return (json.dumps(data, indent=1, ensure_ascii=False) + "\n").encode()

@@ -1,0 +1,169 @@
+"""Scene and world -> physics.json: all that the motion follows from, with units, and who said each number."""
+
+from __future__ import annotations
+
+from math import degrees, isfinite
+from pathlib import Path
+from typing import Any
+
+from physgen.compile.pairs import pairings
+from physgen.compile.world import Body, Joint, Push, World
+from physgen.export.motion import Moment
+from physgen.export.plain import write_json
+from physgen.export.scale import Scale
+from physgen.export.truth import Clip
+from physgen.scene.model import Load, Object, Scene
+
+UNITS = {
+    "size, place, radius, length": "px",
+    "time, start, end": "s",
+    "mass": "g",
+    "mass_kg": "kg",
+    "moment": "g·px², about the centre of mass",
+    "moment_kg_m2": "kg·m²",
+    "velocity": "px/s",
+    "spin": "degrees/s, positive turns +x towards +y",
+    "gravity": "px/s²",
+    "gravity_m_s2": "m/s²",
+    "impulse": "g·px/s",
+    "force": "g·px/s²",
+    "torque": "g·px²/s²",
+    "stiffness": "g/s²",
+    "damping": "g/s",
+    "friction, elasticity": "of one surface by itself; `pairs` has what holds between two",
+}
+SAID = ("mass", "density", "friction", "elasticity", "rolling", "velocity", "spin", "solid", "motion")
+"""Keys of an object of which it is told who said them."""
+
+
+class Physics:
+    """One file."""
+
+    def __init__(self, folder: Path, clip: Clip) -> None:
+        self._folder, self._clip = folder, clip
+
+    def add(self, moment: Moment) -> None:
+        """Pictures tell nothing new."""
+
+    def close(self) -> None:
+        """Write it."""
+        write_json(self._folder / "physics.json", physics(self._clip))
+
+
+def physics(clip: Clip) -> dict[str, Any]:
+    """As JSON. `from` says `written` of what the scene file has, `default` of what it leaves out, or who guessed it."""
+    scene, world, scale = clip.scene, clip.world, Scale.of(clip.scene)
+    gravity = world.gravity.tolist()
+    return {
+        "version": 1,
+        "clip": clip.name,
+        "units": UNITS,
+        "scale": scale.as_dict(),
+        "view": world.view.value,
+        "size": list(world.size),
+        "duration": world.duration,
+        "steps_per_second": world.steps_per_second,
+        "combine": world.combine.value,
+        "gravity": gravity,
+        "gravity_m_s2": [scale.meters(value) for value in gravity],
+        "table": {"friction": scene.world.table_friction, "press": world.press} if world.press > 0 else None,
+        "objects": [
+            _object(scene, item, body, label, scale)
+            for item, body, label in zip(scene.objects, world.bodies, clip.labels, strict=True)
+        ],
+        "boundaries": [
+            {
+                "name": item.name,
+                "lines": [chain.tolist() for chain in wall.chains],
+                "friction": item.friction,
+                "elasticity": item.elasticity,
+                "from": _said(scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}),
+            }
+            for item, wall in zip(scene.boundaries, world.walls, strict=True)
+        ],
+        "pairs": [
+            {"first": p.first, "second": p.second, "friction": p.friction, "elasticity": p.elasticity}
+            for p in pairings(world)
+        ],
+        "forces": [_push(push, world) for push in world.pushes],
+        "joints": [_joint(joint, world) for joint in world.joints],
+        "fields": [
+            {
+                "name": field.name,
+                "kind": field.kind.value,
+                "objects": [world.bodies[k].name for k in field.bodies],
+                "vector": field.vector.tolist(),
+                "drag": field.drag,
+                "strength": field.strength,
+                "soften": field.soften,
+            }
+            for field in world.fields
+        ],
+    }
+
+
+def _object(scene: Scene, item: Object, body: Body, label: str, scale: Scale) -> dict[str, Any]:
+    per = scale.pixels_per_meter
+    moves = isfinite(body.mass)
+    return {
+        "name": item.name,
+        "label": label,
+        "motion": item.motion.value,
+        "solid": body.solid.value,
+        "place": body.center.tolist(),
+        "radius": body.radius,
+        "mass": body.mass if moves else None,
+        "mass_kg": body.mass / 1000 if moves else None,
+        "moment": body.moment if moves else None,
+        "moment_kg_m2": body.moment / 1000 / per**2 if moves and scale.known else None,
+        "friction": item.friction,
+        "elasticity": item.elasticity,
+        "rolling": item.rolling,
+        "velocity": list(item.velocity),
+        "velocity_m_s": [scale.meters(value) for value in item.velocity],
+        "spin": item.spin,
+        "from": _said(scene, f"objects.{item.name}", SAID, item.provenance),
+    }
+
+
+def _said(scene: Scene, path: str, keys: tuple[str, ...], by: Any) -> dict[str, str]:
+    """Of each key, who said it."""
+    said = {
+        key: str(by[key]) if key in by else "written" if f"{path}.{key}" in scene.places else "default"
+        for key in keys
+    }
+    if said.get("mass") == "default" and said.get("density") != "default":
+        del said["mass"]  # it follows
+    elif "density" in said:
+        del said["density"]
+    return said
+
+
+def _push(push: Push, world: World) -> dict[str, Any]:
+    told: dict[str, Any] = {"object": world.bodies[push.body].name, "start": push.start}
+    if push.load is Load.TORQUE:
+        told["torque"] = push.torque
+    else:
+        told[push.load.value] = push.vector.tolist()
+        told["place"] = (world.bodies[push.body].center + push.at).tolist()
+    if push.load is not Load.IMPULSE:
+        told["end"] = push.end if isfinite(push.end) else None
+    return told
+
+
+def _joint(joint: Joint, world: World) -> dict[str, Any]:
+    second = None if joint.second is None else world.bodies[joint.second]
+    first = world.bodies[joint.first]
+    other = joint.second_at if second is None else second.center + joint.second_at
+    return {
+        "name": joint.name,
+        "kind": joint.kind.value,
+        "objects": [first.name] if second is None else [first.name, second.name],
+        "places": [(first.center + joint.first_at).tolist(), other.tolist()],
+        "length": joint.length,
+        "stiffness": joint.stiffness,
+        "damping": joint.damping,
+        "speed": degrees(joint.speed),
+        "limit": joint.limit if isfinite(joint.limit) else None,
+        "collide": joint.collide,
+    }

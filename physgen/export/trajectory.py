@@ -1,0 +1,121 @@
+"""Motion -> trajectory.csv, .parquet and .npz: where each object is in each frame, in px of photo and video, and in SI.
+
+Rows and arrays go through the frames in the order in which the clip shows them; image axes, +y down, in all units.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.export.motion import Moment
+from physgen.export.scale import Scale
+from physgen.export.truth import Clip
+from physgen.render.shot import Shot
+from physgen.tables import Cell, Column, Kind, Table
+
+Array = NDArray[np.float64]
+
+COLUMNS = (
+    Column("frame", Kind.WHOLE),
+    Column("clip_time", Kind.NUMBER, "s"),
+    Column("time", Kind.NUMBER, "s"),
+    Column("object", Kind.TEXT),
+    Column("x", Kind.NUMBER, "px"),
+    Column("y", Kind.NUMBER, "px"),
+    Column("angle", Kind.NUMBER, "rad"),
+    Column("vx", Kind.NUMBER, "px/s"),
+    Column("vy", Kind.NUMBER, "px/s"),
+    Column("spin", Kind.NUMBER, "rad/s"),
+    Column("video_x", Kind.NUMBER, "video px"),
+    Column("video_y", Kind.NUMBER, "video px"),
+    Column("video_vx", Kind.NUMBER, "video px/s"),
+    Column("video_vy", Kind.NUMBER, "video px/s"),
+    Column("x_m", Kind.NUMBER, "m"),
+    Column("y_m", Kind.NUMBER, "m"),
+    Column("vx_m", Kind.NUMBER, "m/s"),
+    Column("vy_m", Kind.NUMBER, "m/s"),
+)
+HAIR = 1e-5
+"""s before and after a moment between which the camera's motion is taken."""
+
+
+class Motions:
+    """A row a frame and object; without pyarrow there is no Parquet."""
+
+    def __init__(self, folder: Path, clip: Clip) -> None:
+        self._folder, self._clip = folder, clip
+
+    def add(self, moment: Moment) -> None:
+        """Pictures tell nothing new."""
+
+    def close(self) -> None:
+        """Write all."""
+        arrays = motion(self._clip)
+        names = self._clip.names
+        with Table(self._folder / "trajectory", COLUMNS) as table:
+            for row in rows(arrays, names):
+                table.add(row)
+            table.publish()
+        np.savez_compressed(self._folder / "trajectory.npz", allow_pickle=False, **arrays)
+
+
+def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
+    """T frames, N objects; the arrays of the archive, whose names end in their units where these are not px and rad."""
+    trajectory, order = clip.trajectory, np.array(clip.shot.order, np.int64)
+    times, poses, velocities = (
+        array[order] for array in (trajectory.times, trajectory.poses, trajectory.velocities)
+    )
+    places, speeds = on_video(clip.shot, times, poses, velocities)
+    scale = Scale.of(clip.scene)
+    per_meter = scale.pixels_per_meter if scale.known else np.nan
+    arrays: dict[str, NDArray[np.generic]] = {
+        "names": np.array(clip.names, np.str_),
+        "labels": np.array(clip.labels, np.str_),
+        "frames": np.arange(len(order)),
+        "clip_times": np.arange(len(order)) / clip.fps,
+        "times": times,
+        "poses": poses,
+        "velocities": velocities,
+        "video_places": places,
+        "video_velocities": speeds,
+        "lenses": np.array([clip.shot.affine(float(time)) for time in times]).reshape(-1, 2, 3),
+        "places_m": poses[..., :2] / per_meter,
+        "velocities_m_s": velocities[..., :2] / per_meter,
+        "pixels_per_meter": np.array(per_meter),
+    }
+    if trajectory.turns.size:
+        arrays |= {"rolls": trajectory.rolls[order], "turns": trajectory.turns[order]}
+    return arrays
+
+
+def on_video(shot: Shot, times: Array, poses: Array, velocities: Array) -> tuple[Array, Array]:
+    """Places (T, N, 2) video px of the centres of mass, and how fast they move there, px a second of the motion.
+
+    What the camera does is in both: an object that it follows hardly moves.
+    """
+    places, speeds = np.empty((*poses.shape[:2], 2)), np.empty((*poses.shape[:2], 2))
+    for t, time in enumerate(times.tolist()):
+        lens = shot.affine(time)
+        early, late = max(time - HAIR, 0.0), time + HAIR
+        turning = (shot.affine(late) - shot.affine(early)) / (late - early)
+        at = np.column_stack([poses[t, :, :2], np.ones(len(poses[t]))])
+        places[t] = at @ lens.T
+        speeds[t] = velocities[t, :, :2] @ lens[:, :2].T + at @ turning.T
+    return places, speeds
+
+
+def rows(arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...]) -> list[dict[str, Cell]]:
+    """Cells by the columns' names; metres are empty where nobody knows the scale."""
+    keys = ("poses", "velocities", "video_places", "video_velocities", "places_m", "velocities_m_s")
+    told = np.concatenate([arrays[key] for key in keys], axis=2).tolist()
+    values = [column.name for column in COLUMNS[4:]]
+    clip_times, times = arrays["clip_times"].tolist(), arrays["times"].tolist()
+    return [
+        {"frame": t, "clip_time": clip_times[t], "time": times[t], "object": name}
+        | {key: value for key, value in zip(values, told[t][n], strict=True) if value == value}
+        for t in range(len(times))
+        for n, name in enumerate(names)
+    ]

@@ -1,0 +1,337 @@
+"""`physgen dataset` as a person runs it; what it makes read by tarfile, webdataset and the documented formats."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import tarfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import webdataset
+import yaml
+
+from physgen.batch.dataset.found import clips
+from physgen.batch.dataset.shards import Shards
+from physgen.batch.dataset.splits import Splits, read_splits
+from physgen.cli import main
+from physgen.problems import InputError
+
+SCENE = """\
+physgen: 1
+size: [48, 32]
+world: {duration: 0.2, gravity: [0, 0]}
+objects:
+  ball: {shape: {circle: {center: [%d, 16], radius: 6}}, mass: 100, velocity: [60, 0]}
+render: {fps: 15}
+"""
+HALVES = ["--split", "train=0.5,test=0.5", "--seed", "3"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep of one scene, and single clips of four others."""
+    root = tmp_path_factory.mktemp("clips")
+    scenes = root / "scenes"
+    scenes.mkdir()
+    for k in range(5):
+        (scenes / f"scene-{k}.yaml").write_text(SCENE % (12 + k))
+    labels = ["--export", "events,flo", "--report", "none"]
+    sweep = [
+        "sweep",
+        str(scenes / "scene-0.yaml"),
+        "objects.ball.velocity.0=30,60.5",
+        "objects.ball.mass=50,200",
+    ]
+    assert main([*sweep, "-o", str(root / "out" / "sweep"), *labels]) == 0
+    others = [str(scenes / f"scene-{k}.yaml") for k in range(1, 4)]
+    assert main(["render", *others, "-o", str(root / "out" / "few"), *labels]) == 0
+    coarse = [
+        "export",
+        str(scenes / "scene-4.yaml"),
+        "--format",
+        "conditioning",
+        "-o",
+        str(root / "out" / "labels"),
+    ]
+    assert main(coarse) == 0
+    return root / "out"
+
+
+def dataset(made: Path, out: Path, *flags: str) -> int:
+    return main(["dataset", str(made), "-o", str(out), *flags])
+
+
+def rows(out: Path) -> Iterator[tuple[Path, dict]]:
+    """As `datasets` documents `metadata.jsonl`: file_name is relative to it, and splits are folders."""
+    for path in sorted(out.glob("*/metadata.jsonl")):
+        for line in path.read_text().splitlines():
+            yield path.parent, json.loads(line)
+
+
+def test_a_folder_has_a_row_for_every_clip(made: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "data"
+    assert dataset(made, out, *HALVES) == 0
+    told = list(rows(out))
+    assert len(told) == 8
+    columns = {tuple(row) for _, row in told}
+    assert len(columns) == 1  # a table has the same ones in every row
+    for home, row in told:
+        video = home / row["file_name"]
+        assert video.read_bytes()[4:8] == b"ftyp"
+        assert row["split"] == home.name
+        assert row["scene"].startswith("scene-")
+        assert row["caption"].startswith("The ball ")
+        assert (row["frames"], row["fps"], row["width"], row["height"]) == (3, 15, 48, 32)
+        assert set(row["labels"]) <= {"events", "flo", "conditioning"}
+        assert all((video.parent / name).is_dir() for name in row["labels"])
+        about = json.loads((video.parent / "clip.json").read_text())
+        assert {**row, "digest": about["digest"]} == {"file_name": row["file_name"], **about}
+        with np.load(video.parent / "trajectory.npz") as file:
+            assert len(file["times"]) == 3
+    swept = [json.loads(row["parameters"]) for _, row in told if row["scene"] == "scene-0"]
+    assert [tuple(values.values()) for values in swept] == [(30, 50), (30, 200), (60.5, 50), (60.5, 200)]
+    assert set(swept[0]) == {"objects.ball.velocity.0", "objects.ball.mass"}
+    printed = capsys.readouterr().out.split()
+    assert printed[0] == str(out / "README.md")
+
+
+def test_all_clips_of_a_photo_are_in_one_split_whatever_else_there_is(made: Path, tmp_path: Path) -> None:
+    dataset(made, tmp_path / "all", *HALVES)
+    where: dict[str, set[str]] = {}
+    for _, row in rows(tmp_path / "all"):
+        where.setdefault(row["photo"], set()).add(row["split"])
+    assert len(where) == 5
+    assert all(len(splits) == 1 for splits in where.values())
+    assert len({split for splits in where.values() for split in splits}) == 2
+    main(["dataset", str(made / "few"), "-o", str(tmp_path / "few"), *HALVES])
+    for _, row in rows(tmp_path / "few"):
+        assert {row["split"]} == where[row["photo"]]
+
+
+def test_shares_are_kept_in_the_mean() -> None:
+    splits = read_splits("train=0.8,validation=0.15,test=0.05", 7)
+    counts = Counter(splits.of(f"{k:064x}") for k in range(4000))
+    for name, share in splits.shares:
+        assert counts[name] / 4000 == pytest.approx(share, abs=4 * (share * (1 - share) / 4000) ** 0.5)
+    other = Splits(splits.shares, 8)
+    assert sum(splits.of(str(k)) != other.of(str(k)) for k in range(400)) > 50
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with tarfile.open(path) as tar:
+        return {entry.name: tar.extractfile(entry).read() for entry in tar}
+
+
+def test_shards_are_read_by_webdataset_and_hold_the_files(made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "shards"
+    assert dataset(made, out, "--layout", "webdataset", "--shard-clips", "2", *HALVES) == 0
+    keys = []
+    for split in ("train", "test"):
+        shards = sorted(str(path) for path in (out / split).glob("shard-*.tar"))
+        for sample in webdataset.WebDataset(shards, shardshuffle=False):
+            about = json.loads(sample["json"])
+            assert about["key"] == sample["__key__"]
+            assert about["split"] == split
+            assert sample["txt"].decode() == about["caption"]
+            assert sample["mp4"][4:8] == b"ftyp"
+            with np.load(io.BytesIO(sample["trajectory.npz"])) as file:
+                assert len(file["times"]) == 3
+            source = made / about["clip"].partition("/")[2]
+            inside = source / "truth" if (source / "truth").is_dir() else source
+            if "flo" in about["labels"]:
+                flow = (inside / "flo" / "forward" / "00000.flo").read_bytes()
+                assert sample["flo.forward.00000.flo"] == flow
+                assert json.loads(sample["events.events.json"])["caption"] == about["caption"]
+            keys.append(sample["__key__"])
+    assert len(keys) == len(set(keys)) == 8
+    assert not any("." in key for key in keys)
+    for path in out.glob("*/shard-*.tar"):
+        with tarfile.open(path) as tar:
+            entries = tar.getmembers()
+        assert len({entry.name.partition(".")[0] for entry in entries}) <= 2
+        assert {(entry.mtime, entry.uid, entry.gid, entry.uname) for entry in entries} == {(0, 0, 0, "")}
+
+
+def bytes_of(out: Path) -> dict[str, bytes]:
+    return {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("layout", ["folder", "webdataset"])
+def test_the_same_again_gives_the_same_bytes_and_writes_nothing(
+    made: Path, tmp_path: Path, layout: str, monkeypatch, capsys
+) -> None:
+    flags = ["--layout", layout, "--shard-clips", "2", *HALVES]
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        assert dataset(made, Path("data"), *flags) == 0
+    one, other = bytes_of(tmp_path / "a"), bytes_of(tmp_path / "b")
+    assert one == other
+    capsys.readouterr()
+    times = {path: path.stat().st_mtime_ns for path in Path("data").rglob("*.mp4")}
+    times |= {path: path.stat().st_mtime_ns for path in Path("data").rglob("*.tar")}
+    assert dataset(made, Path("data"), *flags, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["made"], told["unchanged"]) == (0, 8)
+    assert times == {path: path.stat().st_mtime_ns for path in times}
+    assert bytes_of(tmp_path / "b").keys() == one.keys()
+
+
+def test_what_was_lost_or_cut_short_is_made_again_and_nothing_else(
+    made: Path, tmp_path: Path, capsys
+) -> None:
+    out = tmp_path / "data"
+    flags = ["--layout", "webdataset", "--shard-clips", "2", *HALVES]
+    dataset(made, out, *flags)
+    whole = bytes_of(out)
+    first, *_ = sorted(out.glob("*/shard-*.tar"))
+    first.write_bytes(first.read_bytes()[:5000])
+    (out / first.parent.name / ".shard-000009.tar.999999.part").write_bytes(b"half")
+    capsys.readouterr()
+    assert dataset(made, out, *flags, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["made"], told["unchanged"]) == (2, 6) or told["made"] == 1
+    assert {name: data for name, data in bytes_of(out).items() if ".part" not in name}.keys() == whole.keys()
+    assert first.read_bytes() == whole[first.relative_to(out).as_posix()]
+
+
+def test_an_interrupted_run_leaves_whole_files_alone(made: Path, tmp_path: Path, monkeypatch) -> None:
+    out = tmp_path / "data"
+    flags = ["--layout", "webdataset", "--shard-clips", "1", *HALVES]
+    flush, count = Shards._flush, 0
+
+    def stopping(self: Shards, split: str) -> None:
+        nonlocal count
+        count += 1
+        if count == 3:
+            raise KeyboardInterrupt
+        flush(self, split)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Shards, "_flush", stopping)
+        assert dataset(made, out, *flags) == 130
+    shards = list(out.glob("*/*.tar"))
+    assert len(shards) == 2
+    assert all(members(path) for path in shards)
+    assert not list(out.rglob("*.part"))
+    assert dataset(made, out, *flags) == 0
+    assert len(list(out.glob("*/*.tar"))) == 8
+
+
+def test_shards_stay_below_the_size_that_was_asked(made: Path, tmp_path: Path) -> None:
+    dataset(made, tmp_path / "data", "--layout", "webdataset", "--shard-size", "65536")
+    for path in (tmp_path / "data").glob("*/*.tar"):
+        clips = {name.partition(".")[0] for name in members(path)}
+        assert path.stat().st_size <= 65536 or len(clips) == 1
+
+
+def test_labels_can_be_chosen_and_files_linked(made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "data"
+    assert dataset(made, out, "--format", "events", "--link") == 0
+    for home, row in rows(out):
+        assert row["labels"] in (["events"], [])
+        assert (home / row["file_name"]).stat().st_nlink == 2
+
+
+def test_the_card_says_what_there_is(made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "data"
+    dataset(made, out, *HALVES)
+    _, front, text = (out / "README.md").read_text().split("---\n", 2)
+    about = yaml.safe_load(front)
+    assert about["license"] == "unknown"
+    files = {entry["split"]: entry["path"] for entry in about["configs"][0]["data_files"]}
+    assert files == {s: [f"{s}/metadata.jsonl", f"{s}/*/video.mp4"] for s in ("train", "test")}
+    assert "8 video clips" in text
+    assert "licence of the photos is unknown" in text
+    assert f"physgen dataset {made}" in text
+    counts = json.loads((out / "dataset.json").read_text())["counts"]
+    assert sum(count["clips"] for count in counts.values()) == 8
+    for split, count in counts.items():
+        assert f"| {split} | {count['clips']} | {count['photos']} | {count['frames']} |" in text
+
+
+def test_clips_that_cannot_be_used_are_told_and_left_out(made: Path, tmp_path: Path, capsys) -> None:
+    copy = tmp_path / "out"
+    shutil.copytree(made / "few", copy)
+    one, other, third = (copy / f"scene-{k}" for k in (1, 2, 3))
+    (one / "video.mp4").unlink()
+    (other / "manifest.json").write_text('{"manifest": 1, "samples"')
+    assert main(["dataset", str(copy), "-o", str(tmp_path / "data")]) == 2
+    said = capsys.readouterr().err
+    assert f"{one / 'video.mp4'}: is missing; render the clip again" in said
+    assert f"{other}: has a manifest that cannot be read; render it again" in said
+    assert [row["scene"] for _, row in rows(tmp_path / "data")] == ["scene-3"]
+    assert third.is_dir()
+
+
+@pytest.mark.parametrize("name", ["truth/../../../secret", "truth//etc/passwd"])
+def test_a_manifest_may_not_name_files_elsewhere(made: Path, tmp_path: Path, capsys, name: str) -> None:
+    clip = tmp_path / "out" / "clip"
+    clip.mkdir(parents=True)
+    told = json.loads((made / "few" / "scene-1" / "manifest.json").read_text())
+    (clip / "video.mp4").write_bytes(b"x")
+    (clip / "truth" / "events").mkdir(parents=True)
+    (clip / "truth" / "events" / "caption.txt").write_bytes(b"x")
+    told["files"] = dict.fromkeys(("video.mp4", "truth/events/caption.txt", name), "0")
+    (clip / "manifest.json").write_text(json.dumps(told))
+    assert main(["dataset", str(tmp_path / "out"), "-o", str(tmp_path / "data")]) == 2
+    assert "has a damaged manifest" in capsys.readouterr().err
+
+
+def refusal(capsys, *command: str) -> str:
+    try:
+        code = main(["dataset", *command])
+    except SystemExit as left:
+        code = left.code
+    assert code == 2
+    return capsys.readouterr().err
+
+
+def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsys) -> None:
+    full, data, empty = tmp_path / "full", tmp_path / "data", tmp_path / "empty"
+    full.mkdir()
+    empty.mkdir()
+    (full / "letter.txt").write_text("mine")
+    few = str(made / "few")
+    assert f"{full}: is not empty and holds no data set of ours" in refusal(capsys, few, "-o", str(full))
+    assert (full / "letter.txt").read_text() == "mine"
+    assert "holds no clip that can be used" in refusal(capsys, str(empty), "-o", str(data))
+    assert not data.exists()
+    assert "is no folder" in refusal(capsys, str(tmp_path / "none"), "-o", str(data))
+    assert "lie in each other" in refusal(capsys, few, "-o", f"{few}/data")
+    assert "hold the same clips" in refusal(capsys, few, str(made), "-o", str(data))
+    assert "invalid choice: 'zip'" in refusal(capsys, few, "-o", str(data), "--layout", "zip")
+    assert "adds up to 0.9" in refusal(capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1")
+    assert '"Train" is no split' in refusal(capsys, few, "-o", str(data), "--split", "Train")
+    assert "is of no use in shards" in refusal(
+        capsys, few, "-o", str(data), "--layout", "webdataset", "--link"
+    )
+    assert "12 is not a size" in refusal(capsys, few, "-o", str(data), "--shard-size", "12")
+    assert main(["dataset", few, "-o", str(data)]) == 0
+    assert "holds a data set with seed 0, not 1" in refusal(capsys, few, "-o", str(data), "--seed", "1")
+    assert 'with layout "folder", not "webdataset"' in refusal(
+        capsys, few, "-o", str(data), "--layout", "webdataset"
+    )
+
+
+def test_folders_are_walked_one_after_the_other(tmp_path: Path) -> None:
+    for name in ("clip-10", "clip-2", "b/clip", ".hidden/clip"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "manifest.json").write_text('{"manifest": 1, "samples": []}')
+    (tmp_path / "web").mkdir()
+    (tmp_path / "web" / "manifest.json").write_text('{"name": "a web page"}')
+    (tmp_path / "clip-2" / "inner").mkdir()
+    (tmp_path / "clip-2" / "inner" / "manifest.json").write_text('{"manifest": 1, "samples": []}')
+    found = clips([tmp_path])
+    assert next(found).folder == tmp_path / "b" / "clip"  # before the others are looked at
+    assert [each.folder.name for each in found] == ["clip-2", "clip-10"]
+
+
+def test_wrong_shares_name_the_flag() -> None:
+    with pytest.raises(InputError, match="--split"):
+        read_splits("train=0.5,train=0.5", 0)

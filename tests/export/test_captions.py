@@ -1,0 +1,234 @@
+"""Sentences: plain, true, and made of nothing that did not happen; judged from the trajectory alone."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from storied import clip, clip_of
+
+from physgen.export.telling.nouns import NUMBERS, Nouns, plural
+from physgen.export.truth import Clip
+
+CAN = """\
+  ball:
+    {label: a red ball, shape: {circle: {center: [60, 168], radius: 12}}, mass: 300, velocity: [260, 0], friction: 0.1}
+  can: {label: can, shape: {box: {center: [200, 150], size: [24, 60]}}, mass: 60, friction: 0.8, elasticity: 0.1}
+"""
+TABLE = "boundaries.floor.elasticity=0.2"
+PUSHED = "  cup: {label: cup, shape: {box: {center: [60, 165], size: [30, 30]}}, mass: 100, friction: 0.3}\n"
+PUSH = "forces=[{object: cup, impulse: [8000, 0]}]"
+
+
+def caption(told: Clip) -> str:
+    return told.story.caption
+
+
+def test_a_ball_that_fells_a_can(tmp_path: Path) -> None:
+    told = clip(tmp_path, CAN, TABLE, "world.duration=2")
+    text = caption(told)
+    assert text.startswith("The red ball moves to the right at the start. It hits the can after 0.4")
+    assert "knocks it over" in text
+    gentle = caption(clip(tmp_path, CAN, TABLE, "objects.ball.mass=2"))
+    assert "over" not in gentle
+    assert "hits the can" in gentle
+
+
+def test_without_the_push_nothing_is_said_to_move(tmp_path: Path) -> None:
+    pushed = caption(clip(tmp_path, PUSHED, PUSH))
+    assert pushed.startswith("The cup is pushed to the right at the start. It comes to rest after ")
+    assert caption(clip(tmp_path, PUSHED)) == "Nothing moves."
+    left = caption(clip(tmp_path, PUSHED, PUSH.replace("8000", "-8000")))
+    assert left == pushed.replace("right", "left")  # mirrored
+    later = caption(clip(tmp_path, PUSHED, PUSH.replace("]}", "], start: 0.5}")))
+    assert later.startswith("The cup is pushed to the right after 0.5 s.")
+
+
+def test_who_is_not_there_is_not_told_of(tmp_path: Path) -> None:
+    alone = clip(tmp_path, CAN, TABLE, "objects.can=")
+    assert "can" not in caption(alone)
+    assert not any("can" in sentence for sentence in alone.story.sentences)
+
+
+def test_several_of_a_kind_are_told_apart(tmp_path: Path) -> None:
+    balls = "".join(
+        f"  ball-{k}: {{shape: {{circle: {{center: [{60 + 80 * k}, 100], radius: 12}}}}, mass: 5, elasticity: 1}}\n"
+        for k in range(3)
+    )
+    told = clip(
+        tmp_path, balls, "objects.ball-0.velocity=[300, 0]", "world.gravity=[0, 0]", "world.duration=0.8"
+    )
+    assert caption(told).startswith(
+        "One of the three balls moves to the right at the start. It hits another ball after 0.19 s and sets it moving."
+    )
+    assert "One of the three balls hits another ball after 0.37 s." in told.story.sentences
+
+
+def test_a_clip_in_slow_motion_is_told_in_its_own_time(tmp_path: Path) -> None:
+    told = clip(tmp_path, CAN, TABLE, "render.frames=72", "render.fps=15")  # 1.2 s in 4.8 s
+    assert caption(told).endswith("The clip shows this 4 times slower than it happens.")
+    assert "hits the can after 1.9" in caption(told)
+    back = clip(tmp_path, CAN, TABLE, "render.play=backward")
+    assert caption(back).endswith("The clip shows this backward.")
+
+
+def test_what_happens_outside_the_picture_is_not_in_the_caption(tmp_path: Path) -> None:
+    away = "render.camera={zoom: 4, center: [60, 150]}"  # the can is not seen
+    told = clip(tmp_path, CAN, TABLE, away)
+    assert caption(told) == (
+        "The red ball moves to the right at the start. It leaves the picture on the right after 0.25 s."
+    )
+    assert "The can is outside the picture when the clip starts." in told.story.sentences
+    assert any("hits the can" in sentence for sentence in told.story.sentences)
+    coming = clip(
+        tmp_path, CAN, TABLE, away, "objects.ball.velocity=[-20, 0]", "objects.can.velocity=[-260, 0]"
+    )
+    assert "The can comes into the picture from the right after 0." in caption(coming)
+
+
+HOSTILE = [
+    "ball. The can explodes",
+    'a "ball" \n\nIgnore what was said',
+    "\u202eball\u202c",
+    "b" * 200,
+    "<b>ball</b>",
+    "=cmd()",
+    "ball” The can explodes “",
+]
+
+
+@pytest.mark.parametrize("label", HOSTILE)
+def test_a_label_is_text_and_says_nothing(tmp_path: Path, label: str) -> None:
+    told = clip(tmp_path, CAN.replace("a red ball", json.dumps(label)), TABLE)
+    shown = re.findall("“[^”]*”|ball", caption(told))[0]
+    assert len(shown) <= 42
+    assert caption(told) == caption(clip(tmp_path, CAN, TABLE)).replace("red ball", shown)
+    assert all(text.isprintable() for text in (caption(told), *told.story.sentences))
+    assert shown == "ball" or shown[0] + shown[-1] == "“”"
+
+
+def test_labels_of_any_script_stand_as_they_are(tmp_path: Path) -> None:
+    for label in ("красный мяч", "赤いボール", "کرهٔ سرخ", "लाल गेंद"):
+        told = clip(tmp_path, CAN.replace("a red ball", label), TABLE)
+        assert caption(told) == caption(clip(tmp_path, CAN, TABLE)).replace("red ball", label)
+
+
+def test_the_same_clip_has_the_same_story(tmp_path: Path) -> None:
+    one, other = clip(tmp_path, CAN, TABLE), clip(tmp_path, CAN, TABLE)
+    assert one.story == other.story
+
+
+def test_english_plurals() -> None:
+    words = {"cup": "cups", "glass": "glasses", "box of eggs": "boxes of eggs", "wooden toy": "wooden toys"}
+    words |= {"knife": "knives", "domino": "dominoes", "cherry": "cherries", "torch": "torches"}
+    assert {word: plural(word) for word in words} == words
+    nouns = Nouns(["cup", "the cup", "jug"])
+    assert (nouns.the(0), nouns.the(2), nouns.other(1, 0)) == (
+        "one of the two cups",
+        "the jug",
+        "the other cup",
+    )
+
+
+# What a sentence claims is looked up in the trajectory, not in the events
+
+PERIOD = 2 / 60
+HALF = 0.0051
+SCENES = {
+    "can": (CAN, (TABLE,)),
+    "pushed": (PUSHED, (PUSH,)),
+    "stack": (
+        "".join(
+            f"  block-{k}: {{shape: {{box: {{center: [200, {165 - 30 * k}], size: [30, 30]}}}}, mass: 40}}\n"
+            for k in range(4)
+        )
+        + "  ball: {shape: {circle: {center: [40, 120], radius: 12}}, mass: 90, velocity: [420, -60]}\n",
+        (TABLE,),
+    ),
+    "out": (CAN, (TABLE, "objects.ball.velocity=[900, 0]", "boundaries.floor.friction=0")),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_claim_is_true_of_the_trajectory(tmp_path: Path, name: str) -> None:
+    objects, edits = SCENES[name]
+    told = clip(tmp_path, objects, *edits)
+    judged(told)
+
+
+@pytest.mark.parametrize(
+    ("scene", "variant"),
+    [("dominoes", None), ("dominoes", "gap"), ("bottle-book", None), ("bottle-book", "too-gentle")],
+)
+def test_every_claim_about_a_bundled_scene_is_true(bundled: Path, scene: str, variant: str | None) -> None:
+    told = clip_of(bundled / scene / "scene.yaml", (), variant)
+    judged(told)
+    turned = np.abs(told.trajectory.poses[:, :, 2]).max(axis=0) > np.pi / 4
+    standing = np.array([body.radius is None for body in told.world.bodies])
+    fallen = int((turned & standing).sum())
+    if scene == "dominoes":
+        assert f"All {NUMBERS[fallen]} dominoes tip over" in caption(told)
+        assert fallen == (8 if variant else 9)
+    if variant == "too-gentle":
+        assert fallen == 0
+        assert "over" not in caption(told)
+        assert "The glazed bottle does not move." in caption(told)
+
+
+def judged(told: Clip) -> None:
+    """Each sentence of one event, and each of the caption."""
+    names = [name for name, _ in told.world.surfaces]
+    for event, text in zip(told.story.events, told.story.sentences, strict=True):
+        if " and " not in text:
+            claim(told, text, [names[k] for k in event.who])
+    for clause in told.story.clauses:
+        if not clause.events:
+            assert clause.text.startswith("The clip shows this")
+            continue
+        who = {names[k] for number in clause.events for k in told.story.events[number].who}
+        claim(told, clause.text, sorted(who))
+
+
+def claim(told: Clip, text: str, who: list[str]) -> None:
+    """Fails where a sentence about some things says what the trajectory does not."""
+    seen, pace = told.trajectory, 1 / (told.fps * told.trajectory.times[1])
+    index = {name: k for k, name in enumerate(seen.names)}
+    bodies = [index[name] for name in who if name in index]
+    when = [float(number) / pace for number in re.findall(r"([\d.]+) s\b", text)]
+    moved = np.hypot(*np.moveaxis(seen.poses[:, bodies, :2] - seen.poses[0, bodies, :2], -1, 0)).max(axis=0)
+    turned = np.abs(seen.poses[:, bodies, 2]).max(axis=0)
+    speed = np.hypot(*np.moveaxis(seen.velocities[:, bodies, :2], -1, 0))
+    if " hits " in text or " hit " in text:
+        surfaces = list(seen.contacts.surfaces)
+        pairs = [
+            (begin, end)
+            for (one, other), (begin, end) in zip(
+                seen.contacts.touch_pairs, seen.contacts.touch_times, strict=True
+            )
+            if {surfaces[one], surfaces[other]} <= set(who)
+        ]
+        assert any(begin - HALF - 0.01 <= when[0] <= end + HALF + 0.01 for begin, end in pairs), text
+    if " over" in text or "tilt" in text:
+        assert (turned > np.pi / 4 - 0.1).any(), text
+    if "does not move" in text or "do not move" in text or text == "Nothing moves.":
+        assert moved.max() < 1.01, text
+    if "comes to rest" in text or "come to rest" in text:
+        rest = int(np.searchsorted(seen.times, when[-1] + HALF / pace + 1e-6))
+        assert speed[min(rest, len(speed) - 1) :].max() < 1, text
+        assert moved.min() > 0, text
+    if "still move" in text:
+        assert (speed[-12:].max(axis=0) > 0.2).all(), text
+    if "leaves the picture" in text or "leave the picture" in text:
+        side = 0 if "left" in text or "right" in text else 1
+        assert (
+            np.abs(seen.poses[:, bodies, side] - told.size[side] / 2).max(axis=0) > told.size[side] / 2
+        ).all(), text
+    for word, sign in (("to the right", 1), ("to the left", -1)):
+        if f"moves {word}" in text or f"pushed {word}" in text:
+            assert (sign * (seen.poses[3, bodies, 0] - seen.poses[0, bodies, 0]) > 0).all(), text
+    if (count := re.match(r"(\w+) of the (\w+) ", text)) and count[1].lower() in NUMBERS[2:]:
+        assert len(bodies) == NUMBERS.index(count[1].lower()), text
+    assert re.fullmatch(r"[A-Z“].*[^.]\.", text), text
