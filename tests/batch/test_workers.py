@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -125,18 +126,23 @@ def test_who_stops_early_leaves_no_process_behind(tmp_path: Path) -> None:
 
 
 def _interrupted(results: Iterator[int], folder: Path) -> None:
-    """As Ctrl-C would while results are waited for."""
+    """As Ctrl-C would while results are waited for, when both processes are at work."""
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, 2.0)
+    def wait() -> None:
+        until = time.monotonic() + 60
+        while len(list(folder.iterdir())) < 2 and time.monotonic() < until:
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGUSR1)
+
+    before = signal.signal(signal.SIGUSR1, interrupt)
     try:
+        threading.Thread(target=wait, daemon=True).start()
         next(results)
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGUSR1, before)
 
 
 def test_workers_of_a_killed_process_end(tmp_path: Path) -> None:

@@ -172,6 +172,8 @@ def mutated(draw: st.DrawFn) -> Any:
             parent[path[-1]]
         except (KeyError, IndexError, TypeError):
             continue
+        if not isinstance(parent, dict | list):  # a value that was put in: of a text, a letter
+            continue
         how = draw(st.sampled_from(["replace", "remove", "add", "double"]))
         if how == "replace":
             parent[path[-1]] = draw(VALUES)
