@@ -38,6 +38,7 @@ def clip_of(path: Path, edits: Sequence[str] = (), variant: str | None = None) -
         compiled.world,
         trajectory,
         None,
+        (),
         size,
         fps,
         len(shot.order),
