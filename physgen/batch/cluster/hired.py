@@ -45,6 +45,7 @@ def hired(where: str, workers: int) -> Iterator[Client]:
             "--cluster", f'"{where}"', "needs Dask, which is not installed", INSTALL
         ) from None
     kind, _, address = where.partition("=")
+    address = os.path.expanduser(address)
     with _quiet(), dask.config.set(QUIET):
         if address:
             with _client(address) as client:
