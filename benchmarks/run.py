@@ -8,6 +8,7 @@
     python benchmarks/run.py device          # what draws frames: OpenCV, torch on the processor, torch on a GPU if any
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
+    python benchmarks/run.py cluster         # a Dask cluster against processes, and a worker killed midway
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
@@ -34,6 +35,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from batch import batch
+from cluster import cluster
 from frames import frames as frame_rows
 from frames import presets
 from gallery import gallery
@@ -298,7 +300,14 @@ PARTS = {"render": render, "start": start, "check": check, "segmentation": segme
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
 PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving, "percepts": percepts}
-PARTS |= {"refine": refining, "gallery": gallery, "batch": batch, "kills": kills, "labels": labels}
+PARTS |= {
+    "refine": refining,
+    "gallery": gallery,
+    "batch": batch,
+    "kills": kills,
+    "labels": labels,
+    "cluster": cluster,
+}
 
 
 def main(names: list[str]) -> None:

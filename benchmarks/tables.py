@@ -68,6 +68,7 @@ def page() -> str:
         ("start", _start),
         ("check", _check),
         ("gallery", _gallery),
+        ("cluster", _cluster),
         ("growth", _growth),
         ("segmentation", _segmentation),
         ("prompts", _prompts),
@@ -299,6 +300,35 @@ def _labels(rows: list[dict]) -> list[str]:
         "",
         *_table(["format", "CPU, ms", "encoders, ms", "times", "bar", "files", "MB"], body),
         "",
+    ]
+
+
+def _cluster(rows: list[dict]) -> list[str]:
+    local, handing, killed = (next(iter(row.values())) for row in rows)
+    ways = [
+        [r["way"], r["wall"], r["cpu"], *(" ".join(map(str, r[k])) for k in ("rate", "load"))] for r in local
+    ]
+    return [
+        "## Clusters",
+        "",
+        f"{local[0]['clips']} variants of a bundled scene, 16 frames of 256 px: with two processes (`--jobs 2`), with",
+        "two workers of a local Dask cluster, and with the scene sent and the clips fetched (`--ship`). Medians of runs",
+        "that took turns, starting and the gallery included. Throughput and CPU are relative to processes in the same",
+        "turn: least, median, most.",
+        "",
+        *_table(["", "wall, s", "CPU, s", "throughput", "CPU"], ways),
+        "",
+        "What handing out a clip costs the process that does it, with Dask's client, scheduler and workers' loops in",
+        "it; one clip at a time, as to fewer than 128 threads, and eight, as to 512:",
+        "",
+        *_table(
+            ["clips together", "shipped", "CPU, ms a clip"],
+            [[row["together"], "yes" if row["shipped"] else "no", row["ms"]] for row in handing],
+        ),
+        "",
+        f"A scheduler with two workers, one of which is killed (SIGKILL) after {killed['after']} of {killed['clips']}",
+        f"clips: {killed['there']} clips are there, {killed['equal']} of their {killed['files']} videos and trajectories",
+        f"equal to this machine's, byte for byte; {killed['left'] or 'nothing'} half-written is left.",
     ]
 
 

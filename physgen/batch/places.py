@@ -15,6 +15,8 @@ from physgen.problems import InputError
 from physgen.scene.pack_format import fault_of
 from physgen.urls import protocol, url_below
 
+STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "oss", "hf")
+"""Protocols of places without folders."""
 INSTALL = "pip install 'physgen[remote]'"
 BLOCK = 2**20
 
@@ -120,9 +122,9 @@ class Far:
         with self._asked(name):
             try:
                 self.fs.pipe_file(self._at(name), data)
-            except (
-                FileNotFoundError
-            ):  # a place with folders; to make one in an object store may make a bucket
+            except FileNotFoundError:
+                if protocol(self.url) in STORES:  # a bucket that is not there is not ours to make
+                    raise
                 self.fs.makedirs(self._at(name).rpartition("/")[0], exist_ok=True)
                 self.fs.pipe_file(self._at(name), data)
 

@@ -61,6 +61,11 @@ def scene_file(path: str | Path) -> Path:
     return found
 
 
+def shown_as(path: str | Path) -> str:
+    """What messages call a scene file: its path; of a pack's, as if the pack were the folder that it stands in."""
+    return f"{path}/{scene_file(path).name}" if is_pack(Path(path)) else str(path)
+
+
 def pack_key(data: bytes) -> str:
     """What the bytes of a pack are known by."""
     return f"pack-{hashlib.sha256(data).hexdigest()[:32]}"

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
-import shutil
-import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from physgen.problems import InputError
 
@@ -18,8 +16,8 @@ if TYPE_CHECKING:
 
 TIMEOUT = 10.0
 """s in which a scheduler must answer."""
-CLOSING = 1.0
-"""s in which one of our own must close."""
+PATIENCE, HURRY = 10.0, 1.0
+"""s in which a client or a cluster of our own must close, and the same where somebody waits to be let go."""
 INSTALL = "pip install 'physgen[cluster]'"
 QUIET = {
     "distributed.worker.profile.enabled": False,
@@ -29,6 +27,13 @@ QUIET = {
 """Of Dask's settings, while we use it: what it would look at, or tell of, is of no use here."""
 OWN = {"distributed.scheduler.allowed-failures": 1}
 """Of a scheduler of our own: the third worker that a job may take along is one that has nothing else to do."""
+
+
+class Closes(Protocol):
+    """What has to be closed."""
+
+    def close(self, timeout: float) -> object:
+        """Within so many seconds, or raise."""
 
 
 @contextmanager
@@ -45,26 +50,43 @@ def hired(where: str, workers: int) -> Iterator[Client]:
             "--cluster", f'"{where}"', "needs Dask, which is not installed", INSTALL
         ) from None
     kind, _, address = where.partition("=")
+    address = os.path.expanduser(address)
     with _quiet(), dask.config.set(QUIET):
         if address:
             with _client(address) as client:
                 yield client
             return
-        ours = _slurm(workers) if "slurm" in kind else _local(workers)
+        from physgen.batch.cluster.slurm import slurm
+
+        ours = slurm(workers) if "slurm" in kind else _local(workers)
         with dask.config.set(OWN), ours as cluster, _client(cluster) as client:
             yield client
 
 
 @contextmanager
+def closed(what: Closes) -> Iterator[Any]:
+    """A client or a cluster, until the block ends."""
+    patience = PATIENCE
+    try:
+        yield what
+    except BaseException:
+        patience = HURRY
+        raise
+    finally:
+        with suppress(Exception):
+            what.close(timeout=patience)
+
+
+@contextmanager
 def _quiet() -> Iterator[None]:
-    """Dask logs what we tell in our own words, and much that nobody asked for."""
+    """Dask logs what we tell in our own words, and much that nobody asked for; some of asyncio's comes at the end."""
     loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio", "dask_jobqueue")]
     loggers += [
         logging.getLogger(name)
         for name in list(logging.root.manager.loggerDict)
         if name.startswith(("distributed.", "tornado.", "dask_jobqueue."))
     ]
-    before = [logger.level for logger in loggers]
+    before = [(logger, logger.level) for logger in loggers if logger.name != "asyncio"]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
     with warnings.catch_warnings():
@@ -72,7 +94,7 @@ def _quiet() -> Iterator[None]:
         try:
             yield
         finally:
-            for logger, level in zip(loggers, before, strict=True):
+            for logger, level in before:
                 logger.setLevel(level)
 
 
@@ -94,11 +116,8 @@ def _client(cluster: Any) -> Iterator[Client]:
         found = str(error).split("\n")[0]
         expected = f"is no scheduler that answers within {TIMEOUT:g} s"
         raise InputError.of("--cluster", f'"{cluster}"', f"{expected} ({found})", fix) from None
-    try:
+    with closed(client):
         yield client
-    finally:
-        with suppress(Exception):
-            client.close(timeout=CLOSING)
 
 
 @contextmanager
@@ -108,7 +127,7 @@ def _local(workers: int) -> Iterator[Any]:
 
     from physgen.batch.cluster.hands import end_all
 
-    cluster = LocalCluster(
+    ours = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
         processes=False,
@@ -117,69 +136,7 @@ def _local(workers: int) -> Iterator[Any]:
         silence_logs=logging.CRITICAL + 1,
     )
     try:
-        yield cluster
+        with closed(ours) as cluster:
+            yield cluster
     finally:
-        with suppress(Exception):
-            cluster.close(timeout=CLOSING)
         end_all()
-
-
-@contextmanager
-def _slurm(workers: int) -> Iterator[Any]:
-    """As many workers in jobs of Slurm; what kind of jobs is for Dask's own settings to say."""
-    from distributed.core import Status
-
-    if shutil.which("sbatch") is None:
-        fix = "run this on a machine of the cluster, or name a scheduler: --cluster dask=tcp://HOST:8786"
-        raise InputError.of("--cluster", '"slurm"', "needs Slurm, and there is no sbatch on the PATH", fix)
-    try:
-        cluster = slurm_cluster()
-    except ImportError:
-        expected = "needs dask-jobqueue, which is not installed"
-        raise InputError.of("--cluster", '"slurm"', expected, INSTALL) from None
-    except (OSError, RuntimeError, TypeError, ValueError) as error:
-        raise _refused(error) from None
-
-    async def ask() -> None:
-        cluster.scale(workers)
-        await cluster._correct_state()  # by itself it would tell nobody that Slurm said no
-
-    try:
-        try:
-            cluster.sync(ask)
-        except (OSError, RuntimeError, ValueError) as error:
-            for job in cluster.workers.values():  # closing the cluster waits for those that seem to begin
-                job.status = Status.failed if job.status is Status.created else job.status
-            raise _refused(error) from None
-        yield cluster
-    finally:
-        with suppress(Exception):
-            cluster.close(timeout=CLOSING)
-
-
-@contextmanager
-def _signals_kept() -> Iterator[None]:
-    """dask-jobqueue, once imported, would have Ctrl-C end the program without a word, as if all were well."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    with suppress(ValueError):  # not the main thread: then it could not set any, either
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _refused(error: Exception) -> InputError:
-    said = " ".join(str(error).rpartition("stderr:")[2].split())
-    fix = "see jobqueue.slurm in Dask's settings, e.g. ~/.config/dask/jobqueue.yaml"
-    return InputError.of("--cluster", '"slurm"', f"gives no workers ({said})", fix)
-
-
-def slurm_cluster() -> Any:
-    """As `jobqueue.slurm` of Dask's settings says; jobs of one worker, of one core and 4 GB, where it does not."""
-    import dask
-
-    with _signals_kept():
-        from dask_jobqueue import SLURMCluster
-
-    otherwise = {"cores": 1, "processes": 1, "memory": "4GB"}
-    settings = {k: v for k, v in otherwise.items() if dask.config.get(f"jobqueue.slurm.{k}", None) is None}
-    return SLURMCluster(scheduler_options={"dashboard": False}, silence_logs=logging.CRITICAL + 1, **settings)
