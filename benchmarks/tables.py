@@ -312,9 +312,9 @@ def _cluster(rows: list[dict]) -> list[str]:
         "## Clusters",
         "",
         f"{local[0]['clips']} variants of a bundled scene, 16 frames of 256 px: with two processes (`--jobs 2`), with",
-        "two workers of a local Dask cluster, and with the scene sent and the clips fetched (`--ship`). Medians of runs",
-        "that took turns, starting and the gallery included. Throughput and CPU are relative to processes in the same",
-        "turn: least, median, most.",
+        "two workers of a local Dask cluster, and with the scene sent and the clips fetched (`--ship`). Medians of",
+        "runs that took turns, starting and the gallery included. Throughput and CPU are relative to processes in",
+        "the same turn: least, median, most.",
         "",
         *_table(["", "wall, s", "CPU, s", "throughput", "CPU"], ways),
         "",
@@ -327,8 +327,8 @@ def _cluster(rows: list[dict]) -> list[str]:
         ),
         "",
         f"A scheduler with two workers, one of which is killed (SIGKILL) after {killed['after']} of {killed['clips']}",
-        f"clips: {killed['there']} clips are there, {killed['equal']} of their {killed['files']} videos and trajectories",
-        f"equal to this machine's, byte for byte; {killed['left'] or 'nothing'} half-written is left.",
+        f"clips: {killed['there']} clips are there, {killed['equal']} of their {killed['files']} videos and",
+        f"trajectories equal to this machine's, byte for byte; {killed['left'] or 'nothing'} half-written is left.",
     ]
 
 
