@@ -255,7 +255,7 @@ def test_a_sweep_opens_as_a_grid_by_its_axes(browser: Any, swept: Path) -> None:
         assert page.locator(".sheet tbody [scope=row]").all_inner_texts() == ["50", "100", "200"]
         page.select_option("[data-part=y]", "-")
         assert len(cells(seen)) == 1
-        assert "+2" in page.inner_text(".sheet tbody")
+        assert "+2" in page.text_content(".sheet tbody")
         page.locator(".sheet .cell").first.click()
         assert page.locator("dialog .clip").count() == 3
         page.keyboard.press("Escape")
