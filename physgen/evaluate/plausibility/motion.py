@@ -1,0 +1,184 @@
+"""Tracks -> what every question is asked of: noise, stretches, sudden changes of velocity, and who was near."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from physgen.evaluate.plausibility.clearance import Clearance
+from physgen.evaluate.plausibility.noise import noise
+from physgen.evaluate.plausibility.stretches import Stretch, stretches
+from physgen.evaluate.plausibility.tracks import Array, Tracks, runs
+
+WIDEST = 4
+"""Frames between two stretches, at most, that still are one blow."""
+SURE = 4.0
+"""Standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """Between two stretches of one thing: its velocity changes, suddenly or not."""
+
+    thing: int
+    before: Stretch
+    after: Stretch
+    time: float
+    """s: when both are nearest to each other."""
+    offset: float
+    """px by which they miss each other then."""
+    sudden: bool
+    """Far faster than any acceleration before or after, and surely."""
+
+    @property
+    def frame(self) -> int:
+        """The last before it."""
+        return self.before.last
+
+    @property
+    def arrives(self) -> Array:
+        """(2,) px/s: just before."""
+        return self.before.velocity(self.time)
+
+    @property
+    def leaves(self) -> Array:
+        """(2,) px/s: just after."""
+        return self.after.velocity(self.time)
+
+    @property
+    def change(self) -> Array:
+        """(2,) px/s."""
+        return self.leaves - self.arrives
+
+    @property
+    def error(self) -> float:
+        """px/s, of the change along any direction."""
+        return float(np.hypot(self.before.velocity_error(self.time), self.after.velocity_error(self.time)))
+
+
+class Motion:
+    """All that is found in tracks before anything is asked."""
+
+    def __init__(self, tracks: Tracks, sigma: float | None = None) -> None:
+        self.tracks = tracks
+        self.sigma = noise(tracks) if sigma is None else np.full(len(tracks.names), max(sigma, 1e-3))
+        self.clearance = Clearance(tracks)
+
+    @cached_property
+    def stretches(self) -> list[list[Stretch]]:
+        """Of each thing, by time; a gap in its track ends one."""
+        tracks = self.tracks
+        return [
+            [
+                stretch
+                for first, last in runs(tracks.seen[:, k])
+                for stretch in stretches(
+                    tracks.places[first:last, k], tracks.times[first:last], first, float(self.sigma[k])
+                )
+            ]
+            for k in range(len(tracks.names))
+        ]
+
+    @cached_property
+    def turns(self) -> list[list[Turn]]:
+        """Of each thing, between stretches that tell velocities."""
+        return [self._turns(k) for k in range(len(self.tracks.names))]
+
+    @cached_property
+    def steps(self) -> Array:
+        """(T - 1, N, 2) px from frame to frame."""
+        return np.asarray(np.diff(self.tracks.places, axis=0))
+
+    @cached_property
+    def moves(self) -> list[bool]:
+        """Whether a thing ever moves, N of them: one that never does may be nailed down."""
+        tracks = self.tracks
+        found = []
+        for k in range(len(tracks.names)):
+            path = tracks.places[tracks.seen[:, k], k]
+            away = np.hypot(*(path - np.median(path, axis=0)).T) if len(path) else np.zeros(1)
+            found.append(bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[k])))
+        return found
+
+    def stretch_at(self, thing: int, frame: int) -> Stretch | None:
+        """The one that holds a frame, if it tells velocities."""
+        for stretch in self.stretches[thing]:
+            if stretch.first <= frame <= stretch.last:
+                return stretch if stretch.good else None
+        return None
+
+    def near(self, thing: int, first: int, last: int) -> list[int]:
+        """Things that may have touched it between two frames, however fast they were."""
+        tracks = self.tracks
+        lo, hi = max(first, 0), min(last, len(tracks.times) - 1)
+        found = []
+        for other in range(len(tracks.names)):
+            if other != thing:
+                gap = self.clearance.least(thing, other)[lo : hi + 1]
+                gap = gap[np.isfinite(gap)]
+                if len(gap) and gap.min() <= self.margin(thing, other, lo, hi):
+                    found.append(other)
+        return found
+
+    def margin(self, one: int, other: int, first: int, last: int) -> float:
+        """px that two things may still be apart in every frame and yet touch in between."""
+        part = (self.steps[:, one] - self.steps[:, other])[max(first - 1, 0) : last + 1]
+        speed = np.hypot(part[:, 0], part[:, 1])
+        speed = speed[np.isfinite(speed)]
+        fastest = float(speed.max()) if len(speed) else 0.0
+        return 1.5 + 0.6 * fastest + 3 * float(np.hypot(self.sigma[one], self.sigma[other]))
+
+    def near_wall(self, thing: int, first: int, last: int) -> bool:
+        """Whether a known wall is within its reach."""
+        gap = self.clearance.to_walls(thing)[max(first, 0) : last + 1]
+        step = np.hypot(*self.steps[max(first - 1, 0) : last + 1, thing].T)
+        step = step[np.isfinite(step)]
+        fastest = float(step.max()) if len(step) else 0.0
+        return bool(np.nanmin(gap, initial=np.inf) <= 1.5 + 0.6 * fastest + 3 * self.sigma[thing])
+
+    def was_pushed(self, thing: int, start: float, end: float) -> bool:
+        """Whether somebody says that it was, between two moments."""
+        return any(
+            who == thing and start <= last + self.tracks.step and first - self.tracks.step <= end
+            for who, first, last in self.tracks.given.pushed
+        )
+
+    def free(self, thing: int) -> bool:
+        """Whether nothing but gravity, contacts and told pushes acts on it."""
+        given = self.tracks.given
+        return thing not in given.held and thing not in given.blown
+
+    def spin(self, thing: int, first: int, last: int) -> float | None:
+        """rad/s over some frames, the smaller of what it may be; None where its angle is not known."""
+        angle = self.tracks.angles[max(first, 0) : last + 1, thing]
+        if len(angle) < 2 or not np.isfinite(angle).all():
+            return None
+        return float(np.polyfit(np.arange(len(angle)) * self.tracks.step, np.unwrap(angle), 1)[0])
+
+    def _turns(self, thing: int) -> list[Turn]:
+        told = [s for s in self.stretches[thing] if s.good]
+        found = []
+        for before, after in zip(told[:-1], told[1:], strict=True):
+            gap = after.first - before.last
+            if gap > WIDEST or not self.tracks.seen[before.last : after.first, thing].all():
+                continue
+            found.append(self._turn(thing, before, after))
+        return found
+
+    def _turn(self, thing: int, before: Stretch, after: Stretch) -> Turn:
+        times, step = self.tracks.times, self.tracks.step
+        ticks = np.linspace(times[before.last] - step / 2, times[after.first] + step / 2, 41)
+        missed = [float(np.hypot(*(after.place(t) - before.place(t)))) for t in ticks]
+        least = int(np.argmin(missed))
+        turn = Turn(thing, before, after, float(ticks[least]), missed[least], False)
+        change = float(np.hypot(*turn.change))
+        a, b = before.acceleration, after.acceleration
+        smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
+        sudden = change > max(SURE * turn.error, 2 * smooth * (after.first - before.last), self._slow(thing))
+        return Turn(thing, before, after, turn.time, turn.offset, sudden)
+
+    def _slow(self, thing: int) -> float:
+        """px/s: changes below it are none."""
+        return float(max(3 * self.sigma[thing], 0.25) / self.tracks.step)

@@ -1,0 +1,34 @@
+"""Exact places -> tracks as a tracker would give them: with noise, without angles, or from masks of drawn frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from physgen.evaluate.plausibility.tracks import Form, Given, Tracks
+
+Rng = np.random.Generator
+
+
+def stranger(tracks: Tracks) -> Tracks:
+    """As anybody's: no walls, pushes or joints are known; masses neither."""
+    return replace(tracks, given=Given(), masses=np.array([max(f.reach, 1.0) ** 2 for f in tracks.forms]), weighed=False)
+
+
+def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:
+    """Places with normal noise of `sigma` px along each axis; angles off by as much at the rim."""
+    if sigma == 0:
+        return tracks
+    reach = np.array([max(form.reach, 4.0) for form in tracks.forms])
+    return replace(
+        tracks,
+        places=tracks.places + rng.normal(0, sigma, tracks.places.shape),
+        angles=tracks.angles + rng.normal(0, 1, tracks.angles.shape) * sigma / reach,
+    )
+
+
+def as_points(tracks: Tracks) -> Tracks:
+    """Circles about the places, nothing else."""
+    forms = tuple(Form(form.core, form.reach) for form in tracks.forms)
+    return replace(tracks, angles=np.full(tracks.angles.shape, np.nan), forms=forms)

@@ -1,0 +1,114 @@
+"""Do two that meet push each other, as their masses allow? Where nothing else can have pushed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physgen.evaluate.plausibility.blows import Blow, Part, blows
+from physgen.evaluate.plausibility.evidence import Asked, Evidence
+from physgen.evaluate.plausibility.motion import Motion
+from physgen.evaluate.plausibility.questions.gravity import flies, pull
+from physgen.evaluate.plausibility.stretches import Stretch
+from physgen.evaluate.plausibility.tracks import Array
+from physgen.scene.model import View
+
+SURE = 2.5
+"""Standard deviations that noise may account for."""
+KNOWN, GUESSED = 1.05, 30.0
+"""Factors by which a ratio of masses may be off."""
+TRIES = 121
+
+
+def momentum(motion: Motion) -> Asked:
+    """Each meeting of two that are free, on a table seen from above or in flight; what is missing over what was given."""
+    common = _common(motion)
+    found = []
+    for blow in blows(motion):
+        if len(blow.parts) == 2 and _free(motion, blow, common) and _met(motion, blow):
+            found.append(_judged(motion, blow))
+    return Asked.of(found, "no two free things meet by themselves")
+
+
+def _common(motion: Motion) -> Array | None:
+    """(2,) px/s² at which things fly; None where that is not known."""
+    if motion.tracks.view is View.TOP or motion.tracks.flat:
+        return None
+    flights = [(k, s) for k in range(len(motion.tracks.names)) for s in motion.stretches[k] if flies(motion, k, s)]
+    return pull(flights) if flights else None
+
+
+def _free(motion: Motion, blow: Blow, common: Array | None) -> bool:
+    side = motion.tracks.view is View.SIDE and not motion.tracks.flat
+    if side and common is None:
+        return False
+    for part in blow.parts:
+        if not motion.moves[part.thing]:
+            return False
+        if motion.near_wall(part.thing, part.before.last, part.after.first):
+            return False
+        if side and not all(_in_flight(s, common) for s in (part.before, part.after)):
+            return False
+    return True
+
+
+def _in_flight(stretch: Stretch, common: Array | None) -> bool:
+    assert common is not None
+    size, error = float(np.hypot(*common)), stretch.acceleration_error
+    return bool(error < 0.2 * size and np.hypot(*(stretch.acceleration - common)) < 0.2 * size + 2 * error)
+
+
+def _met(motion: Motion, blow: Blow) -> bool:
+    """Whether they surely touched: as near as round things are at the blow, or as outlines are in a frame."""
+    one, other = blow.parts
+    a, b = motion.tracks.forms[one.thing], motion.tracks.forms[other.thing]
+    error = 3 * float(np.hypot(motion.sigma[one.thing], motion.sigma[other.thing]))
+    apart = float(np.hypot(*(one.place - other.place)))
+    return apart - a.reach - b.reach <= 0.15 * (a.reach + b.reach) + error
+
+
+def _judged(motion: Motion, blow: Blow) -> Evidence:
+    one, other = blow.parts
+    tracks = motion.tracks
+    ratio = float(tracks.masses[other.thing] / tracks.masses[one.thing])
+    off = KNOWN if tracks.weighed else GUESSED
+    best, chosen = np.inf, ratio
+    for factor in np.geomspace(1 / off, off, TRIES):
+        missing = _missing(one, other, ratio * float(factor))
+        if missing < best:
+            best, chosen = missing, ratio * float(factor)
+    pulled = _pulled(motion, one, other)
+    names = f"{tracks.names[one.thing]} and {tracks.names[other.thing]}"
+    changes = (
+        f"{tracks.names[one.thing]} changes by {np.hypot(*one.change):.0f} px/s, "
+        f"{tracks.names[other.thing]} by {np.hypot(*other.change):.0f} px/s"
+    )
+    if pulled > best:
+        return Evidence(pulled, blow.frame, blow.things, f"{names}: draw each other nearer as they meet; {changes}")
+    masses = "as weighed" if tracks.weighed else f"at masses of 1 to {chosen:.3g}"
+    text = f"{names}: {best:.0%} of the momentum that passes is missing, {masses}; {changes}"
+    return Evidence(best, blow.frame, blow.things, text)
+
+
+def _missing(one: Part, other: Part, ratio: float) -> float:
+    """What both momenta change by, which is nothing in nature, over what passes between them."""
+    total = float(np.hypot(*(one.change + ratio * other.change)))
+    error = SURE * float(np.hypot(one.error, ratio * other.error))
+    passes = float(np.hypot(*one.change) + ratio * np.hypot(*other.change))
+    return max(0.0, total - error) / passes
+
+
+def _pulled(motion: Motion, one: Part, other: Part) -> float:
+    """By which part of its change a round thing was drawn to the other."""
+    if not all(motion.tracks.forms[part.thing].round for part in (one, other)):
+        return 0.0
+    apart = one.place - other.place
+    size = float(np.hypot(*apart))
+    if size == 0:
+        return 0.0
+    worst = 0.0
+    for part, sign in ((one, 1.0), (other, -1.0)):
+        change = float(np.hypot(*part.change))
+        if change > 0:
+            away = sign * float(part.change @ apart) / size
+            worst = max(worst, (-away - SURE * part.error) / change)
+    return worst

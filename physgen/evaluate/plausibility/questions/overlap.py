@@ -1,0 +1,72 @@
+"""Does nothing go through another thing? How deep outlines lie over each other, in frames and between them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physgen.evaluate.plausibility.evidence import Asked, Evidence
+from physgen.evaluate.plausibility.motion import Motion
+from physgen.evaluate.plausibility.tracks import Array
+
+PARTS = 4
+"""Moments looked at between two frames."""
+
+
+def overlap(motion: Motion) -> Asked:
+    """Each pair that comes near; depth beyond the one of the first frames, in parts of the smaller core."""
+    tracks = motion.tracks
+    found = []
+    for one in range(len(tracks.names)):
+        for other in range(one):
+            if (other, one) in tracks.given.joined or (one, other) in tracks.given.joined:
+                continue
+            evidence = _pair(motion, other, one)
+            if evidence is not None:
+                found.append(evidence)
+    return Asked.of(found, "no two things with outlines come near each other")
+
+
+def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
+    tracks = motion.tracks
+    a, b = tracks.forms[one], tracks.forms[other]
+    gap = motion.clearance.most(one, other)
+    known = np.isfinite(gap)
+    if not known.any() or min(a.core, b.core) <= 0:
+        return None
+    if np.nanmin(motion.clearance.least(one, other)) > motion.margin(one, other, 0, len(gap) - 1):
+        return None
+    start = max(0.0, -float(gap[known][:2].min()))
+    depth, frame = float(-gap[known].min()), int(np.flatnonzero(known)[np.argmin(gap[known])])
+    between, at = _between(motion, one, other)
+    if between > depth:
+        depth, frame = between, at
+    noise = 3 * float(np.hypot(motion.sigma[one], motion.sigma[other]))
+    beyond = max(0.0, depth - 1.2 * start - noise - 1.0)
+    names = f"{tracks.names[one]} and {tracks.names[other]}"
+    size = 2 * min(a.core, b.core)
+    if beyond == 0:
+        return Evidence(0.0, frame, (one, other), f"{names}: come near, and stay apart")
+    text = f"{names}: {depth:.1f} px deep in each other at frame {frame}" + (
+        f", {start:.1f} px at the start" if start > 0.5 else ""
+    )
+    return Evidence(beyond / size, frame, (one, other), text)
+
+
+def _between(motion: Motion, one: int, other: int) -> tuple[float, int]:
+    """The deepest between frames in which neither turns suddenly, of discs about both places; and the frame before."""
+    tracks = motion.tracks
+    reach = tracks.forms[one].core + tracks.forms[other].core
+    away: Array = tracks.places[:, one] - tracks.places[:, other]
+    turning = np.zeros(len(away) - 1, bool)
+    for thing in (one, other):
+        ends = [s.last for s in motion.stretches[thing]]
+        turning[[e for e in ends if e < len(turning)]] = True
+    depth, frame = 0.0, 0
+    for k in range(1, PARTS):
+        part = k / PARTS
+        far = np.hypot(*((1 - part) * away[:-1] + part * away[1:]).T)
+        deep = np.where(turning | ~np.isfinite(far), 0.0, reach - far)
+        if deep.max(initial=0.0) > depth:
+            frame = int(np.argmax(deep))
+            depth = float(deep[frame])
+    return depth, frame

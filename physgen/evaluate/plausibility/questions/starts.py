@@ -1,0 +1,120 @@
+"""Does nothing at rest start by itself? Only what moves and touches, a push, or gravity sets a thing moving."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physgen.evaluate.plausibility.evidence import Asked, Evidence
+from physgen.evaluate.plausibility.motion import Motion
+from physgen.evaluate.plausibility.tracks import Array, runs
+from physgen.scene.model import View
+
+FEWEST, SHORTEST = 5, 0.15
+"""Frames and s of rest."""
+AFTER = 6
+"""Frames in which it must have come away."""
+
+
+def starts(motion: Motion) -> Asked:
+    """Each time that something at rest comes to move, and everything that rests and stays."""
+    found = []
+    for k in range(len(motion.tracks.names)):
+        if motion.free(k):
+            found += _of(motion, k)
+    return Asked.of(found, "nothing rests")
+
+
+def _of(motion: Motion, thing: int) -> list[Evidence]:
+    tracks = motion.tracks
+    name = tracks.names[thing]
+    found, rested = [], False
+    for first, last in runs(tracks.seen[:, thing]):
+        for begin, end in _rests(motion, thing, first, last):
+            rested = True
+            if end < last - 2:
+                evidence = _onset(motion, thing, begin, end, last)
+                if evidence is not None:
+                    found.append(evidence)
+    if rested and not found:
+        found.append(Evidence(0.0, 0, (thing,), f"{name}: rests, and stays"))
+    return found
+
+
+def _rests(motion: Motion, thing: int, first: int, last: int) -> list[tuple[int, int]]:
+    """First frame and last + 1 of each rest."""
+    path = motion.tracks.places[first:last, thing]
+    still = 4 * float(motion.sigma[thing]) + 0.1
+    fewest = max(FEWEST, int(np.ceil(SHORTEST / motion.tracks.step)))
+    found, begin = [], 0
+    while begin + fewest <= len(path):
+        end = begin + fewest
+        if _wide(path[begin:end]) > still:
+            begin += 1
+            continue
+        middle = np.median(path[begin:end], axis=0)
+        while end < len(path) and np.hypot(*(path[end] - middle)) <= still:
+            end += 1
+            middle = np.median(path[begin:end], axis=0)
+        found.append((first + begin, first + end))
+        begin = end
+    return found
+
+
+def _wide(path: Array) -> float:
+    return float(np.hypot(*(path - np.median(path, axis=0)).T).max())
+
+
+def _onset(motion: Motion, thing: int, begin: int, end: int, last: int) -> Evidence | None:
+    """`end` is the first frame that is away; None where it does not really come away."""
+    tracks = motion.tracks
+    sigma, name = float(motion.sigma[thing]), tracks.names[thing]
+    home = np.median(tracks.places[begin:end, thing], axis=0)
+    stop = min(end + AFTER, last)
+    way = tracks.places[end:stop, thing] - home
+    gone = float(np.hypot(*way[-1]))
+    least = max(8 * sigma, 2.0)
+    if gone < least:
+        return None
+    # it rests for as long as nobody can tell: slow beginnings lie in the last frames of the rest
+    if motion.was_pushed(thing, tracks.times[end - 3], tracks.times[end]):
+        return Evidence(0.0, end, (thing,), f"{name}: is pushed")
+    mover = _set_moving(motion, thing, end)
+    if mover is not None:
+        return Evidence(0.0, end, (thing,), f"{name}: is set moving by {tracks.names[mover]}")
+    if tracks.view is View.SIDE and not tracks.flat and _let_go(way, tracks.step, sigma):
+        return Evidence(0.0, end, (thing,), f"{name}: lets go, and goes down")
+    size = max(2.0, 0.1 * tracks.forms[thing].reach)
+    text = f"{name}: rests to frame {end - 1}, then goes {gone:.0f} px in {stop - end} frames, and nothing touches it"
+    return Evidence((gone - least) / size, end, (thing,), text)
+
+
+def _let_go(way: Array, step: float, sigma: float) -> bool:
+    """Whether it goes down, faster and faster from nothing: what gravity does, on a slope too."""
+    s = (np.arange(len(way)) + 1) * step
+    if way[-1, 1] < max(3 * sigma, 0.1 * abs(way[-1, 0])):
+        return False
+    # how much of the last place would be there halfway: a quarter from rest under a steady pull, half after a blow
+    half = float(np.interp(s[-1] / 2, s, np.hypot(way[:, 0], way[:, 1])))
+    return half < 0.42 * float(np.hypot(*way[-1])) + 2 * sigma
+
+
+def _set_moving(motion: Motion, thing: int, frame: int) -> int | None:
+    """Something near that moves then, or that touches something that does, and so on."""
+    first, last = max(frame - 4, 0), min(frame + 1, len(motion.tracks.times) - 1)
+    asked, seen = [thing], {thing}
+    while asked:
+        one = asked.pop()
+        for other in motion.near(one, first, last):
+            if other in seen:
+                continue
+            if _moving(motion, other, first, last):
+                return other
+            seen.add(other)
+            asked.append(other)
+    return None
+
+
+def _moving(motion: Motion, thing: int, first: int, last: int) -> bool:
+    path = motion.tracks.places[max(first - 1, 0) : last + 1, thing]
+    path = path[np.isfinite(path).all(axis=1)]
+    return len(path) > 1 and bool(np.hypot(*(path[-1] - path[0])) > max(4 * motion.sigma[thing], 0.2))

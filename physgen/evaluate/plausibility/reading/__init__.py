@@ -1,0 +1,1 @@
+"""What somebody hands in -> tracks: one file a format."""

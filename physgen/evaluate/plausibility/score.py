@@ -1,0 +1,26 @@
+"""How far off -> a score from 0, surely wrong, to 1, nothing wrong; 0.5 parts right from wrong."""
+
+from __future__ import annotations
+
+MIDDLE = {
+    "gravity": 0.15,
+    "momentum": 0.3,
+    "energy": 0.15,
+    "overlap": 0.15,
+    "jumps": 0.8,
+    "starts": 1.0,
+    "speeding": 0.25,
+}
+"""Deviations at which right and wrong are parted: what `--proof` found best on seeds that it does not judge by."""
+STEEP = 3.0
+"""The score falls to 1/9 at twice the middle."""
+EVEN = 0.5
+
+
+def score(question: str, deviation: float) -> float:
+    """1 for nothing wrong, 0.5 at the middle.
+
+    >>> score("gravity", 0.0), round(score("gravity", MIDDLE["gravity"]), 3)
+    (1.0, 0.5)
+    """
+    return 1.0 / (1.0 + (deviation / MIDDLE[question]) ** STEEP)

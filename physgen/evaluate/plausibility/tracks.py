@@ -1,0 +1,99 @@
+"""Where things were in each frame, and what is known of them: all that plausibility is judged by.
+
+No velocities, no contacts, no forces: a clip of ours and anybody's video are judged by the same numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.scene.model import View
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a thing lies about its tracked place. px."""
+
+    core: float
+    """Radius of a disc about the place that it surely covers; 0: not known."""
+    reach: float
+    """Distance of its farthest point from the place; 0: a point."""
+    gyration: float = 0.0
+    """Radius of gyration: its moment of inertia over its mass is this squared."""
+    pieces: tuple[Array, ...] = ()
+    """Convex pieces, each (K, 2) about the place, turned by its angle; none for what is round, or not known better."""
+
+    @property
+    def round(self) -> bool:
+        """Whether it looks the same however it turns."""
+        return not self.pieces and self.core >= 0.9 * self.reach
+
+
+@dataclass(frozen=True)
+class Given:
+    """What somebody says acts from outside, so that nobody wonders. Indices of things."""
+
+    held: frozenset[int] = frozenset()
+    """On joints or springs, or moved by a script: only jumps are asked of them."""
+    blown: frozenset[int] = frozenset()
+    """In wind or an attractor."""
+    pushed: tuple[tuple[int, float, float], ...] = ()
+    """Who, from when, until when, s."""
+    joined: frozenset[tuple[int, int]] = frozenset()
+    """Pairs that may lie over each other."""
+    walls: tuple[Array, ...] = ()
+    """Chains (K, 2) px of what is fixed, where known."""
+    spun: frozenset[int] = frozenset()
+    """Struck so that they turn faster than they roll: they may speed up by themselves."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Of N things in T frames."""
+
+    name: str
+    times: Array
+    """(T,) s, evenly spaced."""
+    names: tuple[str, ...]
+    places: Array
+    """(T, N, 2) px, image axes: of the centre of mass or what stands for it; NaN where it is not seen."""
+    angles: Array
+    """(T, N) rad, a positive one turns +x towards +y; NaN where nobody knows."""
+    forms: tuple[Form, ...]
+    masses: Array
+    """(N,) g, or in any other unit."""
+    weighed: bool
+    """Whether masses are known; else they are areas, or all equal, and any ratio up to 30 times that will do."""
+    view: View
+    floor: float
+    """px: noise is never taken to be less."""
+    source: str
+    """What was read, in words: `boxes of MOT`."""
+    given: Given = field(default_factory=Given)
+    flat: bool = True
+    """Whether gravity is known to be none, as in a scene that says so."""
+
+    @property
+    def step(self) -> float:
+        """s from frame to frame."""
+        return float(self.times[1] - self.times[0])
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(T, N)."""
+        return np.isfinite(self.places).all(axis=2)
+
+
+def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last + 1 of each stretch of frames without a gap.
+
+    >>> runs(np.array([True, True, False, True]))
+    [(0, 2), (3, 4)]
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
