@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from physgen.evaluate.plausibility.tracks import Array
 
 SAME = 1.5
 """Frames within which turns of two things are one blow."""
-MISSED = 0.1
+MISSED = 0.12
 """Of what the change of velocity makes in a frame: by so much ways may miss each other."""
+SIDEWAYS = 0.45
+"""A blow's part along the line of centres, at least: friction of 2 turns it by no more."""
 SURE = 4.0
 """Standard deviations."""
 
@@ -49,13 +51,13 @@ class Part:
             return self.before.velocity_error(self.time)
         return float(np.hypot(self.before.velocity_error(self.time), self.after.velocity_error(self.time)))
 
-    def single(self, step: float) -> bool:
-        """Whether one blow explains it: the ways before and after meet at its time, or there were two at once."""
+    @property
+    def missed(self) -> float:
+        """px by which the ways before and after miss each other at its time, beyond what noise explains."""
         if self.before is self.after:
-            return True
-        missed = float(np.hypot(*(self.after.place(self.time) - self.before.place(self.time))))
+            return 0.0
         error = float(np.hypot(self.before.place_error(self.time), self.after.place_error(self.time)))
-        return missed <= SURE * error + MISSED * float(np.hypot(*self.change)) * step
+        return float(np.hypot(*(self.after.place(self.time) - self.before.place(self.time)))) - SURE * error
 
     @property
     def place(self) -> Array:
@@ -76,6 +78,11 @@ class Blow:
         """Indices."""
         return tuple(part.thing for part in self.parts)
 
+    def single(self, step: float) -> bool:
+        """Whether one blow explains it: ways meet at its time; where two come in one frame, they do not."""
+        change = max(float(np.hypot(*part.change)) for part in self.parts)
+        return all(part.missed <= MISSED * change * step for part in self.parts)
+
 
 def blows(motion: Motion) -> list[Blow]:
     """All that concern one or two things that are free, told and not in a crowd; each once."""
@@ -85,7 +92,7 @@ def blows(motion: Motion) -> list[Blow]:
             blow = _blow(motion, turn) if turn.sudden and _askable(motion, turn) else None
             if blow is None or _known(found, blow, motion.tracks.step):
                 continue
-            if all(part.single(motion.tracks.step) for part in blow.parts):
+            if blow.single(motion.tracks.step):
                 found.append(blow)
     return found
 
@@ -98,15 +105,21 @@ def _askable(motion: Motion, turn: Turn) -> bool:
 def _blow(motion: Motion, turn: Turn) -> Blow | None:
     first, last = turn.before.last, turn.after.first
     mine = Part(turn.thing, turn.before, turn.after, turn.time)
-    near = motion.near(turn.thing, first, last)
-    if not near:
+    others = []
+    for thing in motion.near(turn.thing, first, last):
+        other = _partner(motion, thing, turn)
+        if other is None:
+            return None
+        met = _met(motion, mine, other)
+        if met is None:
+            return None
+        if met:
+            others.append(other)
+    if not others:
         return Blow(turn.frame, turn.time, (mine,))
-    if len(near) > 1 or not motion.free(near[0]):
+    if len(others) > 1 or not motion.free(others[0].thing):
         return None
-    if set(motion.near(near[0], first, last)) - {turn.thing}:
-        return None
-    other = _partner(motion, near[0], turn)
-    return None if other is None else Blow(turn.frame, turn.time, (mine, other))
+    return _together(motion, mine, others[0])
 
 
 def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:
@@ -118,6 +131,39 @@ def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:
         if stretch.good and stretch.first <= turn.before.last and turn.after.first <= stretch.last:
             return Part(thing, stretch, stretch, turn.time)
     return None
+
+
+def _met(motion: Motion, one: Part, other: Part) -> bool | None:
+    """Whether they touched at the blow; None where nobody can tell.
+
+    They did where they are that near, and, of round things, pushed along the line of their centres.
+    """
+    a, b = motion.tracks.forms[one.thing], motion.tracks.forms[other.thing]
+    close = 1.0 + 3 * float(np.hypot(motion.sigma[one.thing], motion.sigma[other.thing])) + 0.05 * (a.reach + b.reach)
+    apart = one.place - other.place
+    size = float(np.hypot(*apart))
+    gap = size - a.reach - b.reach
+    if gap > close:
+        slack = MISSED / 2 * float(np.hypot(*one.change) + np.hypot(*other.change)) * motion.tracks.step
+        sure = other.before is other.after or other.after.first - other.before.last == 1
+        return False if sure and gap > close + slack else None
+    if a.round and b.round and size > 0:
+        along = abs(float(one.change @ apart)) / size
+        return True if along > SIDEWAYS * float(np.hypot(*one.change)) - 2 * one.error else None
+    return True
+
+
+def _together(motion: Motion, one: Part, other: Part) -> Blow | None:
+    """At the time that suits both best; None where a third was at the second."""
+    third = {one.thing, other.thing}
+    for thing in motion.near(other.thing, one.before.last, one.after.first):
+        if thing not in third and motion.clearance.least(other.thing, thing)[one.before.last : one.after.first + 1].min() < 2:
+            return None
+    step = motion.tracks.step
+    ticks = one.time + np.linspace(-step / 2, step / 2, 41)
+    missed = [sum(float(np.sum((p.after.place(t) - p.before.place(t)) ** 2)) for p in (one, other)) for t in ticks]
+    time = float(ticks[int(np.argmin(missed))])
+    return Blow(one.before.last, time, (replace(one, time=time), replace(other, time=time)))
 
 
 def _known(found: list[Blow], blow: Blow, step: float) -> bool:

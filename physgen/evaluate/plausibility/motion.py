@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,6 +57,15 @@ class Turn:
     def error(self) -> float:
         """px/s, of the change along any direction."""
         return float(np.hypot(self.before.velocity_error(self.time), self.after.velocity_error(self.time)))
+
+
+class Spin(NamedTuple):
+    """How fast a thing turns."""
+
+    rate: float
+    """rad/s."""
+    steady: bool
+    """Whether it does in all frames."""
 
 
 class Motion:
@@ -150,12 +160,17 @@ class Motion:
         given = self.tracks.given
         return thing not in given.held and thing not in given.blown
 
-    def spin(self, thing: int, first: int, last: int) -> float | None:
-        """rad/s over some frames, the smaller of what it may be; None where its angle is not known."""
+    def spin(self, thing: int, first: int, last: int) -> Spin | None:
+        """Over some frames, the slower of what it may be; None where its angle is not known."""
         angle = self.tracks.angles[max(first, 0) : last + 1, thing]
-        if len(angle) < 2 or not np.isfinite(angle).all():
+        if len(angle) < 3 or not np.isfinite(angle).all():
             return None
-        return float(np.polyfit(np.arange(len(angle)) * self.tracks.step, np.unwrap(angle), 1)[0])
+        angle = np.unwrap(angle)
+        ticks = np.arange(len(angle)) * self.tracks.step
+        line = np.polyfit(ticks, angle, 1)
+        off = float(np.abs(angle - np.polyval(line, ticks)).max())
+        shake = 4 * float(self.sigma[thing]) / max(self.tracks.forms[thing].reach, 4.0)
+        return Spin(float(line[0]), off < 0.02 + shake)
 
     def _turns(self, thing: int) -> list[Turn]:
         told = [s for s in self.stretches[thing] if s.good]

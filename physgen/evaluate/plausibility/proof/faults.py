@@ -74,18 +74,27 @@ def gravity(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | No
 
 def energy(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
     """Something parts faster than it came, after a bounce that nothing else is near in time."""
+    count = len(world.bodies)
     blows = [
-        (body, begin, end)
-        for body in rng.permutation(len(world.bodies)).tolist()
-        for begin, end, _ in _touches(run, body)
+        (body, begin, end, other)
+        for body in rng.permutation(count).tolist()
+        for begin, end, other in _touches(run, body)
         if end - begin < SHORT and _free(run, body, begin - FREE, begin - 1e-6) and _free(run, body, end + 1e-6, end + FREE)
     ]
-    for body, begin, end in blows:
-        came, parts = _velocity(run, body, begin - 0.004), _velocity(run, body, end + 0.006)
+    for body, begin, end, other in blows:
+        if other < count and not (
+            _free(run, other, begin - FREE, begin - 1e-6) and _free(run, other, end + 1e-6, end + FREE)
+        ):
+            continue
+        still = np.zeros(2) if other >= count else _velocity(run, other, begin - 0.004)
+        later = np.zeros(2) if other >= count else _velocity(run, other, end + 0.006)
+        came, parts = _velocity(run, body, begin - 0.004) - still, _velocity(run, body, end + 0.006) - later
         if np.hypot(*came) < 60 or np.hypot(*parts) < 20:
             continue
-        faster = parts / np.hypot(*parts) * np.hypot(*came) * float(rng.uniform(1.35, 2.0))
-        return in_two(world, times, end + 0.002, lambda w, b=body, v=faster: _moved(w, b, v))
+        faster = later + parts / np.hypot(*parts) * np.hypot(*came) * float(rng.uniform(1.35, 2.0))
+        poses = in_two(world, times, end + 0.002, lambda w, b=body, v=faster: _moved(w, b, v), (body,), 0.15)
+        if poses is not None:
+            return poses
     return None
 
 
@@ -150,13 +159,17 @@ def momentum(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
             change = _velocity(run, body, end + 0.006) - _velocity(run, body, begin - 0.004)
             if not alone or np.hypot(*change) < 60:
                 continue
-            old = _velocity(run, other, begin - 0.004)
+            old = _velocity(run, other, begin - 0.004) + 0.006 * world.gravity
             ratio = world.bodies[body].mass / world.bodies[other].mass
             ways = [old, old + 0.5 * ratio * change, old + ratio * change[::-1] * (1, -1)]
             apart = np.subtract(*run.poses[int(np.searchsorted(run.times, end)), [body, other], :2])
             for k in rng.permutation(3).tolist():
                 if (_velocity(run, body, end + 0.006) - ways[k]) @ apart > 20 * np.hypot(*apart):
-                    return in_two(world, times, end + 0.002, lambda w, o=other, v=ways[k]: _moved(w, o, v))
+                    poses = in_two(
+                        world, times, end + 0.002, lambda w, o=other, v=ways[k]: _moved(w, o, v), (body, other), 0.15
+                    )
+                    if poses is not None:
+                        return poses
     return None
 
 

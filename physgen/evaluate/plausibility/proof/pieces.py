@@ -37,12 +37,20 @@ def continued(world: World, trajectory: Trajectory, sample: int) -> World:
     return replace(world, bodies=tuple(bodies), duration=world.duration - float(trajectory.times[sample]))
 
 
-def in_two(world: World, times: Array, moment: float, change: Change) -> Array | None:
-    """(T, N, 3) poses at `times`: as it is to the moment, then as changed; None where the change cannot be run."""
+def in_two(
+    world: World, times: Array, moment: float, change: Change, calm: tuple[int, ...] = (), seconds: float = 0.0
+) -> Array | None:
+    """(T, N, 3) poses at `times`: as it is to the moment, then as changed.
+
+    None where one of `calm` touches something within some seconds after it, so that nobody could tell.
+    """
     before, after = times[times <= moment], times[times > moment]
     first = simulate(world, np.append(before, moment) if before[-1] < moment else before)
     then = change(continued(world, first, len(first.times) - 1))
     rest = simulate(then, np.concatenate([[0.0], after - moment]))
+    for pair, begin in zip(rest.contacts.touch_pairs.tolist(), rest.contacts.touch_times[:, 0].tolist(), strict=True):
+        if 0.004 < begin < seconds and set(pair) & set(calm):
+            return None
     poses = rest.poses[1:].copy()
     poses[..., 2] += first.poses[-1, :, 2]
     return np.concatenate([first.poses[: len(before)], poses])

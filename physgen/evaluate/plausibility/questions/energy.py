@@ -21,6 +21,8 @@ def energy(motion: Motion) -> Asked:
     """Each blow: parting over closing speed along the change of velocity, less what spin gave."""
     found = []
     for blow in blows(motion):
+        if any(_spin_energy(motion, part) is None for part in blow.parts):
+            continue
         told = max(_of_one(motion, part) for part in blow.parts)
         if len(blow.parts) == 2:
             # who knows whether they touched each other, or each something without a track: the kinder reading counts
@@ -33,11 +35,12 @@ def energy(motion: Motion) -> Asked:
 
 
 def _of_one(motion: Motion, part: Part) -> tuple[float, float, float]:
-    return _gain(part.arrives, part.leaves, part.error, _spin_energy(motion, part), _usual(motion, part.thing))
+    spin = _spin_energy(motion, part) or 0.0
+    return _gain(part.arrives, part.leaves, part.error, spin, _usual(motion, part.thing))
 
 
 def _of_two(motion: Motion, one: Part, other: Part) -> tuple[float, float, float]:
-    spin = _spin_energy(motion, one) + _spin_energy(motion, other)
+    spin = (_spin_energy(motion, one) or 0.0) + (_spin_energy(motion, other) or 0.0)
     error = float(np.hypot(one.error, other.error))
     usual = max(_usual(motion, one.thing), _usual(motion, other.thing))
     return _gain(one.arrives - other.arrives, one.leaves - other.leaves, error, spin, usual)
@@ -62,12 +65,19 @@ def _usual(motion: Motion, thing: int) -> float:
     return max(float(np.quantile(lengths, 0.9)), 1.0) / motion.tracks.step
 
 
-def _spin_energy(motion: Motion, part: Part) -> float:
-    """px²/s²: twice what turning slower gave, a unit of mass; a rolling ball's where its angle is not known."""
+def _spin_energy(motion: Motion, part: Part) -> float | None:
+    """px²/s²: twice what turning slower gave, a unit of mass; None where that cannot be told.
+
+    Of what is round, and shows no angle, a rolling ball's.
+    """
     form = motion.tracks.forms[part.thing]
+    if part.before is part.after:
+        return 0.0
     first, last = part.before.last, part.after.first
     before = motion.spin(part.thing, max(part.before.first, first - SPIN), first)
     after = motion.spin(part.thing, last, min(part.after.last, last + SPIN))
     if before is None or after is None:
-        return 0.25 * float(part.arrives @ part.arrives)
-    return float(max(0.0, form.gyration**2 * (before**2 - after**2)))
+        return 0.25 * float(part.arrives @ part.arrives) if form.round else None
+    if not form.round and not (before.steady and after.steady):
+        return None
+    return float(max(0.0, form.gyration**2 * (before.rate**2 - after.rate**2)))

@@ -24,7 +24,7 @@ def momentum(motion: Motion) -> Asked:
     common = _common(motion)
     found = []
     for blow in blows(motion):
-        if len(blow.parts) == 2 and _free(motion, blow, common) and _met(motion, blow):
+        if len(blow.parts) == 2 and _free(motion, blow, common):
             found.append(_judged(motion, blow))
     return Asked.of(found, "no two free things meet by themselves")
 
@@ -55,15 +55,6 @@ def _in_flight(stretch: Stretch, common: Array | None) -> bool:
     assert common is not None
     size, error = float(np.hypot(*common)), stretch.acceleration_error
     return bool(error < 0.2 * size and np.hypot(*(stretch.acceleration - common)) < 0.2 * size + 2 * error)
-
-
-def _met(motion: Motion, blow: Blow) -> bool:
-    """Whether they surely touched: as near as round things are at the blow, or as outlines are in a frame."""
-    one, other = blow.parts
-    a, b = motion.tracks.forms[one.thing], motion.tracks.forms[other.thing]
-    error = 3 * float(np.hypot(motion.sigma[one.thing], motion.sigma[other.thing]))
-    apart = float(np.hypot(*(one.place - other.place)))
-    return apart - a.reach - b.reach <= 0.15 * (a.reach + b.reach) + error
 
 
 def _judged(motion: Motion, blow: Blow) -> Evidence:

@@ -13,6 +13,8 @@ FEWEST = 6
 """Frames."""
 SURE = 2.5
 """Standard deviations that noise may account for."""
+LASTS = 0.5
+"""s after a blow, at most, in which spin gives back speed."""
 FOLLOW = 2 / 7
 """Of the speed that a ball has lost in a blow, its spin gives back: a follow shot (any billiards text)."""
 
@@ -25,37 +27,52 @@ def speeding(motion: Motion) -> Asked:
     for k in range(len(motion.tracks.names)):
         if not motion.free(k) or k in motion.tracks.given.spun or not motion.moves[k]:
             continue
-        fastest = 0.0
         for stretch in motion.stretches[k]:
             if stretch.count >= FEWEST and _alone(motion, k, stretch):
-                evidence = _judged(motion, k, stretch, fastest)
+                evidence = _judged(motion, k, stretch, _came_at(motion, k, stretch))
                 if evidence is not None:
                     found.append(evidence)
-            if stretch.good:
-                fastest = max(fastest, _speed(motion, stretch, stretch.first))
     return Asked.of(found, "nothing moves by itself for long enough")
 
 
 def _alone(motion: Motion, thing: int, stretch: Stretch) -> bool:
     tracks = motion.tracks
-    first, last = stretch.first + 1, stretch.last - 1
-    pushed = motion.was_pushed(thing, tracks.times[stretch.first], tracks.times[stretch.last])
-    return not pushed and not motion.near(thing, first, last) and not motion.near_wall(thing, first, last)
+    if motion.was_pushed(thing, tracks.times[stretch.first], tracks.times[stretch.last]):
+        return False
+    inner = slice(stretch.first + 1, stretch.last)
+    gaps = [motion.clearance.to_walls(thing)[inner]]
+    gaps += [motion.clearance.least(thing, k)[inner] for k in range(len(tracks.names)) if k != thing]
+    return all(np.nanmin(gap, initial=np.inf) > 0.5 + 3 * motion.sigma[thing] for gap in gaps)
+
+
+def _came_at(motion: Motion, thing: int, stretch: Stretch) -> float:
+    """px/s at which it came to the blows not long before, the fastest; 0 if none was."""
+    fastest = 0.0
+    earlier = [s for s in motion.stretches[thing] if s.good and s.last < stretch.first]
+    followers = [*earlier[1:], stretch] if earlier else []
+    known = {turn.after.first: turn for turn in motion.turns[thing]}
+    for before, after in zip(earlier[::-1], followers[::-1], strict=True):
+        if (stretch.first - before.last) * motion.tracks.step > LASTS:
+            break
+        turn = known.get(after.first)
+        if turn is None or turn.sudden:
+            fastest = max(fastest, _speed(motion, before, before.last))
+    return fastest
 
 
 def _speed(motion: Motion, stretch: Stretch, frame: int) -> float:
     return float(np.hypot(*stretch.velocity(float(motion.tracks.times[frame]))))
 
 
-def _judged(motion: Motion, thing: int, stretch: Stretch, fastest: float) -> Evidence | None:
+def _judged(motion: Motion, thing: int, stretch: Stretch, came: float) -> Evidence | None:
     begin, end = (_speed(motion, stretch, frame) for frame in (stretch.first, stretch.last))
     seconds = (stretch.count - 1) * motion.tracks.step
     if max(begin, end) * seconds < max(2.0, 8 * float(motion.sigma[thing])):
         return None
     error = stretch.acceleration_error * seconds
-    returned = FOLLOW * max(0.0, fastest - begin)
+    returned = FOLLOW * max(0.0, came - begin)
     gained = max(0.0, end - begin - returned - SURE * error)
     name = motion.tracks.names[thing]
     text = f"{name}: {begin:.0f} px/s at frame {stretch.first}, {end:.0f} px/s at frame {stretch.last}"
-    usual = max(begin, fastest, 0.25 * end)
+    usual = max(begin, 0.25 * end)
     return Evidence(gained / usual, stretch.last, (thing,), text)

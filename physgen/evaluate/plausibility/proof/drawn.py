@@ -1,0 +1,50 @@
+"""Tracks -> frames with every thing's outline filled in with its id -> tracks from those masks, as of anybody's video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from physgen.evaluate.plausibility.reading.masks import SHAKE, Ids, gathered, tracked
+from physgen.evaluate.plausibility.tracks import Tracks
+
+SIZE = 512
+BITS = 4
+"""Places are rounded to 1/16 px as they are drawn."""
+
+
+def from_drawn(tracks: Tracks) -> Tracks:
+    """What can be told from ids alone: no angles, no outlines but discs, nothing of what is hidden."""
+    ids, places, forms, areas = tracked(gathered(_maps(tracks)))
+    return replace(
+        tracks,
+        names=tuple(tracks.names[one - 1] for one in ids),
+        places=places,
+        angles=np.full(places.shape[:2], np.nan),
+        forms=forms,
+        masses=areas,
+        weighed=False,
+        floor=SHAKE,
+        source="masks",
+    )
+
+
+def _maps(tracks: Tracks) -> Iterator[Ids]:
+    for frame in range(len(tracks.times)):
+        ids = np.zeros((SIZE, SIZE), np.uint8)
+        for k, form in enumerate(tracks.forms):
+            x, y = tracks.places[frame, k].tolist()
+            if not (-SIZE < x < 2 * SIZE and -SIZE < y < 2 * SIZE):
+                continue
+            if form.round:
+                center = round(x * 2**BITS), round(y * 2**BITS)
+                cv2.circle(ids, center, round(form.core * 2**BITS), k + 1, cv2.FILLED, cv2.LINE_8, BITS)
+                continue
+            c, s = np.cos(tracks.angles[frame, k]), np.sin(tracks.angles[frame, k])
+            for piece in form.pieces:
+                points = piece @ np.array([[c, s], [-s, c]]) + (x, y)
+                cv2.fillConvexPoly(ids, np.rint(points * 2**BITS).astype(np.int32), k + 1, cv2.LINE_8, BITS)
+        yield ids
