@@ -16,6 +16,8 @@ MISSED = 0.12
 """Of what the change of velocity makes in a frame: by so much ways may miss each other."""
 SIDEWAYS = 0.45
 """A blow's part along the line of centres, at least: friction of 2 turns it by no more."""
+RESTING = 0.3
+"""Of the speed after a blow: what came slower was probably hit, and somebody was near."""
 SURE = 4.0
 """Standard deviations."""
 
@@ -28,6 +30,8 @@ class Part:
     before: Stretch
     after: Stretch
     time: float
+    shown: bool = True
+    """Whether it turned at all, as far as one can tell."""
 
     @property
     def arrives(self) -> Array:
@@ -41,7 +45,7 @@ class Part:
 
     @property
     def change(self) -> Array:
-        """(2,) px/s; exactly nothing where one stretch goes on."""
+        """(2,) px/s; exactly nothing where one stretch goes on and cannot be parted."""
         return self.leaves - self.arrives
 
     @property
@@ -81,7 +85,7 @@ class Blow:
     def single(self, step: float) -> bool:
         """Whether one blow explains it: ways meet at its time; where two come in one frame, they do not."""
         change = max(float(np.hypot(*part.change)) for part in self.parts)
-        return all(part.missed <= MISSED * change * step for part in self.parts)
+        return all(part.missed <= MISSED * change * step for part in self.parts if part.shown)
 
 
 def blows(motion: Motion) -> list[Blow]:
@@ -129,7 +133,9 @@ def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:
             return Part(thing, other.before, other.after, turn.time)
     for stretch in motion.stretches[thing]:
         if stretch.good and stretch.first <= turn.before.last and turn.after.first <= stretch.last:
-            return Part(thing, stretch, stretch, turn.time)
+            frame = turn.before.last if turn.time < motion.tracks.times[turn.after.first] else turn.after.first
+            parted = motion.parted(thing, stretch, frame)
+            return Part(thing, *(parted or (stretch, stretch)), turn.time, shown=False)
     return None
 
 
@@ -144,8 +150,8 @@ def _met(motion: Motion, one: Part, other: Part) -> bool | None:
     size = float(np.hypot(*apart))
     gap = size - a.reach - b.reach
     if gap > close:
-        slack = MISSED / 2 * float(np.hypot(*one.change) + np.hypot(*other.change)) * motion.tracks.step
-        sure = other.before is other.after or other.after.first - other.before.last == 1
+        slack = SURE * max(part.before.place_error(part.time) for part in (one, other)) + MISSED / 2 * float(np.hypot(*one.change) + np.hypot(*other.change)) * motion.tracks.step
+        sure = other.after.first - other.before.last <= 1 and np.hypot(*one.arrives) > RESTING * np.hypot(*one.leaves)
         return False if sure and gap > close + slack else None
     if a.round and b.round and size > 0:
         along = abs(float(one.change @ apart)) / size

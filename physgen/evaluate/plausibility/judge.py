@@ -9,11 +9,10 @@ from typing import Any
 from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
 from physgen.evaluate.plausibility.questions import QUESTIONS
-from physgen.evaluate.plausibility.questions.gravity import flies, pull
+from physgen.evaluate.plausibility.questions.gravity import common
 from physgen.evaluate.plausibility.score import EVEN, score
 from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.problems import InputError
-from physgen.scene.model import View
 
 FEWEST = 8
 """Frames: with fewer, nothing that moves can be told from noise."""
@@ -48,16 +47,8 @@ class Verdict:
     @property
     def gravity(self) -> tuple[float, float] | None:
         """px/s² along x and y, that all flights have in common; None where nothing flies."""
-        tracks = self.tracks
-        if tracks.view is View.TOP or tracks.flat:
-            return None
-        flights = [
-            (k, s) for k in range(len(tracks.names)) for s in self.motion.stretches[k] if flies(self.motion, k, s)
-        ]
-        if not flights:
-            return None
-        x, y = pull(flights).tolist()
-        return x, y
+        pulled = common(self.motion)
+        return None if pulled is None else (float(pulled[0]), float(pulled[1]))
 
     def faults(self) -> list[tuple[str, Evidence]]:
         """Question and evidence of all that is called wrong, the worst first."""

@@ -10,13 +10,17 @@ import numpy as np
 
 from physgen.evaluate.plausibility.clearance import Clearance
 from physgen.evaluate.plausibility.noise import noise
-from physgen.evaluate.plausibility.stretches import Stretch, stretches
+from physgen.evaluate.plausibility.stretches import FEWEST, Stretch, fitted, stretches
 from physgen.evaluate.plausibility.tracks import Array, Tracks, runs
 
+PARTED = 12
+"""Frames on each side of a blow that did not show, at most, that tell how much it can have been."""
 WIDEST = 4
 """Frames between two stretches, at most, that still are one blow."""
 SURE = 4.0
 """Standard deviations."""
+SMOOTH = 3.0
+"""Times what accelerations around it make in the same time: a change of velocity beyond it is sudden."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +123,15 @@ class Motion:
                 return stretch if stretch.good else None
         return None
 
+    def parted(self, thing: int, stretch: Stretch, frame: int) -> tuple[Stretch, Stretch] | None:
+        """One stretch as two that meet behind a frame, each by its own frames; None where they are too few."""
+        if frame - stretch.first + 1 < FEWEST or stretch.last - frame < FEWEST:
+            return None
+        path, times, sigma = self.tracks.places[:, thing], self.tracks.times, float(self.sigma[thing])
+        first, last = max(stretch.first, frame - PARTED + 1), min(stretch.last, frame + PARTED)
+        before = fitted(path[first : frame + 1], times[first : frame + 1], first, sigma)
+        return before, fitted(path[frame + 1 : last + 1], times[frame + 1 : last + 1], frame + 1, sigma)
+
     def near(self, thing: int, first: int, last: int) -> list[int]:
         """Things that may have touched it between two frames, however fast they were."""
         tracks = self.tracks
@@ -191,9 +204,9 @@ class Motion:
         change = float(np.hypot(*turn.change))
         a, b = before.acceleration, after.acceleration
         smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
-        sudden = change > max(SURE * turn.error, 2 * smooth * (after.first - before.last), self._slow(thing))
+        sudden = change > max(SURE * turn.error, SMOOTH * smooth * (after.first - before.last), self._slow(thing))
         return Turn(thing, before, after, turn.time, turn.offset, sudden)
 
     def _slow(self, thing: int) -> float:
         """px/s: changes below it are none."""
-        return float(max(3 * self.sigma[thing], 0.25) / self.tracks.step)
+        return float(max(6 * self.sigma[thing], 0.4) / self.tracks.step)

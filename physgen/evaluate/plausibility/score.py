@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 MIDDLE = {
-    "gravity": 0.15,
-    "momentum": 0.3,
-    "energy": 0.15,
+    "gravity": 0.28,
+    "momentum": 0.5,
+    "energy": 0.25,
     "overlap": 0.15,
-    "jumps": 0.8,
+    "jumps": 0.55,
     "starts": 1.0,
     "speeding": 0.25,
 }

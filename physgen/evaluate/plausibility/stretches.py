@@ -82,7 +82,7 @@ class Stretch:
 def stretches(path: Array, times: Array, first: int, sigma: float) -> list[Stretch]:
     """Of frames without a gap, `path` (n, 2) px at `times` (n,) s; `first` is the number of their first frame."""
     return [
-        _fitted(path[a:b], times[a:b], first + a, sigma) for a, b in _borders((path - path.mean(0)) / sigma)
+        fitted(path[a:b], times[a:b], first + a, sigma) for a, b in _borders((path - path.mean(0)) / sigma)
     ]
 
 
@@ -126,7 +126,8 @@ def _basis(length: int) -> Array:
     return np.asarray(np.linalg.qr(np.stack([np.ones(length), grid, grid**2], axis=1))[0])
 
 
-def _fitted(path: Array, times: Array, first: int, sigma: float) -> Stretch:
+def fitted(path: Array, times: Array, first: int, sigma: float) -> Stretch:
+    """All frames as one stretch."""
     n = len(path)
     middle = float(times.mean())
     s = times - middle

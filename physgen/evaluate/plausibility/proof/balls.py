@@ -211,7 +211,7 @@ def _wronged(
         return run(lambda b: setattr(b, "pull", b.pull * factor), moment) if seen else None
     if fault == "a jump":
         for k in order:
-            if _calm(blows, k, moment - 0.15, moment + 0.15):
+            if _calm(blows, k, moment - FREE, moment + FREE):
                 angle, far = rng.uniform(0, 2 * np.pi), max(30.0, float(rng.uniform(1.5, 4)) * balls.radii[k])
                 return run(lambda b, k=k, a=angle, f=far: _shift(b, k, f * np.array([np.cos(a), np.sin(a)])), moment)
         return None

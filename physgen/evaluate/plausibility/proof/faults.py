@@ -101,7 +101,7 @@ def energy(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | Non
 def jump(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
     """Something that moves freely is elsewhere from one frame to the next."""
     moment = float(rng.uniform(0.25, 0.75)) * float(times[-1])
-    free = [k for k in range(len(world.bodies)) if _free(run, k, moment - 0.15, moment + 0.15)]
+    free = [k for k in range(len(world.bodies)) if _free(run, k, moment - FREE, moment + FREE)]
     if not free or world.joints:
         return None
     body = int(rng.choice(free))

@@ -13,7 +13,7 @@ SURE = 2.5
 """Standard deviations that noise may account for."""
 SPIN = 4
 """Frames before and after a blow that tell how fast a thing turns."""
-SLOW = 0.15
+SLOW = 0.3
 """Of the speeds that a thing has at all: slower blows are measured by it."""
 
 
@@ -23,7 +23,7 @@ def energy(motion: Motion) -> Asked:
     for blow in blows(motion):
         if any(_spin_energy(motion, part) is None for part in blow.parts):
             continue
-        told = max(_of_one(motion, part) for part in blow.parts)
+        told = max(_of_one(motion, part) for part in blow.parts if part.shown)
         if len(blow.parts) == 2:
             # who knows whether they touched each other, or each something without a track: the kinder reading counts
             told = min(told, _of_two(motion, *blow.parts))
@@ -71,7 +71,7 @@ def _spin_energy(motion: Motion, part: Part) -> float | None:
     Of what is round, and shows no angle, a rolling ball's.
     """
     form = motion.tracks.forms[part.thing]
-    if part.before is part.after:
+    if not part.shown:
         return 0.0
     first, last = part.before.last, part.after.first
     before = motion.spin(part.thing, max(part.before.first, first - SPIN), first)

@@ -16,6 +16,8 @@ SHORTEST = 0.18
 """s of a flight."""
 PLUMB = np.sin(np.radians(10))
 """What falls on a straight line within this of the picture's vertical may fly; else it may slide."""
+EQUAL = 9.0
+"""Squared errors, in squared noise, by which one explanation must be better than another."""
 SURE = 2.5
 """Standard deviations that noise may account for."""
 
@@ -26,13 +28,46 @@ def gravity(motion: Motion) -> Asked:
         return Asked((), "seen from above: gravity presses on the table")
     if motion.tracks.flat:
         return Asked((), "the scene has no gravity")
-    flights = [(k, s) for k in range(len(motion.tracks.names)) for s in motion.stretches[k] if flies(motion, k, s)]
-    if not flights:
+    pulled = common(motion)
+    if pulled is None:
         return Asked((), "nothing flies freely for long enough")
-    common = pull(flights)
-    size = float(np.hypot(*common))
-    told = [_judged(motion, k, s, common, size) for k, s in flights]
-    return Asked.of(told, "")
+    return Asked.of([_judged(motion, k, s, pulled, float(np.hypot(*pulled))) for k, s in flights(motion)], "")
+
+
+def common(motion: Motion) -> Array | None:
+    """(2,) px/s²: the median of the flights' accelerations, each as heavy as it is long; None where nothing flies."""
+    found = flights(motion)
+    if not found:
+        return None
+    accelerations = np.array([s.acceleration for _, s in found])
+    weights = np.array([s.count for _, s in found], np.float64)
+    return np.array([_median(accelerations[:, k], weights) for k in (0, 1)])
+
+
+def flights(motion: Motion) -> list[tuple[int, Stretch]]:
+    """Things and their flights; what is guided, as a pendulum is, has none."""
+    if motion.tracks.view is View.TOP or motion.tracks.flat:
+        return []
+    return [
+        (k, s)
+        for k in range(len(motion.tracks.names))
+        if not _guided(motion, k)
+        for s in motion.stretches[k]
+        if flies(motion, k, s)
+    ]
+
+
+def _guided(motion: Motion, thing: int) -> bool:
+    """Whether its acceleration changes without a blow again and again: gravity may change once, a rope turns on."""
+    smooth = 0
+    for turn in motion.turns[thing]:
+        a, b = turn.before, turn.after
+        off = float(np.hypot(*(a.acceleration - b.acceleration)))
+        error = float(np.hypot(a.acceleration_error, b.acceleration_error))
+        size = max(float(np.hypot(*a.acceleration)), float(np.hypot(*b.acceleration)))
+        moves = max(float(np.hypot(*turn.arrives)), float(np.hypot(*turn.leaves))) * motion.tracks.step > 0.5
+        smooth += not turn.sudden and moves and off > 3 * error and off > 0.15 * size
+    return smooth >= 2
 
 
 def flies(motion: Motion, thing: int, stretch: Stretch) -> bool:
@@ -73,25 +108,22 @@ def _falls(motion: Motion, thing: int, stretch: Stretch) -> bool:
     return bool(across or bent)
 
 
-def pull(flights: list[tuple[int, Stretch]]) -> Array:
-    """(2,) px/s²: the median of the flights' accelerations, each as heavy as it is long and sure."""
-    accelerations = np.array([s.acceleration for _, s in flights])
-    weights = np.array([s.count for _, s in flights], np.float64)
-    return np.array([_median(accelerations[:, k], weights) for k in (0, 1)])
-
-
 def _median(values: Array, weights: Array) -> float:
     order = np.argsort(values)
     heap = np.cumsum(weights[order])
     return float(values[order][int(np.searchsorted(heap, heap[-1] / 2))])
 
 
-def _judged(motion: Motion, thing: int, stretch: Stretch, common: Array, size: float) -> Evidence:
-    off = float(np.hypot(*(stretch.acceleration - common)))
-    apart = max(0.0, off - SURE * stretch.acceleration_error * np.sqrt(2)) / size
+def _judged(motion: Motion, thing: int, stretch: Stretch, pulled: Array, size: float) -> Evidence:
+    off = float(np.hypot(*(stretch.acceleration - pulled)))
+    # few frames tell little of their own noise, too: Student's t grows about so
+    sure = SURE * np.sqrt(2) * (1 + 4 / (stretch.count - 3))
+    apart = max(0.0, off - sure * stretch.acceleration_error) / size
     times = motion.tracks.times[stretch.first : stretch.last + 1]
     bend = float(np.hypot(*stretch.jerk)) * (times[-1] - times[0]) / 2
-    bent = max(0.0, bend - SURE * np.sqrt(2) * _bend_error(stretch, times)) / size
+    bent = max(0.0, bend - sure * _bend_error(stretch, times)) / size
+    if max(apart, bent) > 0 and _kinked(motion, thing, stretch, pulled):
+        apart = bent = 0.0
     found = float(np.hypot(*stretch.acceleration))
     name = motion.tracks.names[thing]
     frames = f"frames {stretch.first} to {stretch.last}"
@@ -100,6 +132,20 @@ def _judged(motion: Motion, thing: int, stretch: Stretch, common: Array, size: f
     else:
         text = f"{name}: falls at {found:.0f} px/s² over {frames}, all flights at {size:.0f}"
     return Evidence(max(apart, bent), (stretch.first + stretch.last) // 2, (thing,), text)
+
+
+def _kinked(motion: Motion, thing: int, stretch: Stretch, pulled: Array) -> bool:
+    """Whether a fall as all others' with one small blow in it explains the places as well."""
+    rows = slice(stretch.first, stretch.last + 1)
+    s = motion.tracks.times[rows] - stretch.middle
+    path = motion.tracks.places[rows, thing]
+    off = path - np.outer(s * s / 2, pulled)
+    left = float(((path - np.array([stretch.place(t) for t in motion.tracks.times[rows]])) ** 2).sum())
+    best = np.inf
+    for at in (s[1:-2] + s[2:-1]) / 2:
+        columns = np.stack([np.ones(len(s)), s, np.maximum(s - at, 0.0)], axis=1)
+        best = min(best, float(((off - columns @ (np.linalg.pinv(columns) @ off)) ** 2).sum()))
+    return best <= left + EQUAL * float(motion.sigma[thing]) ** 2
 
 
 def _bend_error(stretch: Stretch, times: Array) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 
 from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
+from physgen.evaluate.plausibility.questions.gravity import common
 from physgen.evaluate.plausibility.tracks import Array, runs
 
 FEWEST = 6
@@ -29,6 +30,8 @@ def jumps(motion: Motion) -> Asked:
 def _worst(motion: Motion, thing: int, first: int, last: int) -> Evidence:
     steps = motion.steps[first : last - 1, thing]
     lengths = np.hypot(steps[:, 0], steps[:, 1])
+    pulled = common(motion)
+    fall = 0.0 if pulled is None else float(np.hypot(*pulled)) * motion.tracks.step**2 / 2
     worst, frame = 0.0, first
     excess = 0.0
     for k in range(1, len(steps) - 1):
@@ -37,9 +40,9 @@ def _worst(motion: Motion, thing: int, first: int, last: int) -> Evidence:
             continue
         others = np.concatenate([lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]])
         usual = float(others.max(initial=0.0))
-        allowed = SURE * float(motion.sigma[thing]) + _shoved(motion, thing, first + k, usual)
+        allowed = SURE * float(motion.sigma[thing]) + _shoved(motion, thing, first + k, usual) + fall
         form = motion.tracks.forms[thing]
-        size = max(usual, 0.1 * form.reach, 10 * float(motion.sigma[thing]), 2.0)
+        size = max(usual, 0.3 * form.reach, 10 * float(motion.sigma[thing]), 3.0)
         deviation = max(0.0, off - allowed) / size
         if not _smooth(motion, thing, first + k):
             deviation *= DOUBTFUL

@@ -7,7 +7,7 @@ import numpy as np
 from physgen.evaluate.plausibility.blows import Blow, Part, blows
 from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
-from physgen.evaluate.plausibility.questions.gravity import flies, pull
+from physgen.evaluate.plausibility.questions.gravity import common
 from physgen.evaluate.plausibility.stretches import Stretch
 from physgen.evaluate.plausibility.tracks import Array
 from physgen.scene.model import View
@@ -21,40 +21,32 @@ TRIES = 121
 
 def momentum(motion: Motion) -> Asked:
     """Each meeting of two that are free, on a table seen from above or in flight; what is missing over what was given."""
-    common = _common(motion)
+    pulled = common(motion)
     found = []
     for blow in blows(motion):
-        if len(blow.parts) == 2 and _free(motion, blow, common):
+        if len(blow.parts) == 2 and _free(motion, blow, pulled):
             found.append(_judged(motion, blow))
     return Asked.of(found, "no two free things meet by themselves")
 
 
-def _common(motion: Motion) -> Array | None:
-    """(2,) px/s² at which things fly; None where that is not known."""
-    if motion.tracks.view is View.TOP or motion.tracks.flat:
-        return None
-    flights = [(k, s) for k in range(len(motion.tracks.names)) for s in motion.stretches[k] if flies(motion, k, s)]
-    return pull(flights) if flights else None
-
-
-def _free(motion: Motion, blow: Blow, common: Array | None) -> bool:
+def _free(motion: Motion, blow: Blow, pulled: Array | None) -> bool:
     side = motion.tracks.view is View.SIDE and not motion.tracks.flat
-    if side and common is None:
+    if side and pulled is None:
         return False
     for part in blow.parts:
-        if not motion.moves[part.thing]:
+        if not motion.moves[part.thing] or part.before is part.after:
             return False
         if motion.near_wall(part.thing, part.before.last, part.after.first):
             return False
-        if side and not all(_in_flight(s, common) for s in (part.before, part.after)):
+        if side and not all(_in_flight(s, pulled) for s in (part.before, part.after)):
             return False
     return True
 
 
-def _in_flight(stretch: Stretch, common: Array | None) -> bool:
-    assert common is not None
-    size, error = float(np.hypot(*common)), stretch.acceleration_error
-    return bool(error < 0.2 * size and np.hypot(*(stretch.acceleration - common)) < 0.2 * size + 2 * error)
+def _in_flight(stretch: Stretch, pulled: Array | None) -> bool:
+    assert pulled is not None
+    size, error = float(np.hypot(*pulled)), stretch.acceleration_error
+    return bool(error < 0.2 * size and np.hypot(*(stretch.acceleration - pulled)) < 0.2 * size + 2 * error)
 
 
 def _judged(motion: Motion, blow: Blow) -> Evidence:

@@ -6,8 +6,12 @@ import numpy as np
 
 from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
-from physgen.evaluate.plausibility.tracks import Array
+from physgen.evaluate.plausibility.tracks import Array, runs
 
+LONGEST = 0.5
+"""s of a gap in a track that can be bridged."""
+SIDE = 6
+"""Frames on each side of it that the bridge stands on, at most."""
 PARTS = 4
 """Moments looked at between two frames."""
 
@@ -31,7 +35,9 @@ def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
     a, b = tracks.forms[one], tracks.forms[other]
     gap = motion.clearance.most(one, other)
     known = np.isfinite(gap)
-    if not known.any() or min(a.core, b.core) <= 0:
+    if not known.any():
+        return None
+    if min(a.core, b.core) <= 0:
         return None
     if np.nanmin(motion.clearance.least(one, other)) > motion.margin(one, other, 0, len(gap) - 1):
         return None
@@ -40,6 +46,9 @@ def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
     between, at = _between(motion, one, other)
     if between > depth:
         depth, frame = between, at
+    hidden, at = _hidden(motion, one, other)
+    if hidden > depth:
+        depth, frame = hidden, at
     noise = 3 * float(np.hypot(motion.sigma[one], motion.sigma[other]))
     beyond = max(0.0, depth - 1.2 * start - noise - 1.0)
     names = f"{tracks.names[one]} and {tracks.names[other]}"
@@ -70,3 +79,39 @@ def _between(motion: Motion, one: int, other: int) -> tuple[float, int]:
             frame = int(np.argmax(deep))
             depth = float(deep[frame])
     return depth, frame
+
+
+def _hidden(motion: Motion, one: int, other: int) -> tuple[float, int]:
+    """The deepest while one hides the other: its way goes on smoothly behind it, as nothing that was hit does."""
+    tracks = motion.tracks
+    reach = tracks.forms[one].core + tracks.forms[other].core
+    ways = [_bridged(motion, thing) for thing in (one, other)]
+    away = ways[0] - ways[1]
+    far = np.hypot(away[:, 0], away[:, 1])
+    gone = ~(tracks.seen[:, one] & tracks.seen[:, other]) & np.isfinite(far)
+    if not gone.any():
+        return 0.0, 0
+    deep = np.where(gone, reach - far, 0.0)
+    frame = int(np.argmax(deep))
+    return float(deep[frame]), frame
+
+
+def _bridged(motion: Motion, thing: int) -> Array:
+    """(T, 2): places, and in short gaps those of the one parabola through the frames before and after, if there is one."""
+    tracks = motion.tracks
+    path = tracks.places[:, thing].copy()
+    known = runs(tracks.seen[:, thing])
+    for (first, end), (begin, last) in zip(known[:-1], known[1:], strict=True):
+        if (begin - end + 1) * tracks.step > LONGEST:
+            continue
+        rows = np.concatenate([np.arange(max(first, end - SIDE), end), np.arange(begin, min(last, begin + SIDE))])
+        if len(rows) < 6:
+            continue
+        s = tracks.times[rows] - tracks.times[end]
+        terms = np.linalg.pinv(np.stack([np.ones(len(s)), s, s * s / 2], axis=1)) @ tracks.places[rows, thing]
+        left = tracks.places[rows, thing] - np.stack([np.ones(len(s)), s, s * s / 2], axis=1) @ terms
+        if np.sqrt((left**2).mean()) > 2.5 * motion.sigma[thing]:
+            continue
+        gap = tracks.times[end:begin] - tracks.times[end]
+        path[end:begin] = np.stack([np.ones(len(gap)), gap, gap * gap / 2], axis=1) @ terms
+    return path

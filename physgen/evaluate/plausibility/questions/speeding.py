@@ -9,7 +9,7 @@ from physgen.evaluate.plausibility.motion import Motion
 from physgen.evaluate.plausibility.stretches import Stretch
 from physgen.scene.model import View
 
-FEWEST = 6
+FEWEST = 7
 """Frames."""
 SURE = 2.5
 """Standard deviations that noise may account for."""

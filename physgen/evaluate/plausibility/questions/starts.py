@@ -6,11 +6,14 @@ import numpy as np
 
 from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
+from physgen.evaluate.plausibility.questions.gravity import common
 from physgen.evaluate.plausibility.tracks import Array, runs
 from physgen.scene.model import View
 
 FEWEST, SHORTEST = 5, 0.15
 """Frames and s of rest."""
+SURE = 3.0
+"""Standard deviations that noise may account for."""
 AFTER = 6
 """Frames in which it must have come away."""
 
@@ -44,7 +47,7 @@ def _rests(motion: Motion, thing: int, first: int, last: int) -> list[tuple[int,
     """First frame and last + 1 of each rest."""
     path = motion.tracks.places[first:last, thing]
     still = 4 * float(motion.sigma[thing]) + 0.1
-    fewest = max(FEWEST, int(np.ceil(SHORTEST / motion.tracks.step)))
+    fewest = max(FEWEST, int(np.ceil(_shortest(motion, still) / motion.tracks.step)))
     found, begin = [], 0
     while begin + fewest <= len(path):
         end = begin + fewest
@@ -60,6 +63,22 @@ def _rests(motion: Motion, thing: int, first: int, last: int) -> list[tuple[int,
     return found
 
 
+def _shortest(motion: Motion, still: float) -> float:
+    """s: what turns back in the air is as still as that for a while."""
+    pulled = common(motion)
+    if pulled is None:
+        return SHORTEST
+    return max(SHORTEST, 1.5 * 2 * float(np.sqrt(2 * still / max(np.hypot(*pulled), 1e-9))))
+
+
+def _drift(motion: Motion, thing: int, begin: int, end: int) -> float:
+    """px a frame: how fast it may creep in its rest, for all that noise lets one tell."""
+    path = motion.tracks.places[begin:end, thing]
+    ticks = np.arange(len(path)) - (len(path) - 1) / 2
+    spread = float(ticks @ ticks)
+    return float(np.hypot(*(ticks @ path)) / spread + SURE * motion.sigma[thing] / np.sqrt(spread))
+
+
 def _wide(path: Array) -> float:
     return float(np.hypot(*(path - np.median(path, axis=0)).T).max())
 
@@ -72,7 +91,7 @@ def _onset(motion: Motion, thing: int, begin: int, end: int, last: int) -> Evide
     stop = min(end + AFTER, last)
     way = tracks.places[end:stop, thing] - home
     gone = float(np.hypot(*way[-1]))
-    least = max(8 * sigma, 2.0)
+    least = max(8 * sigma, 2.0) + _drift(motion, thing, begin, end) * (stop - 1 - (begin + end - 1) / 2)
     if gone < least:
         return None
     # it rests for as long as nobody can tell: slow beginnings lie in the last frames of the rest
@@ -81,21 +100,21 @@ def _onset(motion: Motion, thing: int, begin: int, end: int, last: int) -> Evide
     mover = _set_moving(motion, thing, end)
     if mover is not None:
         return Evidence(0.0, end, (thing,), f"{name}: is set moving by {tracks.names[mover]}")
-    if tracks.view is View.SIDE and not tracks.flat and _let_go(way, tracks.step, sigma):
+    if tracks.view is View.SIDE and not tracks.flat and _let_go(way, tracks.step, 4 * sigma + 0.1):
         return Evidence(0.0, end, (thing,), f"{name}: lets go, and goes down")
     size = max(2.0, 0.1 * tracks.forms[thing].reach)
     text = f"{name}: rests to frame {end - 1}, then goes {gone:.0f} px in {stop - end} frames, and nothing touches it"
     return Evidence((gone - least) / size, end, (thing,), text)
 
 
-def _let_go(way: Array, step: float, sigma: float) -> bool:
+def _let_go(way: Array, step: float, still: float) -> bool:
     """Whether it goes down, faster and faster from nothing: what gravity does, on a slope too."""
     s = (np.arange(len(way)) + 1) * step
-    if way[-1, 1] < max(3 * sigma, 0.1 * abs(way[-1, 0])):
+    if way[-1, 1] < max(still, 0.1 * abs(way[-1, 0])):
         return False
     # how much of the last place would be there halfway: a quarter from rest under a steady pull, half after a blow
     half = float(np.interp(s[-1] / 2, s, np.hypot(way[:, 0], way[:, 1])))
-    return half < 0.42 * float(np.hypot(*way[-1])) + 2 * sigma
+    return half - still < 0.42 * float(np.hypot(*way[-1]))
 
 
 def _set_moving(motion: Motion, thing: int, frame: int) -> int | None:
