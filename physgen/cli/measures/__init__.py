@@ -6,12 +6,14 @@ import argparse
 
 from physgen.cli.measures.fidelity import fidelity
 from physgen.cli.measures.physics import physics
+from physgen.cli.measures.plausibility import plausibility
 from physgen.cli.measures.segmentation import segmentation
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "plausibility": plausibility,
 }
 
 

@@ -18,7 +18,9 @@ SIDEWAYS = 0.45
 """A blow's part along the line of centres, at least: friction of 2 turns it by no more."""
 RESTING = 0.3
 """Of the speed after a blow: what came slower was probably hit, and somebody was near."""
-SURE = 4.0
+CLOSE = 2.0
+"""px: a third thing so near has a part in it."""
+SURE = 3.0
 """Standard deviations."""
 
 
@@ -133,7 +135,9 @@ def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:
             return Part(thing, other.before, other.after, turn.time)
     for stretch in motion.stretches[thing]:
         if stretch.good and stretch.first <= turn.before.last and turn.after.first <= stretch.last:
-            frame = turn.before.last if turn.time < motion.tracks.times[turn.after.first] else turn.after.first
+            frame = (
+                turn.before.last if turn.time < motion.tracks.times[turn.after.first] else turn.after.first
+            )
             parted = motion.parted(thing, stretch, frame)
             return Part(thing, *(parted or (stretch, stretch)), turn.time, shown=False)
     return None
@@ -145,13 +149,22 @@ def _met(motion: Motion, one: Part, other: Part) -> bool | None:
     They did where they are that near, and, of round things, pushed along the line of their centres.
     """
     a, b = motion.tracks.forms[one.thing], motion.tracks.forms[other.thing]
-    close = 1.0 + 3 * float(np.hypot(motion.sigma[one.thing], motion.sigma[other.thing])) + 0.05 * (a.reach + b.reach)
+    close = (
+        1.0
+        + 3 * float(np.hypot(motion.sigma[one.thing], motion.sigma[other.thing]))
+        + 0.05 * (a.reach + b.reach)
+    )
     apart = one.place - other.place
     size = float(np.hypot(*apart))
     gap = size - a.reach - b.reach
     if gap > close:
-        slack = SURE * max(part.before.place_error(part.time) for part in (one, other)) + MISSED / 2 * float(np.hypot(*one.change) + np.hypot(*other.change)) * motion.tracks.step
-        sure = other.after.first - other.before.last <= 1 and np.hypot(*one.arrives) > RESTING * np.hypot(*one.leaves)
+        slack = (
+            SURE * max(part.before.place_error(part.time) for part in (one, other))
+            + MISSED / 2 * float(np.hypot(*one.change) + np.hypot(*other.change)) * motion.tracks.step
+        )
+        sure = other.after.first - other.before.last <= 1 and np.hypot(*one.arrives) > RESTING * np.hypot(
+            *one.leaves
+        )
         return False if sure and gap > close + slack else None
     if a.round and b.round and size > 0:
         along = abs(float(one.change @ apart)) / size
@@ -161,19 +174,30 @@ def _met(motion: Motion, one: Part, other: Part) -> bool | None:
 
 def _together(motion: Motion, one: Part, other: Part) -> Blow | None:
     """At the time that suits both best; None where a third was at the second."""
-    third = {one.thing, other.thing}
+    both = {one.thing, other.thing}
     for thing in motion.near(other.thing, one.before.last, one.after.first):
-        if thing not in third and motion.clearance.least(other.thing, thing)[one.before.last : one.after.first + 1].min() < 2:
+        if thing in both:
+            continue
+        gap = motion.clearance.least(other.thing, thing)[one.before.last : one.after.first + 1]
+        turned = any(
+            turn.sudden and abs(turn.time - one.time) <= SAME * motion.tracks.step
+            for turn in motion.turns[thing]
+        )
+        if turned or np.nanmin(gap, initial=np.inf) < CLOSE:
             return None
     step = motion.tracks.step
     ticks = one.time + np.linspace(-step / 2, step / 2, 41)
-    missed = [sum(float(np.sum((p.after.place(t) - p.before.place(t)) ** 2)) for p in (one, other)) for t in ticks]
+    missed = [
+        sum(float(np.sum((p.after.place(t) - p.before.place(t)) ** 2)) for p in (one, other)) for t in ticks
+    ]
     time = float(ticks[int(np.argmin(missed))])
     return Blow(one.before.last, time, (replace(one, time=time), replace(other, time=time)))
 
 
 def _known(found: list[Blow], blow: Blow, step: float) -> bool:
     return any(
-        set(blow.things) == set(one.things) and len(one.things) == 2 and abs(one.time - blow.time) <= SAME * step
+        set(blow.things) == set(one.things)
+        and len(one.things) == 2
+        and abs(one.time - blow.time) <= SAME * step
         for one in found
     )

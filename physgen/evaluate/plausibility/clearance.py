@@ -68,7 +68,8 @@ class Clearance:
             c, s = np.cos(angle), np.sin(angle)
             turn = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
             self._shapes[k] = [
-                np.einsum("tij,kj->tki", turn, piece) + place[:, None] for piece in self._tracks.forms[k].pieces
+                np.einsum("tij,kj->tki", turn, piece) + place[:, None]
+                for piece in self._tracks.forms[k].pieces
             ]
         return self._shapes[k]
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 MIDDLE = {
-    "gravity": 0.28,
+    "gravity": 0.2,
     "momentum": 0.5,
-    "energy": 0.25,
-    "overlap": 0.15,
-    "jumps": 0.55,
-    "starts": 1.0,
-    "speeding": 0.25,
+    "energy": 0.2,
+    "overlap": 0.1,
+    "jumps": 0.4,
+    "starts": 0.6,
+    "speeding": 0.2,
 }
 """Deviations at which right and wrong are parted: what `--proof` found best on seeds that it does not judge by."""
 STEEP = 3.0

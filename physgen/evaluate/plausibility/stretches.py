@@ -7,7 +7,7 @@ exactly by dynamic programming. Bounces fall between frames, and so do the borde
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -119,7 +119,7 @@ def _costs(path: Array) -> Array:
     return costs
 
 
-@lru_cache(maxsize=None)
+@cache
 def _basis(length: int) -> Array:
     """(length, 3): orthonormal, spans parabolas."""
     grid = np.linspace(-1.0, 1.0, length)

@@ -68,7 +68,7 @@ class Tracks:
     masses: Array
     """(N,) g, or in any other unit."""
     weighed: bool
-    """Whether masses are known; else they are areas, or all equal, and any ratio up to 30 times that will do."""
+    """Whether masses are known; else they are areas, or all equal, and any ratio up to 12 times that will do."""
     view: View
     floor: float
     """px: noise is never taken to be less."""

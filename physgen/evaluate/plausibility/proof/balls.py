@@ -17,7 +17,14 @@ Rng = np.random.Generator
 ROOM = 512.0
 FREE = 0.25
 """s without a blow before and after what goes wrong."""
-KINDS = ("gravity changes", "energy is gained", "a jump", "momentum is lost", "one through another", "starts by itself")
+KINDS = (
+    "gravity changes",
+    "energy is gained",
+    "a jump",
+    "momentum is lost",
+    "one through another",
+    "starts by itself",
+)
 
 
 @dataclass
@@ -213,7 +220,12 @@ def _wronged(
         for k in order:
             if _calm(blows, k, moment - FREE, moment + FREE):
                 angle, far = rng.uniform(0, 2 * np.pi), max(30.0, float(rng.uniform(1.5, 4)) * balls.radii[k])
-                return run(lambda b, k=k, a=angle, f=far: _shift(b, k, f * np.array([np.cos(a), np.sin(a)])), moment)
+                there = _state(balls, moment).places[k] + far * np.array([np.cos(angle), np.sin(angle)])
+                if (there < balls.radii[k] + 2).any() or (there > ROOM - balls.radii[k] - 2).any():
+                    continue
+                return run(
+                    lambda b, k=k, a=angle, f=far: _shift(b, k, f * np.array([np.cos(a), np.sin(a)])), moment
+                )
         return None
     if fault == "starts by itself":
         for k in order:
@@ -268,7 +280,7 @@ def _state(balls: Balls, time: float) -> Balls:
 
 
 def _shift(balls: Balls, k: int, way: Array) -> None:
-    balls.places[k] = np.clip(balls.places[k] + way, balls.radii[k] + 2, ROOM - balls.radii[k] - 2)
+    balls.places[k] = balls.places[k] + way
 
 
 def _faster(balls: Balls, k: int, speed: float) -> None:

@@ -36,10 +36,15 @@ def _side(rng: Rng, seconds: float = 2.0) -> Data:
     return {"view": "side", "pixels_per_meter": _number(rng, 80, 300), "duration": seconds}
 
 
+def _mass(rng: Rng, area: float) -> float:
+    """g: what the area says, within a factor of 3."""
+    return round(0.2 * area * float(np.exp(rng.uniform(-1, 1) * np.log(3))), 2)
+
+
 def _ball(rng: Rng, x: float, y: float, radius: float, velocity: tuple[float, float] = (0.0, 0.0)) -> Data:
     return {
         "shape": {"circle": {"center": [round(x, 2), round(y, 2)], "radius": round(radius, 2)}},
-        "mass": _number(rng, 50, 500),
+        "mass": _mass(rng, 3.14 * radius**2),
         "solid": str(rng.choice(["sphere", "disc"])),
         "friction": _number(rng, 0.1, 0.7),
         "elasticity": _number(rng, 0.5, 0.95),
@@ -50,8 +55,10 @@ def _ball(rng: Rng, x: float, y: float, radius: float, velocity: tuple[float, fl
 
 def _box(rng: Rng, x: float, y: float, w: float, h: float, angle: float = 0.0) -> Data:
     return {
-        "shape": {"box": {"center": [round(x, 2), round(y, 2)], "size": [round(w, 2), round(h, 2)], "angle": angle}},
-        "mass": _number(rng, 50, 500),
+        "shape": {
+            "box": {"center": [round(x, 2), round(y, 2)], "size": [round(w, 2), round(h, 2)], "angle": angle}
+        },
+        "mass": _mass(rng, w * h),
         "friction": _number(rng, 0.2, 0.7),
         "elasticity": _number(rng, 0.1, 0.5),
     }
@@ -75,7 +82,10 @@ def bouncing(rng: Rng) -> Data:
             things[f"ball-{k}"] = _ball(rng, *at, _number(rng, 9, 24), speed)
         else:
             box = _box(rng, *at, _number(rng, 20, 40), _number(rng, 15, 40), _number(rng, -40, 40))
-            things[f"box-{k}"] = box | {"velocity": [_number(rng, -200, 200), 0.0], "spin": _number(rng, -200, 200)}
+            things[f"box-{k}"] = box | {
+                "velocity": [_number(rng, -200, 200), 0.0],
+                "spin": _number(rng, -200, 200),
+            }
     room = _wall(rng, (15, -300), (15, 490), (497, 490), (497, -300))
     return {"world": _side(rng), "objects": things, "boundaries": {"room": room}}
 
@@ -101,7 +111,10 @@ def sliding(rng: Rng) -> Data:
     tables: Data = {}
     for k, y in enumerate((170.0, 330.0, 480.0)):
         edge = _number(rng, 300, 500)
-        tables[f"table-{k}"] = {"segment": [[10, y], [edge if k < 2 else 700, y]], "friction": _number(rng, 0.1, 0.6)}
+        tables[f"table-{k}"] = {
+            "segment": [[10, y], [edge if k < 2 else 700, y]],
+            "friction": _number(rng, 0.1, 0.6),
+        }
         for m in range(int(rng.integers(1, 3))):
             x, speed = 50 + 130.0 * m, _number(rng, 0, 450)
             if rng.random() < 0.5:
@@ -137,8 +150,14 @@ def stack(rng: Rng) -> Data:
         for k in range(3 - row):
             x, y = 300 + (size + 2) * (k + row / 2), 480 - size * (row + 0.5)
             things[f"box-{row}{k}"] = _box(rng, x, y, size, size)
-    things["ball"] = _ball(rng, 60, _number(rng, 330, 450), 16, (_number(rng, 250, 500), _number(rng, -150, 0)))
-    return {"world": _side(rng, 1.5), "objects": things, "boundaries": {"floor": _wall(rng, (-300, 480), (900, 480))}}
+    things["ball"] = _ball(
+        rng, 60, _number(rng, 330, 450), 16, (_number(rng, 250, 500), _number(rng, -150, 0))
+    )
+    return {
+        "world": _side(rng, 1.5),
+        "objects": things,
+        "boundaries": {"floor": _wall(rng, (-300, 480), (900, 480))},
+    }
 
 
 def dominoes(rng: Rng) -> Data:
@@ -146,7 +165,11 @@ def dominoes(rng: Rng) -> Data:
     height, gap = _number(rng, 60, 100), _number(rng, 30, 48)
     things = {f"domino-{k}": _box(rng, 60 + gap * k, 450 - height / 2, 12, height) for k in range(8)}
     things["domino-0"] |= {"spin": _number(rng, 80, 200)}
-    return {"world": _side(rng, 1.5), "objects": things, "boundaries": {"floor": _wall(rng, (-300, 450), (900, 450))}}
+    return {
+        "world": _side(rng, 1.5),
+        "objects": things,
+        "boundaries": {"floor": _wall(rng, (-300, 450), (900, 450))},
+    }
 
 
 def pendulum(rng: Rng) -> Data:
@@ -170,19 +193,33 @@ def table_top(rng: Rng) -> Data:
         moves = k % 2 == 0
         speed = (_number(rng, -350, 350), _number(rng, -350, 350)) if moves else (0.0, 0.0)
         things[f"disc-{k}"] = _ball(rng, x, y, _number(rng, 14, 28), speed) | {"solid": "disc"}
-    world = {"view": "top", "pixels_per_meter": 200, "table": {"friction": _number(rng, 0.005, 0.1)}, "duration": 2.0}
+    world = {
+        "view": "top",
+        "pixels_per_meter": 200,
+        "table": {"friction": _number(rng, 0.005, 0.1)},
+        "duration": 2.0,
+    }
     return {"world": world, "objects": things}
 
 
 def billiards(rng: Rng) -> Data:
     """A cue ball at some others, between cushions."""
-    things: Data = {"cue": _ball(rng, 70, 256 + rng.uniform(-8, 8), 13, (_number(rng, 500, 1100), _number(rng, -40, 40)))}
+    things: Data = {
+        "cue": _ball(rng, 70, 256 + rng.uniform(-8, 8), 13, (_number(rng, 500, 1100), _number(rng, -40, 40)))
+    }
     for k in range(int(rng.integers(2, 7))):
         row, column = divmod(k, 2)
         x, y = 250 + 60 * row + rng.uniform(-8, 8), 230 + 56 * column + rng.uniform(-8, 8)
         things[f"ball-{k}"] = _ball(rng, x, y, 13)
     for ball in things.values():
-        ball |= {"solid": "sphere", "mass": 170, "spin": 0, "friction": 0.06, "rolling": 0.01, "elasticity": 0.93}
+        ball |= {
+            "solid": "sphere",
+            "mass": 170,
+            "spin": 0,
+            "friction": 0.06,
+            "rolling": 0.01,
+            "elasticity": 0.93,
+        }
     frame = _wall(rng, (20, 20), (492, 20), (492, 492), (20, 492), (20, 20))
     world = {"view": "top", "pixels_per_meter": 230, "table": {"friction": 0.6}, "duration": 2.0}
     return {"world": world, "objects": things, "boundaries": {"cushions": frame}}

@@ -28,7 +28,9 @@ def _touches(trajectory: Trajectory, body: int) -> list[tuple[float, float, int]
     """Begin, end and partner of each touch of a body, by time."""
     contacts = trajectory.contacts
     found = []
-    for (one, other), (begin, end) in zip(contacts.touch_pairs.tolist(), contacts.touch_times.tolist(), strict=True):
+    for (one, other), (begin, end) in zip(
+        contacts.touch_pairs.tolist(), contacts.touch_times.tolist(), strict=True
+    ):
         if body in (one, other):
             found.append((begin, end, other if one == body else one))
     return sorted(found)
@@ -79,7 +81,9 @@ def energy(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | Non
         (body, begin, end, other)
         for body in rng.permutation(count).tolist()
         for begin, end, other in _touches(run, body)
-        if end - begin < SHORT and _free(run, body, begin - FREE, begin - 1e-6) and _free(run, body, end + 1e-6, end + FREE)
+        if end - begin < SHORT
+        and _free(run, body, begin - FREE, begin - 1e-6)
+        and _free(run, body, end + 1e-6, end + FREE)
     ]
     for body, begin, end, other in blows:
         if other < count and not (
@@ -154,7 +158,8 @@ def momentum(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
             if other >= count or end - begin > SHORT:
                 continue
             alone = all(
-                _free(run, k, begin - FREE, begin - 1e-6) and _free(run, k, end + 1e-6, end + FREE) for k in (body, other)
+                _free(run, k, begin - FREE, begin - 1e-6) and _free(run, k, end + 1e-6, end + FREE)
+                for k in (body, other)
             )
             change = _velocity(run, body, end + 0.006) - _velocity(run, body, begin - 0.004)
             if not alone or np.hypot(*change) < 60:
@@ -166,7 +171,12 @@ def momentum(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
             for k in rng.permutation(3).tolist():
                 if (_velocity(run, body, end + 0.006) - ways[k]) @ apart > 20 * np.hypot(*apart):
                     poses = in_two(
-                        world, times, end + 0.002, lambda w, o=other, v=ways[k]: _moved(w, o, v), (body, other), 0.15
+                        world,
+                        times,
+                        end + 0.002,
+                        lambda w, o=other, v=ways[k]: _moved(w, o, v),
+                        (body, other),
+                        0.15,
                     )
                     if poses is not None:
                         return poses
@@ -210,7 +220,9 @@ def starting(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
             continue
         reach = world.bodies[body].reach
         gaps = [
-            np.hypot(*(run.poses[sample - 3 : sample + 4, body, :2] - run.poses[sample - 3 : sample + 4, k, :2]).T).min()
+            np.hypot(
+                *(run.poses[sample - 3 : sample + 4, body, :2] - run.poses[sample - 3 : sample + 4, k, :2]).T
+            ).min()
             - reach
             - world.bodies[k].reach
             for k in range(count)
@@ -221,7 +233,9 @@ def starting(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
         speed = float(rng.uniform(120, 350))
         angle = rng.uniform(0, 2 * np.pi) if world.view is View.TOP else -rng.uniform(0.1, np.pi - 0.1)
         velocity = speed * np.array([np.cos(angle), np.sin(angle)])
-        return in_two(world, times, moment, lambda w, b=body, v=velocity: _moved(w, b, v))
+        poses = in_two(world, times, moment, lambda w, b=body, v=velocity: _moved(w, b, v))
+        if poses is not None and np.ptp(poses[times <= moment + FREE, body, :2], axis=0).max() > 15:
+            return poses
     return None
 
 

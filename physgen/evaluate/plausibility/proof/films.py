@@ -13,7 +13,9 @@ Rng = np.random.Generator
 
 def stranger(tracks: Tracks) -> Tracks:
     """As anybody's: no walls, pushes or joints are known; masses neither."""
-    return replace(tracks, given=Given(), masses=np.array([max(f.reach, 1.0) ** 2 for f in tracks.forms]), weighed=False)
+    return replace(
+        tracks, given=Given(), masses=np.array([max(f.reach, 1.0) ** 2 for f in tracks.forms]), weighed=False
+    )
 
 
 def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:

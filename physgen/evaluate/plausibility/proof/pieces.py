@@ -19,10 +19,11 @@ Change = Callable[[World], World]
 def continued(world: World, trajectory: Trajectory, sample: int) -> World:
     """Everything as it is at a sample, at t = 0 of a new world; angles begin at 0 again."""
     bodies = []
+    turns = [rotation(angle).T for angle in trajectory.poses[sample, :, 2]]
     for k, body in enumerate(world.bodies):
-        x, y, angle = trajectory.poses[sample, k]
+        x, y, _ = trajectory.poses[sample, k]
         vx, vy, spin = trajectory.velocities[sample, k]
-        turn = rotation(angle).T
+        turn = turns[k]
         bodies.append(
             replace(
                 body,
@@ -34,11 +35,26 @@ def continued(world: World, trajectory: Trajectory, sample: int) -> World:
                 roll=trajectory.rolls[sample, k].copy() if trajectory.rolls.shape[1] else body.roll,
             )
         )
-    return replace(world, bodies=tuple(bodies), duration=world.duration - float(trajectory.times[sample]))
+    joints = tuple(
+        replace(
+            joint,
+            first_at=joint.first_at @ turns[joint.first],
+            second_at=joint.second_at if joint.second is None else joint.second_at @ turns[joint.second],
+        )
+        for joint in world.joints
+    )
+    return replace(
+        world, bodies=tuple(bodies), joints=joints, duration=world.duration - float(trajectory.times[sample])
+    )
 
 
 def in_two(
-    world: World, times: Array, moment: float, change: Change, calm: tuple[int, ...] = (), seconds: float = 0.0
+    world: World,
+    times: Array,
+    moment: float,
+    change: Change,
+    calm: tuple[int, ...] = (),
+    seconds: float = 0.0,
 ) -> Array | None:
     """(T, N, 3) poses at `times`: as it is to the moment, then as changed.
 
@@ -48,7 +64,9 @@ def in_two(
     first = simulate(world, np.append(before, moment) if before[-1] < moment else before)
     then = change(continued(world, first, len(first.times) - 1))
     rest = simulate(then, np.concatenate([[0.0], after - moment]))
-    for pair, begin in zip(rest.contacts.touch_pairs.tolist(), rest.contacts.touch_times[:, 0].tolist(), strict=True):
+    for pair, begin in zip(
+        rest.contacts.touch_pairs.tolist(), rest.contacts.touch_times[:, 0].tolist(), strict=True
+    ):
         if 0.004 < begin < seconds and set(pair) & set(calm):
             return None
     poses = rest.poses[1:].copy()

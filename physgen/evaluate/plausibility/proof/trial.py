@@ -23,6 +23,8 @@ FINE = 480
 """Samples a second of the run that faults are planned by."""
 RATES = (16, 24, 30)
 """Frames a second of a clip: one each."""
+HELD_OUT = 1000
+"""The first seed that no threshold was ever chosen on."""
 TRIES = 8
 """Draws of a ball clip in which a fault may show."""
 OWN, OTHER = "physgen", "closed form"
@@ -81,7 +83,7 @@ def trial(
 def _one(job: tuple[str, int, int]) -> list[Said]:
     family, seed, number = job
     rng = np.random.default_rng([20, seed, number])
-    fps = RATES[number % len(RATES)]
+    fps = RATES[(number + seed) % len(RATES)]
     clips = _closed(rng, fps) if family == OTHER else _own(family, rng, fps)
     said = []
     for fault, tracks in clips:
@@ -91,7 +93,9 @@ def _one(job: tuple[str, int, int]) -> list[Said]:
     return said
 
 
-def _said(source: str, family: str, fault: str, seed: int, fps: float, tracker: str, verdict: Verdict) -> Said:
+def _said(
+    source: str, family: str, fault: str, seed: int, fps: float, tracker: str, verdict: Verdict
+) -> Said:
     deviations = {n: float(a.deviation) for n, a in verdict.answers.items() if a.evidence}
     return Said(source, family, fault, seed, fps, tracker, verdict.overall, deviations)
 

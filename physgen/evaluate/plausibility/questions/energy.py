@@ -13,6 +13,8 @@ SURE = 2.5
 """Standard deviations that noise may account for."""
 SPIN = 4
 """Frames before and after a blow that tell how fast a thing turns."""
+UNSEEN = 0.1
+"""Of its energy, at most, that a round thing that shows no angle is taken to get out of its spin."""
 SLOW = 0.3
 """Of the speeds that a thing has at all: slower blows are measured by it."""
 
@@ -46,7 +48,9 @@ def _of_two(motion: Motion, one: Part, other: Part) -> tuple[float, float, float
     return _gain(one.arrives - other.arrives, one.leaves - other.leaves, error, spin, usual)
 
 
-def _gain(arrives: Array, leaves: Array, error: float, spin: float, usual: float) -> tuple[float, float, float]:
+def _gain(
+    arrives: Array, leaves: Array, error: float, spin: float, usual: float
+) -> tuple[float, float, float]:
     """How much faster it parts, over closing; both speeds, px/s."""
     change = leaves - arrives
     size = float(np.hypot(*change))
@@ -77,7 +81,7 @@ def _spin_energy(motion: Motion, part: Part) -> float | None:
     before = motion.spin(part.thing, max(part.before.first, first - SPIN), first)
     after = motion.spin(part.thing, last, min(part.after.last, last + SPIN))
     if before is None or after is None:
-        return 0.25 * float(part.arrives @ part.arrives) if form.round else None
+        return UNSEEN * float(part.arrives @ part.arrives) if form.round else None
     if not form.round and not (before.steady and after.steady):
         return None
     return float(max(0.0, form.gyration**2 * (before.rate**2 - after.rate**2)))

@@ -78,6 +78,9 @@ def flies(motion: Motion, thing: int, stretch: Stretch) -> bool:
     first, last = tracks.times[stretch.first], tracks.times[stretch.last]
     if motion.was_pushed(thing, first, last) or not _falls(motion, thing, stretch):
         return False
+    spin = motion.spin(thing, stretch.first, stretch.last)
+    if spin is not None and not spin.steady:  # what nothing touches turns evenly
+        return False
     inner = stretch.first + 1, stretch.last - 1
     if any(
         np.nanmin(motion.clearance.least(thing, other)[inner[0] : inner[1] + 1], initial=np.inf) < 1.0
@@ -99,7 +102,9 @@ def _falls(motion: Motion, thing: int, stretch: Stretch) -> bool:
     bow = size * (times[-1] - times[0]) ** 2 / 8
     if bow < max(5 * sigma, 1.5) or stretch.residual > 2.5:
         return False
-    if float(np.hypot(*stretch.jerk)) * (times[-1] - times[0]) / 2 > 0.35 * size + SURE * _bend_error(stretch, times):
+    if float(np.hypot(*stretch.jerk)) * (times[-1] - times[0]) / 2 > 0.35 * size + SURE * _bend_error(
+        stretch, times
+    ):
         return False
     across = abs(a[0]) < PLUMB * size + 2 * error
     way = stretch.velocity(float(times.mean()))

@@ -74,10 +74,14 @@ def _shoved(motion: Motion, thing: int, frame: int, usual: float) -> float:
     if motion.was_pushed(thing, tracks.times[frame], tracks.times[frame + 1]):
         return np.inf
     fastest = 0.0
-    for other in motion.near(thing, frame, frame + 1):
-        part = motion.steps[max(frame - 1, 0) : frame + 2, other]
-        lengths = np.hypot(part[:, 0], part[:, 1])
-        fastest = max(fastest, float(np.nanmax(lengths, initial=0.0)))
+    for other in range(len(tracks.names)):
+        if other == thing:
+            continue
+        gap = motion.clearance.least(thing, other)[max(frame - 1, 0) : frame + 1]
+        nearer = max(0.0, float(gap[0] - gap[-1])) if np.isfinite(gap).all() else np.inf
+        if gap[-1] <= 2.0 + 1.2 * nearer + 3 * float(np.hypot(motion.sigma[thing], motion.sigma[other])):
+            part = motion.steps[max(frame - 1, 0) : frame + 2, other]
+            fastest = max(fastest, float(np.nanmax(np.hypot(part[:, 0], part[:, 1]), initial=0.0)))
     return max(0.0, 2 * fastest - usual) if fastest > 1.0 else 0.0
 
 

@@ -14,8 +14,8 @@ from physgen.scene.model import View
 
 SURE = 2.5
 """Standard deviations that noise may account for."""
-KNOWN, GUESSED = 1.05, 30.0
-"""Factors by which a ratio of masses may be off."""
+KNOWN, GUESSED = 1.05, 12.0
+"""Factors by which a ratio of masses may be off: as weighed, and as areas are."""
 TRIES = 121
 
 
@@ -66,7 +66,9 @@ def _judged(motion: Motion, blow: Blow) -> Evidence:
         f"{tracks.names[other.thing]} by {np.hypot(*other.change):.0f} px/s"
     )
     if pulled > best:
-        return Evidence(pulled, blow.frame, blow.things, f"{names}: draw each other nearer as they meet; {changes}")
+        return Evidence(
+            pulled, blow.frame, blow.things, f"{names}: draw each other nearer as they meet; {changes}"
+        )
     masses = "as weighed" if tracks.weighed else f"at masses of 1 to {chosen:.3g}"
     text = f"{names}: {best:.0%} of the momentum that passes is missing, {masses}; {changes}"
     return Evidence(best, blow.frame, blow.things, text)

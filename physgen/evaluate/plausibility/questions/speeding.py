@@ -69,7 +69,8 @@ def _judged(motion: Motion, thing: int, stretch: Stretch, came: float) -> Eviden
     seconds = (stretch.count - 1) * motion.tracks.step
     if max(begin, end) * seconds < max(2.0, 8 * float(motion.sigma[thing])):
         return None
-    error = stretch.acceleration_error * seconds
+    # few frames tell little of their own noise, too: Student's t grows about so
+    error = stretch.acceleration_error * seconds * (1 + 4 / (stretch.count - 3))
     returned = FOLLOW * max(0.0, came - begin)
     gained = max(0.0, end - begin - returned - SURE * error)
     name = motion.tracks.names[thing]

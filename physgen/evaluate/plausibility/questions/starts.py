@@ -14,6 +14,8 @@ FEWEST, SHORTEST = 5, 0.15
 """Frames and s of rest."""
 SURE = 3.0
 """Standard deviations that noise may account for."""
+LATEST = 15
+"""Frames that a slow beginning may be hidden in noise."""
 AFTER = 6
 """Frames in which it must have come away."""
 
@@ -97,7 +99,9 @@ def _onset(motion: Motion, thing: int, begin: int, end: int, last: int) -> Evide
     # it rests for as long as nobody can tell: slow beginnings lie in the last frames of the rest
     if motion.was_pushed(thing, tracks.times[end - 3], tracks.times[end]):
         return Evidence(0.0, end, (thing,), f"{name}: is pushed")
-    mover = _set_moving(motion, thing, end)
+    # slow ones take long to come out of the noise: whoever set them moving was there before
+    slow = int(np.ceil((4 * sigma + 0.1) / max(gone / (stop - end), 1e-9)))
+    mover = _set_moving(motion, thing, end - min(slow, LATEST), end)
     if mover is not None:
         return Evidence(0.0, end, (thing,), f"{name}: is set moving by {tracks.names[mover]}")
     if tracks.view is View.SIDE and not tracks.flat and _let_go(way, tracks.step, 4 * sigma + 0.1):
@@ -117,9 +121,9 @@ def _let_go(way: Array, step: float, still: float) -> bool:
     return half - still < 0.42 * float(np.hypot(*way[-1]))
 
 
-def _set_moving(motion: Motion, thing: int, frame: int) -> int | None:
+def _set_moving(motion: Motion, thing: int, early: int, frame: int) -> int | None:
     """Something near that moves then, or that touches something that does, and so on."""
-    first, last = max(frame - 4, 0), min(frame + 1, len(motion.tracks.times) - 1)
+    first, last = max(early - 3, 0), min(frame + 1, len(motion.tracks.times) - 1)
     asked, seen = [thing], {thing}
     while asked:
         one = asked.pop()

@@ -5,12 +5,14 @@ Of contacts, energies and velocities, which `trajectory.npz` has too, nothing is
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from physgen.evaluate.plausibility.tracks import Array, Form, Given, Tracks
+from physgen.problems import InputError
 from physgen.scene.model import Motion, Solid, View
 
 if TYPE_CHECKING:
@@ -18,8 +20,6 @@ if TYPE_CHECKING:
 
 EXACT = 0.02
 """px: what the engine's steps may shake."""
-GYRATION = {Solid.SPHERE: 0.4, Solid.DISC: 0.5, Solid.HOOP: 1.0, Solid.PLATE: 0.5}
-"""Moment over mass times radius squared, of what is round."""
 
 
 def from_scene(path: Path, overrides: tuple[str, ...] = (), variant: str | None = None) -> Tracks:
@@ -31,6 +31,33 @@ def from_scene(path: Path, overrides: tuple[str, ...] = (), variant: str | None 
     trajectory = pipeline.simulate(world)
     name = path.parent.name if path.name == "scene.yaml" else path.stem
     return from_world(f"{name}-{variant}" if variant else name, world, trajectory.times, trajectory.poses)
+
+
+def from_clip(folder: Path) -> Tracks:
+    """A folder that `render` made: its `trajectory.npz`, with outlines and pushes from its scene, where that is still.
+
+    Raises InputError where the motion cannot be read.
+    """
+    from physgen import pipeline
+    from physgen.batch.verify.told import read_told
+    from physgen.evaluate.plausibility.reading.archives import from_archive
+    from physgen.evaluate.plausibility.reading.asked import Asked
+
+    told = read_told(folder)
+    view = View(str(told.document.get("world", {}).get("view", "side")))
+    bare = from_archive(folder / "trajectory.npz", Asked(view=view))
+    name = folder.resolve().name
+    try:
+        path = Path(folder.resolve(), told.source or "")
+        if not told.source or not path.is_file():
+            raise InputError.of(str(path), "", "is not there", "")
+        scene = pipeline.load(path, told.overrides, told.variant, allow_outside=True)
+        world = pipeline.compile(scene, pipeline.percepts(scene)).world
+    except InputError:
+        return replace(bare, name=name)
+    if tuple(body.name for body in world.bodies) != bare.names:
+        return replace(bare, name=name)
+    return from_world(name, world, bare.times, np.concatenate([bare.places, bare.angles[..., None]], axis=2))
 
 
 def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
@@ -85,7 +112,9 @@ def _overspin(body: Body) -> Array:
     if body.solid is not Solid.SPHERE or body.radius is None or not np.any(body.roll):
         return np.zeros(2)
     rolling = body.radius * np.array([-body.roll[1], body.roll[0]])
-    return np.asarray(np.where(np.abs(rolling - body.velocity) > 1e-6 * np.abs(body.velocity).max(initial=1.0), 1.0, 0.0))
+    return np.asarray(
+        np.where(np.abs(rolling - body.velocity) > 1e-6 * np.abs(body.velocity).max(initial=1.0), 1.0, 0.0)
+    )
 
 
 def _holds_origin(piece: Array) -> bool:

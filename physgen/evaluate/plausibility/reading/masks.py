@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from physgen.evaluate.plausibility.tracks import Array, Form
 
 Ids = NDArray[np.integer]
-WHOLE = 0.93
+WHOLE = 0.965
 """Of a thing's usual area: it is hidden in part where less is seen."""
 SHAKE = 0.08
 """px: what centroids of some hundred pixels shake, at least."""
@@ -51,23 +51,33 @@ def gathered(maps: Iterable[Ids]) -> Silhouettes:
 
 
 def _add(found: Silhouettes, frame: int, one: int, mask: NDArray[np.bool_]) -> None:
+    disc = disc_about(mask)
+    if disc is None:
+        return
+    place, core, reach, area = disc
+    found.areas.setdefault(one, {})[frame] = area
+    found.places.setdefault(one, {})[frame] = place
+    if mask[[0, -1]].any() or mask[:, [0, -1]].any():
+        found.cut.setdefault(one, set()).add(frame)
+        return
+    found.cores.setdefault(one, []).append(core)
+    found.reaches.setdefault(one, []).append(reach)
+
+
+def disc_about(mask: NDArray[np.bool_]) -> tuple[tuple[float, float], float, float, float] | None:
+    """Centroid px, radius of the largest disc about it inside, of the smallest around, area px²; None for a few pixels."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
     y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
     part = mask[y0:y1, x0:x1]
     ys, xs = np.nonzero(part)
     if len(xs) < LEAST:
-        return
-    center = float(xs.mean()), float(ys.mean())
-    found.areas.setdefault(one, {})[frame] = float(len(xs))
-    found.places.setdefault(one, {})[frame] = (x0 + center[0], y0 + center[1])
-    if x0 == 0 or y0 == 0 or y1 == mask.shape[0] or x1 == mask.shape[1]:
-        found.cut.setdefault(one, set()).add(frame)
-        return
-    padded = np.pad(part, 1).astype(np.uint8)
-    inside = cv2.distanceTransform(padded, cv2.DIST_L2, 5)
-    row, column = (round(c) + 1 for c in (center[1], center[0]))
-    found.cores.setdefault(one, []).append(max(float(inside[row, column]) - 0.5, 0.0))
-    found.reaches.setdefault(one, []).append(float(np.hypot(xs - center[0], ys - center[1]).max()) + 0.5)
+        return None
+    x, y = float(xs.mean()), float(ys.mean())
+    inside = cv2.distanceTransform(np.pad(part, 1).astype(np.uint8), cv2.DIST_L2, 5)
+    core = max(float(inside[round(y) + 1, round(x) + 1]) - 0.5, 0.0)
+    return (x0 + x, y0 + y), core, float(np.hypot(xs - x, ys - y).max()) + 0.5, float(len(xs))
 
 
 def tracked(found: Silhouettes) -> tuple[list[int], Array, tuple[Form, ...], Array]:

@@ -1,0 +1,71 @@
+"""A verdict -> a plot of the ways of all things in the picture, with what is called wrong marked where it happens."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from physgen.evaluate.findings import Figure
+from physgen.evaluate.plausibility.judge import Verdict
+from physgen.evaluate.plotted import plotted
+from physgen.report.plots.look import SMALL, Palette, stroke
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST = 5
+"""Marks: more would lie over each other."""
+HEIGHT = 95.0
+"""mm."""
+
+
+def paths(verdict: Verdict) -> Figure:
+    """px, y downwards as in the picture; dots are frames."""
+    faults = verdict.faults()[:MOST]
+    told = ", ".join(f"{k + 1}: {e.text}" for k, (_, e) in enumerate(faults))
+    about = f"Ways of {verdict.tracks.name}, a dot a frame, px. " + (
+        f"Called wrong: {told}." if told else "Nothing is wrong."
+    )
+    return plotted(lambda axes, palette: _draw(axes, palette, verdict), about, height=HEIGHT)
+
+
+def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
+    tracks = verdict.tracks
+    for k, name in enumerate(tracks.names):
+        colour, dashes = stroke(k, palette)
+        x, y = tracks.places[:, k].T
+        axes.plot(x, y, color=colour, linestyle=dashes, linewidth=0.7)
+        axes.plot(x, y, ".", color=colour, markersize=2.2)
+        seen = np.flatnonzero(np.isfinite(x))
+        if len(seen):
+            axes.annotate(
+                name,
+                (x[seen[0]], y[seen[0]]),
+                (3, 3),
+                textcoords="offset points",
+                fontsize=SMALL,
+                color=colour,
+            )
+    for number, (_, evidence) in enumerate(verdict.faults()[:MOST], 1):
+        at = tracks.places[min(evidence.frame, len(tracks.times) - 1), list(evidence.things)]
+        at = at[np.isfinite(at).all(axis=1)]
+        if not len(at):
+            continue
+        x, y = at.mean(axis=0)
+        axes.plot(
+            [x],
+            [y],
+            "o",
+            markersize=11,
+            markerfacecolor="none",
+            markeredgecolor=palette.orange,
+            markeredgewidth=1.2,
+        )
+        axes.annotate(
+            str(number), (x, y), (8, 6), textcoords="offset points", color=palette.orange, fontweight="bold"
+        )
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.invert_yaxis()
+    axes.set_xlabel("x, px")
+    axes.set_ylabel("y, px")

@@ -1,0 +1,114 @@
+"""Verdicts -> Findings: which clips are called wrong, and why, in words, tables and plots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table
+from physgen.evaluate.plausibility.judge import Verdict, verdict_word
+from physgen.evaluate.plausibility.questions import QUESTIONS
+from physgen.evaluate.plausibility.score import EVEN, score
+
+MOST_FAULTS = 8
+"""Told of a clip, the worst first."""
+MOST_PLOTTED = 12
+"""Clips with plots of their own: those called wrong first."""
+
+
+def findings(verdicts: Sequence[Verdict], plots: bool) -> Findings:
+    """Of one clip or many; figures where `plots` asks for them."""
+    wrong = [v for v in verdicts if v.wrong]
+    unasked = [v for v in verdicts if v.wrong is None]
+    plotted = sorted(verdicts, key=lambda v: (v.overall is None, v.overall))[:MOST_PLOTTED] if plots else []
+    sections = (
+        Section("Scores", _about(), (_overview(verdicts),)),
+        *(_section(v, v in plotted) for v in verdicts),
+    )
+    judged = len(verdicts) - len(unasked)
+    sentences = [f"{_count(len(wrong), judged)} called wrong."]
+    if unasked:
+        names = ", ".join(v.tracks.name for v in unasked[:5])
+        sentences.append(f"Nothing could be asked of {names}: that is no verdict.")
+    bar = Bar("clips called wrong", f"{len(wrong)} of {judged}", "0", not wrong and judged > 0)
+    return Findings(
+        "plausibility",
+        "Is the motion physically possible?",
+        tuple(sentences),
+        sections,
+        [v.as_dict() for v in verdicts],
+        (bar,),
+        {"even": EVEN},
+    )
+
+
+def _about() -> tuple[str, ...]:
+    return (
+        "1: nothing wrong is seen. Below 0.5 a clip is called wrong; its score is that of its worst question. "
+        "-: the clip shows nothing that could be asked, which is no success.",
+    )
+
+
+def _overview(verdicts: Sequence[Verdict]) -> Table:
+    names = [name for name in QUESTIONS if any(name in v.answers for v in verdicts)]
+    rows = [
+        (v.tracks.name, verdict_word(v.wrong), _score(v.overall), *(_score(v.score(name)) for name in names))
+        for v in verdicts
+    ]
+    return Table(("clip", "verdict", "score", *names), tuple(rows))
+
+
+def _section(verdict: Verdict, plotted: bool) -> Section:
+    tracks = verdict.tracks
+    sigma = sorted(float(s) for s in verdict.motion.sigma)
+    noise = f"{sigma[0]:.2g}" if sigma[-1] < 1.05 * sigma[0] else f"{sigma[0]:.2g} to {sigma[-1]:.2g}"
+    masses = "masses are known" if tracks.weighed else "masses are not known"
+    said = [
+        f"{tracks.source}; seen from {'above' if tracks.view.value == 'top' else 'the side'}; "
+        f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second; {len(tracks.names)} things; noise {noise} px; {masses}."
+    ]
+    if (pulled := verdict.gravity) is not None:
+        said.append(
+            f"What flies falls at {pulled[1]:.0f} px/s² down and {pulled[0]:+.0f} px/s² to the right."
+        )
+    parts: list[Table | Figure] = [_questions(verdict)]
+    faults = verdict.faults()
+    if faults:
+        rows = tuple(
+            (f"{score(name, e.deviation):.2f}", name, str(e.frame), e.text)
+            for name, e in faults[:MOST_FAULTS]
+        )
+        more = len(faults) - MOST_FAULTS
+        parts.append(
+            Table(
+                ("score", "question", "frame", "what was found"),
+                rows,
+                note=f"And {more} more." if more > 0 else "",
+            )
+        )
+    if plotted:
+        from physgen.evaluate.plausibility.drawn_paths import paths
+
+        parts.append(paths(verdict))
+    return Section(tracks.name, tuple(said), tuple(parts))
+
+
+def _questions(verdict: Verdict) -> Table:
+    rows = []
+    for name, asked in verdict.answers.items():
+        if asked.evidence:
+            worst = asked.evidence[0]
+            what = worst.text if worst.deviation > 0 else "nothing beyond noise"
+            rows.append((QUESTIONS[name].text, str(len(asked.evidence)), _score(verdict.score(name)), what))
+        else:
+            rows.append((QUESTIONS[name].text, "0", "-", f"not asked: {asked.why_not}"))
+    return Table(("question", "asked", "score", "the worst"), tuple(rows))
+
+
+def _score(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _count(wrong: int, judged: int) -> str:
+    if judged == 1:
+        return "The clip is" if wrong else "The clip is not"
+    return f"{wrong} of {judged} clips are"

@@ -1,0 +1,107 @@
+"""Flags of `evaluate plausibility`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from physgen.flags.values import count, positive
+
+ABOUT = "Physics judged without truth: does motion obey one gravity, keep momentum, never jump?"
+EXAMPLE = "plausibility out tracks.csv -o out/plausibility"
+QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps", "starts", "speeding")
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """What is judged, what is known of it, and what is left out."""
+    parser.add_argument(
+        "what",
+        metavar="WHAT",
+        nargs="*",
+        type=Path,
+        help="clips that physgen rendered, a scene file, or tracks of any video: MOT (gt.txt), COCO with tracks "
+        "(*.json), TAP-Vid (*.npz), a CSV of frame,name,x,y[,angle,radius], or a folder of PNG masks",
+    )
+    parser.add_argument(
+        "--fps", type=positive, help="frames a second of tracks that do not say it; default: 30"
+    )
+    parser.add_argument(
+        "--view", choices=("side", "top"), default="side", help="of tracks that do not say it; default: side"
+    )
+    parser.add_argument(
+        "--mass",
+        metavar="NAME=G",
+        action="append",
+        default=[],
+        type=mass,
+        help="what a thing weighs; areas unless told",
+    )
+    parser.add_argument(
+        "--held",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a thing on a rope or in a hand: only jumps are asked",
+    )
+    parser.add_argument(
+        "--pushed",
+        metavar="NAME@A-B",
+        action="append",
+        default=[],
+        type=push,
+        help="somebody pushes it from A to B seconds, e.g. ball@0.5-0.8",
+    )
+    parser.add_argument(
+        "--skip",
+        metavar="LIST",
+        type=questions,
+        default=(),
+        help=f"questions to leave out, of {','.join(QUESTIONS)}: overlap, where things pass before each other",
+    )
+    parser.add_argument(
+        "--noise", metavar="PX", type=positive, help="of the tracks; told from them unless given"
+    )
+    parser.add_argument(
+        "--proof",
+        action="store_true",
+        help="judge clips that are known to be right or wrong instead, and show who was told from whom; minutes",
+    )
+    parser.add_argument("--seeds", metavar="N", type=count, default=10, help="of --proof; default: 10")
+    parser.add_argument(
+        "--jobs", metavar="N", type=count, help="clips of --proof at a time; default: one a processor"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"
+    )
+
+
+def mass(text: str) -> tuple[str, float]:
+    """`ball=170`."""
+    name, _, number = text.rpartition("=")
+    if not name:
+        raise argparse.ArgumentTypeError(f"{text} is not NAME=G, e.g. ball=170")
+    return name, positive(number)
+
+
+def push(text: str) -> tuple[str, float, float]:
+    """`ball@0.5-0.8`, or `ball` for all the time."""
+    name, at, span = text.rpartition("@")
+    if not at:
+        return text, 0.0, float("inf")
+    start, _, end = span.partition("-")
+    try:
+        times = float(start), float(end or start)
+    except ValueError:
+        times = (1.0, 0.0)
+    if not name or not 0 <= times[0] <= times[1]:
+        raise argparse.ArgumentTypeError(f"{text} is not NAME@FROM-UNTIL in seconds, e.g. ball@0.5-0.8")
+    return name, *times
+
+
+def questions(text: str) -> tuple[str, ...]:
+    """`overlap,starts`."""
+    names = tuple(text.split(","))
+    for name in names:
+        if name not in QUESTIONS:
+            raise argparse.ArgumentTypeError(f"{name} is no question; they are {', '.join(QUESTIONS)}")
+    return names
