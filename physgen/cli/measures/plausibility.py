@@ -27,7 +27,7 @@ def _judged(options: argparse.Namespace) -> int:
     from physgen.evaluate.plausibility.told import findings
     from physgen.scene.model import View
 
-    if not options.what:
+    if not options.clips:
         fix = "name a clip's folder, a scene file or a file of tracks, or ask for --proof"
         raise InputError.of("evaluate plausibility", "", "has nothing to judge", fix)
     asked = Asked(
@@ -35,7 +35,7 @@ def _judged(options: argparse.Namespace) -> int:
     )
     bar = Bar()
     verdicts = []
-    for path in options.what:
+    for path in options.clips:
         for tracks in read(path, asked):
             bar.show(tracks.name, len(verdicts), len(verdicts) + 1)
             verdicts.append(judge(asked.applied(tracks), options.noise, options.skip))
@@ -47,9 +47,9 @@ def _proof(options: argparse.Namespace) -> int:
     from physgen.evaluate.plausibility.proof.confusion import findings
     from physgen.evaluate.plausibility.proof.trial import HELD_OUT, processors, trial
 
-    if options.what:
+    if options.clips:
         raise InputError.of(
-            "--proof", f'"{options.what[0]}"', "is not judged by it", "leave one of the two out"
+            "--proof", f'"{options.clips[0]}"', "is not judged by it", "leave one of the two out"
         )
     bar = Bar()
     seeds = range(HELD_OUT, HELD_OUT + options.seeds)

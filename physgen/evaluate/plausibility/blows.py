@@ -12,6 +12,8 @@ from physgen.evaluate.plausibility.tracks import Array
 
 SAME = 1.5
 """Frames within which turns of two things are one blow."""
+LATE = 2.5
+"""Frames within which they may have been one, where they are not told well."""
 MISSED = 0.12
 """Of what the change of velocity makes in a frame: by so much ways may miss each other."""
 SIDEWAYS = 0.45
@@ -117,7 +119,7 @@ def _blow(motion: Motion, turn: Turn) -> Blow | None:
         if other is None:
             return None
         met = _met(motion, mine, other)
-        if met is None:
+        if met is None or (met is False and _turns(motion, thing, turn.time, LATE)):
             return None
         if met:
             others.append(other)
@@ -126,6 +128,11 @@ def _blow(motion: Motion, turn: Turn) -> Blow | None:
     if len(others) > 1 or not motion.free(others[0].thing):
         return None
     return _together(motion, mine, others[0])
+
+
+def _turns(motion: Motion, thing: int, time: float, frames: float) -> bool:
+    """Whether it turns suddenly within some frames of a moment."""
+    return any(turn.sudden and abs(turn.time - time) <= frames * motion.tracks.step for turn in motion.turns[thing])
 
 
 def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from physgen.evaluate.plausibility.clearance import Clearance
 from physgen.evaluate.plausibility.noise import noise
-from physgen.evaluate.plausibility.stretches import FEWEST, Stretch, fitted, stretches
+from physgen.evaluate.plausibility.stretches import FEWEST, Stretch, stretches
 from physgen.evaluate.plausibility.tracks import Array, Tracks, runs
 
 PARTED = 12
@@ -123,14 +123,28 @@ class Motion:
                 return stretch if stretch.good else None
         return None
 
-    def parted(self, thing: int, stretch: Stretch, frame: int) -> tuple[Stretch, Stretch] | None:
-        """One stretch as two that meet behind a frame, each by its own frames; None where they are too few."""
-        if frame - stretch.first + 1 < FEWEST or stretch.last - frame < FEWEST:
+    def parted(self, thing: int, stretch: Stretch, time: float) -> tuple[Stretch, Stretch] | None:
+        """One stretch as two that meet at a moment, with one acceleration: how much of a blow may have been overlooked.
+
+        None where frames on either side are too few.
+        """
+        frames = np.arange(stretch.first, stretch.last + 1)
+        s = self.tracks.times[frames] - time
+        near = np.abs(s) <= PARTED * self.tracks.step
+        frames, s = frames[near], s[near]
+        if (s < 0).sum() < FEWEST or (s > 0).sum() < FEWEST:
             return None
-        path, times, sigma = self.tracks.places[:, thing], self.tracks.times, float(self.sigma[thing])
-        first, last = max(stretch.first, frame - PARTED + 1), min(stretch.last, frame + PARTED)
-        before = fitted(path[first : frame + 1], times[first : frame + 1], first, sigma)
-        return before, fitted(path[frame + 1 : last + 1], times[frame + 1 : last + 1], frame + 1, sigma)
+        columns = np.stack([np.ones(len(s)), s, s * s / 2, np.maximum(s, 0.0)], axis=1)
+        inverse = np.linalg.pinv(columns)
+        place, velocity, pull, kick = inverse @ self.tracks.places[frames, thing]
+        errors = (inverse @ inverse.T).diagonal() * (self.sigma[thing] * max(1.0, stretch.residual)) ** 2
+        spread = np.diag([errors[0], errors[3] / 2, errors[2]])
+        parts = (stretch.first, int(frames[s < 0][-1]), velocity), (int(frames[s > 0][0]), stretch.last, velocity + kick)
+        before, after = (
+            replace(stretch, first=first, last=last, middle=time, terms=np.stack([place, speed, pull]), spread=spread)
+            for first, last, speed in parts
+        )
+        return before, after
 
     def near(self, thing: int, first: int, last: int) -> list[int]:
         """Things that may have touched it between two frames, however fast they were."""

@@ -7,7 +7,7 @@ MIDDLE = {
     "momentum": 0.5,
     "energy": 0.2,
     "overlap": 0.1,
-    "jumps": 0.4,
+    "jumps": 0.55,
     "starts": 0.6,
     "speeding": 0.2,
 }

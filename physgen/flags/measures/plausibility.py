@@ -15,8 +15,8 @@ QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps", "starts", "spe
 def add(parser: argparse.ArgumentParser) -> None:
     """What is judged, what is known of it, and what is left out."""
     parser.add_argument(
-        "what",
-        metavar="WHAT",
+        "clips",
+        metavar="CLIP",
         nargs="*",
         type=Path,
         help="clips that physgen rendered, a scene file, or tracks of any video: MOT (gt.txt), COCO with tracks "

@@ -247,9 +247,9 @@ def speeding(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
     for body in rng.permutation(len(world.bodies)).tolist():
         way = _velocity(run, body, moment)
         speed = float(np.hypot(*way))
-        if speed < 40 or not _free(run, body, moment - 0.1, moment + 0.4):
+        if speed < 40 or not _free(run, body, moment - 0.1, moment + 0.5):
             continue
-        seconds, mass = 0.35, world.bodies[body].mass
+        seconds, mass = 0.5, world.bodies[body].mass
         gain = max(speed, 120.0) * float(rng.uniform(0.8, 1.6)) / seconds
         slows = 9.8 * world.pixels_per_meter * world.table.friction * world.bodies[body].surface.friction
         push = Push(body, Load.FORCE, way / speed * mass * (gain + slows), 0.0, np.zeros(2), 0.0, seconds)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from physgen.evaluate.plausibility.tracks import Form, Given, Tracks
+from physgen.evaluate.plausibility.tracks import Given, Tracks
 
 Rng = np.random.Generator
 
@@ -16,6 +16,11 @@ def stranger(tracks: Tracks) -> Tracks:
     return replace(
         tracks, given=Given(), masses=np.array([max(f.reach, 1.0) ** 2 for f in tracks.forms]), weighed=False
     )
+
+
+def weighed(tracks: Tracks) -> Tracks:
+    """The same with its masses."""
+    return replace(tracks, given=Given())
 
 
 def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:
@@ -28,9 +33,3 @@ def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:
         places=tracks.places + rng.normal(0, sigma, tracks.places.shape),
         angles=tracks.angles + rng.normal(0, 1, tracks.angles.shape) * sigma / reach,
     )
-
-
-def as_points(tracks: Tracks) -> Tracks:
-    """Circles about the places, nothing else."""
-    forms = tuple(Form(form.core, form.reach) for form in tracks.forms)
-    return replace(tracks, angles=np.full(tracks.angles.shape, np.nan), forms=forms)

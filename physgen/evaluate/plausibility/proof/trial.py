@@ -56,12 +56,14 @@ class Said:
         return asdict(self)
 
 
-TRACKERS: dict[str, Callable[[Tracks, np.random.Generator], Tracks]] = {
-    "exact": lambda tracks, rng: tracks,
-    "0.25 px": lambda tracks, rng: films.shaken(tracks, 0.25, rng),
-    "0.5 px": lambda tracks, rng: films.shaken(tracks, 0.5, rng),
-    "1 px": lambda tracks, rng: films.shaken(tracks, 1.0, rng),
-    "masks": lambda tracks, rng: from_drawn(tracks),
+Tracker = Callable[[Tracks, np.random.Generator], Tracks]
+TRACKERS: dict[str, Tracker] = {
+    "exact": lambda tracks, rng: films.stranger(tracks),
+    "0.25 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 0.25, rng),
+    "0.5 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 0.5, rng),
+    "0.5 px, masses known": lambda tracks, rng: films.shaken(films.weighed(tracks), 0.5, rng),
+    "1 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 1.0, rng),
+    "masks": lambda tracks, rng: from_drawn(films.stranger(tracks)),
 }
 
 
@@ -69,11 +71,10 @@ def trial(
     seeds: range, workers: int = 1, show: Callable[[str, int, int], None] = lambda what, done, total: None
 ) -> list[Said]:
     """All clips of all seeds; the same whatever `workers`."""
-    jobs = [(family, seed) for seed in seeds for family in (*families.FAMILIES, *[OTHER] * 3)]
-    numbered = [(family, seed, k) for k, (family, seed) in enumerate(jobs)]
+    jobs = [(family, seed, k) for seed in seeds for k, family in enumerate((*families.FAMILIES, *[OTHER] * 3))]
     said: list[Said] = []
     with ProcessPoolExecutor(max(workers, 1)) as pool:
-        run = pool.map(_one, numbered, chunksize=4) if workers > 1 else map(_one, numbered)
+        run = pool.map(_one, jobs, chunksize=4) if workers > 1 else map(_one, jobs)
         for k, found in enumerate(run):
             said += found
             show("clips", k + 1, len(jobs))
@@ -88,7 +89,7 @@ def _one(job: tuple[str, int, int]) -> list[Said]:
     said = []
     for fault, tracks in clips:
         for tracker, track in TRACKERS.items():
-            verdict = judge(track(films.stranger(tracks), rng))
+            verdict = judge(track(tracks, rng))
             said.append(_said(OTHER if family == OTHER else OWN, family, fault, seed, fps, tracker, verdict))
     return said
 

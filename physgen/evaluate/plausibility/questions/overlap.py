@@ -12,8 +12,8 @@ LONGEST = 0.5
 """s of a gap in a track that can be bridged."""
 SHIFTED = 0.4
 """px, root mean square: centroids of what is just about to be hidden are off by some."""
-SIDE = 6
-"""Frames on each side of it that the bridge stands on, at most."""
+SIDES = (6, 4, 3)
+"""Frames on each side of it that the bridge stands on, at most: fewer, where something was hit there."""
 PARTS = 4
 """Moments looked at between two frames."""
 
@@ -106,16 +106,14 @@ def _bridged(motion: Motion, thing: int) -> Array:
     for (first, end), (begin, last) in zip(known[:-1], known[1:], strict=True):
         if (begin - end + 1) * tracks.step > LONGEST:
             continue
-        rows = np.concatenate(
-            [np.arange(max(first, end - SIDE), end), np.arange(begin, min(last, begin + SIDE))]
-        )
-        if len(rows) < 6:
-            continue
-        s = tracks.times[rows] - tracks.times[end]
-        terms = np.linalg.pinv(np.stack([np.ones(len(s)), s, s * s / 2], axis=1)) @ tracks.places[rows, thing]
-        left = tracks.places[rows, thing] - np.stack([np.ones(len(s)), s, s * s / 2], axis=1) @ terms
-        if np.sqrt((left**2).mean()) > 2.5 * motion.sigma[thing] + SHIFTED:
-            continue
-        gap = tracks.times[end:begin] - tracks.times[end]
-        path[end:begin] = np.stack([np.ones(len(gap)), gap, gap * gap / 2], axis=1) @ terms
+        for side in SIDES:
+            rows = np.concatenate([np.arange(max(first, end - side), end), np.arange(begin, min(last, begin + side))])
+            s = tracks.times[rows] - tracks.times[end]
+            columns = np.stack([np.ones(len(s)), s, s * s / 2], axis=1)
+            terms = np.linalg.pinv(columns) @ tracks.places[rows, thing]
+            left = tracks.places[rows, thing] - columns @ terms
+            if len(rows) > 4 and np.sqrt((left**2).mean()) <= 2.5 * motion.sigma[thing] + SHIFTED:
+                gap = tracks.times[end:begin] - tracks.times[end]
+                path[end:begin] = np.stack([np.ones(len(gap)), gap, gap * gap / 2], axis=1) @ terms
+                break
     return path

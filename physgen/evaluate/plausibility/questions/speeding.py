@@ -9,7 +9,7 @@ from physgen.evaluate.plausibility.motion import Motion
 from physgen.evaluate.plausibility.stretches import Stretch
 from physgen.scene.model import View
 
-FEWEST = 7
+FEWEST = 6
 """Frames."""
 SURE = 2.5
 """Standard deviations that noise may account for."""
@@ -46,18 +46,14 @@ def _alone(motion: Motion, thing: int, stretch: Stretch) -> bool:
 
 
 def _came_at(motion: Motion, thing: int, stretch: Stretch) -> float:
-    """px/s at which it came to the blows not long before, the fastest; 0 if none was."""
-    fastest = 0.0
-    earlier = [s for s in motion.stretches[thing] if s.good and s.last < stretch.first]
-    followers = [*earlier[1:], stretch] if earlier else []
-    known = {turn.after.first: turn for turn in motion.turns[thing]}
-    for before, after in zip(earlier[::-1], followers[::-1], strict=True):
-        if (stretch.first - before.last) * motion.tracks.step > LASTS:
-            break
-        turn = known.get(after.first)
-        if turn is None or turn.sudden:
-            fastest = max(fastest, _speed(motion, before, before.last))
-    return fastest
+    """px/s at which it came to blows not long before, at most; 0 where it moved evenly."""
+    first = max(0, stretch.first - int(np.ceil(LASTS / motion.tracks.step)))
+    sudden = any(turn.sudden and first <= turn.frame < stretch.first for turn in motion.turns[thing])
+    vague = any(not s.good and s.last >= first and s.last < stretch.first for s in motion.stretches[thing])
+    if not (sudden or vague):
+        return 0.0
+    steps = motion.steps[max(first - 1, 0) : stretch.first, thing]
+    return float(np.nanmax(np.hypot(steps[:, 0], steps[:, 1]), initial=0.0)) / motion.tracks.step
 
 
 def _speed(motion: Motion, stretch: Stretch, frame: int) -> float:
