@@ -132,7 +132,9 @@ def _blow(motion: Motion, turn: Turn) -> Blow | None:
 
 def _turns(motion: Motion, thing: int, time: float, frames: float) -> bool:
     """Whether it turns suddenly within some frames of a moment."""
-    return any(turn.sudden and abs(turn.time - time) <= frames * motion.tracks.step for turn in motion.turns[thing])
+    return any(
+        turn.sudden and abs(turn.time - time) <= frames * motion.tracks.step for turn in motion.turns[thing]
+    )
 
 
 def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:
@@ -142,10 +144,7 @@ def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:
             return Part(thing, other.before, other.after, turn.time)
     for stretch in motion.stretches[thing]:
         if stretch.good and stretch.first <= turn.before.last and turn.after.first <= stretch.last:
-            frame = (
-                turn.before.last if turn.time < motion.tracks.times[turn.after.first] else turn.after.first
-            )
-            parted = motion.parted(thing, stretch, frame)
+            parted = motion.parted(thing, stretch, turn.time)
             return Part(thing, *(parted or (stretch, stretch)), turn.time, shown=False)
     return None
 

@@ -139,9 +139,19 @@ class Motion:
         place, velocity, pull, kick = inverse @ self.tracks.places[frames, thing]
         errors = (inverse @ inverse.T).diagonal() * (self.sigma[thing] * max(1.0, stretch.residual)) ** 2
         spread = np.diag([errors[0], errors[3] / 2, errors[2]])
-        parts = (stretch.first, int(frames[s < 0][-1]), velocity), (int(frames[s > 0][0]), stretch.last, velocity + kick)
+        parts = (
+            (stretch.first, int(frames[s < 0][-1]), velocity),
+            (int(frames[s > 0][0]), stretch.last, velocity + kick),
+        )
         before, after = (
-            replace(stretch, first=first, last=last, middle=time, terms=np.stack([place, speed, pull]), spread=spread)
+            replace(
+                stretch,
+                first=first,
+                last=last,
+                middle=time,
+                terms=np.stack([place, speed, pull]),
+                spread=spread,
+            )
             for first, last, speed in parts
         )
         return before, after

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 MIDDLE = {
     "gravity": 0.2,
-    "momentum": 0.5,
+    "momentum": 0.3,
     "energy": 0.2,
     "overlap": 0.1,
-    "jumps": 0.55,
+    "jumps": 0.5,
     "starts": 0.6,
     "speeding": 0.2,
 }

@@ -11,7 +11,8 @@ import numpy as np
 from physgen.evaluate.plausibility.reading.masks import SHAKE, Ids, gathered, tracked
 from physgen.evaluate.plausibility.tracks import Tracks
 
-SIZE = 512
+LARGEST = 1024
+"""px of a picture's side; what goes beyond is cut, as it is in a film."""
 BITS = 4
 """Places are rounded to 1/16 px as they are drawn."""
 
@@ -33,11 +34,17 @@ def from_drawn(tracks: Tracks) -> Tracks:
 
 
 def _maps(tracks: Tracks) -> Iterator[Ids]:
+    """As large as the way of all things, the camera stands that far away."""
+    reach = max(form.reach for form in tracks.forms) + 3
+    low = np.maximum(tracks.places.min(axis=(0, 1)) - reach, -LARGEST / 4)
+    width, height = (
+        np.ceil(np.clip(tracks.places.max(axis=(0, 1)) + reach - low, 16, LARGEST)).astype(int).tolist()
+    )
     for frame in range(len(tracks.times)):
-        ids = np.zeros((SIZE, SIZE), np.uint8)
+        ids = np.zeros((height, width), np.uint8)
         for k, form in enumerate(tracks.forms):
-            x, y = tracks.places[frame, k].tolist()
-            if not (-SIZE < x < 2 * SIZE and -SIZE < y < 2 * SIZE):
+            x, y = (tracks.places[frame, k] - low).tolist()
+            if abs(x) > 4 * LARGEST or abs(y) > 4 * LARGEST:
                 continue
             if form.round:
                 center = round(x * 2**BITS), round(y * 2**BITS)

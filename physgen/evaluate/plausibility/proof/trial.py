@@ -71,7 +71,9 @@ def trial(
     seeds: range, workers: int = 1, show: Callable[[str, int, int], None] = lambda what, done, total: None
 ) -> list[Said]:
     """All clips of all seeds; the same whatever `workers`."""
-    jobs = [(family, seed, k) for seed in seeds for k, family in enumerate((*families.FAMILIES, *[OTHER] * 3))]
+    jobs = [
+        (family, seed, k) for seed in seeds for k, family in enumerate((*families.FAMILIES, *[OTHER] * 3))
+    ]
     said: list[Said] = []
     with ProcessPoolExecutor(max(workers, 1)) as pool:
         run = pool.map(_one, jobs, chunksize=4) if workers > 1 else map(_one, jobs)

@@ -41,16 +41,18 @@ def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
         return None
     if min(a.core, b.core) <= 0:
         return None
-    if np.nanmin(motion.clearance.least(one, other)) > motion.margin(one, other, 0, len(gap) - 1):
+    hidden, at_hidden = _hidden(motion, one, other)
+    if hidden <= 0 and np.nanmin(motion.clearance.least(one, other)) > motion.margin(
+        one, other, 0, len(gap) - 1
+    ):
         return None
     start = max(0.0, -float(gap[known][:2].min()))
     depth, frame = float(-gap[known].min()), int(np.flatnonzero(known)[np.argmin(gap[known])])
     between, at = _between(motion, one, other)
     if between > depth:
         depth, frame = between, at
-    hidden, at = _hidden(motion, one, other)
     if hidden > depth:
-        depth, frame = hidden, at
+        depth, frame = hidden, at_hidden
     noise = 3 * float(np.hypot(motion.sigma[one], motion.sigma[other]))
     beyond = max(0.0, depth - 1.2 * start - noise - 1.0)
     names = f"{tracks.names[one]} and {tracks.names[other]}"
@@ -107,7 +109,9 @@ def _bridged(motion: Motion, thing: int) -> Array:
         if (begin - end + 1) * tracks.step > LONGEST:
             continue
         for side in SIDES:
-            rows = np.concatenate([np.arange(max(first, end - side), end), np.arange(begin, min(last, begin + side))])
+            rows = np.concatenate(
+                [np.arange(max(first, end - side), end), np.arange(begin, min(last, begin + side))]
+            )
             s = tracks.times[rows] - tracks.times[end]
             columns = np.stack([np.ones(len(s)), s, s * s / 2], axis=1)
             terms = np.linalg.pinv(columns) @ tracks.places[rows, thing]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from physgen.evaluate.plausibility.tracks import Array, Form
 
 Ids = NDArray[np.integer]
+Pixels = NDArray[np.intp]
 WHOLE = 0.965
 """Of a thing's usual area: it is hidden in part where less is seen."""
 SHAKE = 0.08
@@ -44,20 +45,24 @@ def gathered(maps: Iterable[Ids]) -> Silhouettes:
     for frame, ids in enumerate(maps):
         height, width = ids.shape
         found.size, found.count = (width, height), frame + 1
-        for one in np.unique(ids).tolist():
-            if one:
-                _add(found, frame, one, ids == one)
+        ys, xs = np.nonzero(ids)
+        owners = ids[ys, xs]
+        order = np.argsort(owners, kind="stable")
+        names, starts = np.unique(owners[order], return_index=True)
+        for one, some in zip(names.tolist(), np.split(order, starts[1:]), strict=True):
+            _add(found, frame, one, ys[some], xs[some])
     return found
 
 
-def _add(found: Silhouettes, frame: int, one: int, mask: NDArray[np.bool_]) -> None:
-    disc = disc_about(mask)
+def _add(found: Silhouettes, frame: int, one: int, ys: Pixels, xs: Pixels) -> None:
+    disc = _disc(ys, xs)
     if disc is None:
         return
     place, core, reach, area = disc
     found.areas.setdefault(one, {})[frame] = area
     found.places.setdefault(one, {})[frame] = place
-    if mask[[0, -1]].any() or mask[:, [0, -1]].any():
+    width, height = found.size
+    if xs.min() == 0 or ys.min() == 0 or xs.max() == width - 1 or ys.max() == height - 1:
         found.cut.setdefault(one, set()).add(frame)
         return
     found.cores.setdefault(one, []).append(core)
@@ -66,18 +71,19 @@ def _add(found: Silhouettes, frame: int, one: int, mask: NDArray[np.bool_]) -> N
 
 def disc_about(mask: NDArray[np.bool_]) -> tuple[tuple[float, float], float, float, float] | None:
     """Centroid px, radius of the largest disc about it inside, of the smallest around, area px²; None for a few pixels."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return None
-    y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
-    part = mask[y0:y1, x0:x1]
-    ys, xs = np.nonzero(part)
+    return _disc(*np.nonzero(mask))
+
+
+def _disc(ys: Pixels, xs: Pixels) -> tuple[tuple[float, float], float, float, float] | None:
     if len(xs) < LEAST:
         return None
+    x0, y0 = int(xs.min()), int(ys.min())
+    part = np.zeros((int(ys.max()) - y0 + 3, int(xs.max()) - x0 + 3), np.uint8)
+    part[ys - y0 + 1, xs - x0 + 1] = 1
     x, y = float(xs.mean()), float(ys.mean())
-    inside = cv2.distanceTransform(np.pad(part, 1).astype(np.uint8), cv2.DIST_L2, 5)
-    core = max(float(inside[round(y) + 1, round(x) + 1]) - 0.5, 0.0)
-    return (x0 + x, y0 + y), core, float(np.hypot(xs - x, ys - y).max()) + 0.5, float(len(xs))
+    inside = cv2.distanceTransform(part, cv2.DIST_L2, 5)
+    core = max(float(inside[round(y) - y0 + 1, round(x) - x0 + 1]) - 0.5, 0.0)
+    return (x, y), core, float(np.hypot(xs - x, ys - y).max()) + 0.5, float(len(xs))
 
 
 def tracked(found: Silhouettes) -> tuple[list[int], Array, tuple[Form, ...], Array]:
