@@ -13,6 +13,7 @@
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
+    python benchmarks/run.py plausibility    # right clips told from wrong ones, our scenes, and docs/plausibility.md
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -44,10 +45,11 @@ from kills import kills
 from labels import labels
 from perceiving import perceiving
 from percepts import percepts
+from plausible import plausibility
 from prompts import prompts
 from refine import refining
 from segments import segmentation
-from tables import RESULTS, fidelity_page, page, physics_page
+from tables import RESULTS, fidelity_page, page, physics_page, plausibility_page
 
 from physgen import pipeline
 from physgen.cli import main as physgen
@@ -307,6 +309,7 @@ PARTS |= {
     "kills": kills,
     "labels": labels,
     "cluster": cluster,
+    "plausibility": plausibility,
 }
 
 
@@ -327,6 +330,8 @@ def main(names: list[str]) -> None:
         (ROOT / "docs" / "physics.md").write_text(physics_page())
     if (RESULTS / "fidelity.json").exists():
         (ROOT / "docs" / "fidelity.md").write_text(fidelity_page())
+    if (RESULTS / "plausibility.json").exists():
+        (ROOT / "docs" / "plausibility.md").write_text(plausibility_page())
     print(page())
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import plausible_page
 from growth import KINDS, exponent
 
 from physgen.evaluate import fidelity
@@ -105,6 +106,11 @@ def physics_page() -> str:
             "",
         ]
     )
+
+
+def plausibility_page() -> str:
+    result = json.loads((RESULTS / "plausibility.json").read_text())
+    return plausible_page.page(result["rows"], result["machine"])
 
 
 def fidelity_page() -> str:

@@ -21,6 +21,12 @@ def test_fidelity_page_is_what_its_json_says() -> None:
     assert (ROOT / "docs" / "fidelity.md").read_text() == run.stdout
 
 
+def test_plausibility_page_is_what_its_json_says() -> None:
+    code = "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.plausibility_page())"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (ROOT / "docs" / "plausibility.md").read_text() == run.stdout
+
+
 def test_materials_page_is_what_the_table_says() -> None:
     code = "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.materials_page())"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -1,1 +1,1 @@
-"""Plausibility: is the motion in a clip physically possible? Tracks in, scores with their reasons out; no truth needed."""
+"""Is the motion in a clip physically possible? Tracks in, scores with their reasons out; no truth needed."""

@@ -1,8 +1,9 @@
-"""Tracks -> how far apart two things are in every frame: at least, so that they may touch; at most, so that they overlap."""
+"""Tracks -> how far apart two things are in every frame: at least, as they may touch; at most, as they overlap."""
 
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -108,7 +109,7 @@ class Clearance:
     def _segments(self) -> list[tuple[Array, Array]]:
         found = []
         for chain in self._tracks.given.walls:
-            for a, b in zip(chain[:-1], chain[1:], strict=True):
+            for a, b in pairwise(chain):
                 if np.hypot(*(b - a)) > PART:
                     found.append((a, b))
         return found

@@ -1,4 +1,4 @@
-"""A verdict -> a plot of the ways of all things in the picture, with what is called wrong marked where it happens."""
+"""A verdict -> plots of where things were, and how fast, with what is called wrong marked where it happens."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from physgen.evaluate.findings import Figure
 from physgen.evaluate.plausibility.judge import Verdict
 from physgen.evaluate.plotted import plotted
 from physgen.report.plots.look import SMALL, Palette, stroke
+from physgen.scene.model import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST = 5
 """Marks: more would lie over each other."""
+NAMED = 10
+"""Things, at most, that are named in the plot."""
 HEIGHT = 95.0
 """mm."""
 
@@ -38,7 +41,7 @@ def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
         axes.plot(x, y, color=colour, linestyle=dashes, linewidth=0.7)
         axes.plot(x, y, ".", color=colour, markersize=2.2)
         seen = np.flatnonzero(np.isfinite(x))
-        if len(seen):
+        if len(seen) and len(tracks.names) <= NAMED:
             axes.annotate(
                 name,
                 (x[seen[0]], y[seen[0]]),
@@ -69,3 +72,39 @@ def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
     axes.invert_yaxis()
     axes.set_xlabel("x, px")
     axes.set_ylabel("y, px")
+
+
+def speeds(verdict: Verdict) -> Figure:
+    """Of what is called wrong: from the side its velocity downwards, which gravity makes a slope of; else its speed."""
+    faults = verdict.faults()[:MOST]
+    things = list(dict.fromkeys(k for _, evidence in faults for k in evidence.things))[:NAMED]
+    down = verdict.tracks.view is View.SIDE
+    what = "Velocity downwards" if down else "Speed"
+    about = f"{what} of what is called wrong, from frame to frame. All that flies has one slope; a blow is a step."
+
+    def draw(axes: Axes, palette: Palette) -> None:
+        tracks = verdict.tracks
+        velocity = np.diff(tracks.places, axis=0) / tracks.step
+        middle = (tracks.times[1:] + tracks.times[:-1]) / 2
+        for k in things:
+            colour, dashes = stroke(k, palette)
+            value = velocity[:, k, 1] if down else np.hypot(velocity[:, k, 0], velocity[:, k, 1])
+            axes.plot(middle, value, color=colour, linestyle=dashes, linewidth=0.7, label=tracks.names[k])
+            axes.plot(middle, value, ".", color=colour, markersize=2.2)
+        for number, (_, evidence) in enumerate(faults, 1):
+            time = tracks.times[min(evidence.frame, len(tracks.times) - 1)]
+            axes.axvline(time, color=palette.orange, linewidth=0.7)
+            axes.annotate(
+                str(number),
+                (time, 1 - 0.06 * number),
+                (2, 0),
+                xycoords=("data", "axes fraction"),
+                textcoords="offset points",
+                color=palette.orange,
+                fontweight="bold",
+            )
+        axes.set_xlabel("s")
+        axes.set_ylabel(f"{what.lower()}, px/s")
+        axes.legend(fontsize=SMALL, frameon=False, loc="best")
+
+    return plotted(draw, about)

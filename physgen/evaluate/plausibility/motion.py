@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -215,7 +216,7 @@ class Motion:
     def _turns(self, thing: int) -> list[Turn]:
         told = [s for s in self.stretches[thing] if s.good]
         found = []
-        for before, after in zip(told[:-1], told[1:], strict=True):
+        for before, after in pairwise(told):
             gap = after.first - before.last
             if gap > WIDEST or not self.tracks.seen[before.last : after.first, thing].all():
                 continue

@@ -1,7 +1,7 @@
 """A track -> stretches of constant acceleration, least squares in all; where they meet, something happened.
 
-Optimal partitioning (Jackson et al., 2005): the pieces that make squared errors plus a price for each piece least, found
-exactly by dynamic programming. Bounces fall between frames, and so do the borders of pieces.
+Optimal partitioning (Jackson et al., 2005): the pieces that make squared errors plus a price for each piece least,
+found exactly by dynamic programming. Bounces fall between frames, and so do the borders of pieces.
 """
 
 from __future__ import annotations

@@ -64,7 +64,8 @@ def _section(verdict: Verdict, plotted: bool) -> Section:
     masses = "masses are known" if tracks.weighed else "masses are not known"
     said = [
         f"{tracks.source}; seen from {'above' if tracks.view.value == 'top' else 'the side'}; "
-        f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second; {len(tracks.names)} things; noise {noise} px; {masses}."
+        f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second; {len(tracks.names)} things; "
+        f"noise {noise} px; {masses}."
     ]
     if (pulled := verdict.gravity) is not None:
         said.append(
@@ -86,9 +87,9 @@ def _section(verdict: Verdict, plotted: bool) -> Section:
             )
         )
     if plotted:
-        from physgen.evaluate.plausibility.drawn_paths import paths
+        from physgen.evaluate.plausibility.drawn_paths import paths, speeds
 
-        parts.append(paths(verdict))
+        parts += [paths(verdict), *([speeds(verdict)] if verdict.wrong else [])]
     return Section(tracks.name, tuple(said), tuple(parts))
 
 
@@ -101,7 +102,7 @@ def _questions(verdict: Verdict) -> Table:
             rows.append((QUESTIONS[name].text, str(len(asked.evidence)), _score(verdict.score(name)), what))
         else:
             rows.append((QUESTIONS[name].text, "0", "-", f"not asked: {asked.why_not}"))
-    return Table(("question", "asked", "score", "the worst"), tuple(rows))
+    return Table(("what must hold", "asked", "score", "the worst"), tuple(rows))
 
 
 def _score(value: float | None) -> str:

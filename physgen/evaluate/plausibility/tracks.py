@@ -25,8 +25,15 @@ class Form:
     """Distance of its farthest point from the place; 0: a point."""
     gyration: float = 0.0
     """Radius of gyration: its moment of inertia over its mass is this squared."""
+    width: float = 0.0
+    """Its smallest width; 0: twice its core."""
     pieces: tuple[Array, ...] = ()
     """Convex pieces, each (K, 2) about the place, turned by its angle; none for what is round, or not known better."""
+
+    @property
+    def thin(self) -> float:
+        """px: its smallest width, as far as it is known."""
+        return self.width or 2 * self.core
 
     @property
     def round(self) -> bool:

@@ -1,7 +1,8 @@
-"""A second source: balls under gravity or on a slippery table in closed form, written without physgen's engine.
+"""A second source: balls under gravity or on a slippery table in closed form, without physgen's engine.
 
-Each ball flies on a parabola (numpy alone); the next time at which two balls, or a ball and a wall, touch is a root of a
-quadratic; what a blow does follows from masses and elasticity. No friction, no spin. What goes wrong is made wrong here, too.
+Each ball flies on a parabola (numpy alone); the next time at which two balls, or a ball and a wall, touch is a root
+of a quadratic; what a blow does follows from masses and elasticity. No friction, no spin. What goes wrong is made
+wrong here, too.
 """
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ def _blow(balls: Balls, meet: Meet) -> None:
 def _run(
     balls: Balls, times: Array, change: object, moment: float, rng: Rng
 ) -> tuple[Array, list[tuple[float, int, int]]] | None:
-    """Places at `times`, and all blows; `change(balls)` is called at a moment. None for a ball that would not lie still."""
+    """Places at `times`, and all blows; `change(balls)` is called at a moment. None for an endless row of blows."""
     places = np.empty((len(times), *balls.places.shape))
     blows: list[tuple[float, int, int]] = []
     k = 0

@@ -66,12 +66,12 @@ def balanced(rows: Sequence[Row]) -> float | None:
 
 def _about() -> tuple[str, ...]:
     return (
-        "physgen: random scenes of nine kinds, and the same with one thing wrong: the simulator is stopped, something is "
-        "changed, and it goes on. Closed form: balls on parabolas, by a program that shares nothing with the engine, and "
-        "no threshold was chosen on it. Neither walls, pushes nor masses are told to the judge. 16, 24 and 30 frames a "
-        "second by turns.",
-        "Tracks: exact; with normal noise of so many px on each place, and angles as much at the rim; or centroids of masks "
-        "drawn without anti-aliasing on 512 x 512 px, where things hide each other and no angle is known.",
+        "physgen: random scenes of nine kinds, and the same with one thing wrong: the simulator is stopped, something "
+        "is changed, and it goes on. Closed form: balls on parabolas, by a program that shares nothing with the "
+        "engine. Neither walls nor pushes are told to the judge, and masses only where it says so. 16, 24 and 30 "
+        "frames a second by turns.",
+        "Tracks: exact; with normal noise of so many px on each place, and on angles as much at the rim; or centroids "
+        "of masks, drawn without anti-aliasing, where things hide each other and no angle is known.",
     )
 
 

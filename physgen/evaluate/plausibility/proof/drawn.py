@@ -1,4 +1,4 @@
-"""Tracks -> frames with every thing's outline filled in with its id -> tracks from those masks, as of anybody's video."""
+"""Tracks -> frames with every thing's outline filled in with its id -> tracks from those masks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A right world -> the same with one thing made wrong, by running the simulator in pieces; None where it would not show.
+"""A right world -> the same with one thing made wrong, by running it in pieces; None where it would not show.
 
 Whether it shows is told from the engine's contacts, not from what the judge sees.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -133,7 +134,7 @@ def _room(world: World, run: Trajectory, body: int, moment: float, shift: Array)
             return False
     for wall in world.walls:
         for chain in wall.chains:
-            for a, b in zip(chain[:-1], chain[1:], strict=True):
+            for a, b in pairwise(chain):
                 if _crosses(place - shift, place, a, b, reach + 3):
                     return False
     return bool((place > reach).all() and (place < np.array(world.size) - reach).all())

@@ -1,4 +1,4 @@
-"""Seeds -> clips that are right or wrong, as exact tracks, shaken ones and from masks -> what the judge says of each."""
+"""Seeds -> clips that are right or wrong, exact, shaken and as masks -> what the judge says of each."""
 
 from __future__ import annotations
 

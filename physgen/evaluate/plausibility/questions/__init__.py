@@ -17,18 +17,18 @@ from physgen.evaluate.plausibility.questions.starts import starts
 
 
 class Question(NamedTuple):
-    """What is asked, in words, and who answers."""
+    """What must hold, in words, and who finds what speaks against it."""
 
     text: str
     ask: Callable[[Motion], Asked]
 
 
 QUESTIONS = {
-    "gravity": Question("Does all that flies fall alike, at all times?", gravity),
-    "momentum": Question("Do two that meet push each other, as their masses allow?", momentum),
-    "energy": Question("Does nothing part faster than it came?", energy),
-    "overlap": Question("Does nothing go through another thing?", overlap),
-    "jumps": Question("Does nothing jump?", jumps),
-    "starts": Question("Does nothing at rest start by itself?", starts),
-    "speeding": Question("Does nothing on a table speed up by itself?", speeding),
+    "gravity": Question("all that flies falls alike", gravity),
+    "momentum": Question("who meets another pushes it back", momentum),
+    "energy": Question("nothing parts faster than it came", energy),
+    "overlap": Question("nothing goes through another", overlap),
+    "jumps": Question("nothing jumps", jumps),
+    "starts": Question("nothing at rest starts by itself", starts),
+    "speeding": Question("nothing on a table speeds up by itself", speeding),
 }

@@ -20,7 +20,7 @@ TRIES = 121
 
 
 def momentum(motion: Motion) -> Asked:
-    """Each meeting of two that are free, on a table seen from above or in flight; what is missing over what was given."""
+    """Each meeting of two that are free, seen from above or in flight; what is missing over what was given."""
     pulled = common(motion)
     found = []
     for blow in blows(motion):

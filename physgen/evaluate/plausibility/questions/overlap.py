@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from physgen.evaluate.plausibility.evidence import Asked, Evidence
@@ -39,7 +41,7 @@ def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
     known = np.isfinite(gap)
     if not known.any():
         return None
-    if min(a.core, b.core) <= 0:
+    if min(a.thin, b.thin) <= 0:
         return None
     hidden, at_hidden = _hidden(motion, one, other)
     if hidden <= 0 and np.nanmin(motion.clearance.least(one, other)) > motion.margin(
@@ -56,7 +58,7 @@ def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
     noise = 3 * float(np.hypot(motion.sigma[one], motion.sigma[other]))
     beyond = max(0.0, depth - 1.2 * start - noise - 1.0)
     names = f"{tracks.names[one]} and {tracks.names[other]}"
-    size = 2 * min(a.core, b.core)
+    size = min(a.thin, b.thin)
     if beyond == 0:
         return Evidence(0.0, frame, (one, other), f"{names}: come near, and stay apart")
     text = f"{names}: {depth:.1f} px deep in each other at frame {frame}" + (
@@ -68,7 +70,10 @@ def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
 def _between(motion: Motion, one: int, other: int) -> tuple[float, int]:
     """The deepest between frames in which neither turns suddenly, of discs about both places; and the frame before."""
     tracks = motion.tracks
-    reach = tracks.forms[one].core + tracks.forms[other].core
+    cores = [tracks.forms[thing].core for thing in (one, other)]
+    if min(cores) <= 0:
+        return 0.0, 0
+    reach = sum(cores)
     away: Array = tracks.places[:, one] - tracks.places[:, other]
     turning = np.zeros(len(away) - 1, bool)
     for thing in (one, other):
@@ -88,7 +93,10 @@ def _between(motion: Motion, one: int, other: int) -> tuple[float, int]:
 def _hidden(motion: Motion, one: int, other: int) -> tuple[float, int]:
     """The deepest while one hides the other: its way goes on smoothly behind it, as nothing that was hit does."""
     tracks = motion.tracks
-    reach = tracks.forms[one].core + tracks.forms[other].core
+    cores = [tracks.forms[thing].core for thing in (one, other)]
+    if min(cores) <= 0:
+        return 0.0, 0
+    reach = sum(cores)
     ways = [_bridged(motion, thing) for thing in (one, other)]
     away = ways[0] - ways[1]
     far = np.hypot(away[:, 0], away[:, 1])
@@ -101,11 +109,11 @@ def _hidden(motion: Motion, one: int, other: int) -> tuple[float, int]:
 
 
 def _bridged(motion: Motion, thing: int) -> Array:
-    """(T, 2): places, and in short gaps those of the one parabola through the frames before and after, if there is one."""
+    """(T, 2): places, and in short gaps those of the parabola through the frames around it, if there is one."""
     tracks = motion.tracks
     path = tracks.places[:, thing].copy()
     known = runs(tracks.seen[:, thing])
-    for (first, end), (begin, last) in zip(known[:-1], known[1:], strict=True):
+    for (first, end), (begin, last) in pairwise(known):
         if (begin - end + 1) * tracks.step > LONGEST:
             continue
         for side in SIDES:

@@ -10,8 +10,8 @@ from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.problems import InputError
 
 FIX = (
-    "give a clip's folder, a scene file, a CSV, MOT's gt.txt, COCO with tracks (*.json), TAP-Vid (*.npz) or a folder of "
-    "PNG masks"
+    "give a clip's folder, a scene file, a CSV, MOT's gt.txt, COCO with tracks (*.json), TAP-Vid (*.npz) or a "
+    "folder of PNG masks"
 )
 
 

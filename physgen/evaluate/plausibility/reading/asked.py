@@ -86,7 +86,7 @@ class Row:
 def from_rows(
     name: str, frames: Sequence[int], rows: Sequence[Row], fps: float, floor: float, source: str, asked: Asked
 ) -> Tracks:
-    """`rows` with the frame of each, from 0 on. Raises InputError for two of one thing in one frame, and for too many."""
+    """`rows` with the frame of each, from 0 on. Raises InputError for a thing twice in a frame, and for too many."""
     if not rows:
         raise InputError.of(name, "", "has no tracks", "give what moves in it an id in every frame")
     names = sorted({row.name for row in rows}, key=natural)

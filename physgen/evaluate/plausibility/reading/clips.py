@@ -84,7 +84,7 @@ def form_of(body: Body) -> Form:
     if body.radius is not None:
         return Form(body.radius, body.radius, float(np.sqrt(body.moment / body.mass)))
     core = min((_inscribed(piece) for piece in body.pieces if _holds_origin(piece)), default=0.0)
-    return Form(core or body.size / 2, body.reach, float(np.sqrt(body.moment / body.mass)), body.pieces)
+    return Form(core, body.reach, float(np.sqrt(body.moment / body.mass)), _width(body.pieces), body.pieces)
 
 
 def given_by(world: World) -> Given:
@@ -115,6 +115,13 @@ def _overspin(body: Body) -> Array:
     return np.asarray(
         np.where(np.abs(rolling - body.velocity) > 1e-6 * np.abs(body.velocity).max(initial=1.0), 1.0, 0.0)
     )
+
+
+def _width(pieces: tuple[Array, ...]) -> float:
+    """px: the least of all shadows that the whole casts; hollows count as filled."""
+    angles = np.linspace(0.0, np.pi, 36, endpoint=False)
+    shadows = np.concatenate(pieces) @ np.stack([np.cos(angles), np.sin(angles)])
+    return float(np.ptp(shadows, axis=0).min())
 
 
 def _holds_origin(piece: Array) -> bool:

@@ -1,4 +1,4 @@
-"""COCO with tracks (as TAO and our own have it) -> tracks: centroids of masks, or middles of boxes where it has none."""
+"""COCO with tracks (as TAO and our own have it) -> tracks: centroids of masks, else middles of boxes."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def from_coco(path: Path, asked: Asked) -> Iterator[Tracks]:
     if not videos:
         raise InputError.of(str(path), "", "has no tracks", "give annotations a track_id")
     told = {video.get("id"): video for video in data.get("videos") or [] if isinstance(video, dict)}
-    for video, annotations in videos.items():
+    for video, mine in videos.items():
         own = [image for image in images.values() if image.get("video_id") == video]
         name = str(told.get(video, {}).get("name") or title(path))
-        yield _clip(path, name, own, annotations, names, told.get(video, {}), asked)
+        yield _clip(path, name, own, mine, names, told.get(video, {}), asked)
 
 
 def _data(path: Path) -> Mapping[str, Any]:

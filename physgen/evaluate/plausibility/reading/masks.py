@@ -47,6 +47,8 @@ def gathered(maps: Iterable[Ids]) -> Silhouettes:
         found.size, found.count = (width, height), frame + 1
         ys, xs = np.nonzero(ids)
         owners = ids[ys, xs]
+        if not len(owners):
+            continue
         order = np.argsort(owners, kind="stable")
         names, starts = np.unique(owners[order], return_index=True)
         for one, some in zip(names.tolist(), np.split(order, starts[1:]), strict=True):
@@ -70,7 +72,7 @@ def _add(found: Silhouettes, frame: int, one: int, ys: Pixels, xs: Pixels) -> No
 
 
 def disc_about(mask: NDArray[np.bool_]) -> tuple[tuple[float, float], float, float, float] | None:
-    """Centroid px, radius of the largest disc about it inside, of the smallest around, area px²; None for a few pixels."""
+    """Centroid px, radii of the largest disc about it inside and the least around, area px²; None for a few pixels."""
     return _disc(*np.nonzero(mask))
 
 

@@ -37,7 +37,8 @@ def from_pictures(folder: Path, asked: Asked) -> Tracks:
     said = "" if asked.fps else ", 30 frames a second assumed"
     return Tracks(
         folder.resolve().name, np.arange(len(places)) / (asked.fps or FPS), tuple(map(_name, ids)), places,
-        np.full(places.shape[:2], np.nan), forms, areas, False, asked.view, SHAKE, f"centroids of masks{said}", flat=False,
+        np.full(places.shape[:2], np.nan), forms, areas, False, asked.view, SHAKE, f"centroids of masks{said}",
+        flat=False,
     )  # fmt: skip
 
 
