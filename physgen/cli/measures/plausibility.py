@@ -21,7 +21,7 @@ def plausibility(options: argparse.Namespace) -> int:
 
 
 def _judged(options: argparse.Namespace) -> int:
-    from physgen.evaluate.plausibility.judge import judge
+    from physgen.evaluate.plausibility.judge import Verdict, judge
     from physgen.evaluate.plausibility.reading import read
     from physgen.evaluate.plausibility.reading.asked import Asked
     from physgen.evaluate.plausibility.told import findings
@@ -34,7 +34,7 @@ def _judged(options: argparse.Namespace) -> int:
         options.fps, View(options.view), dict(options.mass), tuple(options.held), tuple(options.pushed)
     )
     bar = Bar()
-    verdicts = []
+    verdicts: list[Verdict] = []
     for path in options.clips:
         for tracks in read(path, asked):
             bar.show(tracks.name, len(verdicts), len(verdicts) + 1)

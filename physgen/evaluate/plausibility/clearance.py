@@ -6,6 +6,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.evaluate.plausibility.tracks import Array, Form, Tracks
 
@@ -74,7 +75,7 @@ class Clearance:
             ]
         return self._shapes[k]
 
-    def _parted(self, one: int, other: int, frames: Array) -> Array:
+    def _parted(self, one: int, other: int, frames: NDArray[np.intp]) -> Array:
         a, b = self._tracks.forms[one], self._tracks.forms[other]
         least = np.full(len(frames), np.inf)
         if a.round or b.round:

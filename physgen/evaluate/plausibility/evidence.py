@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Asked:
     @classmethod
     def of(cls, evidence: list[Evidence], why_not: str) -> Asked:
         """Sorted."""
-        return cls(tuple(sorted(evidence, key=lambda e: -e.deviation)), "" if evidence else why_not)
+        plain = [replace(e, deviation=float(e.deviation), frame=int(e.frame)) for e in evidence]
+        return cls(tuple(sorted(plain, key=lambda e: -e.deviation)), "" if evidence else why_not)
 
     @property
     def deviation(self) -> float:

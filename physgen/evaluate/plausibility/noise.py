@@ -27,7 +27,7 @@ def noise(tracks: Tracks) -> Array:
     known = own[np.isfinite(own)]
     typical = float(np.median(known)) if len(known) else tracks.floor
     own = np.where(np.isfinite(own), own, typical)
-    return np.maximum(np.clip(own, typical / 2, None), tracks.floor)
+    return np.asarray(np.maximum(np.clip(own, typical / 2, None), tracks.floor))
 
 
 def _of(tracks: Tracks, thing: int) -> float:

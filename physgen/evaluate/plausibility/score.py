@@ -23,4 +23,4 @@ def score(question: str, deviation: float) -> float:
     >>> score("gravity", 0.0), round(score("gravity", MIDDLE["gravity"]), 3)
     (1.0, 0.5)
     """
-    return 1.0 / (1.0 + (deviation / MIDDLE[question]) ** STEEP)
+    return float(1.0 / (1.0 + (deviation / MIDDLE[question]) ** STEEP))

@@ -53,7 +53,7 @@ class Stretch:
     @property
     def acceleration(self) -> Array:
         """(2,) px/s²."""
-        return self.terms[2]
+        return np.asarray(self.terms[2])
 
     @property
     def acceleration_error(self) -> float:
@@ -152,4 +152,4 @@ def fitted(path: Array, times: Array, first: int, sigma: float) -> Stretch:
 def _error(row: Array, spread: Array) -> float:
     if not np.isfinite(spread).all():
         return np.inf
-    return float(np.sqrt(max(row @ spread @ row, 0.0)))
+    return float(np.sqrt(max(float(row @ spread @ row), 0.0)))

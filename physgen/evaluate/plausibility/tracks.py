@@ -93,7 +93,7 @@ class Tracks:
     @property
     def seen(self) -> NDArray[np.bool_]:
         """(T, N)."""
-        return np.isfinite(self.places).all(axis=2)
+        return np.asarray(np.isfinite(self.places).all(axis=2))
 
 
 def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:

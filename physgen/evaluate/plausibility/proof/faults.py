@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -57,6 +58,10 @@ def _moved(world: World, body: int, velocity: Array) -> World:
     return replace(world, bodies=tuple(bodies))
 
 
+def _pushed(world: World, push: Push) -> World:
+    return replace(world, pushes=(*world.pushes, push))
+
+
 def gravity(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
     """Weaker, stronger or turned from some moment on, while something flies before and something after."""
     if world.view is View.TOP or world.joints:
@@ -97,7 +102,7 @@ def energy(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | Non
         if np.hypot(*came) < 60 or np.hypot(*parts) < 20:
             continue
         faster = later + parts / np.hypot(*parts) * np.hypot(*came) * float(rng.uniform(1.35, 2.0))
-        poses = in_two(world, times, end + 0.002, lambda w, b=body, v=faster: _moved(w, b, v), (body,), 0.15)
+        poses = in_two(world, times, end + 0.002, partial(_moved, body=body, velocity=faster), (body,), 0.15)
         if poses is not None:
             return poses
     return None
@@ -175,7 +180,7 @@ def momentum(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
                         world,
                         times,
                         end + 0.002,
-                        lambda w, o=other, v=ways[k]: _moved(w, o, v),
+                        partial(_moved, body=other, velocity=ways[k]),
                         (body, other),
                         0.15,
                     )
@@ -234,7 +239,7 @@ def starting(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
         speed = float(rng.uniform(120, 350))
         angle = rng.uniform(0, 2 * np.pi) if world.view is View.TOP else -rng.uniform(0.1, np.pi - 0.1)
         velocity = speed * np.array([np.cos(angle), np.sin(angle)])
-        poses = in_two(world, times, moment, lambda w, b=body, v=velocity: _moved(w, b, v))
+        poses = in_two(world, times, moment, partial(_moved, body=body, velocity=velocity))
         if poses is not None and np.ptp(poses[times <= moment + FREE, body, :2], axis=0).max() > 15:
             return poses
     return None
@@ -254,7 +259,7 @@ def speeding(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | N
         gain = max(speed, 120.0) * float(rng.uniform(0.8, 1.6)) / seconds
         slows = 9.8 * world.pixels_per_meter * world.table.friction * world.bodies[body].surface.friction
         push = Push(body, Load.FORCE, way / speed * mass * (gain + slows), 0.0, np.zeros(2), 0.0, seconds)
-        return in_two(world, times, moment, lambda w, p=push: replace(w, pushes=(*w.pushes, p)))
+        return in_two(world, times, moment, partial(_pushed, push=push))
     return None
 
 

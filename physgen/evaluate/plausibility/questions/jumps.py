@@ -42,7 +42,7 @@ def _worst(motion: Motion, thing: int, first: int, last: int) -> Evidence:
         usual = float(others.max(initial=0.0))
         allowed = SURE * float(motion.sigma[thing]) + _shoved(motion, thing, first + k, usual) + fall
         form = motion.tracks.forms[thing]
-        size = max(usual, 0.3 * form.reach, 10 * float(motion.sigma[thing]), 3.0)
+        size: float = max(usual, 0.3 * form.reach, 10 * float(motion.sigma[thing]), 3.0)
         deviation = max(0.0, off - allowed) / size
         if not _smooth(motion, thing, first + k):
             deviation *= DOUBTFUL
@@ -64,7 +64,7 @@ def _beyond(steps: Array, k: int) -> float:
 
 def _off(point: Array, a: Array, b: Array) -> float:
     along = b - a
-    part = np.clip((point - a) @ along / max(along @ along, 1e-12), 0.0, 1.0)
+    part = np.clip((point - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
     return float(np.hypot(*(point - a - part * along)))
 
 

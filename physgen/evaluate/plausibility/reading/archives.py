@@ -96,7 +96,7 @@ def _rigid(places: Array) -> tuple[Array, Array, Form]:
 
     Frames that show fewer than 3 of them tell nothing. Procrustes analysis against the frame that shows most.
     """
-    seen = np.isfinite(places).all(axis=2)
+    seen = np.asarray(np.isfinite(places).all(axis=2))
     shown = seen.sum(axis=1)
     best = int(np.argmax(shown))
     known = seen[best]

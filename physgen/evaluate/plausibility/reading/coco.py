@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +64,8 @@ def _data(path: Path) -> Mapping[str, Any]:
 def _clip(
     path: Path,
     name: str,
-    images: list[Mapping[str, Any]],
-    annotations: list[Mapping[str, Any]],
+    images: Sequence[Mapping[str, Any]],
+    annotations: Sequence[Mapping[str, Any]],
     names: Mapping[Any, Any],
     video: Mapping[str, Any],
     asked: Asked,

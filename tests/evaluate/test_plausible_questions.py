@@ -1,0 +1,165 @@
+"""Plausibility against nature: motions written down by hand, and the same with one thing made wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from physgen.evaluate.plausibility.judge import Verdict, judge
+from physgen.evaluate.plausibility.tracks import Form, Given, Tracks
+from physgen.problems import InputError
+from physgen.scene.model import View
+
+FPS = 30.0
+RNG = np.random.default_rng(3)
+
+
+def clip(paths: list[np.ndarray], view: View = View.SIDE, radius: float = 10.0, **more: object) -> Tracks:
+    places = np.stack(paths, axis=1)
+    count = len(paths)
+    given = {
+        "masses": np.ones(count), "weighed": False, "floor": 0.02, "source": "by hand", "flat": False, **more,
+    }  # fmt: skip
+    return Tracks(
+        "clip", np.arange(len(places)) / FPS, tuple(f"ball-{k + 1}" for k in range(count)), places,
+        np.full(places.shape[:2], np.nan), (Form(radius, radius, 0.6 * radius),) * count, view=view, **given,
+    )  # fmt: skip
+
+
+def fall(g: float = 900.0, frames: int = 40, x: float = 50.0, vx: float = 80.0, vy: float = -500.0) -> np.ndarray:
+    t = np.arange(frames) / FPS
+    return np.stack([x + vx * t, 300 + vy * t + g * t * t / 2], axis=1)
+
+
+def along(x: float, y: float, vx: float, vy: float, frames: int = 40) -> np.ndarray:
+    t = np.arange(frames)[:, None] / FPS
+    return np.array([x, y]) + t * np.array([vx, vy])
+
+
+def bounce(e: float, floor: float = 400.0, g: float = 900.0, frames: int = 45) -> np.ndarray:
+    """Let go at y = 200: down, and up again at e times the speed; closed form."""
+    t = np.arange(frames) / FPS
+    down = np.sqrt(2 * (floor - 200) / g)
+    speed = g * down
+    s = t - down
+    return np.stack([np.full(frames, 60.0), np.where(s < 0, 200 + g * t * t / 2, floor - e * speed * s + g * s * s / 2)], 1)
+
+
+def deviation(verdict: Verdict, question: str) -> float:
+    return verdict.answers[question].deviation
+
+
+def test_a_throw_is_right_and_its_gravity_is_found() -> None:
+    verdict = judge(clip([fall(), fall(x=250, vx=-60, vy=-420)]))
+    assert verdict.wrong is False
+    assert verdict.gravity == pytest.approx((0, 900), abs=1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_gravity_that_changes_midway_is_seen_where_it_does(noise: float) -> None:
+    before, t = fall(frames=24), np.arange(1, 25)[:, None] / FPS
+    place, velocity = before[-1], np.array([80.0, -500 + 900 * 23 / FPS])
+    path = np.concatenate([before, place + t * velocity + t * t / 2 * np.array([0, 450.0])])
+    verdict = judge(clip([path + RNG.normal(0, noise, path.shape)]))
+    question, evidence = verdict.faults()[0]
+    assert question == "gravity"
+    assert 0.35 < evidence.deviation < 1.1
+    assert judge(clip([fall(frames=48) + RNG.normal(0, noise, (48, 2))])).wrong is False
+
+
+@pytest.mark.parametrize(("e", "wrong"), [(0.5, False), (0.95, False), (1.3, True)])
+def test_no_ball_comes_back_faster_than_it_came(e: float, wrong: bool) -> None:
+    verdict = judge(clip([bounce(e)]))
+    assert verdict.answers["energy"].evidence
+    assert (verdict.score("energy") < 0.5) is wrong
+    assert deviation(verdict, "energy") == pytest.approx(max(0.0, e - np.sqrt(1.1)), abs=0.03)  # a tenth may be spin
+
+
+def two(v1: np.ndarray, v2: np.ndarray, after1: np.ndarray, after2: np.ndarray) -> list[np.ndarray]:
+    """Two that come together, discs of 10 px, between frames 20 and 21; x is the line of centres."""
+    t = (np.arange(45) / FPS - 20.4 / FPS)[:, None]
+    a, b = np.array([190.0, 200.0]), np.array([210.0, 200.0])
+    return [np.where(t < 0, a + t * v1, a + t * after1), np.where(t < 0, b + t * v2, b + t * after2)]
+
+
+def test_momentum_of_two_discs_on_a_table() -> None:
+    rest, fast = np.zeros(2), np.array([300.0, 0.0])
+    right = judge(clip(two(fast, rest, 0.1 * fast, 0.9 * fast), View.TOP))
+    assert right.answers["momentum"].evidence
+    assert right.wrong is False
+    alone = judge(clip(two(fast, np.array([0.0, 30.0]), -0.5 * fast, np.array([0.0, 30.0])), View.TOP))
+    assert "momentum" in {question for question, _ in alone.faults()}  # the second takes no notice
+    across = judge(clip(two(fast, rest, 0.2 * fast, np.array([0.0, 250.0])), View.TOP))
+    assert across.wrong
+
+
+def test_known_masses_tell_more() -> None:
+    fast = np.array([300.0, 0.0])
+    paths = two(fast, np.zeros(2), 0.5 * fast, 1.0 * fast)  # right if the second has half the mass
+    assert judge(clip(paths, View.TOP)).wrong is False
+    assert judge(clip(paths, View.TOP, masses=np.array([2.0, 1.0]), weighed=True)).wrong is False
+    heavy = judge(clip(paths, View.TOP, masses=np.array([1.0, 3.0]), weighed=True))
+    assert deviation(heavy, "momentum") == pytest.approx(0.5 * 300 * 5 / (150 + 900), abs=0.05)
+
+
+def test_one_goes_through_another_in_frames_between_them_and_behind() -> None:
+    through = judge(clip([along(50, 200, 240, 0), along(330, 203, -180, 0)], View.TOP))
+    assert 0.7 < deviation(through, "overlap") < 1  # a whole ball deep, less what frames and noise leave open
+    fast = judge(clip([along(-890, 200, 1800, 0), along(300, 200, 0, 0)], View.TOP))
+    assert fast.wrong
+    paths = [along(50, 200, 240, 0), along(330, 203, -180, 0)]
+    paths[1][17:24] = np.nan
+    assert "overlap" in {question for question, _ in judge(clip(paths, View.TOP)).faults()}
+    apart = judge(clip([along(50, 200, 240, 0), along(330, 240, -180, 0)], View.TOP))
+    assert apart.wrong is False
+
+
+def test_a_jump_is_found_in_its_frame_by_its_size() -> None:
+    path = fall()
+    path[22:] += (40, -20)
+    question, evidence = judge(clip([path])).faults()[0]
+    assert (question, evidence.frame) == ("jumps", 22)
+    assert float(evidence.text.split()[2]) == pytest.approx(np.hypot(40, 20), abs=2)
+    flicker = fall()
+    flicker[22] += (40, 0)
+    assert judge(clip([flicker])).wrong
+
+
+def test_nothing_starts_by_itself_but_what_is_hit_pushed_or_let_go() -> None:
+    still = np.zeros(2)
+    starts = two(still, still, still, np.array([200.0, 0.0]))
+    starts[0] -= (150, 0)  # nobody near
+    alone = judge(clip(starts, View.TOP))
+    assert alone.faults()[0][0] == "starts"
+    pushed = judge(clip(starts, View.TOP, given=Given(pushed=((1, 0.6, 0.7),))))
+    assert pushed.wrong is False
+    hit = judge(clip(two(np.array([220.0, 0.0]), still, np.array([20.0, 0.0]), np.array([200.0, 0.0])), View.TOP))
+    assert deviation(hit, "starts") == 0
+    t = np.maximum(np.arange(45) / FPS - 0.6, 0)
+    drop = np.stack([np.full(45, 60.0), 100 + 450 * t * t], axis=1)
+    assert judge(clip([drop])).wrong is False
+    assert judge(clip([drop[:, ::-1] * (1, 1)])).wrong  # the same sideways
+    assert judge(clip([200 - drop])).wrong  # and upwards
+
+
+def test_on_a_table_things_only_slow_down() -> None:
+    t = np.arange(40) / FPS
+    slower = np.stack([50 + 300 * t - 80 * t * t, np.full(40, 90.0)], axis=1)
+    assert judge(clip([slower], View.TOP)).wrong is False
+    assert judge(clip([slower[::-1].copy()], View.TOP)).faults()[0][0] == "speeding"  # played backwards
+
+
+def test_what_cannot_be_asked_is_no_success() -> None:
+    verdict = judge(clip([along(60, 60, 90, 0)]))
+    assert verdict.score("gravity") is None
+    assert verdict.as_dict()["questions"]["gravity"]["why_not"]
+    gaps = along(60, 60, 90, 0)
+    gaps[::3] = np.nan
+    nothing = judge(clip([gaps]))
+    assert nothing.overall is None
+    assert nothing.as_dict()["verdict"] == "not asked"
+
+
+def test_too_few_frames_are_refused() -> None:
+    with pytest.raises(InputError, match="5 frames are too few"):
+        judge(clip([fall(frames=5)]))

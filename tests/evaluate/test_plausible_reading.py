@@ -1,0 +1,195 @@
+"""Tracks in every format say the same of one motion, and what cannot be read is refused with its place."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from physgen.cli import main
+from physgen.evaluate.plausibility.judge import judge
+from physgen.evaluate.plausibility.reading import read
+from physgen.evaluate.plausibility.reading.asked import Asked
+from physgen.problems import InputError
+from physgen.scene.model import View
+
+FPS, FRAMES, RADIUS, G = 25, 24, 9.0, 400.0
+T = np.arange(FRAMES) / FPS
+PATHS = [
+    np.stack([20 + 60 * T, 90 - 165 * T + G * T * T / 2], axis=1),
+    np.stack([100 - 9 * T, 96 - 190 * T + G * T * T / 2], axis=1),
+]
+SIZE = 128
+
+
+def maps() -> list[np.ndarray]:
+    y, x = np.mgrid[:SIZE, :SIZE]
+    found = []
+    for frame in range(FRAMES):
+        ids = np.zeros((SIZE, SIZE), np.uint8)
+        for k, path in enumerate(PATHS):
+            ids[np.hypot(x - path[frame, 0], y - path[frame, 1]) <= RADIUS] = k + 1
+        found.append(ids)
+    return found
+
+
+def table(home: Path) -> Path:
+    lines = ["time,name,x,y,radius"]
+    lines += [
+        f"{t:.3f},ball-{k + 1},{x:.3f},{y:.3f},{RADIUS}"
+        for k, path in enumerate(PATHS)
+        for t, (x, y) in zip(T, path, strict=True)
+    ]
+    (home / "tracks.csv").write_text("\n".join(lines) + "\n")
+    return home / "tracks.csv"
+
+
+def mot(home: Path) -> Path:
+    lines = [
+        f"{frame + 1},{k + 1},{x - RADIUS + 1.5:.2f},{y - RADIUS + 1.5:.2f},{2 * RADIUS},{2 * RADIUS},1,1,1"
+        for k, path in enumerate(PATHS)
+        for frame, (x, y) in enumerate(path)
+    ]
+    (home / "gt").mkdir()
+    (home / "gt" / "gt.txt").write_text("\n".join(lines) + "\n")
+    (home / "seqinfo.ini").write_text(f"[Sequence]\nframeRate={FPS}\n")
+    return home
+
+
+def coco(home: Path) -> Path:
+    annotations = []
+    for frame, ids in enumerate(maps()):
+        for track in (1, 2):
+            runs = np.flatnonzero(np.diff(np.concatenate([[0], (ids == track).T.ravel(), [0]])))
+            edges = np.concatenate([[0], runs, [SIZE * SIZE]]) if runs[-1] < SIZE * SIZE else np.concatenate([[0], runs])
+            told = {"size": [SIZE, SIZE], "counts": np.diff(edges).tolist()}
+            annotations.append({"id": len(annotations) + 1, "image_id": frame, "track_id": track, "segmentation": told})
+    images = [{"id": k, "video_id": 1, "frame_index": k, "width": SIZE, "height": SIZE} for k in range(FRAMES)]
+    data = {"images": images, "annotations": annotations, "videos": [{"id": 1, "name": "two", "fps": FPS}]}
+    (home / "tracks.json").write_text(json.dumps(data))
+    return home / "tracks.json"
+
+
+def tapvid(home: Path) -> Path:
+    spin = np.linspace(0, 3, FRAMES)
+    points, owners = [], []
+    for k, path in enumerate(PATHS):
+        for angle in np.linspace(0, 2 * np.pi, 6, endpoint=False):
+            rim = np.stack([np.cos(angle + spin), np.sin(angle + spin)], axis=1) * RADIUS
+            points.append((path + rim + 0.5) / SIZE)
+            owners.append(k + 1)
+    np.savez(
+        home / "tapvid.npz", points=np.array(points), occluded=np.zeros((12, FRAMES), bool), object=np.array(owners),
+        names=np.array(["background", "one", "two"]), fps=np.array(FPS), video=np.zeros((1, SIZE, SIZE, 3), np.uint8),
+    )  # fmt: skip
+    return home / "tapvid.npz"
+
+
+def masks(home: Path) -> Path:
+    for k, ids in enumerate(maps()):
+        Image.fromarray(ids).save(home / f"{k}.png")
+    return home
+
+
+def colours(home: Path) -> Path:
+    palette = np.array([[0, 0, 0], [128, 0, 0], [0, 128, 0]], np.uint8)
+    for k, ids in enumerate(maps()):
+        Image.fromarray(palette[ids]).save(home / f"{k:03d}.png")
+    return home
+
+
+@pytest.mark.parametrize("write", [table, mot, coco, tapvid, masks, colours])
+def test_every_format_tells_the_same_motion(write: Callable[[Path], Path], tmp_path: Path) -> None:
+    (tracks,) = read(write(tmp_path), Asked(fps=FPS if write in (masks, colours) else None))
+    assert tracks.step == pytest.approx(1 / FPS, rel=1e-3)
+    order = np.argsort(tracks.places[0, :, 0])
+    for k, path in zip(order, PATHS, strict=True):
+        seen = np.isfinite(tracks.places[:, k, 0])
+        assert seen.all()
+        assert np.abs(tracks.places[seen, k] - path[seen]).max() < 0.35
+    verdict = judge(tracks)
+    assert verdict.wrong is False
+    assert verdict.gravity is not None
+    assert verdict.gravity[1] == pytest.approx(G, rel=0.03)
+
+
+def test_a_spinning_thing_of_points_turns_as_its_points_do(tmp_path: Path) -> None:
+    (tracks,) = read(tapvid(tmp_path), Asked())
+    turned = np.unwrap(tracks.angles[:, 0])
+    assert abs(turned[-1] - turned[0]) == pytest.approx(3, abs=0.01)
+
+
+BAD = {
+    "columns.csv": ("name,x,y\na,1,2\n", "lack frame or time"),
+    "number.csv": ("frame,name,x,y\n0,a,1,2\n1,a,wide,2\n", 'number.csv:3:1: x: "wide" is no number'),
+    "twice.csv": ("frame,name,x,y\n0,a,1,2\n0,a,2,2\n", "is twice in frame 0"),
+    "uneven.csv": ("time,name,x,y\n0,a,1,2\n1,a,2,2\n1.4,a,2,2\n2.4,a,2,2\n", "are not evenly spaced"),
+    "gt.txt": ("1,1,5,5,10\n", "is no row of MOT"),
+    "no.json": ('{"images": [], "annotations": [{"id": 1}]}', "has no tracks"),
+    "torn.json": ("{", "is no JSON"),
+    "film.avi": ("", "is no kind of tracks"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
+    text, message = BAD[name]
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as error:
+        list(read(tmp_path / name, Asked()))
+    assert message in str(error.value)
+
+
+def test_pictures_of_different_sizes_and_photos_are_refused(tmp_path: Path) -> None:
+    masks(tmp_path)
+    Image.fromarray(np.ones((SIZE, SIZE + 1), np.uint8)).save(tmp_path / "9999.png")
+    with pytest.raises(InputError, match=r"9999.png: 129 x 128 px is not the size of 0.png"):
+        list(read(tmp_path, Asked()))
+    photo = tmp_path / "photo"
+    photo.mkdir()
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8)
+    Image.fromarray(noise).save(photo / "0.png")
+    with pytest.raises(InputError, match="it is a photo"):
+        list(read(photo, Asked()))
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = table(tmp_path)
+    assert main(["evaluate", "plausibility", str(path), "-o", str(tmp_path / "page")]) == 0
+    assert "clips called wrong: 0 of 1" in capsys.readouterr().out
+    assert (tmp_path / "page" / "index.html").stat().st_size > 5000
+    lines = path.read_text().splitlines()
+    moved = [f"{line.rsplit(',', 3)[0]},{float(line.split(',')[2]) + 30:.3f},{line.split(',', 3)[3]}" for line in lines[13:25]]
+    path.write_text("\n".join([*lines[:13], *moved, *lines[25:]]) + "\n")
+    assert main(["evaluate", "plausibility", str(path), "--json", "--skip", "overlap,starts"]) == 1
+    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    worst = row["questions"]["jumps"]["evidence"][0]
+    assert (row["verdict"], worst["objects"], worst["frame"]) == ("wrong", ["ball-1"], 12)
+    assert main(["evaluate", "plausibility", str(path), "--mass", "cue=5"]) == 2
+    assert '"cue" is none of its things' in capsys.readouterr().err
+    assert main(["evaluate", "plausibility"]) == 2
+    assert "has nothing to judge" in capsys.readouterr().err
+
+
+def test_a_scene_and_its_clip_are_judged_by_their_places(tmp_path: Path) -> None:
+    scene = tmp_path / "drop.yaml"
+    scene.write_text(
+        "physgen: 1\nsize: [96, 96]\nworld: {duration: 1.2}\n"
+        "objects: {a: {shape: {circle: {center: [40, 20], radius: 8}}, elasticity: 0.8}}\n"
+        "boundaries: {floor: {segment: [[0, 90], [96, 90]], elasticity: 0.8}}\nrender: {size: [32, 32]}\n"
+    )
+    assert main(["render", str(scene), "-o", str(tmp_path / "out"), "--format", "png", "--no-cache"]) == 0
+    (by_scene,) = read(scene, Asked())
+    (by_clip,) = read(tmp_path / "out", Asked(view=View.TOP))
+    np.testing.assert_array_equal(by_scene.places, by_clip.places)
+    assert by_clip.view is View.SIDE
+    assert by_clip.forms[0].core == 8
+    scene.unlink()
+    (alone,) = read(tmp_path / "out", Asked())
+    assert alone.forms[0].reach == 0
+    for tracks in (by_scene, by_clip, alone):
+        assert judge(tracks).wrong is False
