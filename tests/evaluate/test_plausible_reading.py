@@ -20,8 +20,8 @@ from physgen.scene.model import View
 FPS, FRAMES, RADIUS, G = 25, 24, 9.0, 400.0
 T = np.arange(FRAMES) / FPS
 PATHS = [
-    np.stack([20 + 60 * T, 90 - 165 * T + G * T * T / 2], axis=1),
-    np.stack([100 - 9 * T, 96 - 190 * T + G * T * T / 2], axis=1),
+    np.stack([20 + 30 * T, 90 - 165 * T + G * T * T / 2], axis=1),
+    np.stack([110 - 9 * T, 96 - 190 * T + G * T * T / 2], axis=1),
 ]
 SIZE = 128
 

@@ -10,7 +10,7 @@ from physgen.evaluate.plausibility.motion import Motion, Turn
 from physgen.evaluate.plausibility.stretches import Stretch
 from physgen.evaluate.plausibility.tracks import Array
 
-SAME = 1.5
+SAME = 1.0
 """Frames within which turns of two things are one blow."""
 LATE = 2.5
 """Frames within which they may have been one, where they are not told well."""
@@ -185,11 +185,7 @@ def _together(motion: Motion, one: Part, other: Part) -> Blow | None:
         if thing in both:
             continue
         gap = motion.clearance.least(other.thing, thing)[one.before.last : one.after.first + 1]
-        turned = any(
-            turn.sudden and abs(turn.time - one.time) <= SAME * motion.tracks.step
-            for turn in motion.turns[thing]
-        )
-        if turned or np.nanmin(gap, initial=np.inf) < CLOSE:
+        if _turns(motion, thing, one.time, LATE) or np.nanmin(gap, initial=np.inf) < CLOSE:
             return None
     step = motion.tracks.step
     ticks = one.time + np.linspace(-step / 2, step / 2, 41)

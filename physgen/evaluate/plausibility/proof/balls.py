@@ -16,7 +16,7 @@ from physgen.scene.model import View
 
 Rng = np.random.Generator
 ROOM = 512.0
-FREE = 0.25
+FREE = 0.32
 """s without a blow before and after what goes wrong."""
 KINDS = (
     "gravity changes",

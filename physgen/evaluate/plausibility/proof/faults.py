@@ -20,7 +20,7 @@ from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
 Rng = np.random.Generator
-FREE = 0.25
+FREE = 0.32
 """s without any touch, before and after what goes wrong."""
 SHORT = 0.02
 """s that a blow lasts, at most."""

@@ -36,6 +36,8 @@ def _free(motion: Motion, blow: Blow, pulled: Array | None) -> bool:
     for part in blow.parts:
         if not motion.moves[part.thing] or part.before is part.after:
             return False
+        if part.after.first - part.before.last > 1:  # what lies between may have been another blow
+            return False
         if motion.near_wall(part.thing, part.before.last, part.after.first):
             return False
         if side and not all(_in_flight(s, pulled) for s in (part.before, part.after)):
