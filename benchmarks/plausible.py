@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from physgen.evaluate.plausibility.judge import judge
+from physgen.evaluate.plausibility.proof.confusion import counted
 from physgen.evaluate.plausibility.proof.trial import HELD_OUT, trial
 from physgen.evaluate.plausibility.reading.clips import from_scene
 from physgen.scene.build import written
@@ -16,12 +17,9 @@ SEEDS = 24
 
 
 def plausibility(folder: Path) -> list[dict]:
-    """What was said of each clip of the proof, and of each bundled scene and variant."""
+    """What was said of the clips of the proof, and of each bundled scene and variant."""
     said = trial(range(HELD_OUT, HELD_OUT + SEEDS), os.cpu_count() or 1)
-    rows = [one.as_dict() for one in said]
-    for row in rows:
-        row["score"] = None if row["score"] is None else round(row["score"], 4)
-        row["deviations"] = {key: round(value, 4) for key, value in row["deviations"].items() if value}
+    rows = [{key: value for key, value in row.items() if key != "scores"} for row in counted(said)]
     return [*rows, *scenes()]
 
 

@@ -26,7 +26,9 @@ def clip(paths: list[np.ndarray], view: View = View.SIDE, radius: float = 10.0, 
     )  # fmt: skip
 
 
-def fall(g: float = 900.0, frames: int = 40, x: float = 50.0, vx: float = 80.0, vy: float = -500.0) -> np.ndarray:
+def fall(
+    g: float = 900.0, frames: int = 40, x: float = 50.0, vx: float = 80.0, vy: float = -500.0
+) -> np.ndarray:
     t = np.arange(frames) / FPS
     return np.stack([x + vx * t, 300 + vy * t + g * t * t / 2], axis=1)
 
@@ -42,7 +44,10 @@ def bounce(e: float, floor: float = 400.0, g: float = 900.0, frames: int = 45) -
     down = np.sqrt(2 * (floor - 200) / g)
     speed = g * down
     s = t - down
-    return np.stack([np.full(frames, 60.0), np.where(s < 0, 200 + g * t * t / 2, floor - e * speed * s + g * s * s / 2)], 1)
+    return np.stack(
+        [np.full(frames, 60.0), np.where(s < 0, 200 + g * t * t / 2, floor - e * speed * s + g * s * s / 2)],
+        1,
+    )
 
 
 def deviation(verdict: Verdict, question: str) -> float:
@@ -72,7 +77,9 @@ def test_no_ball_comes_back_faster_than_it_came(e: float, wrong: bool) -> None:
     verdict = judge(clip([bounce(e)]))
     assert verdict.answers["energy"].evidence
     assert (verdict.score("energy") < 0.5) is wrong
-    assert deviation(verdict, "energy") == pytest.approx(max(0.0, e - np.sqrt(1.1)), abs=0.03)  # a tenth may be spin
+    assert deviation(verdict, "energy") == pytest.approx(
+        max(0.0, e - np.sqrt(1.1)), abs=0.03
+    )  # a tenth may be spin
 
 
 def two(v1: np.ndarray, v2: np.ndarray, after1: np.ndarray, after2: np.ndarray) -> list[np.ndarray]:
@@ -133,7 +140,9 @@ def test_nothing_starts_by_itself_but_what_is_hit_pushed_or_let_go() -> None:
     assert alone.faults()[0][0] == "starts"
     pushed = judge(clip(starts, View.TOP, given=Given(pushed=((1, 0.6, 0.7),))))
     assert pushed.wrong is False
-    hit = judge(clip(two(np.array([220.0, 0.0]), still, np.array([20.0, 0.0]), np.array([200.0, 0.0])), View.TOP))
+    hit = judge(
+        clip(two(np.array([220.0, 0.0]), still, np.array([20.0, 0.0]), np.array([200.0, 0.0])), View.TOP)
+    )
     assert deviation(hit, "starts") == 0
     t = np.maximum(np.arange(45) / FPS - 0.6, 0)
     drop = np.stack([np.full(45, 60.0), 100 + 450 * t * t], axis=1)

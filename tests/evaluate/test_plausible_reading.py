@@ -65,10 +65,18 @@ def coco(home: Path) -> Path:
     for frame, ids in enumerate(maps()):
         for track in (1, 2):
             runs = np.flatnonzero(np.diff(np.concatenate([[0], (ids == track).T.ravel(), [0]])))
-            edges = np.concatenate([[0], runs, [SIZE * SIZE]]) if runs[-1] < SIZE * SIZE else np.concatenate([[0], runs])
+            edges = (
+                np.concatenate([[0], runs, [SIZE * SIZE]])
+                if runs[-1] < SIZE * SIZE
+                else np.concatenate([[0], runs])
+            )
             told = {"size": [SIZE, SIZE], "counts": np.diff(edges).tolist()}
-            annotations.append({"id": len(annotations) + 1, "image_id": frame, "track_id": track, "segmentation": told})
-    images = [{"id": k, "video_id": 1, "frame_index": k, "width": SIZE, "height": SIZE} for k in range(FRAMES)]
+            annotations.append(
+                {"id": len(annotations) + 1, "image_id": frame, "track_id": track, "segmentation": told}
+            )
+    images = [
+        {"id": k, "video_id": 1, "frame_index": k, "width": SIZE, "height": SIZE} for k in range(FRAMES)
+    ]
     data = {"images": images, "annotations": annotations, "videos": [{"id": 1, "name": "two", "fps": FPS}]}
     (home / "tracks.json").write_text(json.dumps(data))
     return home / "tracks.json"
@@ -163,7 +171,10 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "clips called wrong: 0 of 1" in capsys.readouterr().out
     assert (tmp_path / "page" / "index.html").stat().st_size > 5000
     lines = path.read_text().splitlines()
-    moved = [f"{line.rsplit(',', 3)[0]},{float(line.split(',')[2]) + 30:.3f},{line.split(',', 3)[3]}" for line in lines[13:25]]
+    moved = [
+        f"{line.rsplit(',', 3)[0]},{float(line.split(',')[2]) + 30:.3f},{line.split(',', 3)[3]}"
+        for line in lines[13:25]
+    ]
     path.write_text("\n".join([*lines[:13], *moved, *lines[25:]]) + "\n")
     assert main(["evaluate", "plausibility", str(path), "--json", "--skip", "overlap,starts"]) == 1
     (row,) = json.loads(capsys.readouterr().out)["rows"]

@@ -44,7 +44,7 @@ def _judged(options: argparse.Namespace) -> int:
 
 
 def _proof(options: argparse.Namespace) -> int:
-    from physgen.evaluate.plausibility.proof.confusion import findings
+    from physgen.evaluate.plausibility.proof.confusion import counted, findings
     from physgen.evaluate.plausibility.proof.trial import HELD_OUT, processors, trial
 
     if options.clips:
@@ -55,5 +55,4 @@ def _proof(options: argparse.Namespace) -> int:
     seeds = range(HELD_OUT, HELD_OUT + options.seeds)
     said = trial(seeds, options.jobs or processors(), bar.show)
     bar.clear()
-    rows = [one.as_dict() for one in said]
-    return hand_over(findings(rows, seeds, plots=options.output is not None), options)
+    return hand_over(findings(counted(said), seeds, plots=options.output is not None), options)

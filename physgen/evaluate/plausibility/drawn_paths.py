@@ -9,7 +9,7 @@ import numpy as np
 from physgen.evaluate.findings import Figure
 from physgen.evaluate.plausibility.judge import Verdict
 from physgen.evaluate.plotted import plotted
-from physgen.report.plots.look import SMALL, Palette, stroke
+from physgen.report.plots.look import RED, SMALL, Palette, stroke
 from physgen.scene.model import View
 
 if TYPE_CHECKING:
@@ -62,12 +62,10 @@ def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
             "o",
             markersize=11,
             markerfacecolor="none",
-            markeredgecolor=palette.orange,
+            markeredgecolor=RED,
             markeredgewidth=1.2,
         )
-        axes.annotate(
-            str(number), (x, y), (8, 6), textcoords="offset points", color=palette.orange, fontweight="bold"
-        )
+        axes.annotate(str(number), (x, y), (8, 6), textcoords="offset points", color=RED, fontweight="bold")
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
     axes.set_xlabel("x, px")
@@ -93,14 +91,14 @@ def speeds(verdict: Verdict) -> Figure:
             axes.plot(middle, value, ".", color=colour, markersize=2.2)
         for number, (_, evidence) in enumerate(faults, 1):
             time = tracks.times[min(evidence.frame, len(tracks.times) - 1)]
-            axes.axvline(time, color=palette.orange, linewidth=0.7)
+            axes.axvline(time, color=RED, linewidth=0.7)
             axes.annotate(
                 str(number),
                 (time, 1 - 0.06 * number),
                 (2, 0),
                 xycoords=("data", "axes fraction"),
                 textcoords="offset points",
-                color=palette.orange,
+                color=RED,
                 fontweight="bold",
             )
         axes.set_xlabel("s")

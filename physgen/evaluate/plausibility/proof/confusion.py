@@ -11,6 +11,7 @@ from physgen.evaluate.plausibility.score import EVEN
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from physgen.evaluate.plausibility.proof.trial import Said
     from physgen.report.plots.look import Palette
 
 RIGHT = "right"
@@ -19,8 +20,24 @@ BAR = 0.95
 Row = Mapping[str, Any]
 
 
+def counted(said: Sequence[Said]) -> list[dict[str, Any]]:
+    """One row for all clips of a source, family, fault and tracker: how many, how many called wrong, their scores."""
+    groups: dict[tuple[str, ...], list[Said]] = {}
+    for one in said:
+        groups.setdefault((one.tracker, one.source, one.family, one.fault), []).append(one)
+    return [
+        {
+            **dict(zip(("tracker", "source", "family", "fault"), key, strict=True)),
+            "clips": len(group),
+            "called_wrong": sum(one.score is not None and one.score < EVEN for one in group),
+            "scores": [None if one.score is None else round(one.score, 3) for one in group],
+        }
+        for key, group in groups.items()
+    ]
+
+
 def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
-    """`rows` as `Said.as_dict` gives them."""
+    """`rows` as `counted` gives them; figures, which need their scores, where `plots` asks for them."""
     trackers, sources = _known(rows, "tracker"), _known(rows, "source")
     exact = trackers[0]
     bars = tuple(
@@ -28,11 +45,11 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
         for source in sources
         if (found := balanced(_only(rows, source=source, tracker=exact))) is not None
     )
-    whole = balanced(_only(rows, tracker=exact))
-    clips = len(_only(rows, tracker=exact))
+    clips = sum(row["clips"] for row in _only(rows, tracker=exact))
     sentences = (
-        f"Of {clips} clips of {len(seeds)} seeds that no threshold was chosen on, {_part(whole)} are told rightly on "
-        f"{exact} tracks (balanced accuracy: the mean of the shares of right and of wrong clips).",
+        f"Of {clips} clips of {len(seeds)} seeds that no threshold was chosen on, "
+        f"{_part(balanced(_only(rows, tracker=exact)))} are told rightly on {exact} tracks (balanced accuracy: the mean "
+        "of the shares of right and of wrong clips).",
     )
     sections = [
         Section("Right and wrong", _about(), (_confusion(rows, trackers, sources),)),
@@ -41,6 +58,7 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
         ),
         Section("Right clips by kind", (), (_by_family(rows, trackers),)),
     ]
+    shares = {source: _table(rows, source, trackers) for source in sources}
     more = {
         "seeds": [seeds.start, seeds.stop],
         "balanced_accuracy": {s: _table(rows, s, trackers) for s in sources},
@@ -50,18 +68,21 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
     )
 
 
-def called_wrong(row: Row) -> bool:
-    """What nothing could be asked of is not."""
-    return row["score"] is not None and row["score"] < EVEN
-
-
 def balanced(rows: Sequence[Row]) -> float | None:
     """Mean of the shares of right clips and of wrong ones that are told rightly; None without either."""
-    right = [called_wrong(row) for row in rows if row["fault"] == RIGHT]
-    wrong = [called_wrong(row) for row in rows if row["fault"] != RIGHT]
-    if not right or not wrong:
+    right, wrong = (
+        _sums(row for row in rows if row["fault"] == RIGHT),
+        _sums(row for row in rows if row["fault"] != RIGHT),
+    )
+    if not right[0] or not wrong[0]:
         return None
-    return (1 - sum(right) / len(right) + sum(wrong) / len(wrong)) / 2
+    return (1 - right[1] / right[0] + wrong[1] / wrong[0]) / 2
+
+
+def _sums(rows: Iterable[Row]) -> tuple[int, int]:
+    """Clips, and those called wrong; what nothing could be asked of is not."""
+    some = list(rows)
+    return sum(row["clips"] for row in some), sum(row["called_wrong"] for row in some)
 
 
 def _about() -> tuple[str, ...]:
@@ -80,9 +101,10 @@ def _confusion(rows: Sequence[Row], trackers: list[str], sources: list[str]) -> 
     for tracker in trackers:
         for source in sources:
             mine = _only(rows, tracker=tracker, source=source)
-            right = [called_wrong(row) for row in mine if row["fault"] == RIGHT]
-            wrong = [called_wrong(row) for row in mine if row["fault"] != RIGHT]
-            cells = (len(right) - sum(right), sum(right), len(wrong) - sum(wrong), sum(wrong))
+            right, wrong = (
+                _sums(row for row in mine if (row["fault"] == RIGHT) is so) for so in (True, False)
+            )
+            cells = (right[0] - right[1], right[1], wrong[0] - wrong[1], wrong[1])
             lines.append((tracker, source, *map(str, cells), _part(balanced(mine))))
     heads = (
         "tracks",
@@ -98,47 +120,38 @@ def _confusion(rows: Sequence[Row], trackers: list[str], sources: list[str]) -> 
 def _by_fault(rows: Sequence[Row], trackers: list[str]) -> Table:
     faults = [fault for fault in _known(rows, "fault") if fault != RIGHT]
     lines = [
-        (
-            fault,
-            *(
-                _share(called_wrong(row) for row in _only(rows, fault=fault, tracker=tracker))
-                for tracker in trackers
-            ),
-        )
-        for fault in faults
+        (fault, *(_share(*_sums(_only(rows, fault=fault, tracker=t))) for t in trackers)) for fault in faults
     ]
     return Table(("called wrong", *trackers), tuple(lines))
 
 
 def _by_family(rows: Sequence[Row], trackers: list[str]) -> Table:
-    right = _only(rows, fault=RIGHT)
-    lines = [
-        (
-            family,
-            *(
-                _share(not called_wrong(row) for row in _only(right, family=family, tracker=t))
-                for t in trackers
-            ),
-        )
-        for family in _known(right, "family")
-    ]
+    lines = []
+    for family in _known(rows, "family"):
+        told = (_sums(_only(rows, fault=RIGHT, family=family, tracker=tracker)) for tracker in trackers)
+        lines.append((family, *(_share(clips, clips - wrong) for clips, wrong in told)))
     return Table(("called right", *trackers), tuple(lines))
 
 
 def _figure(rows: Sequence[Row], tracker: str) -> Figure:
     from physgen.evaluate.plotted import plotted
+    from physgen.report.plots.look import SMALL
 
-    mine = [row for row in _only(rows, tracker=tracker) if row["score"] is not None]
-    faults = _known(mine, "fault")
+    mine = _only(rows, tracker=tracker)
+    faults = [RIGHT, *(fault for fault in _known(mine, "fault") if fault != RIGHT)]
 
     def draw(axes: Axes, palette: Palette) -> None:
         for k, fault in enumerate(faults):
-            scores = sorted(row["score"] for row in mine if row["fault"] == fault)
-            spread = [k + 0.3 * ((m * 0.618) % 1 - 0.5) * 2 for m in range(len(scores))]
+            told = (
+                score for row in mine if row["fault"] == fault for score in row["scores"] if score is not None
+            )
+            scores = sorted(told)
+            spread = [k + 0.6 * ((m * 0.618) % 1 - 0.5) for m in range(len(scores))]
             colour = palette.blue if fault == RIGHT else palette.orange
             axes.plot(scores, spread, ".", color=colour, markersize=2.5, alpha=0.6)
+            axes.annotate(fault, (0.36, k), fontsize=SMALL, va="center")
         axes.axvline(EVEN, color=palette.soft, linewidth=0.6)
-        axes.set_yticks(range(len(faults)), faults)
+        axes.set_yticks([])
         axes.invert_yaxis()
         axes.set_xlim(-0.02, 1.02)
         axes.set_xlabel("score")
@@ -161,9 +174,8 @@ def _known(rows: Iterable[Row], key: str) -> list[str]:
     return list(dict.fromkeys(str(row[key]) for row in rows))
 
 
-def _share(told: Iterable[bool]) -> str:
-    some = list(told)
-    return f"{sum(some)} of {len(some)}" if some else "-"
+def _share(clips: int, told: int) -> str:
+    return f"{told} of {clips}" if clips else "-"
 
 
 def _part(value: float | None) -> str:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -45,15 +44,6 @@ class Said:
     score: float | None
     deviations: dict[str, float]
     """Question -> deviation, where it was asked."""
-
-    @property
-    def wrong(self) -> bool:
-        """Truly."""
-        return self.fault != RIGHT
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 Tracker = Callable[[Tracks, np.random.Generator], Tracks]
