@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table
 from physgen.evaluate.plausibility.judge import Verdict, verdict_word
 from physgen.evaluate.plausibility.questions import QUESTIONS
@@ -22,7 +24,7 @@ def findings(verdicts: Sequence[Verdict], plots: bool) -> Findings:
     plotted = sorted(verdicts, key=lambda v: (v.overall is None, v.overall))[:MOST_PLOTTED] if plots else []
     sections = (
         Section("Scores", _about(), (_overview(verdicts),)),
-        *(_section(v, v in plotted) for v in verdicts),
+        *(_section(title, v, v in plotted) for title, v in zip(_titles(verdicts), verdicts, strict=True)),
     )
     judged = len(verdicts) - len(unasked)
     sentences = [f"{_count(len(wrong), judged)} called wrong."]
@@ -51,13 +53,19 @@ def _about() -> tuple[str, ...]:
 def _overview(verdicts: Sequence[Verdict]) -> Table:
     names = [name for name in QUESTIONS if any(name in v.answers for v in verdicts)]
     rows = [
-        (v.tracks.name, verdict_word(v.wrong), _score(v.overall), *(_score(v.score(name)) for name in names))
-        for v in verdicts
+        (title, verdict_word(v.wrong), _score(v.overall), *(_score(v.score(name)) for name in names))
+        for title, v in zip(_titles(verdicts), verdicts, strict=True)
     ]
     return Table(("clip", "verdict", "score", *names), tuple(rows))
 
 
-def _section(verdict: Verdict, plotted: bool) -> Section:
+def _titles(verdicts: Sequence[Verdict]) -> list[str]:
+    """Names; where several have one, numbered."""
+    names = [v.tracks.name for v in verdicts]
+    return [f"{n} ({names[: k + 1].count(n)})" if names.count(n) > 1 else n for k, n in enumerate(names)]
+
+
+def _section(title: str, verdict: Verdict, plotted: bool) -> Section:
     tracks = verdict.tracks
     sigma = sorted(float(s) for s in verdict.motion.sigma)
     noise = f"{sigma[0]:.2g}" if sigma[-1] < 1.05 * sigma[0] else f"{sigma[0]:.2g} to {sigma[-1]:.2g}"
@@ -68,9 +76,8 @@ def _section(verdict: Verdict, plotted: bool) -> Section:
         f"noise {noise} px; {masses}."
     ]
     if (pulled := verdict.gravity) is not None:
-        said.append(
-            f"What flies falls at {pulled[1]:.0f} px/s² down and {pulled[0]:+.0f} px/s² to the right."
-        )
+        size, off = float(np.hypot(*pulled)), float(np.degrees(np.arctan2(abs(pulled[0]), pulled[1])))
+        said.append(f"What flies falls at {size:.0f} px/s², {off:.0f}° from straight down.")
     parts: list[Table | Figure] = [_questions(verdict)]
     faults = verdict.faults()
     if faults:
@@ -90,7 +97,7 @@ def _section(verdict: Verdict, plotted: bool) -> Section:
         from physgen.evaluate.plausibility.drawn_paths import paths, speeds
 
         parts += [paths(verdict), *([speeds(verdict)] if verdict.wrong else [])]
-    return Section(tracks.name, tuple(said), tuple(parts))
+    return Section(title, tuple(said), tuple(parts))
 
 
 def _questions(verdict: Verdict) -> Table:

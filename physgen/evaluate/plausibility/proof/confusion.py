@@ -47,9 +47,9 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
     )
     clips = sum(row["clips"] for row in _only(rows, tracker=exact))
     sentences = (
-        f"Of {clips} clips of {len(seeds)} seeds that no threshold was chosen on, "
-        f"{_part(balanced(_only(rows, tracker=exact)))} are told rightly on {exact} tracks (balanced accuracy: the mean "
-        "of the shares of right and of wrong clips).",
+        f"Of {clips} clips, seeds {seeds.start} to {seeds.stop - 1}, which no threshold was chosen on, "
+        f"{_part(balanced(_only(rows, tracker=exact)))} are told rightly on {exact} tracks (balanced accuracy: the "
+        "mean of the shares of right and of wrong clips).",
     )
     sections = [
         Section("Right and wrong", _about(), (_confusion(rows, trackers, sources),)),
@@ -59,10 +59,7 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
         Section("Right clips by kind", (), (_by_family(rows, trackers),)),
     ]
     shares = {source: _table(rows, source, trackers) for source in sources}
-    more = {
-        "seeds": [seeds.start, seeds.stop],
-        "balanced_accuracy": {s: _table(rows, s, trackers) for s in sources},
-    }
+    more = {"seeds": [seeds.start, seeds.stop], "balanced_accuracy": shares}
     return Findings(
         "plausibility", "Right told from wrong", sentences, tuple(sections), list(rows), bars, more
     )
@@ -105,16 +102,9 @@ def _confusion(rows: Sequence[Row], trackers: list[str], sources: list[str]) -> 
                 _sums(row for row in mine if (row["fault"] == RIGHT) is so) for so in (True, False)
             )
             cells = (right[0] - right[1], right[1], wrong[0] - wrong[1], wrong[1])
-            lines.append((tracker, source, *map(str, cells), _part(balanced(mine))))
-    heads = (
-        "tracks",
-        "source",
-        "right, called right",
-        "right, called wrong",
-        "wrong, called right",
-        "wrong, called wrong",
-    )
-    return Table((*heads, "balanced accuracy"), tuple(lines))
+            lines.append((tracker, source, _part(balanced(mine)), *map(str, cells)))
+    told = ("right, called right", "right, called wrong", "wrong, called right", "wrong, called wrong")
+    return Table(("tracks", "source", "balanced accuracy", *told), tuple(lines))
 
 
 def _by_fault(rows: Sequence[Row], trackers: list[str]) -> Table:
@@ -149,7 +139,7 @@ def _figure(rows: Sequence[Row], tracker: str) -> Figure:
             spread = [k + 0.6 * ((m * 0.618) % 1 - 0.5) for m in range(len(scores))]
             colour = palette.blue if fault == RIGHT else palette.orange
             axes.plot(scores, spread, ".", color=colour, markersize=2.5, alpha=0.6)
-            axes.annotate(fault, (0.36, k), fontsize=SMALL, va="center")
+            axes.annotate(fault, (0.53, k), fontsize=SMALL, va="center")
         axes.axvline(EVEN, color=palette.soft, linewidth=0.6)
         axes.set_yticks([])
         axes.invert_yaxis()
