@@ -59,7 +59,7 @@ anything is called a deviation.
 | overlap | how deep two outlines lie in each other, more than at the start, over the smaller one's width; between frames too, and behind each other where the way goes on smoothly | {overlap} |
 | jumps | how far a step is from all that the velocities before and after allow, over the usual step | {jumps} |
 | starts | how far something at rest goes in 6 frames, though nothing that moves touches it, nobody pushes and it does not just go down; over a tenth of its size | {starts} |
-| speeding | how much faster a thing on a table gets by itself, over its speed; a ball may get back 2/7 of what a blow took (a follow shot). Top only | {speeding} |
+| speeding | how much faster a thing on a table gets by itself, over its speed; after a blow, a ball may get back 2/7 of the speed that it has lost since its fastest (a follow shot). Top only | {speeding} |
 
 A score is 1/(1 + (deviation/middle)³).
 

@@ -16,7 +16,7 @@ SURE = 2.5
 LASTS = 0.5
 """s after a blow, at most, in which spin gives back speed."""
 FOLLOW = 2 / 7
-"""Of the speed that a ball has lost in a blow, its spin gives back: a follow shot (any billiards text)."""
+"""Of the speed that a ball has lost in blows, its spin gives back: a follow shot (any billiards text)."""
 
 
 def speeding(motion: Motion) -> Asked:
@@ -46,13 +46,13 @@ def _alone(motion: Motion, thing: int, stretch: Stretch) -> bool:
 
 
 def _came_at(motion: Motion, thing: int, stretch: Stretch) -> float:
-    """px/s at which it came to blows not long before, at most; 0 where it moved evenly."""
+    """px/s that it ever went, where blows were not long before, else 0: spin outlasts blows and may stem from the first."""
     first = max(0, stretch.first - int(np.ceil(LASTS / motion.tracks.step)))
     sudden = any(turn.sudden and first <= turn.frame < stretch.first for turn in motion.turns[thing])
     vague = any(not s.good and s.last >= first and s.last < stretch.first for s in motion.stretches[thing])
     if not (sudden or vague):
         return 0.0
-    steps = motion.steps[max(first - 1, 0) : stretch.first, thing]
+    steps = motion.steps[: stretch.first, thing]
     return float(np.nanmax(np.hypot(steps[:, 0], steps[:, 1]), initial=0.0)) / motion.tracks.step
 
 
