@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import argparse
 
+from physgen.cli.measures.controllability import controllability
 from physgen.cli.measures.fidelity import fidelity
 from physgen.cli.measures.physics import physics
+from physgen.cli.measures.properties import properties
+from physgen.cli.measures.runtime import runtime
 from physgen.cli.measures.segmentation import segmentation
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "properties": properties,
+    "controllability": controllability,
+    "runtime": runtime,
 }
 
 

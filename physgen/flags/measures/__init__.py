@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import fidelity, physics, segmentation
+from physgen.flags.measures import controllability, fidelity, physics, properties, runtime, segmentation
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "properties": properties,
+    "controllability": controllability,
+    "runtime": runtime,
 }
 """A module each: ABOUT, EXAMPLE and `add(parser)`."""
 
