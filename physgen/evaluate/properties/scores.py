@@ -15,7 +15,7 @@ import numpy as np
 
 NEAR = 0.3
 """Error, as a part of the truth, up to which the paper counts a mass as right."""
-NORMAL = 1.959964
+NORMAL = 1.959963984540054
 """Standard deviations of a normal distribution that hold 95 % of it."""
 
 

@@ -241,7 +241,7 @@ def _sentences(runs: Sequence[Run], machines: Sequence[str], here: str) -> Itera
     if models := sorted({model for run in runs for model in run.models}):
         yield f"Models: {', '.join(models)}."
     else:
-        yield "No models had a part: what the paper does with them, the offline steps do in closed form."
+        yield "No downloaded models had a part: the offline steps do what the paper does with them."
     if not seen:
         yield (
             "How long perceiving took is recorded where models did it (perceived.json among a scene's assets): not in "
