@@ -147,6 +147,7 @@ render: {fps: 20}
     swept = sweep(pipeline.load(table(tmp_path, text)), None, 4, [], quiet)
     assert all(one.push.y <= 1e-9 for one in swept.outcomes)
     assert len({round(one.push.angle) for one in swept.outcomes}) == 4
+    assert answers(swept).sideways == (20, 20)
     flat = [one for one in swept.outcomes if abs(one.push.y) < 1e-9]
     for one in flat:  # slides v²/(2 mu g), or as long as the clip lasts
         assert one.length == pytest.approx(
@@ -164,6 +165,7 @@ def test_clips_of_a_sweep_are_read_as_they_are(tmp_path: Path, capsys: pytest.Ca
     told = json.loads(capsys.readouterr().out)
     assert told["object"] == "puck"
     assert told["still_px"] == pytest.approx(0, abs=1e-9)
+    assert told["sideways"] == {"same": 2, "of": 2}
     lengths = {(round(one["push"][0]), round(one["push"][1])): one["length"] for one in told["rows"]}
     for (x, y), length in lengths.items():
         assert length == pytest.approx((x**2 + y**2) / (2 * MU * GRAVITY), rel=1e-3)

@@ -50,6 +50,8 @@ class Answers:
     """Until it meets anybody."""
     last: Aim
     """At the end."""
+    sideways: tuple[int, int]
+    """Of the pushes to the left or right, and answers of half a pixel or more: those to the same side, of all."""
     turns: tuple[int, int]
     """From one direction to the next, with the hardest push: steps that turn the answer the same way, of all."""
     still: float | None
@@ -95,6 +97,7 @@ def answers(swept: Swept) -> Answers:
         tuple(along),
         _aim([(one.push, one.at_first) for one in swept.outcomes]),
         _aim([(one.push, one.response) for one in swept.outcomes]),
+        _sideways(swept.outcomes),
         _turns(along),
         None if swept.still is None else float(np.hypot(*(swept.still.places[-1] - swept.still.places[0]))),
         _law(swept),
@@ -109,6 +112,16 @@ def _whole(one: Outcome) -> int:
 def _aim(pairs: Sequence[tuple[Push, Array]]) -> Aim:
     off = [between((push.x, push.y), answer) for push, answer in pairs if np.hypot(*answer) >= SEEN]
     return Aim(len(off), float(np.median(off)), max(off)) if off else Aim(0, None, None)
+
+
+def _sideways(outcomes: Sequence[Outcome]) -> tuple[int, int]:
+    """Until it meets anybody: gravity brings down what is pushed up, and leaves this alone."""
+    pairs = [
+        (one.push.x, float(one.at_first[0]))
+        for one in outcomes
+        if abs(one.push.x) > 1e-6 * one.push.size and abs(one.at_first[0]) >= SEEN
+    ]
+    return sum(push * answer > 0 for push, answer in pairs), len(pairs)
 
 
 def _turns(along: Sequence[Along]) -> tuple[int, int]:

@@ -8,6 +8,7 @@ from physgen.evaluate.controllability.answers import SEEN, Aim, Answers, answers
 from physgen.evaluate.controllability.outcomes import Outcome
 from physgen.evaluate.controllability.sweep import Swept
 from physgen.evaluate.findings import Findings, Section, Table
+from physgen.scene.model import View
 
 LEAST = 0.01
 """degrees, and per cent: what is less is told to be less."""
@@ -43,7 +44,13 @@ def _sentences(found: Answers, swept: Swept) -> list[str]:
             )
     elif steps:
         told.append(f"{swept.object} answers to no push: it ends at one place, however hard it is pushed.")
-    if found.first.median is not None and found.first.worst is not None:
+    same, count = found.sideways
+    if swept.view is View.SIDE and count:
+        told.append(
+            f"Until it meets anybody it goes to the side that it is pushed to in {same} of {count} pushes. Seen from "
+            "the side, angles tell less: what is pushed up comes down again."
+        )
+    elif found.first.median is not None and found.first.worst is not None:
         told.append(
             f"Until it meets anybody it goes where it is pushed to within {_off(found.first)}"
             + (
@@ -72,6 +79,7 @@ def _sentences(found: Answers, swept: Swept) -> list[str]:
 def _all(found: Answers, swept: Swept) -> Section:
     rising, steps = found.steps
     same, count = found.turns
+    sides = found.sideways
     rows = [
         ("pushes", str(len(swept.outcomes)), f"{len(found.along)} directions"),
         ("harder, farther", f"{rising} of {steps}", "steps of one direction"),
@@ -86,6 +94,7 @@ def _all(found: Answers, swept: Swept) -> Section:
     rows += [
         ("off the push until it meets anybody", *_aim(found.first)),
         ("off the push at the end", *_aim(found.last)),
+        ("to the side it is pushed to", f"{sides[0]} of {sides[1]}", "pushes, until it meets anybody"),
         ("turns with the push", f"{same} of {count}", "steps from one direction to the next"),
         ("moves without a push", "-" if found.still is None else f"{found.still:.2f} px", ""),
     ]
@@ -197,6 +206,7 @@ def _more(found: Answers, swept: Swept) -> dict[str, Any]:
         "spearman_least": least,
         "off_until_met": {"median": found.first.median, "worst": found.first.worst, "of": found.first.count},
         "off_at_end": {"median": found.last.median, "worst": found.last.worst, "of": found.last.count},
+        "sideways": {"same": found.sideways[0], "of": found.sideways[1]},
         "turns": {"same": same, "of": count},
         "still_px": found.still,
         "closed_form": None if found.law is None or swept.law is None

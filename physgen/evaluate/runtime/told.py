@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from physgen.report.plots.look import Palette
 
 
+MOST_SIZES = 3
+"""Sizes of videos that are told one by one."""
+
+
 @dataclass(frozen=True)
 class Part:
     """One column of the paper's table."""
@@ -212,12 +216,12 @@ def _cells(one: Spread) -> tuple[str, str, str, str, str]:
 
 
 def _seconds(time: float) -> str:
-    """To a millisecond, or three digits.
+    """To a millisecond, or a tenth of a second.
 
     >>> _seconds(0.01234), _seconds(12.345)
     ('0.012', '12.3')
     """
-    return f"{time:.3f}" if time < 10 else f"{time:.3g}"
+    return f"{time:.3f}" if time < 10 else f"{time:.1f}"
 
 
 def _sentences(runs: Sequence[Run], machines: Sequence[str], here: str) -> Iterator[str]:
@@ -249,7 +253,8 @@ def _sentences(runs: Sequence[Run], machines: Sequence[str], here: str) -> Itera
         )
     frames, sizes = sorted({run.frames for run in runs}), sorted({run.size for run in runs})
     some = f"{frames[0]}" if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    size = f"{sizes[0][0]} x {sizes[0][1]}" if len(sizes) == 1 else f"{len(sizes)} sizes in"
+    several = [f"{wide} x {high}" for wide, high in sizes]
+    size = " and ".join(several) if len(several) <= MOST_SIZES else f"{several[0]} to {several[-1]}"
     yield f"Clips of {some} frames, {size} px; the paper's have 16 frames of 512 x 512."
     if kinds := sorted(
         {", ".join(f"{k} {v}" for k, v in run.versions.items()) for run in runs if run.versions}
