@@ -46,10 +46,10 @@ frictions and elasticities were set by this project.
 
 **What is asked.** A photo shows two dimensions, and its scale makes metres of them. A table has no photo, so a bare
 silhouette stands for it: a ball's disc, the rectangle of what is turned on a lathe, the two longest sides of a box, at
-a known scale. The third dimension, waists, handles and holes are not told, as a photo would not tell
-the first and would tell the others. And the material table knows ordinary things: it takes fruit of plastic to be
-solid, and a can of chips to be full of drink. A row of your own may name a `photo` and a `mask` (a label map): then they are
-shown. `--hide-size` tells the name alone. A model's answers are cached, so a second run asks nothing.
+a known scale. The third dimension is not told, as a photo would not tell it; waists, handles and holes are not told
+either, and a photo would tell them. The material table knows ordinary things besides: it takes fruit of plastic to be
+solid, and a can of chips to be full of drink. A row of your own may name a `photo` and a `mask` (a label map): then
+they are shown. `--hide-size` tells the name alone. A model's answers are cached, so a second run asks nothing.
 
 **A table** is YAML, as the one that ships, or CSV:
 
