@@ -30,7 +30,7 @@ ABOUT = {
     "properties": """\
 Written by `python benchmarks/run.py properties` from `benchmarks/results/properties.json`; do not edit.
 
-    physgen evaluate properties                                        # 45 objects, comparisons, the studio's photos
+    physgen evaluate properties                                        # 42 objects, comparisons, the studio's photos
     physgen evaluate properties --backend physics=vlm -o out/vlm       # where a model is configured; see models.md
     physgen evaluate properties mine.csv --save-answers answers.json   # a table of your own
     physgen evaluate properties mine.csv --answers answers.json        # anybody's answers; nobody is asked

@@ -16,7 +16,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="TABLE",
         nargs="?",
         type=Path,
-        help="objects with what is true of them, YAML or CSV; default: 45 of the YCB set, and published comparisons",
+        help="objects with what is true of them, YAML or CSV; default: 42 of the YCB set, and published comparisons",
     )
     parser.add_argument(
         "--backend", metavar="ROLE=NAME", action="append", default=[], help="who answers: physics=NAME"
