@@ -12,6 +12,7 @@
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
+    python benchmarks/run.py datasets        # very many tiny clips into shards: time and memory
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
     python benchmarks/run.py properties controllability runtime    # the paper's measures of that name, and their pages
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
@@ -37,6 +38,7 @@ import cv2
 import numpy as np
 from batch import batch
 from cluster import cluster
+from dataset_shards import datasets
 from frames import frames as frame_rows
 from frames import presets
 from gallery import gallery
@@ -309,6 +311,7 @@ PARTS |= {
     "batch": batch,
     "kills": kills,
     "labels": labels,
+    "datasets": datasets,
     "cluster": cluster,
 }
 MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
