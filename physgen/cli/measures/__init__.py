@@ -7,11 +7,13 @@ import argparse
 from physgen.cli.measures.fidelity import fidelity
 from physgen.cli.measures.physics import physics
 from physgen.cli.measures.segmentation import segmentation
+from physgen.cli.measures.study import study
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "study": study,
 }
 
 

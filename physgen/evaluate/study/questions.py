@@ -14,6 +14,8 @@ class Question:
     """As the paper has it; raters do not see it."""
     claim: str
     hint: str
+    asked: str = ""
+    """Added to the hint where raters are told what was asked of the methods."""
 
 
 QUESTIONS = (
@@ -21,7 +23,8 @@ QUESTIONS = (
         "physical",
         "physical-realism",
         "The video is physically realistic.",
-        "Things move, fall and meet as they would in reality, and as the words above ask, where there are any.",
+        "Things move, fall and meet as they would in reality.",
+        "What happens is what was asked for.",
     ),
     Question(
         "photo",
