@@ -120,7 +120,7 @@ addEventListener("beforeunload", event => { if (!keeps && book.current && own().
 function start() {
   go("start");
   part("begin").elements.rater.value = "";
-  part("begin").elements.rater.focus();
+  if (matchMedia("(hover: hover) and (min-width: 641px)").matches) part("begin").elements.rater.focus({ preventScroll: true });
 }
 
 readBook();

@@ -29,14 +29,9 @@ def distribution(
     name: str, methods: Sequence[str], counts: Sequence[Sequence[int]], means: Sequence[float | None]
 ) -> Figure:
     """Of one question: `counts` of the scores 1 to 5 by method, and their means."""
-    told = [
-        f"{method}: "
-        + ", ".join(f"{n} × {score}" for score, n in enumerate(count, 1) if n)
-        + ("" if mean is None else f" (mean {mean:.2f})")
-        for method, count, mean in zip(methods, counts, means, strict=True)
-    ]
     about = (
-        f"Distribution of {name} scores, 1 strongly disagree to 5 strongly agree. " + "; ".join(told) + "."
+        f"Distribution of {name} scores by method, from 1, strongly disagree, to 5, strongly agree. The table below "
+        "has the numbers."
     )
 
     def draw(axes: Axes, palette: Palette) -> None:

@@ -9,7 +9,7 @@ language-as-fixed-effect fallacy, 1973).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -38,31 +38,32 @@ class Pair:
     even: int
     worse: int
     """Answers of one rater to one scene in which `one` has more, as much, less."""
-    p: float | None
-    """Two-sided; None where nobody rated both."""
+    by_raters: float | None
+    by_videos: float | None
+    """p, two-sided; None where there is one rater or one video alone, or nobody rated both methods."""
     adjusted: float | None = None
-    """The same after Holm, for all pairs of a question."""
+    """The larger of them after Holm, for all pairs of a question."""
+
+    @property
+    def p(self) -> float | None:
+        """The larger of the two."""
+        return max((p for p in (self.by_raters, self.by_videos) if p is not None), default=None)
 
 
 def pairs(scores: Scores, draws: Draws, seed: int = 0) -> list[Pair]:
     """Every two methods of (R, M, S) scores."""
     found = [_pair(scores, a, b, draws, seed) for a, b in combinations(range(scores.shape[1]), 2)]
     adjusted = holm([pair.p for pair in found])
-    return [
-        Pair(*(getattr(pair, name) for name in ("one", "other", "apart", "better", "even", "worse", "p")), p)
-        for pair, p in zip(found, adjusted, strict=True)
-    ]
+    return [replace(pair, adjusted=p) for pair, p in zip(found, adjusted, strict=True)]
 
 
 def _pair(scores: Scores, one: int, other: int, draws: Draws, seed: int) -> Pair:
     both = (scores[:, one] > 0) & (scores[:, other] > 0)
     apart = np.where(both, scores[:, one] - scores[:, other], 0)
-    tests = [
-        sign_flip(_means(apart, both, axis), seed)
+    by_raters, by_videos = (
+        sign_flip(_means(apart, both, axis), seed) if units > 1 and both.any() else None
         for axis, units in ((1, scores.shape[0]), (0, scores.shape[2]))
-        if units > 1
-    ]
-    p = max(tests) if tests and both.any() else 1.0 if both.any() else None
+    )
     return Pair(
         one,
         other,
@@ -70,7 +71,8 @@ def _pair(scores: Scores, one: int, other: int, draws: Draws, seed: int) -> Pair
         int((apart > 0).sum()),
         int((both & (apart == 0)).sum()),
         int((apart < 0).sum()),
-        p,
+        by_raters,
+        by_videos,
     )
 
 

@@ -15,6 +15,8 @@ from physgen.evaluate.study.intervals import DRAWS, Draws, Mean, means
 from physgen.evaluate.study.paired import Pair, pairs
 from physgen.evaluate.study.questions import PAPER, QUESTIONS
 
+ALPHA_LEVEL = 0.05
+"""That a p is usually held against."""
 FEW = 5
 """Raters or videos below which an interval says less than it seems to."""
 Draw = Callable[[str, Sequence[str], Sequence[Sequence[int]], Sequence[float | None]], Figure]
@@ -39,7 +41,9 @@ def findings(answers: Answers, draw: Draw | None = None, seed: int = 0) -> Findi
     ]
     if len(key.methods) > 1:
         sections.append(
-            Section("Methods against each other", (PAIRED,), tuple(_paired(answers, compared, order)))
+            Section(
+                "Methods against each other", _what_p_says(answers), tuple(_paired(answers, compared, order))
+            )
         )
     sections += [
         Section("Agreement between raters", (ALPHA,), (_agreement(alike), _raters(answers))),
@@ -76,8 +80,8 @@ def findings(answers: Answers, draw: Draw | None = None, seed: int = 0) -> Findi
 
 PAIRED = (
     "Each line takes the answers in which one rater scored both methods in the same scene. p is of a test that flips "
-    "signs, two-sided, made once with raters and once with videos as what varies; the larger is told, adjusted by Holm "
-    "for the number of lines."
+    "signs, two-sided, made once with raters and once with videos as what varies. A difference that is to hold for "
+    "others of both needs both small: the last column is the larger, adjusted by Holm for the number of lines."
 )
 ALPHA = (
     "Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 what chance would give. From 0.8 up raters agree "
@@ -115,6 +119,18 @@ def _sentences(answers: Answers, mean: Mapping[str, list[Mean]], order: Sequence
     elif raters < FEW or len(answers.key.scenes) < FEW:
         said.append(f"With fewer than {FEW} raters or videos, intervals are narrower than they should be.")
     return [*said, *answers.notes]
+
+
+def _what_p_says(answers: Answers) -> tuple[str, ...]:
+    """And where there are too few to say anything."""
+    limits = []
+    for count, what in ((len(answers.raters), "rater"), (len(answers.key.scenes), "video")):
+        least = 2 ** (1 - count)
+        if count > 1 and least > ALPHA_LEVEL:
+            limits.append(
+                f"{_counted(count, what)} cannot give a p below {least:g}, however clear the difference."
+            )
+    return (PAIRED, *limits)
 
 
 def _how(answers: Answers) -> str:
@@ -160,7 +176,16 @@ def _distribution(
 def _paired(answers: Answers, compared: Mapping[str, list[Pair]], order: Sequence[int]) -> list[Table]:
     names = answers.key.methods
     place = {m: k for k, m in enumerate(order)}
-    heads = ("method", "against", "difference", "95 %", "better, even, worse", "p")
+    heads = (
+        "method",
+        "against",
+        "difference",
+        "95 %",
+        "better, even, worse",
+        "p by raters",
+        "by videos",
+        "adjusted",
+    )
     tables = []
     for question in QUESTIONS:
         lines = []
@@ -176,7 +201,7 @@ def _paired(answers: Answers, compared: Mapping[str, list[Pair]], order: Sequenc
                     "-" if apart.mean is None else f"{way * apart.mean:+.2f}",
                     _interval(*ends, "+"),
                     ", ".join(map(str, (pair.better, pair.even, pair.worse)[::way])),
-                    _p(pair.adjusted),
+                    *map(_p, (pair.by_raters, pair.by_videos, pair.adjusted)),
                 )
             )
         tables.append(Table(heads, tuple(lines), question.name))
