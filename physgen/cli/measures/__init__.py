@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from physgen.cli.measures.fidelity import fidelity
+from physgen.cli.measures.leaderboard import leaderboard
 from physgen.cli.measures.physics import physics
 from physgen.cli.measures.segmentation import segmentation
 from physgen.cli.measures.study import study
@@ -14,6 +15,7 @@ MEASURES = {
     "fidelity": fidelity,
     "segmentation": segmentation,
     "study": study,
+    "leaderboard": leaderboard,
 }
 
 

@@ -121,7 +121,7 @@ def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
     """As an MP4 of ours, and its size. Raises InputError."""
     clip = open_clip(path)
     if len(clip.frames) < 2:
-        raise InputError.of(str(path), "one frame", "is no video", "make a clip of at least two frames")
+        raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
     if clip.fps is None:
         raise InputError.of(str(path), "", "does not say how fast it plays", "save it as MP4")
     first = _within(clip.frames[0])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import fidelity, physics, segmentation, study
+from physgen.flags.measures import fidelity, leaderboard, physics, segmentation, study
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
     "study": study,
+    "leaderboard": leaderboard,
 }
 """A module each: ABOUT, EXAMPLE and `add(parser)`."""
 
