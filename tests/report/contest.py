@@ -50,5 +50,7 @@ def contest(home: Path, scenes: tuple[str, ...] = ("pool", "shelf"), photos: boo
     if photos:
         (home / "photos").mkdir()
         write_png(home / "photos" / f"{scenes[0]}.png", frame("ours", 0, 0))
-        (home / "photos" / f"{scenes[0]}.txt").write_text("the red ball rolls to the right\n", encoding="utf-8")
+        (home / "photos" / f"{scenes[0]}.txt").write_text(
+            "the red ball rolls to the right\n", encoding="utf-8"
+        )
     return home

@@ -81,7 +81,9 @@ def told(value: float | None) -> str:
     """
     if value is None:
         return "-"
-    return f"{value:#.4g}".rstrip(".") if 1e-4 <= abs(value) < 1e4 else f"{value:.0f}" if abs(value) > 1 else f"{value:.3g}"
+    if 1e-4 <= abs(value) < 1e4:
+        return f"{value:#.4g}".rstrip(".")
+    return f"{value:.0f}" if abs(value) > 1 else f"{value:.3g}"
 
 
 def scores_of(methods: Methods, more: Sequence[Path] = ()) -> list[Score]:
