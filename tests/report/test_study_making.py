@@ -88,7 +88,8 @@ def test_nothing_tells_whose_it_is(home: Path, page: Path, tmp_path: Path) -> No
         made_by = [decoded(data, tmp_path)[0] for data in shown.values()]
         assert all(told == made_by[0] for told in made_by)
         assert [kind for kind, _ in made_by[0][1]] == ["video"]
-        assert not any(mark in data for data in shown.values() for mark in (b"x264", b"Lavf", b"Lavc"))
+        encoders = {tuple(re.findall(rb"(?:x264|Lav[fc])[ -~]*", data)) for data in shown.values()}
+        assert len(encoders) == 1, "what the encoder says of itself is the same in all"
 
 
 def test_the_same_folder_makes_the_same_study_and_another_seed_another(home: Path, page: Path) -> None:
