@@ -193,13 +193,13 @@ def _paired(answers: Answers, compared: Mapping[str, list[Pair]], order: Sequenc
             turned = place[pair.one] > place[pair.other]  # the one ahead comes first
             way, (one, other) = (-1 if turned else 1), (pair.one, pair.other)[:: -1 if turned else 1]
             apart = pair.apart
-            ends = [None if end is None else way * end for end in (apart.low, apart.high)][::way]
+            low, high = (None if end is None else way * end for end in (apart.low, apart.high)[::way])
             lines.append(
                 (
                     names[one],
                     names[other],
                     "-" if apart.mean is None else f"{way * apart.mean:+.2f}",
-                    _interval(*ends, "+"),
+                    _interval(low, high, "+"),
                     ", ".join(map(str, (pair.better, pair.even, pair.worse)[::way])),
                     *map(_p, (pair.by_raters, pair.by_videos, pair.adjusted)),
                 )
