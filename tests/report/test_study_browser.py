@@ -40,15 +40,14 @@ def number(seen: Any) -> str:
 
 
 def grey(seen: Any) -> float:
-    """Of the ground that the film shows: it says whose clip it is."""
-    seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
-    return float(
-        seen.page.evaluate(
-            "() => { const v = document.querySelector('video'), c = document.createElement('canvas');"
-            " [c.width, c.height] = [v.videoWidth, v.videoHeight]; const g = c.getContext('2d');"
-            " g.drawImage(v, 0, 0); return g.getImageData(2, c.height - 2, 1, 1).data[0]; }"
-        )
+    """Of the ground that the film shows, once it is drawn, which is not black: it says whose clip it is."""
+    drawn = seen.page.wait_for_function(
+        "() => { const v = document.querySelector('video'), c = document.createElement('canvas');"
+        " if (v.readyState < 2 || v.seeking) return 0;"
+        " [c.width, c.height] = [v.videoWidth, v.videoHeight]; const g = c.getContext('2d');"
+        " g.drawImage(v, 0, 0); return g.getImageData(2, c.height - 2, 1, 1).data[0]; }"
     )
+    return float(drawn.json_value())
 
 
 def method(seen: Any) -> str:
