@@ -143,7 +143,7 @@ def test_films_go_round_and_photos_stand_beside_them(browser: Any, page: Path) -
         assert seen.page.evaluate("() => document.querySelector('video').loop")
         seen.page.keyboard.press(" ")
         assert seen.page.evaluate("() => document.querySelector('video').paused")
-        assert seen.page.inner_text("[data-part=pause]") == "Play"
+        seen.page.wait_for_selector("[data-part=pause]:text-is('Play')")
         photos = []
         for _ in range(CLIPS):
             photos.append(seen.page.is_visible("[data-part=photo]"))
