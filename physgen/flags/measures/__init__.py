@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import fidelity, leaderboard, physics, segmentation, study
+from physgen.flags.measures import (
+    controllability,
+    fidelity,
+    leaderboard,
+    physics,
+    properties,
+    runtime,
+    segmentation,
+    study,
+)
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "properties": properties,
+    "controllability": controllability,
+    "runtime": runtime,
     "study": study,
     "leaderboard": leaderboard,
 }
