@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import controllability, fidelity, physics, properties, runtime, segmentation
+from physgen.flags.measures import (
+    controllability,
+    fidelity,
+    leaderboard,
+    physics,
+    properties,
+    runtime,
+    segmentation,
+    study,
+)
 
 MEASURES = {
     "physics": physics,
@@ -13,6 +22,8 @@ MEASURES = {
     "properties": properties,
     "controllability": controllability,
     "runtime": runtime,
+    "study": study,
+    "leaderboard": leaderboard,
 }
 """A module each: ABOUT, EXAMPLE and `add(parser)`."""
 
