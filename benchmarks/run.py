@@ -12,7 +12,9 @@
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
+    python benchmarks/run.py datasets        # very many tiny clips into shards: time and memory
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
+    python benchmarks/run.py properties controllability runtime    # the paper's measures of that name, and their pages
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -36,12 +38,15 @@ import cv2
 import numpy as np
 from batch import batch
 from cluster import cluster
+from dataset_shards import datasets
 from frames import frames as frame_rows
 from frames import presets
 from gallery import gallery
 from growth import growth, plot
 from kills import kills
 from labels import labels
+from measures import controllability, properties, runtime
+from measures import page as measure_page
 from perceiving import perceiving
 from percepts import percepts
 from prompts import prompts
@@ -306,8 +311,11 @@ PARTS |= {
     "batch": batch,
     "kills": kills,
     "labels": labels,
+    "datasets": datasets,
     "cluster": cluster,
 }
+MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
+PARTS |= MEASURES
 
 
 def main(names: list[str]) -> None:
@@ -327,6 +335,9 @@ def main(names: list[str]) -> None:
         (ROOT / "docs" / "physics.md").write_text(physics_page())
     if (RESULTS / "fidelity.json").exists():
         (ROOT / "docs" / "fidelity.md").write_text(fidelity_page())
+    for name in MEASURES:
+        if (RESULTS / f"{name}.json").exists():
+            (ROOT / "docs" / f"{name}.md").write_text(measure_page(name))
     print(page())
 
 
