@@ -1,6 +1,6 @@
 """Photos that nobody here made, all the way: photo -> scene -> two clips -> a gallery; what came of each, as rows.
 
-    PHYSGEN_PEER_SCENES=DIR python benchmarks/headline.py out/headline   # prints the gallery's path
+    PHYSGEN_PEER_SCENES=DIR python benchmarks/headline.py out/headline   # rows to results/, prints the gallery's path
 
 Photos are scikit-image's, and those of a folder of scenes (`*/original.png`, with `mask.png`) where one is named. None
 is copied into the project. Each is perceived with nothing told; then a clip as the scene stands, in which whatever the
@@ -23,6 +23,7 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.evaluate.matching import judge, overlaps, patches
+from physgen.machine import this_machine
 from physgen.problems import InputError
 from physgen.scene.model import Motion, View
 
@@ -137,4 +138,5 @@ def headline(folder: Path) -> list[dict]:
 
 
 if __name__ == "__main__":
-    headline(Path(sys.argv[1]))
+    kept = {"machine": str(this_machine()), "rows": headline(Path(sys.argv[1]))}
+    (Path(__file__).parent / "results" / "headline.json").write_text(json.dumps(kept, indent=1) + "\n")
