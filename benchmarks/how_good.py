@@ -167,7 +167,7 @@ def page() -> str:
             "# How good is it?",
             "",
             "Written by `python benchmarks/how_good.py` from `benchmarks/results/`; do not edit. Every figure comes",
-            "from the command beside it; the paper's are from its text and tables (ECCV 2024), on other photos and machines.",
+            "from the command beside it; the paper's are from its text and tables, on other photos and machines.",
             "",
             *table(["", "here", "the paper", "command"], rows),
             "",
