@@ -24,8 +24,9 @@ def check(options: argparse.Namespace) -> int:
         try:
             for variant in variants_of(path, options):
                 scene = pipeline.load(path, options.set, variant, options.allow_outside)
-                compiled = pipeline.compile(scene, pipeline.percepts(scene))
-                report += [p for p in pipeline.lint(scene, compiled) if p not in report]
+                maps = pipeline.percepts(scene)
+                compiled = pipeline.compile(scene, maps)
+                report += [p for p in pipeline.lint(scene, compiled, maps) if p not in report]
                 if options.resolved:
                     resolved.append(scene_text(scene.document, header=pair_header(compiled.world)))
         except InputError as error:
@@ -48,8 +49,9 @@ def simulate(options: argparse.Namespace) -> int:
 
     kind = _trajectory_kind(options.output)
     scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
-    compiled = pipeline.compile(scene, pipeline.percepts(scene))
-    tell_problems(pipeline.lint(scene, compiled))
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    tell_problems(pipeline.lint(scene, compiled, maps))
     bar = Bar()
     if options.chaos:
         found = pipeline.chaos(compiled.world, bar.show)

@@ -131,7 +131,7 @@ def render_scene(
     progress("compile", 0, 1)
     with record.stage("compile"):
         compiled = warm.compile(scene, maps)
-        lints = lint(scene, compiled)
+        lints = lint(scene, compiled, maps.percepts)
     for problem in lints:
         odd(problem)
     with record.stage("report"):
