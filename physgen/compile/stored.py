@@ -27,7 +27,7 @@ OVER = 5
 LEVELS = 8
 """Grey levels of such a mean from which on a pixel is not the photo's."""
 LEAST = 64
-"""Such pixels from which on somebody has painted: 8 x 8 px."""
+"""Such pixels in one piece from which on somebody has painted: 8 x 8 px."""
 
 
 def knows(maps: Percepts, labels: U16, scenery: Mask) -> bool:
@@ -53,13 +53,17 @@ def unlike_photo(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Ite
     if not knows(maps, compiled.labels, compiled.scenery):  # it is made anew, of the photo
         return
     open_ = ~_grown((maps.coverage > 0) | (maps.labels > 0) | (compiled.labels > 0), NEAR)
+    alike = cv2.inRange(cv2.absdiff(maps.rgb, maps.background), (0, 0, 0), (LEVELS, LEVELS, LEVELS))
+    if not (open_ & (alike == 0)).any():  # as ever: nothing more to be worked out
+        return
     off = _off(maps.rgb, maps.background, open_)
     differs = (np.abs(off) > LEVELS).any(axis=2) & open_
     if maps.clean is not None and differs.any():
         told = _off(maps.clean, maps.background, open_)
         differs &= np.abs(told - off).sum(axis=2) >= np.abs(told).sum(axis=2)
+    differs = _large(differs)
     count = int(differs.sum())
-    if count < LEAST:
+    if not count:
         return
     rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
     where = f"x {columns[0]} to {columns[-1]}, y {rows[0]} to {rows[-1]}"
@@ -75,6 +79,14 @@ def _off(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
     off = cv2.subtract(one, other, dtype=cv2.CV_16S)
     off[~within] = 0
     return np.asarray(cv2.blur(off, (OVER, OVER)), np.int16)
+
+
+def _large(mask: Mask) -> Mask:
+    """(H, W): its connected pieces of `LEAST` px or more; compression leaves specks."""
+    _, ids, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    large = stats[:, cv2.CC_STAT_AREA] >= LEAST
+    large[0] = False
+    return np.asarray(large[ids])
 
 
 def _grown(mask: Mask, by: int) -> Mask:
