@@ -72,7 +72,7 @@ def test_a_table_says_what_manifests_and_trajectories_say(lesson: Path, tmp_path
             told = dict(file)
         for name, n in (("ball", 0), ("crate", 1)):
             x, y, angle = told["poses"][-1, n].tolist()
-            found = [row[f"objects.{name}.{key}"] for key in ("x", "y", "angle")]
+            found = [row[f"objects.{name}.{key}"] for key in ("x", "y", "angle_degrees")]
             assert found == [x, y, degrees(angle)]
             speed = np.hypot(*told["velocities"][:, n, :2].T).max()
             assert row[f"objects.{name}.peak_speed"] == speed
