@@ -216,9 +216,10 @@ def make_all(
             heard(done)
             _told_of(done, options.json, counter)
             counter.step(tally.failed)
+    files = beside()
     if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index(tally.newest)):
         _gallery(kept_in, bar, tally, options.output)
-    return _sum_up(tally, count, kept_in, beside(), options)
+    return _sum_up(tally, count, kept_in, files, options)
 
 
 def _made(

@@ -137,7 +137,7 @@ def _facts(fan: Fan) -> str:
 
 
 def _guesses(fan: Fan) -> str:
-    """Which numbers are drawn; those that are alike once. A file cannot tell that one was edited since it was guessed."""
+    """Which numbers are drawn; those that are alike once. No file tells which was edited since it was guessed."""
     said: dict[tuple[object, ...], list[Doubt]] = {}
     for doubt in fan.doubts:
         kind = (doubt.label or doubt.thing, doubt.parameter, doubt.value, doubt.source)
