@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from physgen.cli.caching import cache
-from physgen.cli.evaluating import evaluate
 from physgen.cli.exhibiting import gallery
 from physgen.cli.exporting import export
 from physgen.cli.gathering import dataset
+from physgen.cli.measures import evaluate
 from physgen.cli.moving import check, simulate
 from physgen.cli.packing import pack, unpack
 from physgen.cli.perceiving import import_, list_backends, perceive

@@ -1,0 +1,96 @@
+"""What a measure found, told to a terminal, as Markdown, as JSON and as a page."""
+
+from __future__ import annotations
+
+import base64
+import json
+from html.parser import HTMLParser
+from math import nan
+from pathlib import Path
+
+import pytest
+
+from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table, columns, markdown, text
+from physgen.evaluate.page import write_page
+from physgen.problems import InputError
+
+RUDE = '<script>alert("x")</script> & |'
+
+
+def found(met: bool = True, value: float = 1.5) -> Findings:
+    table = Table(("method", "distance"), (("ours", "105.7"), (RUDE, "-")), note="The paper: 105.70.")
+    sections = (Section("Distances", (RUDE,), (table, Figure(b"\x89PNG\r\n", RUDE))),)
+    bars = (Bar("order", "30.2", "36.6", met),)
+    return Findings("fid", "Frames", ("One.",), sections, [{"method": "ours", "value": value}], bars)
+
+
+class Reader(HTMLParser):
+    """Tags, and the sources of pictures."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.scripts: list[str] = []
+        self.pictures: list[str] = []
+        self.cells: list[str] = []
+        self._inside = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._inside = tag
+        if tag == "img":
+            self.pictures.append(dict(attrs)["src"] or "")
+        if tag in ("td", "th"):
+            self.cells.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            self.scripts.append(data)
+        if self._inside in ("td", "th") and self.cells:
+            self.cells[-1] += data.strip()
+
+
+def test_a_page_holds_all_and_nothing_runs(tmp_path: Path) -> None:
+    page = write_page(found(), tmp_path / "new" / "page", ["physgen", "evaluate", "fid", "a b"])
+    read = Reader(page.read_text())
+    assert read.cells == ["method", "distance", "ours", "105.7", RUDE, "-"]
+    assert not any("alert" in script for script in read.scripts)
+    assert base64.b64decode(read.pictures[0].partition(",")[2]) == b"\x89PNG\r\n"
+    assert "physgen evaluate fid &#39;a b&#39;" in page.read_text()
+    assert json.loads((page.parent / "result.json").read_text()) == found().as_dict()
+
+
+def test_a_page_of_somebody_else_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text("mine")
+    write_page(found(), tmp_path, ["physgen"])
+    write_page(found(), tmp_path, ["physgen"])
+    assert (tmp_path / "index.html~").read_text() == "mine"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["index.html", "index.html~", "result.json"]
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("")
+    with pytest.raises(InputError, match="is a file"):
+        write_page(found(), tmp_path / "x", ["physgen"])
+
+
+def test_a_missed_bar_is_said_everywhere() -> None:
+    assert found().passed
+    assert not found(met=False).passed
+    assert "MISSED" in text(found(met=False))
+    assert "MISSED" in markdown(found(met=False))
+    assert found(met=False).as_dict()["passed"] is False
+
+
+def test_no_number_is_no_result() -> None:
+    with pytest.raises(ValueError, match=r"fid\.rows\[0\]\.value is nan"):
+        found(value=nan).as_dict()
+
+
+def test_numbers_stand_to_the_right() -> None:
+    lines = columns(Table(("name", "n"), (("a", "5"), ("bc", "105"))))
+    assert lines == ["name    n", "----  ---", "a       5", "bc    105"]
+
+
+def test_markdown_keeps_its_columns() -> None:
+    rows = [line for line in markdown(found()).splitlines() if line.startswith("|")]
+    assert {row.replace("\\|", "").count("|") for row in rows} == {3}
