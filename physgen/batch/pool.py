@@ -315,7 +315,7 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
         name = job.folder.name
         if done.folder is not None:
             clear(out, name)
-        elif gallery and (is_url(job.path) or Path(job.path).exists()):  # a name with a typo is no clip
+        elif gallery and (is_url(job.path) or Path(job.path).is_file()):  # no typo, and no pipe
             try:
                 text = Path(job.path).read_text(encoding="utf-8")
             except (OSError, ValueError):
