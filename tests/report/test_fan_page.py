@@ -142,6 +142,24 @@ def test_with_nothing_uncertain_there_is_a_warning_and_a_clip(tmp_path: Path) ->
     assert 'id="fan"' not in (folder / "report.html").read_text()
 
 
+def test_a_fan_that_nobody_asks_for_again_goes_and_is_told(tmp_path: Path) -> None:
+    (tmp_path / "edge.yaml").write_text(EDGE)
+    told: list[str] = []
+    for draws in (3, 0, 0):
+        folder = pipeline.render_scene(
+            tmp_path / "edge.yaml",
+            tmp_path / "out",
+            draws=draws,
+            warn=lambda problem: told.append(str(problem)),
+        )
+    assert told == [
+        f"{folder}: warning: had a fan of 3 draws, which was not asked for this time, and goes; "
+        "render with --fan 3 to have it again"
+    ]
+    assert not (folder / "fan.csv").exists()
+    assert json.loads((folder / "manifest.json").read_text())["warnings"] == []
+
+
 def test_light_alone_moves_nothing(tmp_path: Path) -> None:
     (tmp_path / "lit.yaml").write_text(re.sub(r",\s+from: {[^}]*}", "", EDGE))
     scene = pipeline.load(tmp_path / "lit.yaml")
