@@ -26,6 +26,7 @@ FLOORS = {
         "pictures",
         "framing",
         "showing",
+        "stopping",
         "urls",
         "tables",
     ),
