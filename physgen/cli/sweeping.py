@@ -11,8 +11,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physgen.cli.jobs import at_hand, job_maker, quick
+from physgen.cli.making import make_all
 from physgen.cli.printing import OK, print_line, tell, tell_one, tell_problems
-from physgen.cli.rendering import at_hand, job_maker, make_all, quick
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.words import listed, nearest
 from physgen.urls import is_url

@@ -19,6 +19,7 @@ from physgen.fan.lights import Shadows
 from physgen.fan.outcome import Fate
 from physgen.fan.verdict import VERBS, Verdict, headline, percent
 from physgen.report.encoded import jpeg
+from physgen.report.guessed import guesses
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -33,8 +34,6 @@ MOST_POINTS = 100_000
 """Of all ways together, before those that nobody sees are left out; then fewer draws are shown."""
 MOST_ENDS = 1500
 """Outlines at the end; then fewer draws show theirs."""
-MOST_GUESSES = 6
-"""Numbers that are named as guesses above the picture; the table has all."""
 MOST_TOLD = 24
 """Different things that are said of bodies; the tables have all."""
 FINE = 0.25
@@ -94,7 +93,7 @@ def section(fan: Fan, found: Sequence[Verdict], lights: Shadows | None, world: W
     return Section(
         headline=headline(fan, found),
         facts=_facts(fan),
-        guesses=_guesses(fan),
+        guesses=guesses(fan.doubts),
         ways=ways,
         ends=ends,
         outlines=[{"id": b, "d": _rings(world, b)} for b in used],
@@ -134,21 +133,6 @@ def _facts(fan: Fan) -> str:
         f"{draws} draws (seed {fan.seed}) of {drawn}, each as wide as its source is unsure, each simulated{failed}. "
         "All else is kept as it is, velocities and pushes too. Where no number is said to matter most, none stands out."
     )
-
-
-def _guesses(fan: Fan) -> str:
-    """Which numbers are drawn; those that are alike once. No file tells which was edited since it was guessed."""
-    said: dict[tuple[object, ...], list[Doubt]] = {}
-    for doubt in fan.doubts:
-        kind = (doubt.label or doubt.thing, doubt.parameter, doubt.value, doubt.source)
-        said.setdefault(kind, []).append(doubt)
-    named = []
-    for first, *others in said.values():
-        whose = f"of all {1 + len(others)} called “{first.label}”" if others else f"of {first.thing}"
-        sure = f", {percent(first.source.sure)} sure" if first.source.sure is not None else ""
-        named.append(f"{first.parameter} {whose}, {first.value:.4g} ({first.source.text}{sure})")
-    shown, more = named[:MOST_GUESSES], len(named) - MOST_GUESSES
-    return "; ".join([*shown, f"{more} more" if more > 0 else ""]).removesuffix("; ")
 
 
 def _shown(fan: Fan) -> list[int]:
