@@ -70,9 +70,8 @@ class Home:
         if out not in self._tokens:
             folder = Path(out)
             folder.mkdir(parents=True, exist_ok=True)
-            token = partial(folder / secrets.token_hex(8))
-            token.touch()
-            self._tokens[out] = token
+            self._tokens[out] = partial(folder / secrets.token_hex(8))
+        self._tokens[out].touch()  # an old one is taken for a leftover, and a run may take days
         return self._tokens[out].name
 
     def close(self) -> None:
