@@ -135,6 +135,8 @@ def render_scene(
     still_sound = partial(sound, scene, record, begun, maps.stamps)
     del maps
     kinds = (Format.MP4,) if formats is None else tuple(formats)
+    if export and not kinds:
+        labels.check_kept(final)
     faults: Sequence[Problem] = ()
     retouched = None
     with ExitStack() as held:

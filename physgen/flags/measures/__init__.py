@@ -4,12 +4,26 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import fidelity, physics, segmentation
+from physgen.flags.measures import (
+    controllability,
+    fidelity,
+    leaderboard,
+    physics,
+    properties,
+    runtime,
+    segmentation,
+    study,
+)
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "properties": properties,
+    "controllability": controllability,
+    "runtime": runtime,
+    "study": study,
+    "leaderboard": leaderboard,
 }
 """A module each: ABOUT, EXAMPLE and `add(parser)`."""
 
