@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.cluster.farm import FEW
+from physgen.batch.cluster.farm import AHEAD, FEW
 
 RESULTS = Path(__file__).resolve().parent / "results"
 PAGE = RESULTS.parents[1] / "docs" / "scale.md"
@@ -23,9 +23,10 @@ BY_CLIP = ("video.mp4", "trajectory.npz", "manifest.json", "a row of sweep.csv")
 HEAD = """\
 # A million clips on a thousand cores
 
-Written by `python benchmarks/scale.py` from `benchmarks/results/batch.json` and `cluster.json`; do not edit. Nobody has run this here: it is
-what two cores took, times what it takes, for a million variants of a bundled scene (nine dominoes), 16 frames of 256 px each,
-`--report none`, on a Dask cluster of 1,000 workers of one core that share the folder of results.
+Written by `python benchmarks/scale.py` from `benchmarks/results/batch.json` and `cluster.json`; do not edit. Nobody
+has run this here: it is what two cores took, times what it takes, for a million variants of a bundled scene (nine
+dominoes), 16 frames of 256 px each, `--report none`, on a Dask cluster of 1,000 workers of one core that share the
+folder of results.
 """
 MISSING = """
 The figures are not measured yet: `python benchmarks/run.py batch cluster` does, in some 40 minutes on an idle machine.
@@ -109,31 +110,33 @@ def _told(f: Mapping[str, Any]) -> str:
             "| --- | ---: | --- |",
             *(f"| {what} | {took} | {whence} |" for what, took, whence in rows),
             "",
-            f"Clips go out in parcels of {f['together']} to {CORES:,} threads; {f['measured']} in one were measured, so that",
-            f"handing out takes less than this. One process that hands out keeps some {f['busy']:,} cores busy with clips as",
-            "short as these; clips that take ten times as long, ten times as many cores. Beyond that, share a sweep among",
-            "several runs, each with its own folder and scheduler: draws depend on `--seed` and their number alone.",
-            "Worker processes start once, in some seconds.",
+            f"Clips go out in parcels of {f['together']} to {CORES:,} threads; {f['measured']} in one were measured,",
+            "with the loops of scheduler and workers in the same process, so that handing out takes less than this.",
+            "One process that hands out keeps some",
+            f"{f['busy']:,} cores busy with clips as short as these; clips that take ten times as long, ten times as",
+            "many cores. Beyond that, share a sweep among several runs, each with its own folder and scheduler: draws",
+            "depend on `--seed` and their number alone. Worker processes start once, in some seconds.",
             "",
             "## Bytes",
             "",
-            f"A clip leaves three files in a folder of its own, and a row of `sweep.csv`: {data(f['bytes'])} and",
-            f"{4 * CLIPS:,} names for the file system, in one folder of {CLIPS:,}. `index.html` shows 20,000 clips at most,",
-            "so there is none, and no pictures for it.",
+            f"A clip leaves three files in a folder of its own, and a row of `sweep.csv`: {data(f['bytes'])},",
+            f"and {4 * CLIPS:,} names for the file system, in one folder of {CLIPS:,}. `index.html` shows 20,000",
+            "clips at most, so there is none, and no pictures for it.",
             "",
             "| file | bytes a clip | of all |",
             "| --- | ---: | ---: |",
             *(f"| {' | '.join(row)} |" for row in sizes),
             "",
             "Reports, and pictures for a gallery, are here for comparison: no such run makes any.",
-            "With `--ship`, scenes travel once to each worker and clips once back, over the network of the process that",
-            f"hands out: {data(sum(f['sizes'][name] for name in BY_CLIP[:3]) * CLIPS)} in all.",
+            "With `--ship`, scenes travel once to each worker and clips once back, over the network of the process",
+            f"that hands out: {data(sum(f['sizes'][name] for name in BY_CLIP[:3]) * CLIPS)} in all.",
             "",
             "## Load",
             "",
-            f"No more than 16 clips a worker are ahead of the oldest unfinished one, {16 * CORES:,} here, so neither the",
-            "scheduler nor the process that hands out holds more than these, however many there are. Measured: that process",
-            f"takes {fewest[1]:g} MiB at {fewest[0]:,} clips and {most[1]:g} MiB at {most[0]:,}. The scheduler sees one task a parcel:",
+            f"No more than {AHEAD} clips a worker are ahead of the oldest unfinished one, {AHEAD * CORES:,} here, so",
+            "neither the scheduler nor the process that hands out holds more than these, however many there are.",
+            f"Measured: that takes {fewest[1]:g} MiB at {fewest[0]:,} clips and {most[1]:g} MiB at {most[0]:,}.",
+            "The scheduler sees one task a parcel:",
             f"{CLIPS // f['together']:,} tasks in all, {CLIPS / f['together'] / f['wall']:.3g} a second.",
             "",
         ]
