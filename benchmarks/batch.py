@@ -173,6 +173,31 @@ def parent(counts: tuple[int, ...] = (100, 1000, 10000)) -> list[dict]:
     return rows
 
 
+def sizes(clips: int = 8) -> list[dict]:
+    """Bytes a clip, file by file, the mean of some; reports and pictures of a gallery, too."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        flags = [f"forces[0].impulse[0]=900:{899 + clips}:{clips}", *sets(*SMALL)]
+
+        def mean(out: str, *files: str) -> int:
+            found = [path for file in files for path in (folder / out).glob(file)]
+            return round(sum(path.stat().st_size for path in found) / clips)
+
+        for report in ("none", "plain", "full"):
+            command = physgen("sweep", str(SCENE), *flags, "-o", str(folder / report), "--report", report)
+            timed(command, folder / "cache")
+        lines = (folder / "none" / "sweep.csv").read_bytes().splitlines(keepends=True)
+        told = {name: mean("none", f"*/{name}") for name in ("video.mp4", "trajectory.npz", "manifest.json")}
+        told |= {
+            "a row of sweep.csv": round(sum(map(len, lines[1:])) / clips),
+            "report.html, plain": mean("plain", "*/report.html"),
+            "report.html, full": mean("full", "*/report.html"),
+            "pictures for a gallery": mean("none", "index.files/*"),
+            "its part of index.html": mean("none", "index.html"),
+        }
+    return [{"file": file, "bytes": size} for file, size in told.items()]
+
+
 def stopped(times: int = 10) -> dict:
     """Seconds from Ctrl-C to the end of two processes that draw."""
     took = []
@@ -249,6 +274,7 @@ def batch(folder: Path) -> list[dict]:
         {"parent": parent()},
         {"stopped": stopped()},
         {"watched": watched()},
+        {"sizes": sizes()},
     ]
 
 
