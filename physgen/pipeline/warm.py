@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from physgen.pipeline import stages
-from physgen.pipeline.packs import scene_file, shown_as
+from physgen.pipeline.packs import scene_file
 from physgen.pipeline.watch import Progress, Warn, silent, unheard
 from physgen.whole import Stamp, stamped
 
@@ -105,7 +105,6 @@ class Warm:
         from physgen.scene.build import Opened
 
         name = str(scene_file(path))
-        shown = shown or shown_as(path)
         read = (os.getcwd(), name, allow_outside, shown)
         opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
         if opened.stale():
