@@ -22,8 +22,8 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
         "## Batches",
         "",
         *_prose(
-            f"{one['clips']} variants of a bundled scene, 16 frames of 256 px, with one process and with two, in turns;",
-            "all between the command and the gallery of its clips counts.",
+            f"{one['clips']} variants of a bundled scene, 16 frames of 256 px, with one process and with two,",
+            "in turns; all between the command and the gallery of its clips counts.",
         ),
         "",
         *_table(["processes", "clips a second", "CPU, s a clip"], ways),
@@ -50,8 +50,8 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
         "",
         *_prose(
             f"Ctrl-C, {stopped['times']} times, while two processes draw: {stopped['median']} s to the end in the",
-            f"middle, {stopped['most']} s at most (the bar is 2). `--watch --preview`, from the save of another push to",
-            f"the new clip: {middle} s in the middle of the bundled scenes, {slowest['seconds']} s for",
+            f"middle, {stopped['most']} s at most (the bar is 2). `--watch --preview`, from the save of another push",
+            f"to the new clip: {middle} s in the middle of the bundled scenes, {slowest['seconds']} s for",
             f"{slowest['scene']} (the bar is 1).",
         ),
     ]
