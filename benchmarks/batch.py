@@ -1,7 +1,7 @@
 """Many clips: throughput with one and two processes, what each costs beside its stages, a second run, memory.
 
     python benchmarks/run.py batch           # some 25 minutes on an idle machine
-    python benchmarks/batch.py throughput    # a part of it, printed
+    python benchmarks/batch.py throughput    # a part of it, kept with the others
 
 Clips are variants of a bundled scene, 16 frames of 256 px; runs with one and with two processes take turns.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import resource
 import shutil
 import signal
@@ -278,6 +279,15 @@ def batch(folder: Path) -> list[dict]:
     ]
 
 
+def kept(name: str) -> None:
+    """One part measured anew, in the committed results of all."""
+    path = ROOT / "benchmarks" / "results" / "batch.json"
+    result = json.loads(path.read_text()) if path.exists() else {"rows": []}
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+    rows = [row for row in result["rows"] if name not in row] + [{name: globals()[name]()}]
+    path.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
+
+
 if __name__ == "__main__":
     for part in sys.argv[1:]:
-        print(json.dumps(globals()[part](), indent=1))
+        kept(part)
