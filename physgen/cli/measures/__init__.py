@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from physgen.cli.measures.fid import fid
 from physgen.cli.measures.fidelity import fidelity
 from physgen.cli.measures.physics import physics
 from physgen.cli.measures.segmentation import segmentation
@@ -12,6 +13,7 @@ MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "fid": fid,
 }
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import fidelity, physics, segmentation
+from physgen.flags.measures import fid, fidelity, physics, segmentation
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "fid": fid,
 }
 """A module each: ABOUT, EXAMPLE and `add(parser)`."""
 
