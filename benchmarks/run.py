@@ -12,6 +12,7 @@
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
+    python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some ten minutes
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
@@ -36,6 +37,7 @@ import cv2
 import numpy as np
 from batch import batch
 from cluster import cluster
+from fid import fid
 from frames import frames as frame_rows
 from frames import presets
 from gallery import gallery
@@ -307,6 +309,7 @@ PARTS |= {
     "kills": kills,
     "labels": labels,
     "cluster": cluster,
+    "fid": fid,
 }
 
 
