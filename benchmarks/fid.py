@@ -1,10 +1,10 @@
 """The paper's ablation of physical reasoning, against the studio's 50 clips of one scene: estimated physics and random.
 
-The studio filmed the true scene of `scenes/shelf` 50 times, the push of the ball varied. Here the photo is perceived, told
-what a user sees (masks, names and the scale), and pushed 50 times, by pushes of the same distribution: once with the
+The studio filmed the true scene of `scenes/shelf` 50 times, the push of the ball varied. Here the photo is perceived,
+told what a user sees (masks, names and the scale), and pushed 50 times, by pushes of the same distribution: with the
 physics that `perceive` estimates, and, seed after seed, with physics drawn from ranges that hold for what stands in a
-home: anew for every clip, or once and held for all 50. `evaluate fid` then says how far each set of clips is from the filmed one. The paper's pair: 105.70 and 111.01 by
-Image-FID, 30.20 and 36.60 by Motion-FID, on another scene and with the Inception network.
+home, anew for every clip or once for all 50. `evaluate fid` then says how far each set of clips is from the filmed one.
+The paper's pair is 105.70 and 111.01 by Image-FID, 30.20 and 36.60 by Motion-FID, on another scene, with Inception.
 
 A push is said in two ways: as an impulse, which a wrong mass turns into a wrong speed, and as the speed itself.
 """
@@ -79,7 +79,9 @@ def drawn(names: list[str], seed: int) -> list[str]:
     edits = []
     for name in names:
         for key, (low, high) in RANGES.items():
-            value = np.exp(rng.uniform(np.log(low), np.log(high))) if key == "mass" else rng.uniform(low, high)
+            value = (
+                np.exp(rng.uniform(np.log(low), np.log(high))) if key == "mass" else rng.uniform(low, high)
+            )
             edits.append(f"objects.{name}.{key}={value:.4g}")
     return edits
 
@@ -112,6 +114,7 @@ def takes(folder: Path) -> Iterator[tuple[str, Take]]:
 
         yield f"estimated, {way}", Take(path, ball, at)
         for seed in range(1, SEEDS + 1):
+
             def anew(k: int, at=at, seed: int = seed) -> list[str]:
                 return [*at(k), *drawn(names, 10_000 * seed + k)]
 
@@ -120,7 +123,10 @@ def takes(folder: Path) -> Iterator[tuple[str, Take]]:
 
             yield f"random {seed}, {way}", Take(path, ball, anew)
             yield f"random {seed} held, {way}", Take(path, ball, held)
-    yield "true", Take(TRUTH, true_ball.name, lambda k: pushed(true_ball.name, "impulse", OURS + k, mass, scale))
+    yield (
+        "true",
+        Take(TRUTH, true_ball.name, lambda k: pushed(true_ball.name, "impulse", OURS + k, mass, scale)),
+    )
 
 
 class Filmed:
@@ -137,7 +143,9 @@ class Filmed:
         self._maps = self._maps or pipeline.percepts(scene)
         compiled = pipeline.compile(scene, self._maps)
         self._stage = self._stage or pipeline.stage(scene, compiled, self._maps)
-        motion = simulate(compiled.world, np.array([0.0, *self._times]))  # a trajectory begins as the photo is
+        motion = simulate(
+            compiled.world, np.array([0.0, *self._times])
+        )  # a trajectory begins as the photo is
         size = self._side, self._side
         drawn = pipeline.render(self._stage, motion)
         next(drawn)  # the studio's clips have no frame of the photo itself
@@ -183,7 +191,11 @@ def fid(folder: Path) -> list[dict]:
         row |= {f"{key}_by_frame": value for key, value in other.items() if key.startswith("motion")}
     halves = {f"{kind}_fid": one.halves for kind, one in found.found.items()}
     halves["motion_fid_by_frame"] = by_frame.found[MOTION].halves
-    return [*map(rounded, rows), rounded({"method": "halves", **halves, "settings": told.settings(found)}), guesses()]
+    return [
+        *map(rounded, rows),
+        rounded({"method": "halves", **halves, "settings": told.settings(found)}),
+        guesses(),
+    ]
 
 
 def guesses() -> dict:

@@ -18,7 +18,7 @@ import torch
 
 from physgen.backends import Setup
 from physgen.evaluate.fid.roles import F64, U8, Features
-from physgen.perceive.backends.models import Flag, device_of, loaded, noted
+from physgen.perceive.backends.models import Flag, device_of, freed, loaded, noted
 from physgen.perceive.backends.torchscript import scripted
 from physgen.problems import InputError
 
@@ -72,10 +72,15 @@ class Inception:
             )
         return np.asarray(answer.double().cpu().numpy(), np.float64)
 
+    def close(self) -> None:
+        """The model goes."""
+        self.__dict__.pop("_model", None)
+        freed()
+
     def note(self) -> Mapping[str, Any]:
         """For the record: which file it was, by its content."""
         digest = hashlib.sha256(self._path.read_bytes()).hexdigest()
-        return noted(self._device, torch.float32, self._path.name, {"sha256": digest})
+        return noted(self._device, torch.float32, str(self._path), {"sha256": digest})
 
 
 def inception(setup: Setup) -> Features:

@@ -16,7 +16,7 @@ import torch
 
 from physgen.backends import Setup
 from physgen.evaluate.fid.roles import F32, U8, Flow
-from physgen.perceive.backends.models import Flag, device_of, loaded, noted
+from physgen.perceive.backends.models import Flag, device_of, freed, loaded, noted
 from physgen.problems import InputError
 
 FLAG = Flag("--flow", "raft:PATH")
@@ -68,9 +68,14 @@ class Raft:
         scaled = frame.transpose(2, 0, 1)[None].astype(np.float32) / 127.5 - 1
         return torch.from_numpy(scaled).to(self._device)
 
+    def close(self) -> None:
+        """The model goes."""
+        self.__dict__.pop("_model", None)
+        freed()
+
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        return noted(self._device, torch.float32, self._path.name, {})
+        return noted(self._device, torch.float32, str(self._path), {})
 
 
 def raft(setup: Setup) -> Flow:

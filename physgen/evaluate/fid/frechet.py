@@ -45,8 +45,10 @@ def moments(features: F64, weights: F64 | None = None) -> Moments:
     features, counts = np.asarray(features[there], np.float64), counts[there]
     mean = counts @ features / total
     scaled = (features - mean) * np.sqrt(counts / (total - 1))[:, None]
-    # of more pictures than features, a triangle with the same moments
-    return Moments(mean, np.linalg.qr(scaled, "r") if len(scaled) > scaled.shape[1] else scaled)
+    if len(scaled) <= scaled.shape[1]:
+        return Moments(mean, scaled)
+    # of more pictures than features, a triangle that has the same moments
+    return Moments(mean, np.asarray(np.linalg.qr(scaled, "r"), np.float64))
 
 
 def moments_of(mean: F64, covariance: F64) -> Moments:

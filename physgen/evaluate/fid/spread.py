@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,8 @@ class Distance:
     value: float
     draws: tuple[float, ...]
     """Of clips drawn anew, moved so that their mean is `value`; none where a side has a single clip."""
+    least: float = -inf
+    """What it cannot be below."""
 
     @property
     def interval(self) -> tuple[float, float] | None:
@@ -63,7 +66,7 @@ class Distance:
         if not self.draws:
             return None
         low, high = np.quantile(self.draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        return float(low), float(high)
+        return max(float(low), self.least), max(float(high), self.least)
 
     @property
     def above(self) -> float | None:
@@ -126,7 +129,7 @@ def distances(
     values = {name: frechet(whole, moments(one.features)) for name, one in methods.items()}
     kernel = {name: kernels[name].whole() for name in methods}
     return Distances(
-        {name: _around(value, found[name]) for name, value in values.items()},
+        {name: _around(value, found[name], 0.0) for name, value in values.items()},
         {name: None if value is None else _around(value, kids[name]) for name, value in kernel.items()},
         _halves(reference, seed),
     )
@@ -153,9 +156,9 @@ def _drawn(random: np.random.Generator, count: int) -> F64:
     return np.bincount(random.integers(0, count, count), minlength=count).astype(np.float64)
 
 
-def _around(value: float, draws: Sequence[float]) -> Distance:
+def _around(value: float, draws: Sequence[float], least: float = -inf) -> Distance:
     moved = value - float(np.mean(draws)) if draws else 0.0
-    return Distance(value, tuple(draw + moved for draw in draws))
+    return Distance(value, tuple(draw + moved for draw in draws), least)
 
 
 def _less(one: Sequence[float], other: Sequence[float]) -> tuple[float, ...]:

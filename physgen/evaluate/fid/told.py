@@ -3,38 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import cv2
-import numpy as np
-
+from physgen.evaluate.fid.drawn import plot, sheets
 from physgen.evaluate.fid.measure import IMAGE, MOTION, Measured, Side
 from physgen.evaluate.fid.motion import PEAK, Normalise
-from physgen.evaluate.fid.roles import U8
 from physgen.evaluate.fid.spread import Distance
-from physgen.evaluate.findings import Figure, Findings, Section, Table
-from physgen.evaluate.plotted import plotted
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plots.look import Palette
+from physgen.evaluate.findings import Findings, Section, Table
 
 WORDS = {IMAGE: "Image-FID", MOTION: "Motion-FID"}
-TILE, GAP = 128, 4
-"""px of a picture's height, and between two."""
+BIASED = (
+    "Intervals are the middle 95 % of draws in which whole clips are drawn anew. A Fréchet distance of few pictures is "
+    "too large, the more so the fewer they are; KID is not, and is below 0 by chance where two sets are alike.",
+)
+TINY = 1e-9
+"""What is smaller is rounding."""
 UNLIKE = "NOT comparable with published FIDs: these are distances of"
 
 
 def findings(found: Measured, who: Mapping[str, Any], comparable: bool, pictures: bool = False) -> Findings:
     """`who` is what was used: extractor and flow; `pictures` asks for plots, which only a page shows."""
     heads = {kind: word if comparable else f"{word}, {who['features']}" for kind, word in WORDS.items()}
-    sections = [Section("Distances", tuple(_biased(found)), (_table(found, heads),))]
+    sections = [Section("Distances", BIASED, tuple(_tables(found, heads)))]
     if len(found.methods) > 1:
         sections.append(_apart(found, heads))
     if pictures:
         sections[0] = Section("Distances", sections[0].sentences, (*sections[0].parts, plot(found, heads)))
-        sections.append(Section("What was compared", (), tuple(_sheets(found))))
+        sections.append(Section("What was compared", (), tuple(sheets(found))))
     sections.append(Section("How", tuple(_how(found, who))))
     return Findings(
         "fid",
@@ -92,21 +87,27 @@ def _pair(distance: Distance) -> list[float] | None:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+    if value is None:
+        return "-"
+    return "0" if abs(value) < TINY else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
 def _between(distance: Distance | None) -> str:
     if distance is None or distance.interval is None:
         return "-"
     low, high = distance.interval
-    return f"[{low:.3g}, {high:.3g}]"
+    return f"[{_number(low)}, {_number(high)}]"
+
+
+def _after(distance: Distance) -> str:
+    return "" if distance.interval is None else f" {_between(distance)}"
 
 
 def _first(found: Measured, heads: Mapping[str, str]) -> Iterator[str]:
     if len(found.methods) == 1:
         name = next(iter(found.methods))
         told = [
-            f"{heads[kind]} {_number(one.frechet[name].value)} {_between(one.frechet[name]).replace('-', '')}".strip()
+            f"{heads[kind]} {_number(one.frechet[name].value)}{_after(one.frechet[name])}"
             for kind, one in found.found.items()
         ]
         yield f"{name}: {'; '.join(told)}."
@@ -125,44 +126,35 @@ def _named(who: Mapping[str, Any], comparable: bool) -> Iterator[str]:
         )
 
 
-def _biased(found: Measured) -> Iterator[str]:
-    halves = [
-        f"{_number(one.halves)} by {WORDS[kind]}"
-        for kind, one in found.found.items()
-        if one.halves is not None
-    ]
-    yield (
-        "Intervals are the middle 95 % of draws in which whole clips are drawn anew. A Fréchet distance of few "
-        "pictures is too large, the more so the fewer they are; KID is not, and is below 0 by chance where two "
-        "sets are alike."
-    )
-    if halves:
-        yield f"Two halves of the reference are {' and '.join(halves)} apart: about what no difference looks like."
-
-
-def _table(found: Measured, heads: Mapping[str, str]) -> Table:
-    kinds = tuple(found.found)
-    columns = ["method", "clips", "frames"]
-    for kind in kinds:
-        columns += [heads[kind], "95 %", heads[kind].replace("FID", "KID"), "95 %"]
-    lines = []
-    for name, side in found.methods.items():
-        line = [name, str(len(side.lengths)), str(sum(side.lengths))]
-        for kind in kinds:
-            one, kernel = found.found[kind].frechet[name], found.found[kind].kernel[name]
-            line += [
+def _tables(found: Measured, heads: Mapping[str, str]) -> Iterator[Table]:
+    for kind, all_of in found.found.items():
+        columns = (
+            "method",
+            "clips",
+            "pictures",
+            heads[kind],
+            "95 %",
+            heads[kind].replace("FID", "KID"),
+            "95 %",
+        )
+        lines = []
+        for name, side in found.methods.items():
+            one, kernel = all_of.frechet[name], all_of.kernel[name]
+            told = [
                 _number(one.value),
                 _between(one),
                 _number(kernel.value if kernel else None),
                 _between(kernel),
             ]
-        lines.append(tuple(line))
-    truth = found.reference
-    return Table(
-        tuple(columns),
-        tuple(lines),
-        note=f"Reference: {len(truth.lengths)} clips, {sum(truth.lengths)} frames.",
-    )
+            lines.append((name, str(len(side.lengths)), str(side.count(kind)), *told))
+        truth = found.reference
+        note = f"Reference: {len(truth.lengths)} clips, {truth.count(kind)} pictures."
+        if all_of.halves is not None:
+            note += (
+                f" One half of its clips is {_number(all_of.halves)} from the other: about what no difference looks "
+                "like among half as many."
+            )
+        yield Table(columns, tuple(lines), note=note)
 
 
 def _apart(found: Measured, heads: Mapping[str, str]) -> Section:
@@ -203,70 +195,4 @@ def _how(found: Measured, who: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _kept(note: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} {value}" for key, value in note.items())
-
-
-def plot(found: Measured, heads: Mapping[str, str]) -> Figure:
-    """Distances with their intervals: both kinds against each other, as the paper's argument goes, or the one alone."""
-    kinds = tuple(found.found)
-    names = tuple(found.methods)
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        for k, name in enumerate(names):
-            colour = palette.lines[k % len(palette.lines)]
-            spots = [found.found[kind].frechet[name] for kind in kinds]
-            at = [one.value for one in spots] if len(kinds) > 1 else [spots[0].value, float(k)]
-            reach = [_reach(one) for one in spots] + ([None] if len(kinds) < 2 else [])
-            axes.errorbar(
-                *([value] for value in at), xerr=reach[0], yerr=reach[1], fmt="o", color=colour, markersize=4,
-                elinewidth=0.8, capsize=2,
-            )  # fmt: skip
-            axes.annotate(
-                name, (at[0], at[1]), xytext=(5, 4), textcoords="offset points", color=colour, fontsize=6.5
-            )
-        axes.set_xlabel(heads[kinds[0]])
-        if len(kinds) > 1:
-            axes.set_ylabel(heads[kinds[1]])
-            axes.set_ylim(bottom=0)
-        else:
-            axes.set_yticks([])
-            axes.set_ylim(-0.6, len(names) - 0.2)
-        axes.set_xlim(left=0)
-        axes.margins(0.15)
-
-    about = f"{' and '.join(heads[kind] for kind in kinds)} of every method, with 95 % intervals; nearer 0 is better."
-    return plotted(draw, about)
-
-
-def _reach(distance: Distance) -> Any:
-    if distance.interval is None:
-        return None
-    low, high = distance.interval
-    return np.array([[max(distance.value - low, 0)], [max(high - distance.value, 0)]])
-
-
-def _sheets(found: Measured) -> Iterator[Figure]:
-    for side in (found.reference, *found.methods.values()):
-        frames, moving = side.shown
-        what = "frames" + (" and the flow between them" if moving else "")
-        yield Figure(sheet(frames, moving), f"{side.name}: {what}, {side.which}")
-
-
-def sheet(frames: tuple[U8, ...], moving: tuple[U8, ...]) -> bytes:
-    """A row of frames and, between them below, their flow; PNG."""
-    small = [[_small(picture) for picture in row] for row in (frames, moving) if row]
-    wide = small[0][0].shape[1]
-    page = np.full((len(small) * (TILE + GAP) - GAP, len(frames) * (wide + GAP) - GAP, 3), 255, np.uint8)
-    for line, row in enumerate(small):
-        shift = (wide + GAP) // 2 if line and len(row) < len(frames) else 0
-        for k, picture in enumerate(row):
-            top, left = line * (TILE + GAP), shift + k * (wide + GAP)
-            page[top : top + TILE, left : left + wide] = picture[:, :wide]
-    _, data = cv2.imencode(".png", page[..., ::-1])
-    return bytes(data)
-
-
-def _small(picture: U8) -> U8:
-    height, width = picture.shape[:2]
-    size = max(1, round(width * TILE / height)), TILE
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return ", ".join(str(value) if key == "name" else f"{key} {value}" for key, value in note.items())
