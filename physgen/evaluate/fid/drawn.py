@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 TILE, GAP = 128, 4
 """px of a picture's height, and between two."""
+MARKERS = "osD^v"
+"""Each goes round all colours once."""
 
 
 def plot(found: Measured, heads: Mapping[str, str]) -> Figure:
@@ -35,12 +37,9 @@ def plot(found: Measured, heads: Mapping[str, str]) -> Figure:
             at = [one.value for one in spots] if len(kinds) > 1 else [spots[0].value, float(k)]
             reach = [_reach(one) for one in spots] + ([None] if len(kinds) < 2 else [])
             axes.errorbar(
-                at[:1], at[1:], xerr=reach[0], yerr=reach[1], fmt="o", color=colour, markersize=4,
+                at[:1], at[1:], xerr=reach[0], yerr=reach[1], fmt=MARKERS[k // len(palette.lines) % len(MARKERS)], color=colour, markersize=4, label=name,
                 elinewidth=0.8, capsize=2,
             )  # fmt: skip
-            axes.annotate(
-                name, (at[0], at[1]), xytext=(5, 4), textcoords="offset points", color=colour, fontsize=6.5
-            )
         axes.set_xlabel(heads[kinds[0]])
         if len(kinds) > 1:
             axes.set_ylabel(heads[kinds[1]])
@@ -49,7 +48,8 @@ def plot(found: Measured, heads: Mapping[str, str]) -> Figure:
             axes.set_yticks([])
             axes.set_ylim(-0.6, len(names) - 0.2)
         axes.set_xlim(left=0)
-        axes.margins(0.15)
+        if len(names) > 1:
+            axes.legend(loc="best", fontsize=6, frameon=False, ncols=1 + len(names) // 12)
 
     about = f"{' and '.join(heads[kind] for kind in kinds)} of every method, with 95 % intervals; nearer 0 is better."
     return plotted(draw, about)

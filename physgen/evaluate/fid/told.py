@@ -159,21 +159,24 @@ def _tables(found: Measured, heads: Mapping[str, str]) -> Iterator[Table]:
 
 def _apart(found: Measured, heads: Mapping[str, str]) -> Section:
     names = list(found.methods)
-    columns = ["method"]
-    for kind in found.found:
-        columns += [f"{heads[kind]} farther by", "95 %", "in draws"]
-    lines = []
-    for name in names[1:]:
-        line = [name]
-        for one in found.found.values():
-            more = one.apart(name, names[0])
-            sure = "-" if more.above is None else f"{100 * more.above:.0f} %"
-            line += [f"{more.value:+.3g}", _between(more), sure]
-        lines.append(tuple(line))
+    tables = []
+    for kind, one in found.found.items():
+        lines = []
+        for name in names[1:]:
+            more, kernel = one.apart(name, names[0]), one.apart_by_kernel(name, names[0])
+            line = [name, f"{more.value:+.3g}", _between(more), _share(more)]
+            lines.append((*line, "-" if kernel is None else f"{kernel.value:+.3g}", _between(kernel)))
+        by_kid = heads[kind].replace("FID", "KID")
+        tables.append(Table(("method", heads[kind], "95 %", "farther in", by_kid, "95 %"), tuple(lines)))
     sentence = (
-        "How much farther from the reference each is, and in how many of the draws; all meet the same draws."
+        f"How much farther from the reference than {names[0]} each is, and in how many of the draws; all meet the same "
+        "draws, so that what methods share cancels."
     )
-    return Section(f"Against {names[0]}", (sentence,), (Table(tuple(columns), tuple(lines)),))
+    return Section(f"Against {names[0]}", (sentence,), tuple(tables))
+
+
+def _share(distance: Distance) -> str:
+    return "-" if distance.above is None else f"{100 * distance.above:.0f} %"
 
 
 def _how(found: Measured, who: Mapping[str, Any]) -> Iterator[str]:
