@@ -125,6 +125,8 @@ class Job:
     draw_seed: int = 0
     here: Here | None = None
     """Where it is made of copies."""
+    pictured: bool = False
+    """Whether a gallery of `out` follows, whose pictures of the clip are made where the clip is: by many at a time."""
 
     @property
     def called(self) -> str:
@@ -247,6 +249,10 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
         )
     except Exception as error:
         return failed(job, error, warnings, time.perf_counter() - begun)
+    if job.pictured and job.here is None:
+        from physgen.report.gallery import keep_pictures
+
+        keep_pictures(folder, Path(job.out) / "index.html")
     return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
 
 

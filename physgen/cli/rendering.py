@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -197,6 +197,8 @@ def make_all(
     kept_in = shelf(options.output)
     many = count > 1
     gallery = shown is Shown.GALLERY and (many or kept_in.has_index())
+    if gallery and count <= MOST_SHOWN:
+        jobs = (replace(job, pictured=True) for job in jobs)
     tally, told = Tally(), _Told()
     bar = Bar()
     with (

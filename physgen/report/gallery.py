@@ -10,6 +10,7 @@ import base64
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,6 +20,7 @@ from physgen import __version__
 from physgen.problems import InputError
 from physgen.report.cards import KINDS, Pictured, card, link, told
 from physgen.report.clips import Clip, clips_in
+from physgen.report.leftovers import sweep
 from physgen.report.posters import pictures
 from physgen.report.swept import Swept, swept
 from physgen.report.templates import script_json, template
@@ -81,6 +83,13 @@ def write_gallery(
     if not single:
         _sweep(files, {Path(path).name for p in pictured for path in (p.poster, p.strip)})
     return Gallery(index, len(clips), sum(bool(clip.problems) for clip in clips), len(data))
+
+
+def keep_pictures(home: Path, index: Path) -> None:
+    """Those of one clip, for the gallery that is to be written to `index`; it makes them itself where this fails."""
+    with suppress(OSError, InputError):
+        for clip in clips_in([home]):
+            _pictured(clip, index.with_name(f"{index.stem}.files"), single=False)
 
 
 def gallery_page(
@@ -153,8 +162,9 @@ def _pictured(clip: Clip, files: Path, single: bool) -> Pictured:
 
 
 def _sweep(files: Path, used: set[str]) -> None:
-    """Take away pictures of films that are gone."""
+    """Take away pictures of films that are gone, and what was left of one by who was killed over it."""
     if files.is_dir():
+        sweep(files)
         for path in files.iterdir():
             if _OURS(path.name) and path.name not in used:
                 path.unlink(missing_ok=True)
