@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 
 from physgen import pipeline
+from physgen.evaluate.fid.spread import Distances
 from physgen.perceive.given import from_masks
 from physgen.perceive.lay_out import lay_out
 from physgen.perceive.scene import perceive
@@ -43,6 +44,8 @@ SEEDS = 5
 """Of random physics."""
 RANGES = {"mass": (50.0, 1000.0), "friction": (0.1, 1.0), "elasticity": (0.1, 0.9)}
 """g, drawn evenly by the logarithm; the others evenly. What small things in a home are, without a look at the photo."""
+TOLD = ("estimated", "masses told", "all told")
+"""What is known of the objects' physics: nothing but the photo, the true masses, all."""
 WAYS = ("impulse", "speed")
 QUALITY = 90
 """Of WebP, as the studio's clips are stored."""
@@ -111,17 +114,13 @@ def takes(folder: Path) -> Iterator[tuple[str, Take]]:
         key: [f"objects.{by_mask[one.mask.id]}.{key}={getattr(one, key)}" for one in true.objects]
         for key in (*RANGES, "rolling")
     }
-    told = {
-        "estimated": [],
-        "masses told": known["mass"],
-        "all told": [edit for one in known.values() for edit in one],
-    }
+    edits_of = ([], known["mass"], [edit for one in known.values() for edit in one])
     for way in WAYS:
 
         def at(k: int, way: str = way) -> list[str]:
             return pushed(ball, way, OURS + k, mass, scale)
 
-        for name, edits in told.items():
+        for name, edits in zip(TOLD, edits_of, strict=True):
             yield f"{name}, {way}", Take(path, lambda k, at=at, edits=edits: [*at(k), *edits])
         for seed in range(1, SEEDS + 1):
             first = 10_000 * seed
@@ -199,7 +198,18 @@ def fid(folder: Path) -> list[dict]:
         Settings(normalise=Normalise.FRAME, kinds=(MOTION,), draws=0),
     )
     for row, other in zip(rows, told.rows(by_frame), strict=True):
-        row |= {f"{key}_by_frame": value for key, value in other.items() if key.startswith("motion")}
+        for key in [key for key in row if "_more" in key]:
+            del row[key]
+        row |= {f"{key}_by_frame": value for key, value in other.items() if key == "motion_fid"}
+    for row in rows:
+        name, _, way = row["method"].partition(", ")
+        if name.startswith("random"):
+            row["farther_than"] = {
+                other: {
+                    kind: farther(one, row["method"], f"{other}, {way}") for kind, one in found.found.items()
+                }
+                for other in TOLD
+            }
     halves = {f"{kind}_fid": one.halves for kind, one in found.found.items()}
     halves["motion_fid_by_frame"] = by_frame.found[MOTION].halves
     return [
@@ -207,6 +217,12 @@ def fid(folder: Path) -> list[dict]:
         rounded({"method": "halves", **halves, "settings": told.settings(found)}),
         guesses(),
     ]
+
+
+def farther(found: Distances, one: str, other: str) -> dict:
+    """Than the other, from the filmed clips: by how much, within which interval, and in which share of draws."""
+    more = found.apart(one, other)
+    return {"by": more.value, "95": more.interval and list(more.interval), "sure": more.above}
 
 
 def guesses() -> dict:

@@ -37,8 +37,8 @@ def plot(found: Measured, heads: Mapping[str, str]) -> Figure:
             at = [one.value for one in spots] if len(kinds) > 1 else [spots[0].value, float(k)]
             reach = [_reach(one) for one in spots] + ([None] if len(kinds) < 2 else [])
             axes.errorbar(
-                at[:1], at[1:], xerr=reach[0], yerr=reach[1], fmt=MARKERS[k // len(palette.lines) % len(MARKERS)], color=colour, markersize=4, label=name,
-                elinewidth=0.8, capsize=2,
+                at[:1], at[1:], xerr=reach[0], yerr=reach[1], color=colour, label=name, elinewidth=0.8, capsize=2,
+                fmt=MARKERS[k // len(palette.lines) % len(MARKERS)], markersize=4,
             )  # fmt: skip
         axes.set_xlabel(heads[kinds[0]])
         if len(kinds) > 1:
