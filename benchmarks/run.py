@@ -12,7 +12,7 @@
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
-    python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some ten minutes
+    python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some 15 minutes
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
@@ -34,6 +34,7 @@ from functools import partial
 from pathlib import Path
 
 import cv2
+import fid_page
 import numpy as np
 from batch import batch
 from cluster import cluster
@@ -330,6 +331,9 @@ def main(names: list[str]) -> None:
         (ROOT / "docs" / "physics.md").write_text(physics_page())
     if (RESULTS / "fidelity.json").exists():
         (ROOT / "docs" / "fidelity.md").write_text(fidelity_page())
+    if (RESULTS / "fid.json").exists():
+        text, result = fid_page.PAGE.read_text(), json.loads((RESULTS / "fid.json").read_text())
+        fid_page.PAGE.write_text(fid_page.page(text, result))
     print(page())
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import colorsys
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -133,6 +134,8 @@ def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.Captu
                 for frame in frames:
                     write(np.ascontiguousarray(frame))
     (rendered / "index.html").write_text("")
+    (rendered / "index.files").mkdir()
+    cv2.imwrite(str(rendered / "index.files" / "strip.png"), np.zeros((9, 99, 3), np.uint8))
     found = told(
         capsys, "--reference", clips / "true", "--size", SIDE, "--draws", 0,
         *methods(clips, "painted"), *(f"--method={path.name}={path}" for path in (strips, rendered, films)),
@@ -177,6 +180,7 @@ def test_frames_are_taken_evenly_and_made_one_size(tmp_path: Path) -> None:
     chosen = list(Rule(10, Fit.WHOLE, 3).frames(source))
     assert [frame.shape for frame in chosen] == [(10, 20, 3)] * 3
     assert [int(frame[5, 15, 0]) for frame in chosen] == [0, 80, 160]
+    assert [int(f[5, 15, 0]) for f in Rule(10).frames(replace(source, skip=7))] == [140, 160]
     (cropped, *_) = Rule(10, Fit.CROP).frames(source)
     assert cropped.shape == (10, 10, 3)
     assert cropped.max() == 0

@@ -51,13 +51,17 @@ def fid(options: argparse.Namespace) -> int:
     )
     bar = Bar()
     truth = clips.pop(REFERENCE)
+    clips = {name: [replace(one, skip=options.skip) for one in side] for name, side in clips.items()}
     found = measure(truth, clips, made["features"], made["flow"], settings, bar.show)
     bar.clear()
     tell_problems(found.warnings)
     who = {role: getattr(options, role).partition(":")[0] for role in made}
     notes = {f"{role}_note": dict(one.note()) for role, one in made.items()}
     return hand_over(
-        told.findings(found, who | notes, made["features"].comparable, bool(options.output)), options
+        told.findings(
+            found, who | notes | {"skipped": options.skip}, made["features"].comparable, bool(options.output)
+        ),
+        options,
     )
 
 

@@ -53,7 +53,8 @@ class Rule:
                 empty = False
                 yield self.sized(frame)
             if empty:
-                raise InputError.of(str(source.path), "", "has no frame", "leave it out")
+                after = f" after the first {source.skip}" if source.skip else ""
+                raise InputError.of(str(source.path), "", f"has no frame{after}", "leave it out")
             return
         frames = [self.sized(frame) for frame in source.frames()]
         if len(frames) < self.count:

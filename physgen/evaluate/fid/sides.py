@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +31,18 @@ class Source:
     path: Path
     strip: tuple[int, int] | None = None
     """Width and height, px, of the frames in a picture."""
+    skip: int = 0
+    """First frames that do not count."""
+
+    @property
+    def filmed(self) -> bool:
+        """Whether it is a video, strips, or physgen's: more surely a clip than any folder of pictures is."""
+        return self.strip is not None or self.path.name in RENDERED or not self.path.is_dir()
 
     def frames(self) -> Iterator[U8]:
         """(H, W, 3) sRGB, all of one size. Raises InputError where one cannot be read, or where sizes differ."""
         size: tuple[int, ...] | None = None
-        for frame, place in self._read():
+        for frame, place in islice(self._read(), self.skip, None):
             if size is not None and frame.shape != size:
                 found, expected = _px(frame.shape), f"differs from the {_px(size)} of the first frame"
                 raise InputError.of(place, found, expected, "make all frames of a clip the same size")
@@ -71,8 +79,11 @@ def sources(paths: Iterable[Path]) -> list[Source]:
 
 
 def clips_in(path: Path) -> list[Source]:
-    """A video is a clip. A folder is one clip of physgen's, or of strips, or it holds videos and folders of clips;
-    where it does not, its pictures are the frames of one. Raises InputError for what is none of it."""
+    """A video is a clip. A folder is one clip of physgen's, or of strips, or it holds videos and folders of clips; else
+    its pictures are the frames of one.
+
+    Pictures in folders beside videos are no clips: a gallery has such. Raises InputError for what is none of it.
+    """
     if not path.is_dir():
         if not path.is_file():
             raise InputError.of(str(path), "", "no such file or folder", "check the path")
@@ -93,7 +104,7 @@ def clips_in(path: Path) -> list[Source]:
         elif part.suffix.lower() in FILMS:
             found.append(Source(part))
     if found:
-        return found
+        return [source for source in found if source.filmed] or found
     if any(part.suffix.lower() in SUFFIXES for part in inside):
         return [Source(path)]
     raise InputError.of(str(path), "", "holds no clips", "name a folder of videos, or of folders of frames")

@@ -182,6 +182,8 @@ def _share(distance: Distance) -> str:
 def _how(found: Measured, who: Mapping[str, Any]) -> Iterator[str]:
     said = found.settings
     count = "all frames" if said.rule.count is None else f"{said.rule.count} frames, evenly,"
+    if who.get("skipped"):
+        count += f" (but the first {who['skipped']} of the methods')"
     yield f"Frames: {count} of each clip, {said.rule}. Features: {who['features']}, {_kept(who['features_note'])}."
     if MOTION not in said.kinds:
         return

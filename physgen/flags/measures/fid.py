@@ -87,6 +87,14 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", choices=("image", "motion"), help="one of both; default: both")
     parser.add_argument("--frames", metavar="N", type=count, help="frames of each clip, evenly; default: all")
     parser.add_argument(
+        "--skip",
+        metavar="N",
+        type=count,
+        default=0,
+        help="first frames of the methods' clips that do not count: 1 where theirs begin with the photo and the "
+        "reference's do not; default: 0",
+    )
+    parser.add_argument(
         "--size", metavar="PX", type=side, default=256, help="the shorter side of all frames; default: 256"
     )
     parser.add_argument(
