@@ -13,7 +13,9 @@
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
     python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some 15 minutes
+    python benchmarks/run.py datasets        # very many tiny clips into shards: time and memory
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
+    python benchmarks/run.py properties controllability runtime    # the paper's measures of that name, and their pages
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -38,6 +40,7 @@ import fid_page
 import numpy as np
 from batch import batch
 from cluster import cluster
+from dataset_shards import datasets
 from fid import fid
 from frames import frames as frame_rows
 from frames import presets
@@ -45,6 +48,8 @@ from gallery import gallery
 from growth import growth, plot
 from kills import kills
 from labels import labels
+from measures import controllability, properties, runtime
+from measures import page as measure_page
 from perceiving import perceiving
 from percepts import percepts
 from prompts import prompts
@@ -309,9 +314,12 @@ PARTS |= {
     "batch": batch,
     "kills": kills,
     "labels": labels,
+    "datasets": datasets,
     "cluster": cluster,
     "fid": fid,
 }
+MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
+PARTS |= MEASURES
 
 
 def main(names: list[str]) -> None:
@@ -334,6 +342,9 @@ def main(names: list[str]) -> None:
     if (RESULTS / "fid.json").exists():
         text, result = fid_page.PAGE.read_text(), json.loads((RESULTS / "fid.json").read_text())
         fid_page.PAGE.write_text(fid_page.page(text, result))
+    for name in MEASURES:
+        if (RESULTS / f"{name}.json").exists():
+            (ROOT / "docs" / f"{name}.md").write_text(measure_page(name))
     print(page())
 
 

@@ -21,6 +21,7 @@ FLOORS = {
         "configured",
         "photometry",
         "materials",
+        "machine",
         "resources",
         "whole",
         "pictures",

@@ -14,7 +14,7 @@ def export(options: argparse.Namespace) -> int:
     from physgen.batch.pool import Job
     from physgen.pipeline import Page
 
-    exportable(options.format)
+    exportable(options.format, "--format")
     options.set = [*options.set, *filmed(options)]
     jobs = [
         Job(
@@ -37,12 +37,12 @@ def export(options: argparse.Namespace) -> int:
     return make_all(jobs, len(jobs), options, shown=Shown.NOWHERE)
 
 
-def exportable(formats: Sequence[str]) -> None:
-    """Raises InputError where a format is none; tells of what is left out without an optional library."""
+def exportable(formats: Sequence[str], flag: str) -> None:
+    """Raises InputError where a format is none, by the `flag`; tells what is left out without an optional library."""
     from physgen.export.writing import kinds
     from physgen.tables import HINT, has_parquet
 
-    kinds(formats)
+    kinds(formats, flag)
     if "trajectory" in formats and not has_parquet():
         tell(HINT)
 

@@ -22,9 +22,11 @@ MOST_TOLD = 20
 def dataset(options: argparse.Namespace) -> int:
     from physgen.batch.dataset.gathering import Asked, gather
     from physgen.batch.dataset.splits import read_splits
+    from physgen.export.writing import check_names
 
     if options.link and options.layout != "folder":
         raise InputError.of("--link", "", "is of no use in shards", "leave it out, or take --layout folder")
+    check_names(options.format)
     asked = Asked(
         options.layout,
         read_splits(options.split, options.seed),

@@ -129,7 +129,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     if options.export:
         from physgen.cli.exporting import exportable
 
-        exportable(options.export)
+        exportable(options.export, "--export")
     refiner, overrides = _refining(options)
 
     def make(

@@ -21,7 +21,7 @@ def exports(sub: argparse.ArgumentParser) -> None:
         metavar="LIST",
         type=labels,
         required=True,
-        help="any of " + ",".join(NAMES) + "; see docs/ground-truth.md",
+        help="any of " + ",".join(NAMES) + "; tapvid:512 has so many points; see docs/ground-truth.md",
     )
     sub.add_argument("-o", "--output", metavar="DIR", default="labels", help="default: labels")
     sub.add_argument(

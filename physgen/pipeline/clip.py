@@ -140,6 +140,8 @@ def render_scene(
     labels = Labels.of(export, scene, maps.percepts)
     del maps
     kinds = (Format.MP4,) if formats is None else tuple(formats)
+    if export and not kinds:
+        labels.check_kept(final)
     faults: Sequence[Problem] = ()
     retouched = None
     with ExitStack() as held:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.watch import Progress
+from physgen.problems import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,6 +49,18 @@ class Labels:
         check_fits(chosen, scene, maps)
         return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
 
+    def check_kept(self, final: Path) -> None:
+        """Raises InputError where labels replace what an earlier run left in their folder and would not come again."""
+        from physgen.report.folder import made
+        from physgen.scene.words import listed
+
+        again = {"trajectory.npz", *(kind.name for kind in self.kinds)}
+        lost = sorted({name.partition("/")[0] for name in made(final)} - again)
+        if lost:
+            expected = f"holds {listed(lost, 'and')} of an earlier run, which would go"
+            fix = "name all formats at once, or choose another folder with -o"
+            raise InputError.of(str(final), "", expected, fix)
+
     @contextmanager
     def exported(
         self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord
@@ -74,6 +87,7 @@ class Labels:
             len(shot.order),
             shot,
             record.inputs,
+            sampled=filming.sampled,
             stood=_stood(filming, self.maps),
         )
         with ExitStack() as held:

@@ -75,6 +75,15 @@ def output_folder(out: Path, name: str) -> Path:
     return final
 
 
+def made(folder: Path) -> list[str]:
+    """Files below a folder that an earlier run made and tells of, beside its manifest; none where nobody can tell."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return [str(name) for name in manifest["files"]] if manifest["manifest"] == 1 else []
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+
+
 def _strangers(folder: Path) -> list[str] | None:
     """Files of an earlier run's folder that the run did not write; None for a folder that no run made."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import __version__
+from physgen.machine import this_machine
 from physgen.scene.model import Scene
 from physgen.whole import write_whole
 
@@ -106,7 +107,7 @@ class RunRecord:
             "overrides": self.overrides,
             "mark": self.mark,
             "versions": versions(self.refine),
-            "platform": {"machine": platform.machine(), "system": platform.system()},
+            "platform": this_machine().as_dict(),
             "device": self.device,
             "inputs": self.inputs,
             "seeds": self.seeds,

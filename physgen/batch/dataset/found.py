@@ -63,7 +63,13 @@ def _below(folder: Path, name: str) -> Iterator[Found]:
             yield Found(folder, name, told)
             return
     for below in sorted((name for name, is_folder in inside if is_folder), key=natural):
-        yield from _below(folder / below, f"{name}/{below}")
+        if not _leads_up(folder / below):
+            yield from _below(folder / below, f"{name}/{below}")
+
+
+def _leads_up(folder: Path) -> bool:
+    """Whether it is a link to a folder that it lies in: what is there has been found, and there is no end to it."""
+    return folder.is_symlink() and folder.parent.resolve().is_relative_to(folder.resolve())
 
 
 def _told(path: Path) -> Mapping[str, Any] | None:

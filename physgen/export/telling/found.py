@@ -1,8 +1,9 @@
-"""A clip -> its events, by time: the motion run once more, with samples where things touch."""
+"""A clip -> its events, by time: the motion looked at once more, with samples where things touch."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from physgen.simulate.settled import fresh
 from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Sampled = Callable[[Array], Trajectory]
 
 FINER = 8
 """Times a frame that the motion is looked at."""
@@ -33,11 +35,16 @@ DONE = 1.5
 ORDER = {kind: number for number, kind in enumerate(Happening)}
 
 
-def events(world: World, trajectory: Trajectory, shot: Shot) -> tuple[Event, ...]:
-    """All of them; `trajectory` has the samples of the frames, played forward."""
+def events(
+    world: World, trajectory: Trajectory, shot: Shot, sampled: Sampled | None = None
+) -> tuple[Event, ...]:
+    """All of them; `trajectory` has the samples of the frames, played forward.
+
+    `sampled` has the same motion at other times, where that is at hand; it is simulated again without.
+    """
     if not world.bodies or not len(trajectory.times):
         return ()
-    seen = closer(world, trajectory)
+    seen = closer(world, trajectory, sampled or partial(simulate, world))
     span = float(trajectory.times[-1]) / max(len(trajectory.times) - 1, 1) / FINER
     struck = blows(world, seen, span) if span else []
     found = [
@@ -51,7 +58,7 @@ def events(world: World, trajectory: Trajectory, shot: Shot) -> tuple[Event, ...
     return tuple(sorted(found, key=lambda event: (event.time, ORDER[event.kind], event.who)))
 
 
-def closer(world: World, trajectory: Trajectory) -> Trajectory:
+def closer(world: World, trajectory: Trajectory, sampled: Sampled) -> Trajectory:
     """The same motion with samples between the frames, and where touches begin, just before and just after."""
     if len(trajectory.times) < 2:
         return trajectory
@@ -61,7 +68,7 @@ def closer(world: World, trajectory: Trajectory) -> Trajectory:
     step = DONE / world.steps_per_second
     times += [begins - step, begins + step, np.array([push.start for push in world.pushes])]
     every = np.unique(np.concatenate(times))
-    return simulate(world, every[(every >= 0) & (every <= trajectory.times[-1])])
+    return sampled(every[(every >= 0) & (every <= trajectory.times[-1])])
 
 
 def _sample(seen: Trajectory, time: float) -> int:

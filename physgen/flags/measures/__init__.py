@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import fid, fidelity, physics, segmentation
+from physgen.flags.measures import (
+    controllability,
+    fid,
+    fidelity,
+    leaderboard,
+    physics,
+    properties,
+    runtime,
+    segmentation,
+    study,
+)
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
     "fid": fid,
+    "properties": properties,
+    "controllability": controllability,
+    "runtime": runtime,
+    "study": study,
+    "leaderboard": leaderboard,
 }
 """A module each: ABOUT, EXAMPLE and `add(parser)`."""
 
