@@ -13,6 +13,7 @@
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
+    python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some 15 minutes
     python benchmarks/run.py datasets        # very many tiny clips into shards: time and memory
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
     python benchmarks/run.py properties controllability runtime    # the paper's measures of that name, and their pages
@@ -36,10 +37,12 @@ from functools import partial
 from pathlib import Path
 
 import cv2
+import fid_page
 import numpy as np
 from batch import batch, sizes
 from cluster import cluster
 from dataset_shards import datasets
+from fid import fid
 from frames import frames as frame_rows
 from frames import presets
 from gallery import gallery
@@ -324,6 +327,7 @@ PARTS |= {
     "datasets": datasets,
     "cluster": cluster,
     "sizes": bytes_of_clips,
+    "fid": fid,
 }
 AMONG = {"rivals": "physics", "sizes": "batch"}
 """Parts whose figures stand among those of another."""
@@ -349,6 +353,9 @@ def main(names: list[str]) -> None:
         (ROOT / "docs" / "physics.md").write_text(physics_page())
     if (RESULTS / "fidelity.json").exists():
         (ROOT / "docs" / "fidelity.md").write_text(fidelity_page())
+    if (RESULTS / "fid.json").exists():
+        text, result = fid_page.PAGE.read_text(), json.loads((RESULTS / "fid.json").read_text())
+        fid_page.PAGE.write_text(fid_page.page(text, result))
     for name in MEASURES:
         if (RESULTS / f"{name}.json").exists():
             (ROOT / "docs" / f"{name}.md").write_text(measure_page(name))

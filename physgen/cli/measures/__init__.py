@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from physgen.cli.measures.controllability import controllability
+from physgen.cli.measures.fid import fid
 from physgen.cli.measures.fidelity import fidelity
 from physgen.cli.measures.leaderboard import leaderboard
 from physgen.cli.measures.physics import physics
@@ -17,6 +18,7 @@ MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "fid": fid,
     "properties": properties,
     "controllability": controllability,
     "runtime": runtime,

@@ -6,6 +6,7 @@ import argparse
 
 from physgen.flags.measures import (
     controllability,
+    fid,
     fidelity,
     leaderboard,
     physics,
@@ -19,6 +20,7 @@ MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
+    "fid": fid,
     "properties": properties,
     "controllability": controllability,
     "runtime": runtime,
