@@ -193,6 +193,8 @@ def render_scene(
                 )
         if not draws:
             _fan_goes(final, warn)
+        if kinds:
+            labels.tell_gone(final, warn)
         if not still_sound():
             record.mark = ""  # the next run makes it again: nobody knows which of the two was drawn
         write_manifest(record, folder)
