@@ -74,7 +74,12 @@ def _odd(done: Gathered, options: argparse.Namespace) -> None:
 
     silent = sum(count.clips - count.captions for count in done.counts.values())
     if silent:
-        odd(f"has {_clips(silent)} without a caption", "render or export them with the format events")
+        which = "" if done.silent is None else f", e.g. {done.silent}"
+        odd(f"has {_clips(silent)} without a caption{which}", "render or export them with the format events")
+    total = done.made + done.kept
+    for name, count in done.lacking.items():
+        said = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
+        odd(said, f"render or export them with {name}, or leave it out of --format")
     empty = [name for name, count in done.counts.items() if not count.clips]
     if empty:
         photos = sum(len(count.photos) for count in done.counts.values())
@@ -83,7 +88,10 @@ def _odd(done: Gathered, options: argparse.Namespace) -> None:
         odd(f"has no clip in {', '.join(empty)}: {there}", fix)
     if done.strays:
         folders = "1 folder" if done.strays == 1 else f"{done.strays:,} folders"
-        odd(f"holds {folders} of clips that are not named here", "remove them, or name their clips too")
+        which = "" if done.stray is None else f", e.g. {done.stray}"
+        odd(
+            f"holds {folders} of clips that are not named here{which}", "remove them, or name their clips too"
+        )
 
 
 def _clips(count: int) -> str:

@@ -288,7 +288,7 @@ def test_clips_that_cannot_be_used_are_told_and_left_out(made: Path, tmp_path: P
     assert main(["dataset", str(copy), "-o", str(tmp_path / "data")]) == 2
     said = capsys.readouterr().err
     assert f"{one / 'video.mp4'}: is missing; render the clip again" in said
-    assert f"{other}: has a manifest that cannot be read; render it again" in said
+    assert f"{other}: has no manifest that can be read; render it again" in said
     assert [row["scene"] for _, row in rows(tmp_path / "data")] == ["scene-3"]
     assert third.is_dir()
 
@@ -327,7 +327,7 @@ def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsy
     assert "holds no clip that can be used" in refusal(capsys, str(empty), "-o", str(data))
     assert not data.exists()
     assert "is no folder" in refusal(capsys, str(tmp_path / "none"), "-o", str(data))
-    assert "lie in each other" in refusal(capsys, few, "-o", f"{few}/data")
+    assert f"lies in {few}, which is read" in refusal(capsys, few, "-o", f"{few}/data")
     assert "hold the same clips" in refusal(capsys, few, str(made), "-o", str(data))
     assert "invalid choice: 'zip'" in refusal(capsys, few, "-o", str(data), "--layout", "zip")
     assert "adds up to 0.9" in refusal(capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1")

@@ -79,9 +79,9 @@ class Shards:
     def drop(self) -> None:
         """Shards are whole, or not there."""
 
-    def strays(self) -> int:
+    def strays(self) -> tuple[int, Path | None]:
         """They are gone."""
-        return 0
+        return 0, None
 
     def _path(self, split: str, number: int) -> Path:
         return self._root / split / f"shard-{number:06d}.tar"
