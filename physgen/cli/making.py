@@ -208,6 +208,8 @@ def _sum_up(
             "make room and run the same command again"
         )
         return FAILED
-    if count > 1 and tally.failed:
+    if count > 1 and (tally.failed or tally.unchanged) and not (options.json and not tally.failed):
         tell(str(tally))
+    elif tally.unchanged and not options.json:
+        tell("1 clip, unchanged")
     return WRONG_INPUT if tally.failed else OK

@@ -51,7 +51,12 @@ class Parser(argparse.ArgumentParser):
         return f"there is no flag {flag}" + (f", did you mean {close[0]}?" if close else "")
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and a hint."""
+        """Print the message and a hint; of a word that is none of several, the nearest of them."""
+        wrong = re.fullmatch(r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message)
+        if wrong is not None:
+            close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
+            if close:
+                message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
         self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
