@@ -80,6 +80,9 @@ def _odd(done: Gathered, options: argparse.Namespace) -> None:
     for name, count in done.lacking.items():
         said = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
         odd(said, f"render or export them with {name}, or leave it out of --format")
+    if done.uneven is not None and options.layout == "webdataset":
+        said = f"holds clips with different files, e.g. {done.uneven}: Hugging Face's loader makes no columns of them"
+        odd(said, "choose what all have with --format, or read the shards with webdataset")
     empty = [name for name, count in done.counts.items() if not count.clips]
     if empty:
         photos = sum(len(count.photos) for count in done.counts.values())

@@ -40,6 +40,17 @@ def test_formats_that_no_clip_has_or_some_lack_are_told(clips: Path, tmp_path: P
     assert 'holds a data set with formats ["depth", "order"], not all' in capsys.readouterr().err
 
 
+def test_shards_whose_clips_have_different_files_are_told(clips: Path, tmp_path: Path, capsys) -> None:
+    one = ["dataset", str(clips / "one"), "-o", str(tmp_path / "even"), "--layout", "webdataset"]
+    assert main(one) == 0
+    assert "different files" not in capsys.readouterr().err
+    assert "which they have not here" not in (tmp_path / "even/README.md").read_text()
+    both = ["dataset", str(clips), "-o", str(tmp_path / "uneven"), "--layout", "webdataset"]
+    assert main(both) == 0
+    assert f"holds clips with different files, e.g. {clips / 'two'}" in capsys.readouterr().err
+    assert "which they have not here" in (tmp_path / "uneven/README.md").read_text()
+
+
 def test_strays_are_named(clips: Path, tmp_path: Path, capsys) -> None:
     data = tmp_path / "data"
     assert main(["dataset", str(clips), "-o", str(data), "--split", "train=1"]) == 0

@@ -61,6 +61,8 @@ class Gathered:
     """Clips that lie there and are not of this data set."""
     stray: Path | None
     """One of them."""
+    uneven: Path | None
+    """A clip that has not the files of the first one."""
     silent: Path | None
     """A clip without a caption."""
     lacking: Mapping[str, int]
@@ -92,7 +94,15 @@ def gather(
     except BaseException:
         layout.drop()
         raise
-    text = card(asked.layout, counts, asked.splits, sorted(seen.formats), command, _shards(files))
+    text = card(
+        asked.layout,
+        counts,
+        asked.splits,
+        sorted(seen.formats),
+        command,
+        _shards(files),
+        seen.uneven is not None,
+    )
     write_whole(out / "README.md", text.encode())
     told = {name: _count(count) for name, count in counts.items()}
     write_whole(out / NAME, _json({**asked.settings(), "physgen": __version__, "counts": told}))
@@ -101,7 +111,16 @@ def gather(
     lacking = {name: total - seen.formats[name] for name in asked.formats if seen.formats[name] < total}
     page = out / "README.md"
     return Gathered(
-        counts, layout.made, layout.kept, left_out, strays, stray, seen.silent, lacking, [page, *files]
+        counts,
+        layout.made,
+        layout.kept,
+        left_out,
+        strays,
+        stray,
+        seen.uneven,
+        seen.silent,
+        lacking,
+        [page, *files],
     )
 
 
@@ -112,6 +131,9 @@ class _Seen:
     formats: Counter[str] = field(default_factory=Counter)
     """How many have labels of each."""
     silent: Path | None = None
+    names: frozenset[str] | None = None
+    """Of the first clip's files."""
+    uneven: Path | None = None
 
 
 def _added(
@@ -145,6 +167,10 @@ def _added(
         layout.add(one)
         counts[one.split].add(one)
         seen.formats.update(one.about["labels"])
+        names = frozenset(member.name for member in one.members)
+        seen.names = seen.names or names
+        if names != seen.names and seen.uneven is None:
+            seen.uneven = one.folder
         if not one.caption and seen.silent is None:
             seen.silent = one.folder
         progress(number + 1)
