@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from batch_tables import batch_table, kills_table
 from growth import KINDS, exponent
 
 from physgen.evaluate import fidelity
@@ -69,7 +70,9 @@ def page() -> str:
         ("start", _start),
         ("check", _check),
         ("gallery", _gallery),
+        ("batch", batch_table),
         ("cluster", _cluster),
+        ("kills", kills_table),
         ("growth", _growth),
         ("segmentation", _segmentation),
         ("prompts", _prompts),

@@ -27,6 +27,7 @@ FLOORS = {
         "pictures",
         "framing",
         "showing",
+        "stopping",
         "urls",
         "tables",
     ),

@@ -27,3 +27,9 @@ def test_masses_on_the_page_are_those_of_its_rows() -> None:
     true = {item.name: item.mass for item in read_table(SHIPPED).weighed}
     near = sum(abs(kept["answers"][name]["mass"] / mass - 1) <= 0.3 for name, mass in true.items())
     assert f"{near} of {len(true)} masses to within 30 %" in (ROOT / "docs" / "properties.md").read_text()
+
+
+def test_the_page_of_all_measures_is_what_their_json_says() -> None:
+    code = "import sys; sys.path.insert(0, 'benchmarks'); import how_good; sys.stdout.write(how_good.page())"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (ROOT / "docs" / "how-good.md").read_text() == run.stdout

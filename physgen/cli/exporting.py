@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from physgen.cli.jobs import refuse_twins, variants_of
+from physgen.cli.making import Shown, make_all
 from physgen.cli.printing import tell
-from physgen.cli.rendering import Shown, make_all, refuse_twins, variants_of
 from physgen.problems import InputError
 
 

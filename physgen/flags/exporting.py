@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.values import count, names, of, two_sides
+from physgen.flags.values import DEVICES, count, names, of, two_sides
 
-DEVICES = ("cpu", "cuda")
 NAMES = (
     "frames", "flo", "kitti", "wheel", "tapvid", "order", "depth", "normals", "albedo", "shading", "coco", "davis",
     "youtubevos", "mot", "mots", "events", "trajectory", "conditioning", "physics",

@@ -10,6 +10,8 @@ from typing import Any
 
 from physgen.problems import InputError
 
+DEVICES = ("cpu", "cuda")
+"""What draws frames."""
 FORMATS = ("mp4", "gif", "webp", "png")
 CURVES = ("x", "y", "speed", "angle")
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from physgen import __version__
 from physgen.problems import InputError
+from physgen.report.became import became
 from physgen.report.cards import KINDS, Pictured, card, link, told
 from physgen.report.clips import Clip, clips_in
 from physgen.report.leftovers import sweep
@@ -96,17 +97,21 @@ def gallery_page(
     clips: Sequence[Clip], shots: Sequence[Pictured], home: Path, title: str, single: bool = False
 ) -> str:
     """The HTML; paths are relative to `home`."""
-    keys = swept(clips)
+    keys, ends = swept(clips), became(clips)
     parts = [resource("templates", "gallery", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
     alike = {name for name, count in Counter(clip.name for clip in clips).items() if count > 1}
     cards = [
         card(k, clip, shot, keys, home, clip.name in alike, single)
         for k, (clip, shot) in enumerate(zip(clips, shots, strict=True))
     ]
+    for k, shown in enumerate(cards):
+        if ends:
+            shown["data"]["became"] = [_rounded(end.values[k]) for end in ends]
     labels = Counter(label for clip in clips for label in clip.labels)
     data = {
         "clips": [shown.pop("data") for shown in cards],
         "keys": [_axis(key) for key in keys],
+        "became": [{"path": f"={end.column}", "name": end.name, "unit": end.unit} for end in ends],
         "grid": _is_sheet(keys, len(clips)),
         "single": single,
     }
@@ -130,6 +135,11 @@ def gallery_page(
         version=__version__,
     )
     return page
+
+
+def _rounded(value: float | None) -> float | None:
+    """As the page writes it."""
+    return None if value is None else float(f"{value:.6g}")
 
 
 def _title(names: Sequence[str]) -> str:

@@ -194,6 +194,24 @@ def _late() -> Callable[..., object]:
     return found
 
 
+@pytest.mark.parametrize("name", ["pipe.physgen", "pipe.yaml"])
+def test_a_pipe_for_a_scene_keeps_nobody_waiting(
+    name: str, lesson: Path, render: Render, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe = lesson.with_name(name)
+    os.mkfifo(pipe)  # nobody writes into it
+    out = lesson.parent / "pipes"
+    assert main(["render", str(pipe), str(lesson), "-o", str(out), "--report", "none"]) == 2
+    assert "pipe" in capsys.readouterr().err
+    assert (out / "lesson" / "manifest.json").is_file()
+    assert main(["verify", str(out), "--scene", str(pipe)]) == 2
+    film = out / "lesson" / "video.mp4"
+    film.unlink()
+    os.mkfifo(film)
+    assert main(["render", str(lesson), "-o", str(out), "--report", "none"]) == 0
+    assert film.is_file()
+
+
 def test_whatever_goes_wrong_in_one_clip_the_others_are_made(
     lesson: Path, render: Render, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
@@ -201,10 +219,10 @@ def test_whatever_goes_wrong_in_one_clip_the_others_are_made(
 
     lint = clip.lint
 
-    def broken(scene, compiled):
+    def broken(scene, compiled, maps):
         if scene.name.endswith("light"):
             raise IndexError("no such thing")
-        return lint(scene, compiled)
+        return lint(scene, compiled, maps)
 
     monkeypatch.setattr(clip, "lint", broken)
     ended = render(lesson, "--variant", "all", code=2)
