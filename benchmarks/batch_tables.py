@@ -13,11 +13,23 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
     """Throughput, what a clip costs beside its stages, a second run, memory, Ctrl-C, `--watch`."""
     found = {name: part for row in rows for name, part in row.items()}
     one, two, ratio = found["throughput"]
-    beside, again, stopped = found["beside"], found["again"], found["stopped"]
+    beside, stopped = found["beside"], found["stopped"]
     stages = ", ".join(f"{name} {ms:g}" for name, ms in beside["stages"].items())
     slowest = max(found["watched"], key=lambda row: row["seconds"])
     middle = sorted(row["seconds"] for row in found["watched"])[len(found["watched"]) // 2]
     ways = [[row["jobs"], row["rate"], row["cpu"]] for row in (one, two)]
+    again, parent = [], []
+    if "again" in found:  # parts that have not been run are left out
+        again = _prose(
+            f"A run that finds all of {found['again']['clips']} clips there: {found['again']['wall']} s, its gallery",
+            "included (the bar is 5).",
+        )
+    if "parent" in found:
+        parent = [
+            "Memory of the process that hands out the work, at its peak, for sweeps of a tiny scene:",
+            "",
+            *_table(["clips", "MiB"], [[row["clips"], row["mib"]] for row in found["parent"]]),
+        ]
     return [
         "## Batches",
         "",
@@ -39,15 +51,7 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
             f"(the bar is 5): {stages}.",
         ),
         "",
-        *_prose(
-            f"A run that finds all of {again['clips']} clips there: {again['wall']} s, its gallery included",
-            "(the bar is 5).",
-        ),
-        "",
-        "Memory of the process that hands out the work, at its peak, for sweeps of a tiny scene:",
-        "",
-        *_table(["clips", "MiB"], [[row["clips"], row["mib"]] for row in found["parent"]]),
-        "",
+        *(line for part in (again, parent) if part for line in (*part, "")),
         *_prose(
             f"Ctrl-C, {stopped['times']} times, while two processes draw: {stopped['median']} s to the end in the",
             f"middle, {stopped['most']} s at most (the bar is 2). `--watch --preview`, from the save of another push",

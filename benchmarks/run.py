@@ -8,7 +8,6 @@
     python benchmarks/run.py device          # what draws frames: OpenCV, torch on the processor, torch on a GPU if any
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
-    python benchmarks/run.py sizes           # the part of it that counts bytes, anew; a minute
     python benchmarks/run.py cluster         # a Dask cluster against processes, and a worker killed midway
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
@@ -39,7 +38,7 @@ from pathlib import Path
 import cv2
 import fid_page
 import numpy as np
-from batch import batch, sizes
+from batch import batch
 from cluster import cluster
 from dataset_shards import datasets
 from fid import fid
@@ -307,13 +306,6 @@ def encoder(folder: Path) -> list[dict]:
     return presets(ROOT / "scenes" / "billiards" / "scene.yaml")
 
 
-def bytes_of_clips(folder: Path) -> list[dict]:
-    """What is in benchmarks/results/batch.json, with the bytes of a clip's files as they are now."""
-    path = RESULTS / "batch.json"
-    rows = json.loads(path.read_text())["rows"] if path.exists() else []
-    return [*(row for row in rows if "sizes" not in row), {"sizes": sizes()}]
-
-
 PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
@@ -326,23 +318,20 @@ PARTS |= {
     "labels": labels,
     "datasets": datasets,
     "cluster": cluster,
-    "sizes": bytes_of_clips,
     "fid": fid,
 }
-AMONG = {"rivals": "physics", "sizes": "batch"}
-"""Parts whose figures stand among those of another."""
 MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
 PARTS |= MEASURES
 
 
 def main(names: list[str]) -> None:
     RESULTS.mkdir(exist_ok=True)
-    for name in names or [name for name in PARTS if name != "sizes"]:
+    for name in names or PARTS:
         with tempfile.TemporaryDirectory() as folder:
             rows = PARTS[name](Path(folder))
         machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
         result = {"machine": machine, "rows": rows}
-        file = AMONG.get(name, name)
+        file = "physics" if name == "rivals" else name
         (RESULTS / f"{file}.json").write_text(json.dumps(result, indent=1) + "\n")
     if (RESULTS / "growth.json").exists():
         rows = json.loads((RESULTS / "growth.json").read_text())["rows"]

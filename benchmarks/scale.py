@@ -67,17 +67,14 @@ def figures(batch: Mapping[str, Any], cluster: Mapping[str, Any]) -> dict[str, A
         "busy": int(handing[most] ** -1 / core),
         "sizes": sizes,
         "bytes": sum(sizes[name] for name in BY_CLIP) * CLIPS,
-        "parent": [(row["clips"], row["mib"]) for row in batch["parent"]],
-        "again": batch["again"]["wall"] / batch["again"]["clips"] * CLIPS,
+        "parent": [(row["clips"], row["mib"]) for row in batch.get("parent", ())],
+        "again": batch["again"]["wall"] / batch["again"]["clips"] * CLIPS if "again" in batch else None,
     }
 
 
 def page() -> str:
     batch, cluster = result("batch"), result("cluster")
-    if (
-        not {"throughput", "sizes", "parent", "again"} <= batch.keys()
-        or not {"local", "handing"} <= cluster.keys()
-    ):
+    if not {"throughput", "sizes"} <= batch.keys() or not {"local", "handing"} <= cluster.keys():
         return HEAD + MISSING
     return HEAD + _told(figures(batch, cluster))
 
@@ -93,14 +90,12 @@ def _told(f: Mapping[str, Any]) -> str:
         ),
         ("**the run takes**", f"**{time(f['wall'])}**", f"the longer of the two: {bound}"),
         ("CPU of all cores", time(f["cpu"]), ""),
-        (
-            "the same command again, nothing to do",
-            time(f["again"]),
-            "two processes compare files with their hashes",
-        ),
     ]
+    if f["again"] is not None:
+        whence = "two processes compare files with their hashes"
+        rows.append(("the same command again, nothing to do", time(f["again"]), whence))
     sizes = [(name, f"{size:,}", data(size * CLIPS)) for name, size in f["sizes"].items()]
-    fewest, most = f["parent"][0], f["parent"][-1]
+    held = [f"{mib:g} MiB at {clips:,} clips" for clips, mib in f["parent"]]
     return "\n".join(
         [
             "",
@@ -135,7 +130,7 @@ def _told(f: Mapping[str, Any]) -> str:
             "",
             f"No more than {AHEAD} clips a worker are ahead of the oldest unfinished one, {AHEAD * CORES:,} here, so",
             "neither the scheduler nor the process that hands out holds more than these, however many there are.",
-            f"Measured: that takes {fewest[1]:g} MiB at {fewest[0]:,} clips and {most[1]:g} MiB at {most[0]:,}.",
+            *([f"Measured, with two processes: {', '.join(held)}."] if held else []),
             "The scheduler sees one task a parcel:",
             f"{CLIPS // f['together']:,} tasks in all, {CLIPS / f['together'] / f['wall']:.3g} a second.",
             "",

@@ -50,4 +50,5 @@ def pictured(moved: F32, full: float | None) -> U8:
     if full is None:
         full = float(speed.max()) + TINY
     held = np.minimum(1.0, full / np.maximum(speed, TINY)).astype(np.float32)
-    return coloured(moved * held[..., None], full)
+    bgr = coloured(moved * held[..., None], full)
+    return np.ascontiguousarray(bgr[..., ::-1])
