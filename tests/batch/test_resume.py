@@ -123,7 +123,7 @@ def test_warnings_of_a_clip_that_is_there_are_told_again(lesson: Path, capsys) -
         assert main(["render", str(lesson), "-o", str(lesson.parent / "out")]) == 0
         told.append(capsys.readouterr().err)
     assert "warning" in told[0]
-    assert told[1] == told[0]
+    assert told[1] == told[0] + "1 clip, unchanged\n"
 
 
 def test_a_failure_is_a_line_and_a_trace_and_stops_nobody(lesson: Path, render: Render, capsys) -> None:

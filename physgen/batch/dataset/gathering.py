@@ -167,9 +167,9 @@ def _added(
         layout.add(one)
         counts[one.split].add(one)
         seen.formats.update(one.about["labels"])
-        names = frozenset(member.name for member in one.members)
-        seen.names = seen.names or names
-        if names != seen.names and seen.uneven is None:
+        files = frozenset(member.name for member in one.members)
+        seen.names = seen.names or files
+        if files != seen.names and seen.uneven is None:
             seen.uneven = one.folder
         if not one.caption and seen.silent is None:
             seen.silent = one.folder
