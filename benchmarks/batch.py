@@ -1,7 +1,7 @@
 """Many clips: throughput with one and two processes, what each costs beside its stages, a second run, memory.
 
     python benchmarks/run.py batch           # some 25 minutes on an idle machine
-    python benchmarks/batch.py throughput    # a part of it, printed
+    python benchmarks/batch.py throughput    # a part of it, kept with the others
 
 Clips are variants of a bundled scene, 16 frames of 256 px; runs with one and with two processes take turns.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import resource
 import shutil
 import signal
@@ -173,6 +174,31 @@ def parent(counts: tuple[int, ...] = (100, 1000, 10000)) -> list[dict]:
     return rows
 
 
+def sizes(clips: int = 8) -> list[dict]:
+    """Bytes a clip, file by file, the mean of some; reports and pictures of a gallery, too."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        flags = [f"forces[0].impulse[0]=900:{899 + clips}:{clips}", *sets(*SMALL)]
+
+        def mean(out: str, *files: str) -> int:
+            found = [path for file in files for path in (folder / out).glob(file)]
+            return round(sum(path.stat().st_size for path in found) / clips)
+
+        for report in ("none", "plain", "full"):
+            command = physgen("sweep", str(SCENE), *flags, "-o", str(folder / report), "--report", report)
+            timed(command, folder / "cache")
+        lines = (folder / "none" / "sweep.csv").read_bytes().splitlines(keepends=True)
+        told = {name: mean("none", f"*/{name}") for name in ("video.mp4", "trajectory.npz", "manifest.json")}
+        told |= {
+            "a row of sweep.csv": round(sum(map(len, lines[1:])) / clips),
+            "report.html, plain": mean("plain", "*/report.html"),
+            "report.html, full": mean("full", "*/report.html"),
+            "pictures for a gallery": mean("none", "index.files/*"),
+            "its part of index.html": mean("none", "index.html"),
+        }
+    return [{"file": file, "bytes": size} for file, size in told.items()]
+
+
 def stopped(times: int = 10) -> dict:
     """Seconds from Ctrl-C to the end of two processes that draw."""
     took = []
@@ -249,9 +275,19 @@ def batch(folder: Path) -> list[dict]:
         {"parent": parent()},
         {"stopped": stopped()},
         {"watched": watched()},
+        {"sizes": sizes()},
     ]
+
+
+def kept(name: str) -> None:
+    """One part measured anew, in the committed results of all."""
+    path = ROOT / "benchmarks" / "results" / "batch.json"
+    result = json.loads(path.read_text()) if path.exists() else {"rows": []}
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+    rows = [row for row in result["rows"] if name not in row] + [{name: globals()[name]()}]
+    path.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
 
 
 if __name__ == "__main__":
     for part in sys.argv[1:]:
-        print(json.dumps(globals()[part](), indent=1))
+        kept(part)

@@ -24,10 +24,11 @@ from PIL import Image
 from pycocotools import mask as coco
 
 from physgen import pipeline
-from physgen.export import writing
+from physgen.export import conditioning, writing
 from physgen.export.motion import Moment
 from physgen.percepts.maps import write_assets
 from physgen.photometry import decode, sphere_normals
+from physgen.report.video import open_video
 
 BAR = 1.2
 """Times what the encoders take."""
@@ -41,6 +42,7 @@ ENCODERS: list[tuple[object, str]] = [
     (zipfile._ZipWriteFile, "write"),
     (Image.Image, "save"),
     (coco, "frPyObjects"),
+    (conditioning, "copyfile"),
 ]
 REPEAT = 3
 SHARED = "what they share"
@@ -53,6 +55,10 @@ class Clock:
         self.whole: Counter[str] = Counter()
         self.encoding: Counter[str] = Counter()
         self._format, self._depth = "", 0
+        self.again = 0.0
+        """s that files took which hold what was encoded for another: alone, each takes its own."""
+        self._files: dict[int, tuple[object, float]] = {}
+        self._written: set[int] = set()
 
     @contextmanager
     def of(self, name: str) -> Iterator[None]:
@@ -69,13 +75,29 @@ class Clock:
             self._depth += 1
             begun = time.thread_time()
             try:
-                return encode(*args, **named)
+                made = encode(*args, **named)
             finally:
                 self._depth -= 1
+                took = time.thread_time() - begun
                 if not self._depth and self._format:
-                    self.encoding[self._format] += time.thread_time() - begun
+                    self.encoding[self._format] += took
+            if isinstance(made, tuple):  # `imencode`: the array is kept, so that no other has its id
+                self._files[id(made[1])] = made[1], took
+            elif len(args) == 2 and isinstance(args[1], memoryview) and id(args[1].obj) in self._files:
+                here = id(args[1].obj)
+                self.again += self._files[here][1] if here in self._written else 0.0
+                self._written.add(here)
+            return made
 
         return run
+
+    @contextmanager
+    def filmed(self, *args: object) -> Iterator[Callable]:
+        """`open_video`, whose frames and whose end are an encoder's."""
+        with ExitStack() as held:
+            write = held.enter_context(open_video(*args))
+            yield self.timed(write)
+            self.timed(held.close)()
 
 
 class Timed:
@@ -101,7 +123,7 @@ class Shared:
 
     def add(self, moment: Moment) -> None:
         with self._clock.of(SHARED):
-            _ = moment.view.boxes, moment.view.jpeg, moment.forward, moment.backward
+            _ = moment.view.boxes, moment.view.jpeg, moment.view.png, moment.forward, moment.backward
 
     def close(self) -> None:
         """Nothing is written."""
@@ -149,6 +171,7 @@ def run(scene: Path, out: Path) -> list[dict]:
 
     with ExitStack() as held:
         held.enter_context(patch.object(writing, "written", on_the_clock))
+        held.enter_context(patch.object(conditioning, "open_video", clock.filmed))
         for home, name in ENCODERS:
             held.enter_context(patch.object(home, name, clock.timed(getattr(home, name))))
         done = pipeline.render_scene(
@@ -158,6 +181,7 @@ def run(scene: Path, out: Path) -> list[dict]:
             formats=(),
             page=pipeline.Page.NONE,
             export=names,
+            cached=False,
         )
     rows = []
     for name in names:
@@ -172,7 +196,9 @@ def run(scene: Path, out: Path) -> list[dict]:
         "files": sum(row.get("files", 0) for row in rows),
         "mb": round(sum(r.get("mb", 0) for r in rows), 1),
     }
-    return [*rows, _row("all", whole, encoding) | total | {"bar": BAR}]
+    alone = encoding + clock.again
+    total |= {"alone": round(1000 * alone / FRAMES, 2), "times_alone": round(whole / alone, 2), "bar": BAR}
+    return [*rows, _row("all", whole, encoding) | total]
 
 
 def _row(name: str, whole: float, encoding: float) -> dict:

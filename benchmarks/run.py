@@ -12,8 +12,11 @@
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
+    python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some 15 minutes
+    python benchmarks/run.py datasets        # very many tiny clips into shards: time and memory
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
     python benchmarks/run.py plausibility    # right clips told from wrong ones, our scenes, and docs/plausibility.md
+    python benchmarks/run.py properties controllability runtime    # the paper's measures of that name, and their pages
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
@@ -34,20 +37,27 @@ from functools import partial
 from pathlib import Path
 
 import cv2
+import fid_page
 import numpy as np
 from batch import batch
 from cluster import cluster
+from dataset_shards import datasets
+from fid import fid
 from frames import frames as frame_rows
 from frames import presets
 from gallery import gallery
 from growth import growth, plot
 from kills import kills
 from labels import labels
+from measures import controllability, properties, runtime
+from measures import page as measure_page
 from perceiving import perceiving
 from percepts import percepts
 from plausible import plausibility
 from prompts import prompts
 from refine import refining
+from scale import PAGE
+from scale import page as scale_page
 from segments import segmentation
 from tables import RESULTS, fidelity_page, page, physics_page, plausibility_page
 
@@ -308,9 +318,13 @@ PARTS |= {
     "batch": batch,
     "kills": kills,
     "labels": labels,
+    "datasets": datasets,
     "cluster": cluster,
     "plausibility": plausibility,
+    "fid": fid,
 }
+MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
+PARTS |= MEASURES
 
 
 def main(names: list[str]) -> None:
@@ -326,12 +340,19 @@ def main(names: list[str]) -> None:
         rows = json.loads((RESULTS / "growth.json").read_text())["rows"]
         (ROOT / "docs" / "growth.svg").write_text(plot(rows))
     (ROOT / "docs" / "benchmarks.md").write_text(page())
+    PAGE.write_text(scale_page())
     if (RESULTS / "physics.json").exists():
         (ROOT / "docs" / "physics.md").write_text(physics_page())
     if (RESULTS / "fidelity.json").exists():
         (ROOT / "docs" / "fidelity.md").write_text(fidelity_page())
     if (RESULTS / "plausibility.json").exists():
         (ROOT / "docs" / "plausibility.md").write_text(plausibility_page())
+    if (RESULTS / "fid.json").exists():
+        text, result = fid_page.PAGE.read_text(), json.loads((RESULTS / "fid.json").read_text())
+        fid_page.PAGE.write_text(fid_page.page(text, result))
+    for name in MEASURES:
+        if (RESULTS / f"{name}.json").exists():
+            (ROOT / "docs" / f"{name}.md").write_text(measure_page(name))
     print(page())
 
 

@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 
 import plausible_page
+from batch_tables import batch_table, kills_table
 from growth import KINDS, exponent
 
 from physgen.evaluate import fidelity
@@ -66,10 +67,13 @@ def page() -> str:
         ("encoder", _encoder),
         ("device", _device),
         ("labels", _labels),
+        ("datasets", _datasets),
         ("start", _start),
         ("check", _check),
         ("gallery", _gallery),
+        ("batch", batch_table),
         ("cluster", _cluster),
+        ("kills", kills_table),
         ("growth", _growth),
         ("segmentation", _segmentation),
         ("prompts", _prompts),
@@ -296,6 +300,14 @@ def _device(rows: list[dict]) -> list[str]:
 def _labels(rows: list[dict]) -> list[str]:
     keys = ("ms", "encoding", "times", "bar", "files", "mb")
     body = [[row["format"], *(row.get(key, "") for key in keys)] for row in rows]
+    alone = []
+    if "alone" in (whole := rows[-1]):
+        alone = [
+            "What several files hold alike (the frame as PNG and as JPEG, flow, depth) is encoded once. If each file",
+            f"had its encoder alone, these would take {whole['alone']} ms a frame: all together take",
+            f"{whole['times_alone']} times that, with a bar of {whole['bar']}.",
+            "",
+        ]
     return [
         "## Ground truth",
         "",
@@ -304,7 +316,22 @@ def _labels(rows: list[dict]) -> list[str]:
         "What several formats read (flow, ids, where things are), and what is filled in behind things once for the",
         "clip, is shared.",
         "",
+        *alone,
         *_table(["format", "CPU, ms", "encoders, ms", "times", "bar", "files", "MB"], body),
+        "",
+    ]
+
+
+def _datasets(rows: list[dict]) -> list[str]:
+    keys = ("clips", "files", "shards", "mb", "written", "unchanged", "mib", "idle_mib")
+    heads = ["clips", "files", "shards", "MB", "written, ms a clip", "there already", "MiB", "MiB before"]
+    return [
+        "## Data sets",
+        "",
+        "Tiny clips with events and masks gathered into WebDataset shards, and once more when they are there: CPU",
+        "ms a clip, and the most memory that the process held.",
+        "",
+        *_table(heads, [[row[key] for key in keys] for row in rows]),
         "",
     ]
 

@@ -76,6 +76,7 @@ class Backend:
 
 _HERE = "physgen.perceive.backends"
 _REFINE = "physgen.refine.backends"
+_EVALUATE = "physgen.evaluate.backends"
 
 _TRANSFORMERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "transformers")}
 _DIFFUSERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "diffusers", "transformers")}
@@ -181,6 +182,22 @@ BACKENDS: tuple[Backend, ...] = (
     Backend("refine", "cogvideox", f"{_REFINE}.cogvideox:cogvideox",
             "CogVideoX retouches the video, 49 frames at a time.",
             weights=(Weights("zai-org/CogVideoX-2b", "14 GB", "Apache-2.0"),), **_DIFFUSERS),
+    Backend("features", "bank", f"{_EVALUATE}.features_bank:bank",
+            "Colours and edges in fields of a picture, for evaluate fid; NOT what published FIDs are made of."),
+    Backend("features", "inception", f"{_EVALUATE}.features_inception:inception",
+            "The Inception network of published FIDs, from its TorchScript file.", extra="models", needs=("torch",),
+            weights=(Weights("", "0.1 GB", "Apache-2.0",
+                             "save inception-2015-12-05.pt, from whom you trust (it is a program), "
+                             "write --features inception:PATH"),)),
+    Backend("features", "module", f"{_EVALUATE}.features_module:own",
+            "Anybody's function from pictures to features: module:PACKAGE.MODULE:FACTORY, or module:FILE.py:FACTORY.",
+            told=True),
+    Backend("flow", "dis", f"{_EVALUATE}.flow_dis:dis",
+            "Dense Inverse Search, OpenCV's, for evaluate fid."),
+    Backend("flow", "raft", f"{_EVALUATE}.flow_raft:raft",
+            "RAFT, torchvision's.", extra="raft", needs=("torch", "torchvision"),
+            weights=(Weights("", "20 MB", "BSD-3-Clause",
+                             "save torchvision's raft_large_C_T_SKHT_V2-ff5fadd5.pth, write --flow raft:PATH"),)),
 )  # fmt: skip
 """In each role, the first row is the default."""
 

@@ -45,7 +45,7 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
 }
 """Profiles that are always there: role -> backend; the roles that they leave out have their defaults."""
 SWITCHES = {"keep": bool, "fallback": bool, "device": str, "dtype": str, "profile": str}
-PROGRAMS = ("lama",)
+PROGRAMS = ("lama", "inception", "module")
 """Backends whose weights are a program."""
 OURS = f"say it on the command line, with --config, or in ~/.config/physgen/{NAME}"
 DTYPES = ("auto", "float32", "float16", "bfloat16")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePath
@@ -87,6 +87,14 @@ class Problem:
             "fix": self.fix,
             "severity": self.severity.value,
         }
+
+
+Warn = Callable[[Problem], None]
+"""Told of everything that is allowed and probably not meant."""
+
+
+def unheard(problem: Problem) -> None:
+    """Warnings that nobody reads."""
 
 
 def by_place(problems: Iterable[Problem]) -> list[Problem]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from physgen.whole import set_aside
 
 NAME = "sweep.json"
 TABLES = ("sweep.csv", "sweep.parquet")
+MOST_COMPARED = 1000
+"""Rows of the table that is there, that are looked for in the new one."""
 FILES_OF_OURS = (NAME, *TABLES)
 LEAD = (
     Column("number", Kind.WHOLE),
@@ -97,11 +100,26 @@ def sweep_of(told: Mapping[str, Any]) -> Sweep:
     return Sweep(axes, tuple(told["variants"]), told["samples"], told["seed"], Design(told["design"]))
 
 
-def begun(folder: Path, told: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
-    """Writes `sweep.json`; the warning that clips of another sweep lie there, too. Raises InputError.
+@dataclass(frozen=True)
+class Begun:
+    """What the folder held before."""
 
-    Nothing of the user's is written over: a `sweep.json` or table that is not ours is refused. What a power cut left of
-    one that was ours is no reason to stop; where it says anything, it is kept as `NAME~`.
+    warnings: Sequence[Problem] = ()
+    kept: Sequence[Path] = ()
+    """Tables of another sweep, under the names that they have now."""
+
+
+def begun(
+    folder: Path,
+    told: Mapping[str, Any],
+    sweep: Sweep,
+    bring: Callable[[Sequence[str]], None] = lambda names: None,
+) -> Begun:
+    """Writes `sweep.json`; warns that other clips lie there, too. Raises InputError.
+
+    Nothing of the user's is written over: a `sweep.json` or table that is not ours is refused, and a table of ours with
+    rows that the new one will not have is kept as `NAME~`; `bring` fetches it where the folder stands for another. What
+    a power cut left of one that was ours is no reason to stop; where it says anything, it is kept, too.
     """
     before = read_asked(folder)
     if folder.exists() and not folder.is_dir():
@@ -117,18 +135,35 @@ def begun(folder: Path, told: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
         changed = bool(there)
     else:
         changed = any(before.get(key) != value for key, value in core(sweep).items())
-    if changed:
+    if changed or (before is None and folder.is_dir()):
         strange = [
             p.name for p in folder.iterdir() if (p / "manifest.json").is_file() and not sweep.find(p.name)
         ]
         if strange:
             many = f"{len(strange)} clip{'s' * (len(strange) != 1)}"
-            found = f"holds {many} of another sweep, {sorted(strange)[0]} among them"
-            fix = "they stay, and the gallery shows them; another -o keeps sweeps apart"
+            whose = "of another sweep" if changed else "of no sweep"
+            found = f"holds {many} {whose}, {sorted(strange)[0]} among them"
+            fix = "they stay, and the gallery shows them; another -o keeps them apart"
             warnings.append(Problem(Place(str(folder)), "", "", found, fix, Severity.WARNING))
+    kept: list[Path] = []
+    if before is not None and changed and not _goes_on(before, sweep):
+        bring(TABLES)
+        for name in TABLES:
+            set_aside(folder / name, kept.append)
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / NAME, told)
-    return warnings
+    return Begun(warnings, kept)
+
+
+def _goes_on(before: Mapping[str, Any], sweep: Sweep) -> bool:
+    """Whether all rows of the table that is there are in the new one, too: of the first ones and the last."""
+    try:
+        old = sweep_of(before)
+    except (KeyError, TypeError, ValueError, InputError):
+        return False
+    some = {*range(min(len(old), MOST_COMPARED)), len(old) - 1}
+    pairs = ((point, sweep.find(point.name)) for point in map(old.__getitem__, sorted(some)))
+    return all(now is not None and now.overrides == point.overrides for point, now in pairs)
 
 
 def _mended(path: Path) -> Problem:

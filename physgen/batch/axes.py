@@ -20,6 +20,9 @@ from physgen.problems import InputError, Place, Problem
 from physgen.scene.overlay import parse_key
 from physgen.scene.words import Path, quoted
 
+STARS = {"*", "[*]"}
+"""Parts of a key that stand for several."""
+_EACH = re.compile(r"\s*~\s*each\s+(.*)", re.DOTALL).fullmatch
 EXAMPLE = "objects.ball.mass=100,200"
 
 
@@ -93,6 +96,8 @@ class Drawn(Key):
     """Values by a distribution."""
 
     distribution: Distribution
+    each: bool = False
+    """The key's stars stand for draws of their own: see `batch.each`."""
 
     @cached_property
     def kind(self) -> Kind:
@@ -153,6 +158,10 @@ def _whole(pieces: Sequence[str]) -> Axis:
     if not values.strip():
         raise _wrong(argument, "has no values", f"write e.g. {EXAMPLE}; null takes a key away")
     try:
+        if each := _EACH(values):
+            if not STARS & set(parse_key(key) or ()):
+                raise WrongError("is one key, and has one draw as it is", f"write {key}=~{each[1].strip()}")
+            return Drawn(key, argument, draws.read(f"~{each[1].strip()}"), each=True)
         if values.lstrip().startswith("~"):
             return Drawn(key, argument, draws.read(values.strip()))
         if (call := re.match(r"\s*([\w-]+)\s*\(", values)) and re.sub("[-_]", "", call[1]) in draws.FORMS:
@@ -206,7 +215,7 @@ def _clashes(axes: Sequence[Axis]) -> Iterator[Problem]:
                 fix = f"write one argument: {later.key}=VALUE,VALUE; a shell makes several of {{VALUE,VALUE}}"
                 yield Problem(later.place, "", "", f"sets a key that {former.place} sets already", fix)
                 break
-            if _covers(later.path, former.path):
+            if covers(later.path, former.path):
                 fix = "keep one of them, or set the parts of the one"
                 yield Problem(later.place, "", "", f"leaves nothing of {former.place}", fix)
                 break
@@ -217,7 +226,7 @@ def same_key(axis: Axis) -> str:
     return ".".join(map(_bare, axis.path))
 
 
-def _covers(later: Path, former: Path) -> bool:
+def covers(later: Path, former: Path) -> bool:
     """Whether all that the former key names lies within what the later one does."""
     pairs = zip(map(_bare, later), map(_bare, former), strict=False)
     return len(later) <= len(former) and all(a in ("*", b) for a, b in pairs)

@@ -6,10 +6,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
-from math import isfinite
+from functools import cached_property
+from math import inf, isfinite
 from typing import Protocol
 
-from physgen.batch.quantiles import between, normal
+from physgen.batch.quantiles import below, between, normal
 from physgen.batch.values import SplitError, Value, WrongError, numeric, of, split, yaml
 from physgen.problems import InputError
 from physgen.scene.words import listed, nearest
@@ -21,6 +22,10 @@ FORMS = {
     "integers": "~integers(1, 6)",
     "choice": "~choice(disc, hoop)",
 }
+FAR = 37.0
+"""Standard deviations from the mean beyond which nothing is drawn."""
+LEAST = 1e-300
+"""Of the bell, that must lie within its bounds."""
 _CALL = re.compile(r"~\s*([\w-]*)\s*(?:\((.*)\))?", re.DOTALL).fullmatch
 
 
@@ -70,6 +75,40 @@ class Normal:
 
 
 @dataclass(frozen=True)
+class Within:
+    """The bell about a mean, of which only what lies between two bounds is drawn; one of them may be infinite."""
+
+    mean: float
+    deviation: float
+    """Standard deviation, of the whole bell."""
+    low: float
+    high: float
+
+    def at(self, share: float) -> Value:
+        """See Distribution."""
+        turned = self.low + self.high > 2 * self.mean  # in the lower tail shares are told from one another
+        begin, end = self._shares
+        part = 1 - share if turned else share
+        z = normal(float(begin + (end - begin) * Decimal(part)))
+        value = self.mean + self.deviation * (-z if turned else z)
+        return of(min(max(value, self.low), self.high))
+
+    @cached_property
+    def _shares(self) -> tuple[Decimal, Decimal]:
+        """Of the bell below its bounds; where most of it lies below them, above them."""
+        ends = [(end - self.mean) / self.deviation for end in (self.low, self.high)]
+        if self.low + self.high > 2 * self.mean:
+            ends = [-end for end in reversed(ends)]
+        return below(ends[0]), below(ends[1])
+
+    @property
+    def holds(self) -> bool:
+        """Whether enough of the bell lies between the bounds to be drawn."""
+        begin, end = self._shares
+        return float(end) > LEAST and float(end - begin) > LEAST
+
+
+@dataclass(frozen=True)
 class Integers:
     """Whole numbers from the least to the greatest, both among them."""
 
@@ -105,6 +144,8 @@ def read(text: str) -> Distribution:
         raise WrongError("has no numbers", f"write e.g. {FORMS[name]}, in quotes")
     if name == "choice":
         return _choice(call[2])
+    if name == "normal" and call[2].count(",") == 3:
+        return _within(call[2])
     return _of_two(name, call[2])
 
 
@@ -116,6 +157,34 @@ def _choice(text: str) -> Choice:
     if len(values) < 2 or not all(value.text for value in values):
         raise WrongError("has not two values to choose from", f"write e.g. {FORMS['choice']}")
     return Choice(tuple(values))
+
+
+def _within(text: str) -> Within:
+    """A normal distribution with bounds, of which one may be `.inf`."""
+    example = "~normal(0.5, 0.1, 0, 1)"
+    numbers = [_endless(part.strip()) for part in text.split(",")]
+    mean, deviation, low, high = numbers
+    if mean is None or deviation is None or low is None or high is None or not isfinite(mean):
+        raise WrongError("does not hold a mean, a standard deviation and two bounds", f"write e.g. {example}")
+    if not 0 < deviation < inf:
+        raise WrongError(f"has a standard deviation of {deviation:g}", f"write one above 0, e.g. {example}")
+    if not low < high:
+        raise WrongError(
+            "has bounds that leave nothing between them", f"write the lower one first, e.g. {example}"
+        )
+    bounded = Within(mean, deviation, low, high)
+    if max((low - mean) / deviation, (mean - high) / deviation) > FAR or not bounded.holds:
+        raise WrongError(
+            "has bounds so far from the mean that nothing is drawn there", "bring them nearer to it"
+        )
+    return bounded
+
+
+def _endless(text: str) -> float | None:
+    """A number; `.inf` and `inf` with a sign or without."""
+    endless = {"inf": inf, "+inf": inf, "-inf": -inf}
+    found = endless.get(text.replace(".inf", "inf"), numeric(text))
+    return None if found is None else float(found)
 
 
 def _of_two(name: str, text: str) -> Distribution:

@@ -24,7 +24,6 @@ from physgen.batch.finished import made_of_the_same
 from physgen.batch.finished import warnings as warned
 from physgen.batch.places import Far, far
 from physgen.batch.pool import Done, Here, Job, State, failed, hash_of, run, with_outcomes
-from physgen.pipeline.packs import shown_as
 from physgen.problems import InputError
 from physgen.report.leftovers import in_use, sweep_once
 from physgen.report.record import source_of
@@ -73,7 +72,7 @@ def readable(path: str, overrides: Sequence[str] = (), variant: str | None = Non
 
 def at_hand(job: Job, scene: str, out: str) -> Job:
     """The job for a process that has the scene as `scene` and makes the clip in `out`."""
-    shown = job.path if is_url(job.path) else shown_as(job.path)
+    shown = job.path if is_url(job.path) else str(Path(job.path))
     known = job.here.known if job.here else pipeline.Known(shown, _source(job))
     return replace(job, here=Here(scene, out, job.called, job.mark, known))
 

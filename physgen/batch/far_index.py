@@ -15,6 +15,7 @@ from physgen.batch.far import MANIFEST, MOST_MANIFEST, own_folder
 from physgen.batch.places import Far, Told, far
 from physgen.batch.pool import Done, ended
 from physgen.problems import InputError
+from physgen.report.became import ASKED, TABLE
 from physgen.report.clips import Clip, clips_in
 from physgen.report.gallery import Progress, write_gallery
 from physgen.report.posters import pictures
@@ -77,7 +78,7 @@ class FarShelf:
             for name, told in there.items():
                 if name.startswith(f"{FILES}/"):
                     (root / name).touch()  # a picture's name says all of it
-                elif name == INDEX or ("/" not in name and name.endswith(ENDINGS)):
+                elif name in (INDEX, TABLE, ASKED) or ("/" not in name and name.endswith(ENDINGS)):
                     _fetch(self._there, name, told, root)
                 elif name.endswith(f"/{MANIFEST}"):
                     _mirror(self._there, there, name.removesuffix(f"/{MANIFEST}"), root)

@@ -25,7 +25,7 @@ TOGETHER = (
 EACH = (
     Column("x", Kind.NUMBER, "px"),
     Column("y", Kind.NUMBER, "px"),
-    Column("angle", Kind.NUMBER, "degrees"),
+    Column("angle_degrees", Kind.NUMBER, "degrees"),
     *TOGETHER,
 )
 
@@ -39,7 +39,7 @@ def columns(tracked: Sequence[str]) -> tuple[Column, ...]:
 def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
     """Cells by the columns' names; empty ones are left out.
 
-    x, y, angle: of the centre of mass at the last sample, turned since t = 0 by more than 360 degrees perhaps.
+    x, y, angle_degrees: of the centre of mass at the last sample, turned since t = 0 by more than 360 degrees perhaps.
     peak_speed: of the centre of mass, the greatest of all samples. rest_time: the first sample from which on it rests,
     up to one frame late; empty where it moves to the end; of all together the last one's. first_touch: when it met
     somebody whom it did not touch from the start. touches: how often it met anybody, a touch from the start among
@@ -63,7 +63,7 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
         found: Mapping[str, Cell] = {
             "x": x,
             "y": y,
-            "angle": degrees(angle),
+            "angle_degrees": degrees(angle),
             "peak_speed": float(speeds[:, body].max()),
             "rest_time": resting[body],
             "first_touch": _first(begins[(touches == body).any(axis=1)]),

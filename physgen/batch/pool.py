@@ -6,7 +6,7 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -16,69 +16,15 @@ from physgen.batch.columns import Cell
 from physgen.batch.finished import finished, mark
 from physgen.batch.finished import warnings as warned
 from physgen.batch.outcomes import outcomes
+from physgen.batch.refiner import NOBODY, Refiner
 from physgen.batch.workers import LostError, spread
-from physgen.configured import plan
-from physgen.crew import Plan
 from physgen.problems import InputError, Problem
 from physgen.report.record import source_of
 from physgen.report.traces import clear, leave, trace_of
 from physgen.report.video import NO_ROOM, Format
 from physgen.simulate.trajectory import read_trajectory
 from physgen.urls import is_url, url_below
-from physgen.whole import meant, stamped
-
-
-@dataclass(frozen=True)
-class Refiner:
-    """Whose weights refine, and on what, as the command said it."""
-
-    setting: str = ""
-    """`NAME[:WEIGHTS]`."""
-    config: Path | None = None
-    """In place of the files physgen.toml."""
-    device: str | None = None
-    planned: Plan | tuple[Problem, ...] | None = field(default=None, compare=False, repr=False)
-    """What the files said to the command, or what is wrong with them, for a process that does not read them."""
-    said: str = ""
-    """The same as text, by which processes know it."""
-
-    def plan(self) -> Plan:
-        """With what the files say. Raises InputError."""
-        if isinstance(self.planned, Plan):
-            return self.planned
-        if self.planned is not None:
-            raise InputError(self.planned)
-        told = plan(config=self.config, device=self.device)
-        said = told.choices.get("refine")
-        if not self.setting or (
-            said is not None and said.name == self.setting
-        ):  # a bare name: the file has its weights
-            return told
-        return plan([f"refine={self.setting}"], config=self.config, device=self.device)
-
-    def settled(self) -> Refiner:
-        """The same where files say something else, or nothing; worked out once a process."""
-        return _settled(self)
-
-    @property
-    def told(self) -> str:
-        """Who would refine, as text: where it changes, clips are made again."""
-        try:
-            told = self.plan()
-            who = told.choices.get("refine")
-            chosen = None if who is None else (who.name, who.weights, stamped(Path(who.weights)))
-            return repr((chosen, told.device, told.dtype, told.options))
-        except InputError as error:  # told of where a clip is to be refined
-            return str(error)
-
-
-@cache
-def _settled(who: Refiner) -> Refiner:
-    try:
-        planned: Plan | tuple[Problem, ...] = who.plan()
-    except InputError as error:
-        planned = tuple(error.problems)
-    return replace(who, planned=planned, said=repr(planned))
+from physgen.whole import meant
 
 
 @dataclass(frozen=True)
@@ -110,7 +56,7 @@ class Job:
     command: tuple[str, ...]
     chaos: bool = False
     device: str = "cpu"
-    refiner: Refiner = Refiner()
+    refiner: Refiner = NOBODY
     cached: bool = True
     page: pipeline.Page = pipeline.Page.FULL
     name: str | None = None
@@ -125,6 +71,8 @@ class Job:
     draw_seed: int = 0
     here: Here | None = None
     """Where it is made of copies."""
+    pictured: bool = False
+    """Whether a gallery of `out` follows, whose pictures of the clip are made where the clip is: by many at a time."""
 
     @property
     def called(self) -> str:
@@ -247,6 +195,10 @@ def _made(job: Job, progress: pipeline.Progress) -> Done:
         )
     except Exception as error:
         return failed(job, error, warnings, time.perf_counter() - begun)
+    if job.pictured and job.here is None:
+        from physgen.report.gallery import keep_pictures
+
+        keep_pictures(folder, Path(job.out) / "index.html")
     return Done(job, folder, tuple(warnings), State.MADE, time.perf_counter() - begun)
 
 
@@ -309,7 +261,7 @@ def ended(done: Done, out: Path, gallery: bool) -> None:
         name = job.folder.name
         if done.folder is not None:
             clear(out, name)
-        elif gallery and (is_url(job.path) or Path(job.path).exists()):  # a name with a typo is no clip
+        elif gallery and (is_url(job.path) or Path(job.path).is_file()):  # no typo, and no pipe
             try:
                 text = Path(job.path).read_text(encoding="utf-8")
             except (OSError, ValueError):

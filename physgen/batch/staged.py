@@ -14,7 +14,7 @@ from physgen.problems import InputError
 from physgen.urls import is_url, url_below
 
 MOST = 1_000_000_000
-"""Bytes of a `sweep.json`."""
+"""Bytes of a `sweep.json`, or of a table."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,17 @@ class Staged:
     folder: Path
     there: Far | None = None
     """None: they are where they belong."""
+
+    def bring(self, names: Sequence[str]) -> None:
+        """Files that are where they belong are in the folder, too, after it. Raises OSError."""
+        if self.there is not None:
+            for name in names:
+                self.there.fetch(name, self.folder / name, MOST)
+
+    def removed(self, names: Sequence[str]) -> None:
+        """Files that are no more in the folder go from where they belong."""
+        if self.there is not None:
+            self.there.remove(list(names))
 
     def sent(self, paths: Sequence[Path]) -> list[str]:
         """Files of the folder, whole, brought to where they belong; returns what they are called there."""

@@ -147,6 +147,12 @@ def planned(
     """A sweep whose parts fit together; raises InputError where they do not. None is what nobody said."""
     problems: list[Problem] = []
     drawn = [axis for axis in axes if isinstance(axis, Drawn)]
+    for axis in drawn:
+        if axis.each:
+            fix = "see physgen.batch.each.apart"
+            problems.append(
+                Problem(axis.place, "", "", "stands for several keys, and nobody has said which", fix)
+            )
 
     def wrong(flag: str, expected: str, fix: str) -> None:
         problems.extend(InputError.of(flag, "", expected, fix).problems)

@@ -20,6 +20,8 @@ from multiprocessing.process import BaseProcess
 from threading import Thread
 from typing import Generic, TypeVar
 
+from physgen.stopping import heeded
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -199,6 +201,7 @@ def serve(line: Connection, work: Callable[[Item], Result], parent: int) -> None
     """A worker's life: an item, its result, the next one; until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
+    heeded()
     Thread(target=_follow, args=(parent,), daemon=True).start()
     while True:
         try:

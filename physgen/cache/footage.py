@@ -176,10 +176,13 @@ class Table:
 
 
 @contextmanager
-def footage(store: Store | None, key: str, film: Film) -> Iterator[Footage]:
+def footage(
+    store: Store | None, key: str, film: Film, sound: Callable[[], bool] = lambda: True
+) -> Iterator[Footage]:
     """The clip of a key, to be used within the block: from the store, or else filmed now, and kept for the next time.
 
-    Without a store, or where it cannot be written, it is filmed and held in memory, deflated.
+    Without a store, or where it cannot be written, it is filmed and held in memory, deflated. It is not kept where it
+    is not `sound` when it is filmed: what it was made of may be something else than the key says.
     """
     with ExitStack() as held:
         folder = None if store is None else held.enter_context(store.find(key))
@@ -188,7 +191,10 @@ def footage(store: Store | None, key: str, film: Film) -> Iterator[Footage]:
             with store.fill(key) if store is not None else nullcontext() as filling:
                 recorder = Recorder(filling)
                 held.callback(recorder.tape.close)
-                found = recorder.footage(*film(recorder.add))
+                made = film(recorder.add)
+                if filling is not None and filling.kept and not sound():
+                    filling.drop()  # the tape is open, and can be read
+                found = recorder.footage(*made)
         yield found
 
 

@@ -2,26 +2,26 @@
 
 An entry is a folder under its key. It is filled under another name and renamed when it is whole, with sizes and sums of
 its files, so that what was cut short or damaged counts as not there. Who reads or fills one holds a lock on its `lease`
-(`flock`, which ends with the process however that ends); only folders whose lease nobody holds are removed.
+(see `locks`); only folders whose lease nobody holds are removed.
 """
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from uuid import uuid4
 
+from physgen.cache import clearing
+from physgen.cache.clearing import Entry, Freed
+from physgen.cache.locks import LEASE, LOCK, How, alone, held
 from physgen.cache.sealed import seal, size_of, whole
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Place, Problem, Severity, Warn, unheard
 
-Warn = Callable[[Problem], None]
+__all__ = ["LEASE", "LOCK", "MOST_BYTES", "Entry", "Filling", "Freed", "Store", "opened"]
 
 MOST_BYTES = 5_000_000_000
 """Of all entries, unless `PHYSGEN_CACHE_BYTES` says otherwise."""
@@ -29,40 +29,11 @@ ROOM = 0.9
 """Of what may be kept, that is left when there is too much: else each entry more would have all of them listed."""
 SHARE = 100
 """A hundredth of what may be kept is added before the eldest entries are looked for."""
-LEASE, LOCK, GROWN = "lease", ".lock", ".grown"
+GROWN = ".grown"
+"""File that tells how many bytes were added since."""
 _SWEPT: set[Path] = set()
 """Stores from which this process has cleared away what killed ones left."""
 _BYTES = re.compile(r"(?P<number>\d+(\.\d*)?(e\d+)?) ?(?P<unit>[kMGT]?)B?", re.IGNORECASE)
-
-
-def unheard(problem: Problem) -> None:
-    """Warnings that nobody reads."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One that is kept."""
-
-    key: str
-    bytes: int
-    used: float
-    """s since 1970: when it was last read, or made."""
-
-    @property
-    def stage(self) -> str:
-        """Whose result it is."""
-        return self.key.rpartition("-")[0]
-
-
-@dataclass(frozen=True)
-class Freed:
-    """What was removed."""
-
-    entries: int
-    bytes: int
-    """Of entries, and of what killed processes left."""
-    held: int
-    """Entries that stay because a process reads them."""
 
 
 class Filling:
@@ -72,10 +43,14 @@ class Filling:
         self.folder, self._warn = folder, warn
         self.kept = True
 
-    def give_up(self, error: OSError) -> None:
-        """It could not be written: what it takes is freed now, the user is told, and nobody fails."""
+    def drop(self) -> None:
+        """It is not to be kept: what it takes is freed now."""
         self.kept = False
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def give_up(self, error: OSError) -> None:
+        """It could not be written: it is dropped, the user is told, and nobody fails."""
+        self.drop()
         self._warn(error)
 
 
@@ -130,23 +105,11 @@ class Store:
 
     def sizes(self) -> list[Entry]:
         """All entries, the least recently used first."""
-        found = []
-        for folder in self._folders():
-            with suppress(OSError):  # another process may remove it now
-                lease = folder / LEASE
-                used = (lease if lease.exists() else folder).stat().st_mtime
-                found.append(Entry(folder.name, size_of(folder), used))
-        return sorted(found, key=lambda entry: (entry.used, entry.key))
+        return clearing.entries(self.root)
 
     def clear(self) -> Freed:
         """Remove all that no process uses. Raises OSError."""
         return self._shrink(-1) if self.root.is_dir() else Freed(0, 0, 0)
-
-    def _folders(self) -> list[Path]:
-        try:
-            return [p for p in self.root.iterdir() if p.is_dir() and not p.name.startswith(".")]
-        except OSError:
-            return []
 
     def _leased(self, key: str) -> int | None:
         """A descriptor of the entry's lease, held with others who read it; None where it is not whole."""
@@ -157,7 +120,7 @@ class Store:
             self._discard(key)
             return None
         try:
-            fcntl.flock(lease, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            held(lease, How.SHARED | How.NOW)
             if os.fstat(lease).st_ino != os.stat(folder / LEASE).st_ino:  # removed, and made anew, meanwhile
                 raise FileNotFoundError(folder)
         except OSError:
@@ -174,20 +137,20 @@ class Store:
     def _discard(self, key: str) -> None:
         """What is not whole goes, if there is anything."""
         if (self.root / key).is_dir():
-            with suppress(OSError), self._locked():
-                self._remove(key)
+            with suppress(OSError), alone(self.root):
+                clearing.remove(self.root, key)
 
     def _begun(self, key: str) -> tuple[Path, int]:
         """A folder of our own, and its lease, which nobody else has."""
         self.root.mkdir(parents=True, exist_ok=True, mode=0o700)  # photos may be private
-        with self._locked():
+        with alone(self.root):
             if self.root not in _SWEPT:
                 _SWEPT.add(self.root)
-                self._sweep()
+                clearing.sweep(self.root)
             folder = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self.root))
             try:
                 lease = os.open(folder / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
-                fcntl.flock(lease, fcntl.LOCK_EX)
+                held(lease, How.ALONE)
             except OSError:
                 shutil.rmtree(folder, ignore_errors=True)
                 raise
@@ -195,7 +158,7 @@ class Store:
 
     def _due(self, grown: int) -> bool:
         """Whether so many bytes more make it time to look for what is too much: looking means listing every entry."""
-        with self._locked():
+        with alone(self.root):
             counter = self.root / GROWN
             try:
                 since = int(counter.read_text()) + grown
@@ -214,75 +177,19 @@ class Store:
             return 0
         seal(folder, LEASE)
         os.utime(folder / LEASE)
-        with self._locked():
+        with alone(self.root):
             if (self.root / key).exists():
                 return 0
-            folder.rename(self.root / key)
+            try:
+                folder.rename(self.root / key)
+            except OSError:
+                if (self.root / key).is_dir():  # without locks, another process may be faster now
+                    return 0
+                raise
         return size
 
     def _shrink(self, most: int, least: int | None = None) -> Freed:
-        """Where there are more than `most` bytes, entries go, the least recently used first, until `least` are left.
-
-        Remains go too.
-        """
-        with self._locked():
-            freed = self._sweep()
-            entries = self.sizes()
-            left = sum(entry.bytes for entry in entries)
-            gone = held = 0
-            bound = most if least is None or left <= most else least
-            for entry in entries:
-                if left <= bound:
-                    break
-                if not self._remove(entry.key):
-                    held += 1
-                    continue
-                gone += 1
-                left -= entry.bytes
-                freed += entry.bytes
-        return Freed(gone, freed, held)
-
-    def _remove(self, key: str) -> bool:
-        """Whether the entry is gone; one that a process reads stays. All removing is under the store's lock."""
-        folder = self.root / key
-        try:
-            lease = os.open(folder / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
-        except FileNotFoundError:
-            return True
-        try:
-            fcntl.flock(lease, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            aside = self.root / f".{key}.{uuid4().hex[:8]}.part"  # swept, should we be killed now
-            folder.rename(aside)
-        except BlockingIOError:
-            return False
-        finally:
-            os.close(lease)
-        shutil.rmtree(aside, ignore_errors=True)
-        return True
-
-    def _sweep(self) -> int:
-        """Bytes freed by clearing away what killed processes left; under the store's lock."""
-        freed = 0
-        for left in self.root.glob(".*.part"):
-            with suppress(OSError):  # among them: whoever fills it lives
-                lease = os.open(left / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
-                try:
-                    fcntl.flock(lease, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    freed += size_of(left)
-                    shutil.rmtree(left, ignore_errors=True)
-                finally:
-                    os.close(lease)
-        return freed
-
-    @contextmanager
-    def _locked(self) -> Iterator[None]:
-        """Alone, among all processes, with what the folder lists."""
-        lock = os.open(self.root / LOCK, os.O_CREAT | os.O_RDWR, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(lock)
+        return clearing.shrink(self.root, most, least)
 
     def _unkept(self, error: OSError) -> None:
         found = f"({error.strerror or error})"

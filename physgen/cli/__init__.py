@@ -25,6 +25,7 @@ from physgen.cli.sweeping import sweep
 from physgen.cli.verifying import verify
 from physgen.flags import WRONG_INPUT, build_parser, joined
 from physgen.problems import InputError
+from physgen.stopping import heeded
 from physgen.whole import meant
 
 BATCHES = ("render", "sweep", "export", "verify")
@@ -43,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.command_line = ["physgen", *given]
     with suppress(ValueError):  # not the main thread: then nobody stops us that way
         signal.signal(signal.SIGTERM, _stop)
+    heeded()
     try:
         return COMMANDS[options.command](options)
     except InputError as error:

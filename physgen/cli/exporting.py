@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from physgen.cli.jobs import refuse_twins, variants_of
+from physgen.cli.making import Shown, make_all
 from physgen.cli.printing import tell
-from physgen.cli.rendering import Shown, make_all, refuse_twins, variants_of
 from physgen.problems import InputError
+
+if TYPE_CHECKING:
+    from physgen.batch.pool import Done
 
 
 def export(options: argparse.Namespace) -> int:
     from physgen.batch.pool import Job
     from physgen.pipeline import Page
 
-    exportable(options.format)
+    exportable(options.format, "--format")
     options.set = [*options.set, *filmed(options)]
     jobs = [
         Job(
@@ -34,15 +41,40 @@ def export(options: argparse.Namespace) -> int:
         for variant in variants_of(path, options)
     ]
     refuse_twins(jobs)
-    return make_all(jobs, len(jobs), options, shown=Shown.NOWHERE)
+    lines: dict[str, None] = {}
+
+    def heard(done: Done) -> None:
+        if options.frames and done.folder is not None:
+            lines.update(dict.fromkeys(_plays(done.folder, options)))
+
+    code = make_all(jobs, len(jobs), options, heard, shown=Shown.NOWHERE)
+    for line in lines:
+        tell(line)
+    return code
 
 
-def exportable(formats: Sequence[str]) -> None:
-    """Raises InputError where a format is none; tells of what is left out without an optional library."""
+def _plays(folder: Path, options: argparse.Namespace) -> Iterator[str]:
+    """How long a clip plays with the frames that were asked for."""
+    try:
+        told = json.loads((folder / "manifest.json").read_bytes())
+        count, fps = len(told["frames"]), float(told["video"]["fps"])
+        duration, long = float(told["document"]["world"]["duration"]), count / fps
+    except (OSError, ValueError, KeyError, TypeError, ZeroDivisionError):
+        return
+    plays = f"{count} frames at {fps:g} fps play for {long:.3g} s"
+    if any(text.startswith("world.duration=") for text in options.set) or abs(long - duration) < 1e-9:
+        yield plays
+        return
+    stays = "the duration of the motion stays as the scene has it"
+    yield f"{plays}; {stays}: --set world.duration={long:.6g} shows it at its true speed"
+
+
+def exportable(formats: Sequence[str], flag: str) -> None:
+    """Raises InputError where a format is none, by the `flag`; tells what is left out without an optional library."""
     from physgen.export.writing import kinds
     from physgen.tables import HINT, has_parquet
 
-    kinds(formats)
+    kinds(formats, flag)
     if "trajectory" in formats and not has_parquet():
         tell(HINT)
 
@@ -59,12 +91,4 @@ def filmed(options: argparse.Namespace) -> list[str]:
         edits.append(f"render.size=[{width}, {height}]")
     if options.fps:
         edits.append(f"render.fps={options.fps:g}")
-    if options.frames:
-        stays = "the duration of the motion stays as the scene has it"
-        if options.fps:
-            long = options.frames / options.fps
-            true = f"--set world.duration={long:.6g} shows it at its true speed"
-            tell(f"{options.frames} frames at {options.fps:g} fps play for {long:.3g} s; {stays}: {true}")
-        else:
-            tell(f"{options.frames} frames are spread over the motion; {stays}")
     return edits

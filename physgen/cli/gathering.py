@@ -22,9 +22,11 @@ MOST_TOLD = 20
 def dataset(options: argparse.Namespace) -> int:
     from physgen.batch.dataset.gathering import Asked, gather
     from physgen.batch.dataset.splits import read_splits
+    from physgen.export.writing import check_names
 
     if options.link and options.layout != "folder":
         raise InputError.of("--link", "", "is of no use in shards", "leave it out, or take --layout folder")
+    check_names(options.format)
     asked = Asked(
         options.layout,
         read_splits(options.split, options.seed),
@@ -72,7 +74,15 @@ def _odd(done: Gathered, options: argparse.Namespace) -> None:
 
     silent = sum(count.clips - count.captions for count in done.counts.values())
     if silent:
-        odd(f"has {_clips(silent)} without a caption", "render or export them with the format events")
+        which = "" if done.silent is None else f", e.g. {done.silent}"
+        odd(f"has {_clips(silent)} without a caption{which}", "render or export them with the format events")
+    total = done.made + done.kept
+    for name, count in done.lacking.items():
+        said = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
+        odd(said, f"render or export them with {name}, or leave it out of --format")
+    if done.uneven is not None and options.layout == "webdataset":
+        said = f"holds clips with different files, e.g. {done.uneven}: Hugging Face's loader makes no columns of them"
+        odd(said, "choose what all have with --format, or read the shards with webdataset")
     empty = [name for name, count in done.counts.items() if not count.clips]
     if empty:
         photos = sum(len(count.photos) for count in done.counts.values())
@@ -81,7 +91,10 @@ def _odd(done: Gathered, options: argparse.Namespace) -> None:
         odd(f"has no clip in {', '.join(empty)}: {there}", fix)
     if done.strays:
         folders = "1 folder" if done.strays == 1 else f"{done.strays:,} folders"
-        odd(f"holds {folders} of clips that are not named here", "remove them, or name their clips too")
+        which = "" if done.stray is None else f", e.g. {done.stray}"
+        odd(
+            f"holds {folders} of clips that are not named here{which}", "remove them, or name their clips too"
+        )
 
 
 def _clips(count: int) -> str:

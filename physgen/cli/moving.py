@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
-from physgen.cli.printing import OK, Bar, print_json, tell, tell_problems
-from physgen.cli.rendering import variants_of
+from physgen.cli.jobs import variants_of
+from physgen.cli.printing import OK, Bar, print_json, print_line, tell_kept, tell_problems
 from physgen.flags import WRONG_INPUT
 from physgen.problems import InputError, Problem, Severity
-from physgen.whole import write_whole
+from physgen.whole import set_aside, write_whole
 
 
 def check(options: argparse.Namespace) -> int:
@@ -20,16 +21,21 @@ def check(options: argparse.Namespace) -> int:
 
     report: list[Problem] = []
     resolved = []
+    lines = []
     for path in options.scenes:
+        own: dict[Problem, None] = {}
         try:
             for variant in variants_of(path, options):
                 scene = pipeline.load(path, options.set, variant, options.allow_outside)
-                compiled = pipeline.compile(scene, pipeline.percepts(scene))
-                report += [p for p in pipeline.lint(scene, compiled) if p not in report]
+                maps = pipeline.percepts(scene)
+                compiled = pipeline.compile(scene, maps)
+                own |= dict.fromkeys(pipeline.lint(scene, compiled, maps))
                 if options.resolved:
                     resolved.append(scene_text(scene.document, header=pair_header(compiled.world)))
         except InputError as error:
-            report += [p for p in error.problems if p not in report]
+            own |= dict.fromkeys(error.problems)
+        report += [problem for problem in own if problem not in report]
+        lines.append(f"{path}: {_counted(own)}")
     failed = any(p.severity is Severity.ERROR or options.strict for p in report)
     if options.json:
         print_json(
@@ -38,18 +44,27 @@ def check(options: argparse.Namespace) -> int:
     else:
         tell_problems(report)
         sys.stdout.write("---\n".join(resolved))
-        if not failed and not options.resolved and sys.stderr.isatty():
-            tell(f"{len(options.scenes)} scene{'s' * (len(options.scenes) != 1)} checked")
+        for line in () if options.resolved else lines:
+            print_line(line)
     return WRONG_INPUT if failed else OK
+
+
+def _counted(problems: Iterable[Problem]) -> str:
+    """How many there are of each kind."""
+    kinds = [problem.severity for problem in problems]
+    parts = [f"{count} {kind.value}{'s' * (count != 1)}" for kind in Severity if (count := kinds.count(kind))]
+    return ", ".join(parts) or "no problems"
 
 
 def simulate(options: argparse.Namespace) -> int:
     from physgen import pipeline
+    from physgen.simulate.trajectory import is_trajectory
 
     kind = _trajectory_kind(options.output)
     scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
-    compiled = pipeline.compile(scene, pipeline.percepts(scene))
-    tell_problems(pipeline.lint(scene, compiled))
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    tell_problems(pipeline.lint(scene, compiled, maps))
     bar = Bar()
     if options.chaos:
         found = pipeline.chaos(compiled.world, bar.show)
@@ -62,6 +77,8 @@ def simulate(options: argparse.Namespace) -> int:
             return OK
     trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
     bar.clear()
+    if options.output is not None and not is_trajectory(options.output):
+        set_aside(options.output, tell_kept)
     if kind == "npz":
         trajectory.save(options.output)
     if options.output is None or kind != "npz":

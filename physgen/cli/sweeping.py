@@ -11,23 +11,25 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physgen.cli.jobs import at_hand, job_maker, quick
+from physgen.cli.making import make_all
 from physgen.cli.printing import OK, print_line, tell, tell_one, tell_problems
-from physgen.cli.rendering import at_hand, job_maker, make_all, quick
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.words import listed, nearest
 from physgen.urls import is_url
 
 if TYPE_CHECKING:
+    from physgen.batch.axes import Axis
     from physgen.batch.pool import Job
     from physgen.batch.sweep import Point, Sweep
     from physgen.batch.trial import Trial
+    from physgen.scene.build import Opened
 
 MOST_TRACKED = 32
 """Objects with outcomes of their own, unless they are named: seven columns each."""
 
 
 def sweep(options: argparse.Namespace) -> int:
-    from physgen.batch.axes import read_axes
     from physgen.batch.sweep import Design, planned
     from physgen.batch.trial import tried
     from physgen.pipeline import scene_file
@@ -35,10 +37,10 @@ def sweep(options: argparse.Namespace) -> int:
 
     _scene_first(options)
     design = Design.LATIN if options.latin else Design.INDEPENDENT
-    axes = read_axes(options.axes)
     shown = options.scene if is_url(options.scene) else None
     opened = Opened(scene_file(at_hand(options.scene, options)), options.allow_outside, shown)
     variants = _variants(opened.variants, options)
+    axes = _axes(opened, variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
     trial = tried(plan, opened, options.set)
     tell_problems(trial.warnings)
@@ -50,6 +52,17 @@ def _scene_first(options: argparse.Namespace) -> None:
     if "=" in options.scene and not is_url(options.scene) and not Path(options.scene).exists():
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
+
+
+def _axes(opened: Opened, variants: Sequence[str | None], options: argparse.Namespace) -> tuple[Axis, ...]:
+    """What varies; where each of several things has draws of its own, the scene tells which they are."""
+    from physgen.batch.axes import Drawn, read_axes
+    from physgen.batch.each import apart
+
+    axes = read_axes(options.axes)
+    if not any(isinstance(axis, Drawn) and axis.each for axis in axes):
+        return axes
+    return apart(axes, [opened.scene(options.set, variant).document for variant in variants])
 
 
 def _variants(known: Sequence[str], options: argparse.Namespace) -> list[str | None]:
@@ -102,9 +115,15 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
     )
     with ExitStack() as stack:
         stage = stack.enter_context(staged(options.output))
-        for warning in asked.begun(stage.folder, told, plan):
+        start = asked.begun(stage.folder, told, plan, stage.bring)
+        for warning in start.warnings:
             tell_one(warning)
-        stage.sent([stage.folder / asked.NAME])
+        for kept in start.kept:
+            tell(
+                f"{options.output}: {kept.name.rpartition('~')[0]} tells of another sweep; kept as {kept.name}"
+            )
+        stage.sent([stage.folder / asked.NAME, *start.kept])
+        stage.removed([kept.name.rpartition("~")[0] for kept in start.kept])
         if not has_parquet():
             tell(HINT)
         rows = stack.enter_context(Table(stage.folder / "sweep", table))

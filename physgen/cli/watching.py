@@ -45,6 +45,8 @@ def watch(
             files |= kept
             took = time.perf_counter() - begun
             tell(f"{took:.1f} s; watching {len(files)} files, Ctrl-C ends it")
+            if gone := [str(path) for path in _first(options.scenes) if not path.exists()]:
+                tell(f"{', '.join(gone)}: gone; rendered again when it is back")
             _wait({path: before.get(path) or stamped(path) for path in files})
     except KeyboardInterrupt:
         return OK

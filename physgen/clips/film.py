@@ -72,6 +72,13 @@ def told(path: Path) -> Told:
         return Told(float(rate) if rate else None, tuple(remarks))
 
 
+def plays_anywhere(path: Path) -> bool:
+    """Whether every browser plays what is in it: H.264 of 8 bits, 4:2:0. Raises InputError."""
+    with _opened(path) as (_, stream):
+        codec = stream.codec_context
+        return codec.name == "h264" and codec.pix_fmt in ("yuv420p", "yuvj420p")
+
+
 def frames(path: Path) -> Iterator[Shown]:
     """From the first one on. Raises InputError where one cannot be decoded."""
     from av.error import FFmpegError

@@ -13,10 +13,12 @@ from physgen.compile.effects import without_effect
 from physgen.compile.film import filming
 from physgen.compile.masses import grams, mass_path
 from physgen.compile.reach import Lines, distance, moved
+from physgen.compile.stored import unlike_photo
 from physgen.compile.support import unsupported
 from physgen.compile.warning import warning
 from physgen.outline.outline import bounds
 from physgen.outline.overlap import overlap_depth
+from physgen.percepts.maps import Percepts
 from physgen.problems import Problem, by_place
 from physgen.scene.model import JointKind, Motion, Scene
 
@@ -36,8 +38,8 @@ FAR = 4.0
 """px outside an object that the end of a joint may lie, however small the object is."""
 
 
-def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
-    """Every warning, sorted by place."""
+def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
+    """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
     rules: tuple[Callable[[Scene, Compiled], Iterator[Problem]], ...] = (
         _overlaps,
         unsupported,
@@ -49,7 +51,8 @@ def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
         _missed_masks,
         filming,
     )
-    return by_place(problem for rule in rules for problem in rule(scene, compiled))
+    found = [problem for rule in rules for problem in rule(scene, compiled)]
+    return by_place([*found, *unlike_photo(scene, compiled, maps)])
 
 
 def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen.export.motion import Moment
-from physgen.export.pictures import save, told
+from physgen.export.pictures import png_of_bgr, told
 from physgen.export.truth import Clip
 
 
@@ -18,7 +18,7 @@ class Albedo:
 
     def add(self, moment: Moment) -> None:
         """One file a view."""
-        save(self._folder / f"{moment.view.index:05d}.png", self._paint.seen(moment.view))
+        (self._folder / f"{moment.view.index:05d}.png").write_bytes(png_of_bgr(self._paint.seen(moment.view)))
 
     def close(self) -> None:
         """Nothing is left to be said."""

@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from physgen.export.depth import Depths
-from physgen.export.kitti import encoded
 from physgen.export.motion import Moment
 from physgen.export.pictures import save
 from physgen.export.plain import write_json
@@ -34,11 +32,10 @@ class Conditioning:
     def __init__(self, folder: Path, clip: Clip) -> None:
         _check(clip)
         self._folder, self._clip = folder, clip
-        times = clip.trajectory.times
-        self._maps = ForceMaps(clip.world, times, clip.size)
-        self._blobs = Blobs(clip.world, times[list(clip.shot.order)], clip.size)
+        self._maps = ForceMaps(clip.world, clip.trajectory.times, clip.size)
+        self._blobs = Blobs(clip.world, Reel(clip).frame, clip.count, clip.size)
         depth = None if clip.maps is None else clip.maps.depth
-        self._depths = None if depth is None else Depths(clip)
+        self._depths = None if depth is None else clip.depths
         for name in ("masks", "flow", "force", *(["depth"] if self._depths else [])):
             (folder / name).mkdir()
         self._idle: Path | None = None
@@ -54,16 +51,16 @@ class Conditioning:
         name = f"{view.index:05d}"
         self._video(view.rgb)
         if view.index == 0:
-            save(folder / "first.png", view.rgb)
+            (folder / "first.png").write_bytes(view.png)
         ids = view.ids if len(self._clip.names) > 255 else view.ids.astype(np.uint8)
         save(folder / "masks" / f"{name}.png", ids)
         if moment.forward is not None:
-            save(folder / "flow" / f"{name}.png", encoded(moment.forward))
+            (folder / "flow" / f"{name}.png").write_bytes(self._clip.ways.every(moment.forward))
         self._push(moment, folder / "force" / f"{name}.png")
         blobs = self._blobs.picture(view.index, view.poses, view.lens)
         self._force(np.repeat(blobs[..., None], 3, axis=2))
         if self._depths is not None:
-            save(folder / "depth" / f"{name}.png", self._depths.seen(view))
+            (folder / "depth" / f"{name}.png").write_bytes(self._depths.png(view))
 
     def _push(self, moment: Moment, path: Path) -> None:
         """Where nothing pushes, all maps are the same file."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from physgen.export.layers import Layers, Part, filled, hole, parted
 from physgen.export.motion import Moment
-from physgen.export.pictures import save, told
+from physgen.export.pictures import png, told
 from physgen.export.places import is_ball
 from physgen.export.truth import Clip, View
 from physgen.render.placing import Slices
@@ -27,20 +27,20 @@ class Depth:
     """In the unit of the photo's own map."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._depths = folder, Depths(clip)
+        self._folder, self._depths = folder, clip.depths
         low, high = self._depths.range
         told(folder, {"at_0": low, "at_65535": high, "larger": "farther"})
 
     def add(self, moment: Moment) -> None:
         """One file a view."""
-        save(self._folder / f"{moment.view.index:05d}.png", self._depths.seen(moment.view))
+        (self._folder / f"{moment.view.index:05d}.png").write_bytes(self._depths.png(moment.view))
 
     def close(self) -> None:
         """Nothing is left to be said."""
 
 
 class Depths:
-    """The depth of views, of a clip whose photo has a depth."""
+    """The depth of views, of a clip whose photo has a depth; the picture that was asked for last is at hand."""
 
     def __init__(self, clip: Clip) -> None:
         assert clip.maps is not None
@@ -55,10 +55,13 @@ class Depths:
         depth = clip.maps.depth
         ground = np.clip(filled(depth, hole(clip)), low, high)
         self._layers = Layers(clip, ground, parted(depth, clip), finish)
+        self._last: tuple[View, bytes | memoryview] | None = None
 
-    def seen(self, view: View) -> U16:
-        """(h, w) codes."""
-        return self._layers.seen(view, self._sampled)
+    def png(self, view: View) -> bytes | memoryview:
+        """(h, w) codes, as a file: two formats hold it."""
+        if self._last is None or self._last[0] is not view:
+            self._last = view, png(self._layers.seen(view, self._sampled))
+        return self._last[1]
 
     def _sampled(self, body: int, part: Part, view: View, box: Slices) -> F32:
         moved = self._layers.carried if is_ball(self._world.bodies[body]) else self._layers.turned

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen.export.motion import Moment
-from physgen.export.pictures import save
 from physgen.export.truth import Clip
 
 
@@ -17,7 +16,7 @@ class Frames:
 
     def add(self, moment: Moment) -> None:
         """One file a view."""
-        save(self._folder / f"{moment.view.index:05d}.png", moment.view.rgb)
+        (self._folder / f"{moment.view.index:05d}.png").write_bytes(moment.view.png)
 
     def close(self) -> None:
         """Nothing is left to be said."""

@@ -82,16 +82,23 @@ class Layers:
         self._world, self._still, self._size = clip.world, Still.of(clip.trajectory), clip.size
         self._ground, self._parts, self._finish = ground, parts, finish
         self._filmed: tuple[Array, U16] | None = None
+        self._shown: U16 | None = None
         self._skins: dict[int, Part] = {}
 
     def seen(self, view: View, sample: Sample) -> U16:
-        """(h, w[, C]) of a view, finished."""
-        shown = self._background(view.lens).copy()
+        """(h, w[, C]) of a view, finished; the next view overwrites it: new memory costs more than a copy."""
+        ground = self._background(view.lens)
+        if self._shown is None or self._shown.shape != ground.shape:
+            self._shown = np.empty_like(ground)
+        shown = self._shown
+        np.copyto(shown, ground)
         for body, box in view.boxes.items():
             if body in self._parts:
                 mine = view.ids[box] == body + 1
                 values = self._finish(sample(body, self._parts[body], view, box))
-                np.copyto(shown[box], values, where=mine if values.ndim == 2 else mine[..., None])
+                cv2.copyTo(
+                    values, mine.view(np.uint8), shown[box]
+                )  # where NumPy spreads masks over channels slowly
         return shown
 
     def turned(self, body: int, part: Part, view: View, box: Slices) -> F32:

@@ -6,17 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.export.places import Ball, is_still, similarity, spans, turns_in_space
-from physgen.export.truth import View
+from physgen.export.truth import LEFT_OUT, View
 from physgen.render.placing import Slices
 
 Array = NDArray[np.float64]
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+NOWHERE = LEFT_OUT
+"""Stands for what is out of the picture: no body has this id."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,6 @@ def _background(view: View, other: View) -> Flow:
 
 def _fill(found: Flow, body: int, box: Slices, view: View, other: View, world: World) -> None:
     """What is seen of a body in `box` is the body's."""
-    width, height = view.size
     x, y = spans(box)
     hidden: Mask | None = None
     if turns_in_space(body, view, world) and other.spaces is not None:
@@ -77,10 +80,11 @@ def _fill(found: Flow, body: int, box: Slices, view: View, other: View, world: W
     moved = found.moved[box]
     np.copyto(moved[..., 0], to_x - x, where=mine, casting="same_kind")
     np.copyto(moved[..., 1], to_y - y, where=mine, casting="same_kind")
-    column, row = np.rint(to_x).astype(np.int64), np.rint(to_y).astype(np.int64)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    visible = other.ids.take(row * width + column, mode="clip") == body + 1
-    visible &= inside
+    where = to_x.astype(np.float32), to_y.astype(np.float32)
+    there = cv2.remap(
+        other.ids, *where, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=NOWHERE
+    )
+    inside, visible = there != NOWHERE, there == body + 1
     if hidden is not None:
         visible &= ~hidden
     np.copyto(found.inside[box], inside, where=mine)

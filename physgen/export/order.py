@@ -1,7 +1,7 @@
 """Views -> order/00000.png ...: 16 bits, who is in front; 0 the background, 1 the farthest thing, and so on.
 
 order.json names the ranks, and tells of each view who hides how many pixels of whom. Things never pass through each
-other in depth: the order is that of `layer`, and of the scene file within one, as they are drawn.
+other in depth: the order is that of `layer`, and of names within one, as they are drawn.
 """
 
 from __future__ import annotations

@@ -31,11 +31,12 @@ class Paint:
         assert clip.maps is not None
         assert clip.maps.albedo is not None
         albedo = clip.maps.albedo
-        self._layers = Layers(clip, _ground(clip.maps, albedo, hole(clip)), parted(albedo, clip), coded)
+        ground, parts = _ground(clip.maps, albedo, hole(clip)), parted(albedo[..., ::-1], clip)
+        self._layers = Layers(clip, np.ascontiguousarray(ground[..., ::-1]), parts, coded)
         self._last: tuple[View, U16] | None = None
 
     def seen(self, view: View) -> U16:
-        """(h, w, 3), 65535 = 1."""
+        """(h, w, 3), 65535 = 1, in OpenCV's order, B, G, R: what files are made of."""
         if self._last is None or self._last[0] is not view:
             self._last = view, self._layers.seen(view, self._layers.rolled)
         return self._last[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,13 +17,27 @@ QUALITY = 95
 """Of JPEG: what is lost of a picture is about 1 grey level."""
 
 
+Codes = NDArray[np.integer[Any] | np.floating[Any]]
+"""Whole numbers, of 8 or 16 bits, as OpenCV's stubs have them."""
+
+
 def save(path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16], level: int = FAST) -> None:
     """(H, W) or (H, W, 3) in the order R, G, B; 8 or 16 bits. Raises OSError."""
+    path.write_bytes(png(picture, level))
+
+
+def png(picture: NDArray[np.uint8] | NDArray[np.uint16], level: int = FAST) -> bytes | memoryview:
+    """The same as a file's bytes. Raises OSError."""
     bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    return png_of_bgr(bgr, level)
+
+
+def png_of_bgr(bgr: Codes, level: int = FAST) -> bytes | memoryview:
+    """The same of (H, W, 3) in OpenCV's order, B, G, R."""
     done, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, level])
     if not done:
-        raise OSError(f"{path} cannot be encoded")
-    path.write_bytes(data.data)
+        raise OSError("a picture cannot be encoded as PNG")
+    return data.data
 
 
 def told(folder: Path, scale: Mapping[str, object]) -> None:
@@ -30,9 +45,9 @@ def told(folder: Path, scale: Mapping[str, object]) -> None:
     (folder / "scale.json").write_text(json.dumps(scale, indent=1) + "\n", encoding="utf-8")
 
 
-def jpeg(rgb: NDArray[np.uint8]) -> bytes:
+def jpeg(rgb: NDArray[np.uint8]) -> bytes | memoryview:
     """A file of a picture (H, W, 3); colours are kept as finely as brightness, so that they end where masks do."""
     how = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
     how += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
     _, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), how)
-    return data.tobytes()
+    return data.data

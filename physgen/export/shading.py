@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from physgen.export.motion import Moment
 from physgen.export.paint import FULL
-from physgen.export.pictures import save, told
+from physgen.export.pictures import png_of_bgr, told
 from physgen.export.truth import Clip
 from physgen.photometry import decode
 
-U16 = NDArray[np.uint16]
-U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+LIGHT = decode(np.arange(256, dtype=np.uint8))
+"""Linear light of the codes of sRGB."""
 MOST = 16.0
 """Of full light, which 65535 stands for: dark paint beside a highlight. Half a step is 0.4 grey levels at most."""
 
@@ -29,19 +30,21 @@ class Shading:
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._paint = folder, clip.paint
+        self._light: F32 | None = None
+        self._found = np.zeros((0, 0, 3), np.uint16)
         told(folder, {"at_0": 0.0, "at_65535": MOST, "light": "linear", "frame": "albedo x shading"})
 
     def add(self, moment: Moment) -> None:
         """One file a view."""
         view = moment.view
-        save(self._folder / f"{view.index:05d}.png", shading(view.rgb, self._paint.seen(view)))
+        albedo = self._paint.seen(view)
+        if self._light is None or self._light.shape != albedo.shape:
+            self._light, self._found = np.empty(albedo.shape, np.float32), np.empty_like(albedo)
+        bgr = np.asarray(cv2.cvtColor(view.rgb, cv2.COLOR_RGB2BGR), np.uint8)
+        cv2.LUT(bgr, LIGHT, self._light)
+        scale = FULL * FULL / MOST
+        cv2.divide(self._light, albedo, self._found, scale, cv2.CV_16U)
+        (self._folder / f"{view.index:05d}.png").write_bytes(png_of_bgr(self._found))
 
     def close(self) -> None:
         """Nothing is left to be said."""
-
-
-def shading(rgb: U8, albedo: U16) -> U16:
-    """(h, w, 3) of a frame (h, w, 3) sRGB and its albedo (h, w, 3)."""
-    light = cv2.LUT(rgb, decode(np.arange(256, dtype=np.uint8)))
-    found = cv2.divide(light, albedo.astype(np.float32), scale=FULL * FULL / MOST, dtype=cv2.CV_16U)
-    return np.asarray(found, np.uint16)

@@ -6,6 +6,7 @@ impulse that would set it moving so.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -22,10 +23,14 @@ F32 = NDArray[np.float32]
 
 WIDE = 36
 """Widths of the picture by standard deviations of a blob: that of Force Prompting, 20 px of 720."""
+REACH = 6.0
+"""Standard deviations beyond which a blob is nothing: 1.5e-8 of its middle."""
 NEAREST, FARTHEST = 1 / 8, 1 / 2
 """Of the picture's width: how far the blob of no impulse would go, and how far that of the clip's strongest goes."""
 ZERO, FULL = 32768, 32767
 """Codes of a map: nothing, and by how much more the clip's largest is."""
+NOTHING = 1e-9
+"""s: a push at a frame's moment is that frame's, though 3 x 0.1 is more than 0.3."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +51,15 @@ class Shove:
     end: float | None
     """s; None: it is given at once."""
 
-    def given(self, begin: float, end: float) -> tuple[Array, float]:
-        """g·px/s and g·px²/s that it gives from `begin` until `end`, s."""
+    def parts(self, times: Array) -> Array:
+        """(T,): where an impulse is given 1, of a force s that it acts, from each of `times` (T + 1,) to the next.
+
+        Each moment of it counts once; before the first and after the last there is nothing.
+        """
         if self.end is None:
-            part = float(begin <= self.start < end)
-        else:
-            part = max(0.0, min(self.end, end) - max(self.start, begin))
-        return self.vector * part, self.turn * part
+            at = int(np.searchsorted(times, self.start + NOTHING, side="right")) - 1
+            return np.asarray(np.arange(len(times) - 1) == at, np.float64)
+        return np.diff(np.clip(times, self.start, self.end))
 
     def place(self, pose: Array) -> Array:
         """(2,) px of the photo where it acts on a body at a pose (3,)."""
@@ -83,11 +90,15 @@ class ForceMaps:
 
     def __init__(self, world: World, times: Array, size: tuple[int, int]) -> None:
         """`times` (T,) s of the motion at which frames can be; `size` of the picture, px."""
-        self._shoves, self._size = shoves(world), size
+        self._shoves, self._size, self._times = shoves(world), size, times
         step = float(times[1] - times[0]) if len(times) > 1 else world.duration
-        self._step = step
-        spans = [(float(time), float(time) + step) for time in times]
-        given = [[shove.given(*span) for shove in self._shoves] for span in spans]
+        edges = np.append(times, times[-1] + step)
+        parts = [shove.parts(edges).tolist() for shove in self._shoves]
+        given = [
+            [(s.vector * part, s.turn * part) for s, part in zip(self._shoves, row, strict=True)]
+            for row in zip(*parts, strict=True)
+        ] or [[] for _ in times]
+        self._given: list[list[tuple[Array, float]]] = given
         self.most = max((sum(float(np.hypot(*v)) for v, _ in row) for row in given), default=0.0)
         """g·px/s: of all pushes of a frame together, at most."""
         self.most_turn = max((sum(abs(turn) for _, turn in row) for row in given), default=0.0)
@@ -95,8 +106,7 @@ class ForceMaps:
 
     def idle(self, time: float) -> bool:
         """Whether nothing pushes in a frame at `time` (s)."""
-        given = (shove.given(time, time + self._step) for shove in self._shoves)
-        return not any(vector.any() or turn for vector, turn in given)
+        return not any(vector.any() or turn for vector, turn in self._at(time))
 
     def channels(self, time: float, poses: Array, lens: Array) -> NDArray[np.uint16]:
         """(H, W, 3): impulse to the right, impulse down, turn clockwise, of a frame at `time` (s); see ZERO and FULL.
@@ -105,13 +115,16 @@ class ForceMaps:
         """
         width, height = self._size
         total = np.zeros((height, width, 3), np.float32)
-        for shove in self._shoves:
-            vector, turn = shove.given(time, time + self._step)
+        for shove, (vector, turn) in zip(self._shoves, self._at(time), strict=True):
             high = [*(vector / (self.most or 1.0)).tolist(), turn / (self.most_turn or 1.0)]
             if any(high):
-                blob = gaussian(lens @ [*shove.place(poses[shove.body]), 1.0], self._size)
-                total += blob[..., None] * np.array(high, np.float32)
+                blot(total, lens @ [*shove.place(poses[shove.body]), 1.0], np.array(high, np.float32))
         return (np.rint(total * FULL) + ZERO).astype(np.uint16)
+
+    def _at(self, time: float) -> list[tuple[Array, float]]:
+        """What each push gives from the frame at a time (s) to the next sample: g·px/s and g·px²/s."""
+        sample = int(np.searchsorted(self._times, time + NOTHING, side="right")) - 1
+        return self._given[max(sample, 0)]
 
 
 class Blobs:
@@ -121,16 +134,18 @@ class Blobs:
     in each frame, to the last one: the farther, the stronger the push.
     """
 
-    def __init__(self, world: World, times: Array, size: tuple[int, int]) -> None:
-        """`times` (F,) s of the frames, in the order in which they are played."""
-        self._size, self._count = size, len(times)
+    def __init__(
+        self, world: World, frame: Callable[[float], int], count: int, size: tuple[int, int]
+    ) -> None:
+        """`frame` tells which of the clip's `count` frames shows what begins at a time (s of the motion)."""
+        self._size, self._count = size, count
         pushed = [shove for shove in shoves(world) if shove.vector.any()]
         strong = [float(np.hypot(*_whole(shove))) for shove in pushed]
         self._most = max(strong, default=0.0)
         self._pushed = [
-            (shove, int(np.argmax(times >= shove.start - 1e-9)), strength / self._most)
+            (shove, frame(shove.start), strength / self._most)
             for shove, strength in zip(pushed, strong, strict=True)
-            if strength and (times >= shove.start - 1e-9).any()
+            if strength
         ]
         self._starts: dict[int, Array] = {}
 
@@ -151,7 +166,7 @@ class Blobs:
             way = shove.vector / np.hypot(*shove.vector)
             far = width * (NEAREST + (FARTHEST - NEAREST) * share)
             part = (frame - first) / max(self._count - 1 - first, 1)
-            total += gaussian(self._starts[n] + way * far * part, self._size)
+            blot(total, self._starts[n] + way * far * part)
         return np.asarray(np.rint(np.minimum(total, 1) * 255), np.uint8)
 
 
@@ -160,11 +175,19 @@ def _whole(shove: Shove) -> Array:
     return shove.vector * (1.0 if shove.end is None else shove.end - shove.start)
 
 
-def gaussian(at: Array, size: tuple[int, int]) -> F32:
-    """(H, W): 1 at a place (2,) px."""
-    spread = 2 * (size[0] / WIDE) ** 2
-    x, y = np.arange(size[0]) - at[0], np.arange(size[1]) - at[1]
-    return np.outer(np.exp(-(y**2) / spread), np.exp(-(x**2) / spread)).astype(np.float32)
+def blot(picture: F32, at: Array, high: float | F32 = 1.0) -> None:
+    """Adds a Gaussian to (H, W), or (H, W, C) with `high` (C,): at its middle, a place (2,) px, it is `high`."""
+    height, width = picture.shape[:2]
+    sigma = width / WIDE
+    first = np.clip(np.floor(at - REACH * sigma), 0, (width, height)).astype(np.int64)
+    last = np.clip(np.ceil(at + REACH * sigma) + 1, 0, (width, height)).astype(np.int64)
+    across, down = (
+        np.exp(-((np.arange(*span) - middle) ** 2) / (2 * sigma**2))
+        for *span, middle in zip(first, last, at, strict=True)
+    )
+    blob = np.outer(down, across).astype(np.float32)
+    box = picture[first[1] : last[1], first[0] : last[0]]
+    box += blob * high if picture.ndim == 2 else blob[..., None] * high
 
 
 def told(shove: Shove, world: World) -> dict[str, Any]:

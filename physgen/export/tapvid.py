@@ -8,6 +8,7 @@ the other, so that the first pixel's centre is at half a pixel; `occluded` (N, T
 from __future__ import annotations
 
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any
 from zipfile import ZipFile, ZipInfo
@@ -25,19 +26,18 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 POINTS = 256
-"""Of a clip, as many as of one of TAP-Vid's Kubric; more where things are so many that each would not get LEAST."""
+"""Of a clip unless told, as of one of TAP-Vid's Kubric; more where things are so many that each would not get LEAST."""
 LEAST = 4
 """Of each thing that is ever seen."""
 GROUND = 0.25
 """Share of the background."""
-SEED = 0
 
 
 class Tapvid:
     """The video goes into the file as it comes; of each view no more is kept than poses, and ids as runs."""
 
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._clip = clip
+    def __init__(self, folder: Path, clip: Clip, points: int = POINTS) -> None:
+        self._clip, self._most = clip, points
         self._lenses: list[Array] = []
         self._poses: list[Array] = []
         self._spaces: list[Array] = []
@@ -61,7 +61,7 @@ class Tapvid:
         self._video.close()
         spaces = np.stack(self._spaces) if self._spaces else None
         filmed = Filmed(np.stack(self._lenses), np.stack(self._poses), spaces)
-        points = _points(self._ids, len(self._clip.names))
+        points = _points(self._ids, len(self._clip.names), self._most, _drawing(self._clip.name))
         places, under = tracked(points, filmed, self._clip.world)
         occluded = under | ~_shown(places, points, self._ids)
         for name, array in self._arrays(points, places, occluded).items():
@@ -101,12 +101,16 @@ def _begun(archive: ZipFile, name: str, kind: np.dtype[Any], shape: tuple[int, .
     return file
 
 
-def _points(ids: list[Runs], count: int) -> Points:
+def _drawing(name: str) -> np.random.Generator:
+    """Of a clip's name: the same every time, and in clips of one photo not the same places again."""
+    return np.random.default_rng(int.from_bytes(sha256(name.encode()).digest()[:8], "big"))
+
+
+def _points(ids: list[Runs], count: int, most: int, rng: np.random.Generator) -> Points:
     """Points drawn in views at random: of each owner, as likely in each as it is seen there."""
-    rng = np.random.default_rng(SEED)
     areas = np.stack([runs.areas(count + 1) for runs in ids])
     totals = areas.sum(axis=0)
-    numbers = shares(totals, POINTS, LEAST, GROUND)
+    numbers = shares(totals, most, LEAST, GROUND)
     owners = np.repeat(np.arange(count + 1), numbers)
     frames = np.concatenate(
         [rng.choice(len(ids), n, p=areas[:, k] / totals[k]) for k, n in enumerate(numbers) if n]

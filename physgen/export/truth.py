@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.export.extent import Extent
-from physgen.export.pictures import jpeg
+from physgen.export.pictures import jpeg, png
 from physgen.export.presence import Presence, presences
 from physgen.percepts.maps import Percepts
 from physgen.render.placing import Slices
@@ -26,6 +26,8 @@ from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
 
 if TYPE_CHECKING:
+    from physgen.export.depth import Depths
+    from physgen.export.kitti import Ways
     from physgen.export.paint import Paint
     from physgen.export.telling.story import Story
 
@@ -66,9 +68,14 @@ class View:
         return presences(self.covering(), self.ids)
 
     @cached_property
-    def jpeg(self) -> bytes:
+    def jpeg(self) -> bytes | memoryview:
         """The picture as a JPEG file: several formats hold it, and it is encoded once."""
         return jpeg(self.rgb)
+
+    @cached_property
+    def png(self) -> bytes | memoryview:
+        """The picture as a PNG file, to the last bit."""
+        return png(self.rgb)
 
     @cached_property
     def boxes(self) -> Mapping[int, Slices]:
@@ -109,6 +116,8 @@ class Clip:
     """Where the camera is at any time, and in which order the frames show the samples."""
     source: Mapping[str, str] = field(default_factory=dict)
     """What it was made of: paths and SHA-256."""
+    sampled: Callable[[Array], Trajectory] | None = field(default=None, repr=False)
+    """The same motion at other times (T,) s, rising; None: it is simulated again."""
     stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
     """(H, W) of the photo, at t = 0: who stands where by ids, and `LEFT_OUT`; empty without a photo."""
 
@@ -118,6 +127,20 @@ class Clip:
         from physgen.export.paint import Paint
 
         return Paint(self)
+
+    @cached_property
+    def depths(self) -> Depths:
+        """The depth of its views, of a photo that has one; two formats hold it."""
+        from physgen.export.depth import Depths
+
+        return Depths(self)
+
+    @cached_property
+    def ways(self) -> Ways:
+        """Files of its flow; two formats hold it."""
+        from physgen.export.kitti import Ways
+
+        return Ways()
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.export.motion import Flow, Moment
-from physgen.export.pictures import save
+from physgen.export.pictures import png_of_bgr
 from physgen.export.truth import Clip
 
 F32 = NDArray[np.float32]
@@ -37,7 +37,7 @@ class Wheel:
         for way, flow in (("forward", moment.forward), ("backward", moment.backward)):
             if flow is not None:
                 name = f"{moment.view.index:05d}.png"
-                save(self._folder / way / name, _shown(flow, self._most))
+                (self._folder / way / name).write_bytes(png_of_bgr(_shown(flow, self._most)))
 
     def close(self) -> None:
         """Nothing is left to be said."""
@@ -54,7 +54,7 @@ def fastest(clip: Clip) -> float:
 
 
 def _shown(flow: Flow, most: float) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB; what is at rest is white."""
+    """(H, W, 3) sRGB in OpenCV's order; what is at rest is white."""
     if flow.moving is None:
         return coloured(flow.moved, most)
     shown = np.full((*flow.inside.shape, 3), 255, np.uint8)
@@ -64,7 +64,7 @@ def _shown(flow: Flow, most: float) -> NDArray[np.uint8]:
 
 
 def coloured(moved: F32, most: float) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB of a flow (H, W, 2); `most` px are full colour, what is at rest is white."""
+    """(H, W, 3) sRGB in OpenCV's order, of a flow (H, W, 2); `most` px are full colour, what is at rest is white."""
     place = moved * np.float32(GRID / most)
     place += np.float32(GRID)
     u, v = cv2.split(place)
@@ -74,7 +74,7 @@ def coloured(moved: F32, most: float) -> NDArray[np.uint8]:
 
 @cache
 def _disc() -> NDArray[np.uint8]:
-    """(2 GRID + 1, 2 GRID + 1, 3) sRGB of all flows up to 1 px in x and y, GRID steps a px."""
+    """(2 GRID + 1, 2 GRID + 1, 3) sRGB in OpenCV's order, of all flows up to 1 px in x and y, GRID steps a px."""
     u = np.linspace(-1, 1, 2 * GRID + 1)[None, :]
     v = u.T
     wheel = _wheel()
@@ -84,7 +84,7 @@ def _disc() -> NDArray[np.uint8]:
     part = (place - low)[..., None]
     hue = wheel[low] * (1 - part) + wheel[(low + 1) % len(wheel)] * part
     shown = np.where(far <= 1, 1 - far * (1 - hue), hue * 0.75)
-    return np.asarray(np.floor(255 * shown), np.uint8)
+    return np.ascontiguousarray(np.floor(255 * shown[..., ::-1]), np.uint8)
 
 
 def _wheel() -> F32:

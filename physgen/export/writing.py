@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,7 +34,8 @@ class Kind:
 
     name: str
     maker: str
-    """`module:function` that takes the folder, which is there and empty, and the `Clip`; raises InputError."""
+    """`module:function` that takes the folder, which is there and empty, and the `Clip`, and a `count` where there is
+    one; raises InputError."""
     about: str
     maps: bool = False
     """It reads the photo's maps."""
@@ -46,6 +47,10 @@ class Kind:
     """Brings the library."""
     most: int | None = None
     """Objects that it tells apart."""
+    counted: str = ""
+    """What a number behind its name sets, `tapvid:512`; empty: it takes none."""
+    count: int | None = None
+    """That number, which goes to the maker too; None: nobody asked."""
 
 
 KINDS = (
@@ -53,7 +58,7 @@ KINDS = (
     Kind("flo", "flo:Flo", "optical flow, Middlebury .flo, with masks of what is hidden"),
     Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
     Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
-    Kind("tapvid", "tapvid:Tapvid", "point tracks, TAP-Vid npz"),
+    Kind("tapvid", "tapvid:Tapvid", "point tracks, TAP-Vid npz", counted="points"),
     Kind("order", "order:Order", "who is in front, PNG and JSON"),
     Kind("depth", "depth:Depth", "depth, 16-bit PNG", True, "depth"),
     Kind("normals", "normals:Normals", "normals, 16-bit PNG", True, "normals"),
@@ -77,24 +82,78 @@ MAKERS = {"depth": " --backend depth=NAME"}
 """What `perceive` has to be told to make a map that it does not make by itself."""
 
 
-def kinds(names: Sequence[str]) -> list[Kind]:
-    """Those of `names`, each once. Raises InputError with every name that is none."""
-    known = {kind.name: kind for kind in KINDS}
-    problems = []
-    for name in names:
-        if name not in known:
-            close = nearest(name, known)
-            fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
-            problems += InputError.of("--format", f'"{name}"', "is no format", fix).problems
-        elif (library := known[name].library) and find_spec(library) is None:
-            expected, fix = (
-                f"needs {library}, which is not installed",
-                f'pip install "physgen[{known[name].extra}]"',
-            )
-            problems += InputError.of("--format", f'"{name}"', expected, fix).problems
+FLAG = "--format"
+MOST_COUNTED = 1_000_000
+"""Of what a number behind a name sets."""
+
+
+def kinds(names: Sequence[str], flag: str = FLAG) -> list[Kind]:
+    """Those of `names`, each once, `tapvid:512` with its number.
+
+    Raises InputError with every name that is none, or whose library is not there; `flag` is where they were written.
+    """
+    found: dict[str, Kind] = {}
+    problems: list[Problem] = []
+    for name in dict.fromkeys(names):
+        kind = _kind(name)
+        if isinstance(kind, Wrong):
+            problems += kind.of(flag, name)
+            continue
+        if kind.name in found:
+            problems += Wrong(f"is {kind.name} once more", f'write it once, e.g. "{name}"').of(flag, name)
+        elif kind.library and find_spec(kind.library) is None:
+            fix = f'pip install "physgen[{kind.extra}]"'
+            problems += Wrong(f"needs {kind.library}, which is not installed", fix).of(flag, name)
+        found[kind.name] = kind
     if problems:
         raise InputError(problems)
-    return [known[name] for name in dict.fromkeys(names)]
+    return list(found.values())
+
+
+def check_names(names: Sequence[str], flag: str = FLAG) -> None:
+    """Raises InputError with every name that is no format's, where nothing is to be written in them."""
+    problems: list[Problem] = []
+    for name in names:
+        kind = _kind(name)
+        if isinstance(kind, Kind) and kind.count is not None:
+            kind = Wrong("takes no number here", f'write "{kind.name}"')
+        if isinstance(kind, Wrong):
+            problems += kind.of(flag, name)
+    if problems:
+        raise InputError(problems)
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """Why a name is none of a format, and the fix."""
+
+    expected: str
+    fix: str
+
+    def of(self, flag: str, name: str) -> Sequence[Problem]:
+        """As it is told."""
+        return InputError.of(flag, f'"{name}"', self.expected, self.fix).problems
+
+
+def _kind(name: str) -> Kind | Wrong:
+    """Of a name, with its number."""
+    known = {kind.name: kind for kind in KINDS}
+    plain, colon, number = name.partition(":")
+    if plain not in known:
+        close = nearest(plain, known)
+        return Wrong(
+            "is no format", f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
+        )
+    kind = known[plain]
+    if not colon:
+        return kind
+    if not kind.counted:
+        return Wrong("takes no number", f'write "{plain}"')
+    if not (number.isascii() and number.isdigit() and 1 <= int(number[:9]) <= MOST_COUNTED):
+        return Wrong(
+            f"has no number of {kind.counted} from 1 to {MOST_COUNTED:,}", f'write e.g. "{plain}:512"'
+        )
+    return replace(kind, count=int(number))
 
 
 def check_fits(chosen: Sequence[Kind], scene: Scene, maps: Percepts | None) -> None:
@@ -132,7 +191,8 @@ def written(chosen: Sequence[Kind], folder: Path, clip: Clip) -> Iterator[list[W
         module, _, name = kind.maker.partition(":")
         home = folder / kind.name
         home.mkdir(parents=True)
-        writers.append(getattr(import_module(f"physgen.export.{module}"), name)(home, clip))
+        number = () if kind.count is None else (kind.count,)
+        writers.append(getattr(import_module(f"physgen.export.{module}"), name)(home, clip, *number))
     yield writers
     for writer in writers:
         writer.close()

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import degrees
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,7 @@ class Fan:
         return [k for k, one in enumerate(self.outcomes) if one is not None]
 
     def table(self) -> str:
-        """CSV: a line a draw, with what was drawn, then what became of each body."""
+        """CSV: a line a draw, with what was drawn, then what became of each body; docs/fan.md has the columns."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         told = (
@@ -77,8 +78,8 @@ class Fan:
             "drops",
             "x_px",
             "y_px",
-            "angle_rad",
-            "turned_rad",
+            "angle_degrees",
+            "turned_degrees",
             "rests_s",
             "touches_first",
         )
@@ -101,8 +102,9 @@ def _cells(one: Outcome, b: int, surfaces: Sequence[str]) -> list[Any]:
         Fate(int(one.fates[b])).name.lower(),
         int(one.tips[b]),
         int(one.drops[b]),
-        *one.final[b].tolist(),
-        float(one.turned[b]),
+        *one.final[b, :2].tolist(),
+        degrees(one.final[b, 2]),
+        degrees(one.turned[b]),
         "" if np.isinf(rests) else rests,
         "" if first < 0 else surfaces[first],
     ]

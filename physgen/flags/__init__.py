@@ -3,74 +3,27 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
 from physgen import __version__
-from physgen.flags.clusters import clusters
 from physgen.flags.exhibiting import exhibit
-from physgen.flags.exporting import exports, labels
+from physgen.flags.exporting import exports
 from physgen.flags.gathering import dataset
+from physgen.flags.making import making, overlays
 from physgen.flags.measures import measures
 from physgen.flags.packing import pack, unpack
+from physgen.flags.parser import WRONG_INPUT, Parser, joined
 from physgen.flags.perceiving import perceive, who
 from physgen.flags.plots import plots
 from physgen.flags.refining import refine
 from physgen.flags.sweeping import sweep
-from physgen.flags.values import count, draws, formats, four, place, positive, scene_name, seed, two
+from physgen.flags.values import four, place, positive, scene_name, two
 from physgen.flags.verifying import verify
 
 __all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
 
-WRONG_INPUT = 2
-DEVICES = ("cpu", "cuda")
-MIXED = ("sweep",)
-"""Commands that take flags between their arguments."""
-REPORTS = ("full", "plain", "none")
-
-
-class Parser(argparse.ArgumentParser):
-    """Wrong flags: one line that says what to do, exit code 2."""
-
-    mixed = False
-    """Whether flags may stand between arguments."""
-
-    def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        """As argparse does, which by itself takes all arguments of one kind in one go."""
-        if not self.mixed:
-            return super().parse_known_args(args, namespace)
-        self.mixed = False
-        try:
-            return self.parse_known_intermixed_args(args, namespace)
-        finally:
-            self.mixed = True
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message and a hint."""
-        self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-def joined(arguments: list[str]) -> list[str]:
-    """`--point -1,3` as `--point=-1,3`: argparse takes a value that begins with - for a flag.
-
-    >>> joined(["perceive", "a.png", "--point", "-1,3"])
-    ['perceive', 'a.png', '--point=-1,3']
-    """
-    result: list[str] = []
-    for argument in arguments:
-        if (
-            result
-            and result[-1] in ("--box", "--point")
-            and argument[:1] == "-"
-            and argument[1:2].isdecimal()
-        ):
-            result[-1] += f"={argument}"
-        else:
-            result.append(argument)
-    return result
+MIXED = ("perceive", "check", "render", "sweep", "export", "dataset", "gallery", "verify")
+"""Commands that take several arguments, and flags between them."""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -84,7 +37,9 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     def command(name: str, about: str, example: str) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=about, description=about, epilog=f"example: {example}")
+        parser.commands[name] = sub = commands.add_parser(
+            name, help=about, description=about, epilog=f"example: {example}"
+        )
         sub.set_defaults(command=name)
         sub.mixed = name in MIXED
         return sub
@@ -121,7 +76,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--resolved", action="store_true", help="print the scene with overlays applied and defaults filled in"
     )
     sub.add_argument("--json", action="store_true", help="print problems as JSON")
-    _overlays(sub)
+    overlays(sub)
 
     sub = command("simulate", "Scene to trajectory.", "physgen simulate scene.yaml -o trajectory.npz")
     sub.add_argument("scene", metavar="SCENE")
@@ -139,7 +94,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--rate", metavar="HZ", type=positive, help="samples a second; default: the video's")
     sub.add_argument("--json", action="store_true", help="print everything as JSON")
-    _overlays(sub)
+    overlays(sub)
 
     sub = command(
         "render",
@@ -155,11 +110,11 @@ def build_parser() -> argparse.ArgumentParser:
         default="out",
         help="folder of the results, or its URL; default: out",
     )
-    _making(sub)
+    making(sub)
     sub.add_argument(
         "--watch", action="store_true", help="render again whenever the scene or what it reads is saved"
     )
-    _overlays(sub)
+    overlays(sub)
 
     sub = command(
         "sweep",
@@ -167,8 +122,8 @@ def build_parser() -> argparse.ArgumentParser:
         "physgen sweep scene.yaml objects.ball.velocity.0=100:900:9 'objects.*.elasticity=0.2,0.9' -o sweep",
     )
     sweep(sub)
-    _making(sub)
-    _overlays(sub)
+    making(sub)
+    overlays(sub)
 
     sub = command(
         "export",
@@ -176,7 +131,7 @@ def build_parser() -> argparse.ArgumentParser:
         "physgen export scene.yaml --format flo,events,conditioning --frames 49 --size 832x480 --fps 16 -o labels",
     )
     exports(sub)
-    _overlays(sub)
+    overlays(sub)
 
     sub = command(
         "dataset",
@@ -209,7 +164,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub = command(
         "plot", "Figures for papers, as PNG, SVG or PDF.", "physgen plot strip scene.yaml -o strip.pdf"
     )
-    plots(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), _overlays)
+    plots(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), overlays)
 
     sub = command(
         "verify",
@@ -244,87 +199,3 @@ def build_parser() -> argparse.ArgumentParser:
     sub = command("schema", "The JSON Schema of scene files.", "physgen schema > scene.schema.json")
     sub.add_argument("--markdown", action="store_true", help="the reference page instead")
     return parser
-
-
-def _making(sub: argparse.ArgumentParser) -> None:
-    """How clips are made."""
-    sub.add_argument(
-        "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
-    )
-    clusters(sub)
-    sub.add_argument(
-        "--format",
-        metavar="LIST",
-        type=formats,
-        default=["mp4"],
-        help="any of mp4,gif,webp,png; default: mp4",
-    )
-    sub.add_argument(
-        "--chaos",
-        action="store_true",
-        help="tell in the report how long the motion can be foretold; see simulate",
-    )
-    sub.add_argument(
-        "--fan",
-        metavar="N",
-        type=draws,
-        default=0,
-        help="simulate N draws of what `from` is unsure of: which outcomes does the photo decide? see docs/fan.md",
-    )
-    sub.add_argument("--fan-seed", metavar="S", type=seed, default=0, help="of the draws; default: 0")
-    sub.add_argument(
-        "--device",
-        choices=DEVICES,
-        default="cpu",
-        help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
-    )
-    sub.add_argument(
-        "--refine",
-        metavar="NAME[:WEIGHTS]",
-        help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
-    )
-    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
-    sub.add_argument(
-        "--report",
-        choices=REPORTS,
-        help="full (the default); plain: without player, charts and what was perceived, which takes less time than a "
-        "short clip; none",
-    )
-    sub.add_argument(
-        "--export",
-        metavar="LIST",
-        type=labels,
-        default=(),
-        help="ground truth beside the clip, in truth/: any of the formats of physgen export",
-    )
-    sub.add_argument(
-        "--single-file",
-        action="store_true",
-        help="put the video into report.html, which can then be mailed alone",
-    )
-    sub.add_argument(
-        "--preview",
-        action="store_true",
-        help="a quick look: at most 24 frames as large as the photo, without a report",
-    )
-    sub.add_argument(
-        "--no-cache",
-        dest="cache",
-        action="store_false",
-        help="make clips again that are there, and neither read nor keep results of stages",
-    )
-    sub.add_argument("--json", action="store_true", help="print a line of JSON a clip, and one at the end")
-
-
-def _overlays(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="edit a key: objects.ball-1.mass=200; * stands for every object",
-    )
-    sub.add_argument("--variant", metavar="NAME", help="apply a named variant of the file, or all")
-    sub.add_argument(
-        "--allow-outside", action="store_true", help="let the scene read files outside its folder"
-    )

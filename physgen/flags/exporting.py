@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.values import count, names, of, two_sides
+from physgen.flags.values import DEVICES, count, names, of, two_sides
 
-DEVICES = ("cpu", "cuda")
 NAMES = (
     "frames", "flo", "kitti", "wheel", "tapvid", "order", "depth", "normals", "albedo", "shading", "coco", "davis",
     "youtubevos", "mot", "mots", "events", "trajectory", "conditioning", "physics",
@@ -21,7 +20,7 @@ def exports(sub: argparse.ArgumentParser) -> None:
         metavar="LIST",
         type=labels,
         required=True,
-        help="any of " + ",".join(NAMES) + "; see docs/ground-truth.md",
+        help="any of " + ",".join(NAMES) + "; tapvid:512 has so many points; see docs/ground-truth.md",
     )
     sub.add_argument("-o", "--output", metavar="DIR", default="labels", help="default: labels")
     sub.add_argument(

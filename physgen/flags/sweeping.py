@@ -15,8 +15,9 @@ def sweep(sub: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUES",
         nargs="*",
         help="start:end:count (count:log for even factors), values in YAML between commas, or a distribution: "
-        "~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd), ~integers(a, b), ~choice(a, b, ...); in quotes. "
-        "Values of several keys make a grid",
+        "~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd) or ~normal(mean, sd, low, high), ~integers(a, b), "
+        "~choice(a, b, ...), in quotes; ~each uniform(a, b) draws for each thing that * means. Values of several keys "
+        "make a grid",
     )
     sub.add_argument(
         "--samples",

@@ -10,6 +10,8 @@ from typing import Any
 
 from physgen.problems import InputError
 
+DEVICES = ("cpu", "cuda")
+"""What draws frames."""
 FORMATS = ("mp4", "gif", "webp", "png")
 CURVES = ("x", "y", "speed", "angle")
 
@@ -111,6 +113,21 @@ def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
         return number
 
     return value
+
+
+def speeds(text: str) -> list[float]:
+    """`50,100,200` -> px/s above 0, each once, in order."""
+    found = sorted({positive(part.strip()) for part in text.split(",")})
+    if not 2 <= len(found) <= 100:
+        raise argparse.ArgumentTypeError(f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200")
+    return found
+
+
+def turns(text: str) -> int:
+    """A number of directions."""
+    if not text.isdecimal() or not 1 <= int(text) <= 360:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 360")
+    return int(text)
 
 
 def rows(text: str) -> list[int]:

@@ -39,7 +39,9 @@ from physgen.scene.model import View
 
 Progress = Callable[[str, int, int], None]
 """Told the stage that begins, how much of it is done, and of how much."""
-HEADER = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
+HEADER = """\
+A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE
+A number that you have set is no guess any more: take its entry out of from, which render --fan goes by"""
 UNKNOWN = Setting(View.SIDE, 0.0, "", ())
 """What holds the objects, before anybody has looked."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"

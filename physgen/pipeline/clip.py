@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,25 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.pipeline.exporting import Labels
-from physgen.pipeline.fanning import fanned
+from physgen.pipeline.fanning import TABLE, fanned
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guided, refined
 from physgen.pipeline.stages import chaos, drawn_by, lint, render
+from physgen.pipeline.trust import sound, unbalanced
 from physgen.pipeline.warm import Keep, Warm
 from physgen.pipeline.watch import Progress, Warn, silent, unheard
 from physgen.pipeline.writing import written
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.whole import stamped
 
 if TYPE_CHECKING:
-    from physgen.compile.world import World
     from physgen.report.fanned import Section
     from physgen.report.perception import Perception
     from physgen.report.record import RunRecord
     from physgen.report.retouched import Retouched
     from physgen.report.video import Format
-    from physgen.scene.model import Scene
     from physgen.simulate.trajectory import Trajectory
 
 U8 = NDArray[np.uint8]
@@ -59,10 +57,6 @@ class Known:
     """Of the scene: a path on another machine, or a URL."""
     source: str
     """What the manifest says of where the scene is; see `RunRecord.source`."""
-
-
-UNBALANCED = 0.03
-"""Part of the energy that flows above which a simulation is not to be trusted."""
 
 
 def render_scene(
@@ -131,27 +125,30 @@ def render_scene(
     progress("compile", 0, 1)
     with record.stage("compile"):
         compiled = warm.compile(scene, maps)
-        lints = lint(scene, compiled)
+        lints = lint(scene, compiled, maps.percepts)
     for problem in lints:
         odd(problem)
     with record.stage("report"):
         seen = perception(scene, compiled, maps.percepts) if page is Page.FULL else None
     filming = Filming(scene, compiled, maps, device, record, warm)
     labels = Labels.of(export, scene, maps.percepts)
+    still_sound = partial(sound, scene, record, begun, maps.stamps)
     del maps
     kinds = (Format.MP4,) if formats is None else tuple(formats)
+    if export and not kinds:
+        labels.check_kept(final)
     faults: Sequence[Problem] = ()
     retouched = None
     with ExitStack() as held:
         footage = None
         if scene.refine.backend != "none":
-            footage = held.enter_context(guided(filming, record, progress, warn, cached))
+            footage = held.enter_context(guided(filming, record, progress, warn, cached, still_sound))
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)
             trajectory = filming.simulated(progress, cached, warn)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
-        if (lost := _unbalanced(scene, compiled.world, trajectory, record)) is not None:
+        if (lost := unbalanced(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)
         if ask_chaos:
             with record.stage("chaos"):
@@ -194,7 +191,11 @@ def render_scene(
                     single_file,
                     decided,
                 )
-        if _saved(scene, record, begun):
+        if not draws:
+            _fan_goes(final, warn)
+        if kinds:
+            labels.tell_gone(final, warn)
+        if not still_sound():
             record.mark = ""  # the next run makes it again: nobody knows which of the two was drawn
         write_manifest(record, folder)
     if single_file and page is not Page.NONE:
@@ -206,11 +207,18 @@ def render_scene(
     return final
 
 
-def _saved(scene: Scene, record: RunRecord, begun: int) -> bool:
-    """Whether anything that the clip was made of was written since, ns since 1970."""
-    home = scene.folder.resolve()
-    times = [stamped(Path(os.path.normpath(home / name)))[:2] for name in record.inputs]
-    return any(max(pair) >= begun for pair in times)
+def _fan_goes(folder: Path, warn: Warn) -> None:
+    """Tells of a fan that an earlier run left there, which nobody asked for now."""
+    if not (folder / TABLE).is_file():
+        return
+    try:
+        told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        count = int(told["fan"]["draws"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    what = f"had a fan of {count} draws, which was not asked for this time, and goes"
+    fix = f"render with --fan {count} to have it again"
+    warn(Problem(Place(str(folder)), "", "", what, fix, Severity.WARNING))
 
 
 def _is_refined(folder: Path) -> bool:
@@ -225,18 +233,6 @@ def _is_refined(folder: Path) -> bool:
 def _left(folder: Path, what: str) -> Problem:
     fix = "once that is mended, frames come from the cache: nothing is simulated twice"
     return Problem(Place(str(folder)), "", "", what, fix, Severity.WARNING)
-
-
-def _unbalanced(scene: Scene, world: World, trajectory: Trajectory, record: RunRecord) -> Problem | None:
-    """A simulation that is not to be trusted."""
-    # a body's fall by a pixel is the least that counts: at rest, nothing flows
-    weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
-    record.imbalance = trajectory.imbalance(weight)
-    if record.imbalance <= UNBALANCED:
-        return None
-    fix = "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
-    found = f"miss {record.imbalance:.0%} of what flows"
-    return Problem(scene.place("world"), "world", "the books of energy", found, fix, Severity.WARNING)
 
 
 def _report(

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.pipeline.filming import Filming
-from physgen.pipeline.watch import Progress
+from physgen.pipeline.watch import Progress, Warn
+from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,6 +49,33 @@ class Labels:
         check_fits(chosen, scene, maps)
         return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
 
+    def check_kept(self, final: Path) -> None:
+        """Raises InputError where labels replace what an earlier run left in their folder and would not come again."""
+        from physgen.report.folder import made
+        from physgen.scene.words import listed
+
+        again = {"trajectory.npz", *(kind.name for kind in self.kinds)}
+        lost = sorted({name.partition("/")[0] for name in made(final)} - again)
+        if lost:
+            expected = f"holds {listed(lost, 'and')} of an earlier run, which would go"
+            fix = "name all formats at once, or choose another folder with -o"
+            raise InputError.of(str(final), "", expected, fix)
+
+    def tell_gone(self, final: Path, warn: Warn) -> None:
+        """Tells of labels of an earlier run that a new clip does not have; in the same words for all clips."""
+        from physgen.export.writing import KINDS
+        from physgen.report.folder import made
+        from physgen.scene.words import listed
+
+        parts = [name.split("/") for name in made(final) if "/" in name]
+        had = {path[1] if path[0] == "truth" else path[0] for path in parts if path[0] != "frames"}
+        had &= {kind.name for kind in KINDS}
+        gone = sorted(had - {kind.name for kind in self.kinds})
+        if gone:
+            what = f"had labels that were not asked for this time, and go: {listed(gone, 'and')}"
+            fix = f"add --export {','.join(sorted(had | {kind.name for kind in self.kinds}))} to have them again"
+            warn(Problem(Place(str(final.parent)), "", "", what, fix, Severity.WARNING))
+
     @contextmanager
     def exported(
         self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord
@@ -74,6 +102,7 @@ class Labels:
             len(shot.order),
             shot,
             record.inputs,
+            sampled=filming.sampled,
             stood=_stood(filming, self.maps),
         )
         with ExitStack() as held:

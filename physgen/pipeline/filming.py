@@ -48,9 +48,13 @@ class Filming:
     def sampled(self, times: NDArray[np.float64]) -> Trajectory:
         """The same motion at other times, s: the engine's steps do not depend on its samples."""
         from physgen.simulate.engine import simulate
+        from physgen.simulate.tape import Tape
 
         found = None if self._tape is None else self._tape.read(times)
-        return simulate(self.compiled.world, times) if found is None else found
+        if found is None:
+            self._tape = Tape()
+            found = simulate(self.compiled.world, times, tape=self._tape)
+        return found
 
     @cached_property
     def stage(self) -> Stage:

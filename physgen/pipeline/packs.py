@@ -43,8 +43,11 @@ _KNOWN: dict[str, tuple[Stamp, str]] = {}
 _HELD: OrderedDict[tuple[str, str], _Held] = OrderedDict()
 
 
-def scene_file(path: str | Path) -> Path:
-    """The same path for a scene file. Raises InputError for a zip that is no pack."""
+def scene_file(path: str | Path, called: str | None = None) -> Path:
+    """The same path for a scene file; messages tell of a pack as it is `called`, by its path unless that is given.
+
+    Raises InputError for a zip that is no pack.
+    """
     path = Path(path)
     if not is_pack(path):
         return path
@@ -56,14 +59,9 @@ def scene_file(path: str | Path) -> Path:
     if told != stamp:
         data = read_pack(path)
         key = pack_key(data)
-    found = scene_in(key, lambda: data or read_pack(path), str(path))
+    found = scene_in(key, lambda: data or read_pack(path), called or str(path))
     _KNOWN[name] = stamp, key
     return found
-
-
-def shown_as(path: str | Path) -> str:
-    """What messages call a scene file: its path; of a pack's, as if the pack were the folder that it stands in."""
-    return f"{path}/{scene_file(path).name}" if is_pack(Path(path)) else str(path)
 
 
 def pack_key(data: bytes) -> str:

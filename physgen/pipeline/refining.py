@@ -98,9 +98,17 @@ def how(scene: Scene) -> How:
 
 @contextmanager
 def guided(
-    filming: Filming, record: RunRecord, progress: Progress, warn: Warn, cached: bool = True
+    filming: Filming,
+    record: RunRecord,
+    progress: Progress,
+    warn: Warn,
+    cached: bool = True,
+    sound: Callable[[], bool] = lambda: True,
 ) -> Iterator[Footage]:
-    """The clip as it is without refinement, a frame a sample, from the cache where it is kept; else it is made."""
+    """The clip as it is without refinement, a frame a sample, from the cache where it is kept; else it is made.
+
+    It is kept for the next time where it is still `sound` then: nothing that it was made of was saved meanwhile.
+    """
     from physgen.cache.footage import Add, footage
     from physgen.cache.keys import guidance_key
     from physgen.cache.store import opened
@@ -123,7 +131,7 @@ def guided(
         return trajectory, {}
 
     key = guidance_key(filming.scene, record.inputs, record.device)
-    with footage(opened(warn=warn) if cached else None, key, film) as kept:
+    with footage(opened(warn=warn) if cached else None, key, film, sound) as kept:
         yield kept
 
 

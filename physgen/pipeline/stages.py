@@ -54,11 +54,11 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     return compile_scene(scene, None if maps is None else maps.labels)
 
 
-def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
-    """What is allowed and probably not meant."""
+def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
+    """What is allowed and probably not meant; with the photo's `maps`, of them too."""
     from physgen.compile.lints import lint as lint_scene
 
-    return lint_scene(scene, compiled)
+    return lint_scene(scene, compiled, maps)
 
 
 def simulate(
@@ -141,17 +141,16 @@ def filled(
 
     They are also made now where the assets took a boundary, whose pixels are `scenery`, for an object.
     """
-    from physgen.render.sprites import covers_scenery
+    from physgen.compile.stored import knows
 
-    new = bool(((labels > 0) & (maps.labels == 0)).any())
-    new |= maps.coverage is not None and covers_scenery(maps.coverage, labels, scenery)
-    if maps.coverage is not None and maps.background is not None and not new:
+    known = knows(maps, labels, scenery)
+    if known and maps.coverage is not None and maps.background is not None:
         return maps.coverage, maps.background
     from physgen import backends
 
     union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.labels))
     coverage = maps.coverage
-    if coverage is None or new:
+    if coverage is None or not known:
         coverage = backends.make("matte")(maps.rgb, union)
     return coverage, backends.make("inpaint")(maps.rgb, coverage > 0)
 

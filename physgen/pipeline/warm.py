@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from physgen.pipeline import stages
-from physgen.pipeline.packs import scene_file, shown_as
+from physgen.pipeline.packs import scene_file
 from physgen.pipeline.watch import Progress, Warn, silent, unheard
 from physgen.whole import Stamp, stamped
 
@@ -75,10 +75,12 @@ class Recent(Generic[T]):
 
 @dataclass(frozen=True)
 class Maps:
-    """A photo with its maps, None for a scene without one; and what it was read from, as a key."""
+    """A photo with its maps, None for a scene without one; and what it was read from, as a key and as files."""
 
     percepts: Percepts | None
     key: str
+    stamps: tuple[tuple[Path, Stamp], ...] = ()
+    """Of its files, from before they were read."""
 
 
 class Warm:
@@ -101,11 +103,13 @@ class Warm:
         allow_outside: bool,
         shown: str | None = None,
     ) -> Scene:
-        """As `stages.load`; `shown` is what messages call the file where that is not its path."""
+        """As `stages.load`; `shown` is what messages call the file, or the pack, where that is not its path."""
         from physgen.scene.build import Opened
+        from physgen.scene.pack_format import SUFFIX
 
-        name = str(scene_file(path))
-        shown = shown or shown_as(path)
+        packed = shown is not None and shown.endswith(SUFFIX)
+        name = str(scene_file(path, shown if packed else None))
+        shown = None if packed else shown
         read = (os.getcwd(), name, allow_outside, shown)
         opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
         if opened.stale():
@@ -120,12 +124,12 @@ class Warm:
         files = [] if scene.image is None else [scene.image]
         if scene.image is not None and scene.assets is not None:
             files += sorted(scene.assets.glob("*.png"))
-        stamps = [(str(file), *stamped(file)) for file in files]
-        read = key("percepts", stamps, dict(scene.maps))
+        stamps = tuple((file, stamped(file)) for file in files)
+        read = key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps))
         width, height = scene.size
         if width * height > MOST_PIXELS:
-            return Maps(stages.percepts(scene), read)
-        return self._maps.of(read, lambda: Maps(stages.percepts(scene), read))
+            return Maps(stages.percepts(scene), read, stamps)
+        return self._maps.of(read, lambda: Maps(stages.percepts(scene), read, stamps))
 
     def compile(self, scene: Scene, maps: Maps) -> Compiled:
         """As `stages.compile`."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from physgen.problems import Problem
+from physgen.problems import Warn, unheard
+
+__all__ = ["Keep", "Progress", "Warn", "silent", "unheard"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how much is done and how much there is."""
@@ -15,12 +17,5 @@ def silent(stage: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
 
 
-Warn = Callable[[Problem], None]
-"""Told of everything that is allowed and probably not meant."""
-
 Keep = Callable[[Path], None]
 """Told of every file that stood in the way and was kept under another name."""
-
-
-def unheard(problem: Problem) -> None:
-    """Warnings that nobody reads."""

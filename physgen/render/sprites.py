@@ -163,15 +163,6 @@ def anchored(sprites: Sequence[Sprite], photo: F32, behind: F32, absent: NDArray
     return found
 
 
-def covers_scenery(coverage: F32, labels: U16, scenery: NDArray[np.bool_]) -> bool:
-    """Whether maps made for other masks took scenery `(H, W)` for an object: it is covered where no object is near."""
-    if not scenery.any():
-        return False
-    reach = np.ones((2 * SOFT + 1, 2 * SOFT + 1), np.uint8)
-    near = cv2.dilate((labels > 0).astype(np.uint8), reach) > 0
-    return bool((coverage[scenery & ~near] > 0.5).any())
-
-
 def _soft(mask: NDArray[np.bool_]) -> F32:
     """A blurred mask: shares of touching masks add up to that of their union."""
     return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), BLUR), np.float32)

@@ -19,6 +19,7 @@ from physgen.fan.lights import Shadows
 from physgen.fan.outcome import Fate
 from physgen.fan.verdict import VERBS, Verdict, headline, percent
 from physgen.report.encoded import jpeg
+from physgen.report.guessed import guesses
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -50,6 +51,8 @@ class Section:
 
     headline: str
     facts: str
+    guesses: str
+    """Which numbers count as guesses, and as whose."""
     ways: Sequence[dict[str, Any]]
     """`fate`, `d`: of one body in one draw."""
     ends: Sequence[dict[str, Any]]
@@ -90,6 +93,7 @@ def section(fan: Fan, found: Sequence[Verdict], lights: Shadows | None, world: W
     return Section(
         headline=headline(fan, found),
         facts=_facts(fan),
+        guesses=guesses(fan.doubts),
         ways=ways,
         ends=ends,
         outlines=[{"id": b, "d": _rings(world, b)} for b in used],
@@ -127,7 +131,7 @@ def _facts(fan: Fan) -> str:
     failed = f"; {lost} could not be simulated" if lost else ""
     return (
         f"{draws} draws (seed {fan.seed}) of {drawn}, each as wide as its source is unsure, each simulated{failed}. "
-        "What nobody guessed is certain. Where no number is said to matter most, none stands out."
+        "All else is kept as it is, velocities and pushes too. Where no number is said to matter most, none stands out."
     )
 
 

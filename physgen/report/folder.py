@@ -6,7 +6,7 @@ import errno
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,6 +15,8 @@ from physgen.report.leftovers import in_use, sweep_once
 from physgen.whole import partial
 
 TRIES = 20
+CLIPS = {"video.mp4", "trajectory.npz", "report.html", "truth", "events", "conditioning"}
+"""What lies in folders of clips, of which anybody may have one."""
 OURS = re.compile(
     r"manifest\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"
     r"|(video|unrefined)\.(mp4|gif|webp)|(frames|unrefined)/\d{5}\.png|truth/.+"
@@ -73,6 +75,21 @@ def output_folder(out: Path, name: str) -> Path:
             str(final), "", f"would be replaced, and holds {found}, which physgen did not make", fix
         )
     return final
+
+
+def made(folder: Path) -> list[str]:
+    """Files below a folder that an earlier run made and tells of, beside its manifest; none where nobody can tell."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return [str(name) for name in manifest["files"]] if manifest["manifest"] == 1 else []
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+
+
+def seems_clip(names: Iterable[str]) -> bool:
+    """Whether what is called so in a folder is plainly a clip's, where its manifest was lost."""
+    there = set(names)
+    return "clip.json" not in there and len(there & CLIPS) > 1  # which a data set has
 
 
 def _strangers(folder: Path) -> list[str] | None:

@@ -10,6 +10,7 @@ import base64
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,8 +18,10 @@ from typing import Any
 
 from physgen import __version__
 from physgen.problems import InputError
+from physgen.report.became import became
 from physgen.report.cards import KINDS, Pictured, card, link, told
 from physgen.report.clips import Clip, clips_in
+from physgen.report.leftovers import sweep
 from physgen.report.posters import pictures
 from physgen.report.swept import Swept, swept
 from physgen.report.templates import script_json, template
@@ -36,7 +39,7 @@ FEW = 8
 """Values of a key that are offered one by one; more make a range."""
 BARS = 16
 """Of a range's histogram."""
-_OURS = re.compile(r"[0-9a-f]{20}\.(poster|strip)\.webp").fullmatch
+_OURS = re.compile(r"[0-9a-f]{20}\.((poster|strip)\.webp|film\.mp4)").fullmatch
 
 
 @dataclass(frozen=True)
@@ -68,36 +71,47 @@ def write_gallery(
     clips = clips_in(roots)
     index.parent.mkdir(parents=True, exist_ok=True)
     files = index.with_name(f"{index.stem}.files")
-    pictured = []
+    shots = []
     for k, clip in enumerate(clips):
         progress("gallery", k, len(clips))
-        pictured.append(_pictured(clip, files, single))
+        shots.append(pictured(clip, files, single))
     names = [root.resolve().name for root in roots]
-    text = gallery_page(clips, pictured, index.parent, title or _title(names), single)
+    text = gallery_page(clips, shots, index.parent, title or _title(names), single)
     if index.exists() and not _ours(index):
         set_aside(index, keep)
     data = text.encode("utf-8")
     write_whole(index, data)
     if not single:
-        _sweep(files, {Path(path).name for p in pictured for path in (p.poster, p.strip)})
+        sweep_files(files, {Path(path).name for p in shots for path in (p.poster, p.strip)})
     return Gallery(index, len(clips), sum(bool(clip.problems) for clip in clips), len(data))
 
 
+def keep_pictures(home: Path, index: Path) -> None:
+    """Those of one clip, for the gallery that is to be written to `index`; it makes them itself where this fails."""
+    with suppress(OSError, InputError):
+        for clip in clips_in([home]):
+            pictured(clip, index.with_name(f"{index.stem}.files"), single=False)
+
+
 def gallery_page(
-    clips: Sequence[Clip], pictured: Sequence[Pictured], home: Path, title: str, single: bool = False
+    clips: Sequence[Clip], shots: Sequence[Pictured], home: Path, title: str, single: bool = False
 ) -> str:
     """The HTML; paths are relative to `home`."""
-    keys = swept(clips)
+    keys, ends = swept(clips), became(clips)
     parts = [resource("templates", "gallery", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
     alike = {name for name, count in Counter(clip.name for clip in clips).items() if count > 1}
     cards = [
         card(k, clip, shot, keys, home, clip.name in alike, single)
-        for k, (clip, shot) in enumerate(zip(clips, pictured, strict=True))
+        for k, (clip, shot) in enumerate(zip(clips, shots, strict=True))
     ]
+    for k, shown in enumerate(cards):
+        if ends:
+            shown["data"]["became"] = [_rounded(end.values[k]) for end in ends]
     labels = Counter(label for clip in clips for label in clip.labels)
     data = {
         "clips": [shown.pop("data") for shown in cards],
         "keys": [_axis(key) for key in keys],
+        "became": [{"path": f"={end.column}", "name": end.name, "unit": end.unit} for end in ends],
         "grid": _is_sheet(keys, len(clips)),
         "single": single,
     }
@@ -123,6 +137,11 @@ def gallery_page(
     return page
 
 
+def _rounded(value: float | None) -> float | None:
+    """As the page writes it."""
+    return None if value is None else float(f"{value:.6g}")
+
+
 def _title(names: Sequence[str]) -> str:
     return ", ".join(dict.fromkeys(names)) if 0 < len(set(names)) <= 3 and all(names) else "Gallery"
 
@@ -131,7 +150,7 @@ def _day(time: float) -> str:
     return datetime.fromtimestamp(time, UTC).date().isoformat() if time > 0 else ""
 
 
-def _pictured(clip: Clip, files: Path, single: bool) -> Pictured:
+def pictured(clip: Clip, files: Path, single: bool) -> Pictured:
     """Poster and strip, made unless they are there; none where the film cannot be read."""
     if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return Pictured()
@@ -152,9 +171,10 @@ def _pictured(clip: Clip, files: Path, single: bool) -> Pictured:
     return Pictured(*(link(path, files.parent) for path in paths))
 
 
-def _sweep(files: Path, used: set[str]) -> None:
-    """Take away pictures of films that are gone."""
+def sweep_files(files: Path, used: set[str]) -> None:
+    """Take away pictures and films of clips that are gone, and what was left of one by who was killed over it."""
     if files.is_dir():
+        sweep(files)
         for path in files.iterdir():
             if _OURS(path.name) and path.name not in used:
                 path.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,9 @@ MOST, ACROSS = 16, 4
 """Frames of a strip, and how many lie side by side."""
 QUALITY, STRIP_QUALITY = 80, 50
 """Of WebP. A poster takes about 8 kB, a strip 33 kB (docs/benchmarks.md)."""
+
+EFFORT = 2
+"""Of WebP's encoder, 0 to 6: the fourth, its own choice, takes twice the time for 9 % less."""
 
 
 def shown(frames: int) -> int:
@@ -88,7 +92,6 @@ def _within(rgb: U8, side: int) -> U8:
 
 
 def _webp(rgb: U8, quality: int) -> bytes:
-    done, data = cv2.imencode(".webp", rgb[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
-    if not done:
-        raise OSError("the picture could not be written as WebP")
-    return data.tobytes()
+    buffer = BytesIO()
+    Image.fromarray(rgb).save(buffer, "WEBP", quality=quality, method=EFFORT)
+    return buffer.getvalue()

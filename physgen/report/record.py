@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import __version__
+from physgen.machine import this_machine
 from physgen.scene.model import Scene
 from physgen.whole import write_whole
 
@@ -106,7 +108,7 @@ class RunRecord:
             "overrides": self.overrides,
             "mark": self.mark,
             "versions": versions(self.refine),
-            "platform": {"machine": platform.machine(), "system": platform.system()},
+            "platform": this_machine().as_dict(),
             "device": self.device,
             "inputs": self.inputs,
             "seeds": self.seeds,
@@ -161,7 +163,9 @@ def peak_memory() -> int:
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file, read in blocks."""
+    """SHA-256 of a file, read in blocks. Raises OSError, for what is no plain file too: a pipe never ends."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "is no plain file", str(path))
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

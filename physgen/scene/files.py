@@ -57,6 +57,10 @@ def confined(
 def read_scene(path: Path, name: str) -> Node:
     """The tree of one file, `name` being its path as messages show it. Raises InputError."""
     try:
+        if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(path).startswith("/proc/"):
+            raise InputError.of(
+                name, "", "is a pipe", "name a file; what a program writes is read as /dev/stdin"
+            )
         with open(path, "rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except IsADirectoryError:

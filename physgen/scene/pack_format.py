@@ -55,6 +55,18 @@ def is_pack(path: Path) -> bool:
         return False
 
 
+def is_ours(path: Path) -> bool:
+    """Whether a file is a pack as we write them: a zip whose first member is the contents page."""
+    if not is_pack(path):
+        return False
+    try:
+        with path.open("rb") as file:
+            begin = file.read(30 + len(CONTENTS))
+    except OSError:
+        return False
+    return begin.startswith(MAGIC) and begin[30:] == CONTENTS.encode()
+
+
 def contents(scene: str) -> bytes:
     """The contents page of a pack whose scene file is called `scene` in it."""
     return (json.dumps({"pack": VERSION, "scene": scene}, ensure_ascii=False) + "\n").encode("utf-8")

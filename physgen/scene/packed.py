@@ -11,12 +11,12 @@ import io
 import os
 import posixpath
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Place, Problem, Severity, Warn, unheard
 from physgen.scene.build import load, scene_name
 from physgen.scene.document import MAX_BYTES
 from physgen.scene.files import MAPS, read_scene, with_bases
@@ -34,15 +34,10 @@ from physgen.scene.pack_format import (
 from physgen.scene.rewriting import rewritten
 from physgen.scene.words import shown
 
-Warn = Callable[[Problem], None]
 ELSEWHERE = "elsewhere"
 """Folder of what lay outside the scene's own."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
 """The first moment that a zip can tell."""
-
-
-def unheard(problem: Problem) -> None:
-    """Warnings that nobody reads."""
 
 
 def packed(

@@ -18,6 +18,7 @@ class Report:
 
     def __init__(self) -> None:
         self.problems: dict[Problem, None] = {}
+        self._told: dict[Place, set[tuple[str, ...]]] = {}
         self.known: set[Node] = set()
         self.bad: set[Node] = set()
         self.ruled: set[Node] = set()
@@ -30,12 +31,16 @@ class Report:
         return other
 
     def add(self, place: Place, path: Path | str, found: str, expected: str, fix: str) -> None:
-        """One problem; the same one is kept once. Raises TooManyError after MAX_PROBLEMS."""
+        """One problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
         where = path if isinstance(path, str) else dotted(path)
+        said = where.rpartition(".")[2], found, expected, fix
+        if said in self._told.setdefault(place, set()):
+            return  # of a key with a star: one mistake, in many objects
         if len(self.problems) >= MAX_PROBLEMS:
             stop = "more problems follow"
             self.problems[Problem(place, "", "", stop, "mend these first")] = None
             raise TooManyError
+        self._told[place].add(said)
         self.problems[Problem(place, where, found, expected, fix)] = None
 
     def value(self, node: Node, path: Path, expected: str, fix: str) -> None:

@@ -57,23 +57,33 @@ def simulate(
     times = world.times if times is None else np.asarray(times, np.float64)
     run = _Run(world, times, iterations, tape)
     ledger, h = run.ledger, 1.0 / world.steps_per_second
-    number = 0
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):  # what leaves all numbers is told by name
-            run.start()
-            last = ceil(float(times[-1]) / h - 1e-9) if len(times) else 0
-            for number in range(1, last + 1):
-                run.advance((number - 1) * h, number * h)
-                if number % 256 == 0:
-                    progress("simulate", ledger.done, len(times))
-            ledger.flush()
-    except (OverflowError, np.linalg.LinAlgError) as error:
-        found = f"leaves all numbers by t = {number * h:.3f} s"
-        raise InputError([Problem(SCENE, "world", "the motion", found, LEFT)]) from error
+    number = -1
+
+    def on(until: float) -> None:
+        """Steps from where the run stands to a time, s."""
+        nonlocal number
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):  # what leaves all numbers is told by name
+                if number < 0:
+                    number = 0
+                    run.start()
+                last = ceil(until / h - 1e-9)
+                while number < last:
+                    number += 1
+                    run.advance((number - 1) * h, number * h)
+                    if number % 256 == 0:
+                        progress("simulate", ledger.done, len(times))
+                ledger.flush()
+        except (OverflowError, np.linalg.LinAlgError) as error:
+            found = f"leaves all numbers by t = {number * h:.3f} s"
+            raise InputError([Problem(SCENE, "world", "the motion", found, LEFT)]) from error
+
+    on(float(times[-1]) if len(times) else 0.0)
     effort = run.effort()
+    made = told(ledger, effort)
     if tape is not None:
-        tape.end(effort)
-    return told(ledger, effort)
+        tape.end(effort, on)
+    return made
 
 
 class _Run:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import ceil
 
@@ -26,6 +27,7 @@ class Tape:
         self._steps: list[Step] = []
         self._ledger: Ledger | None = None
         self._effort: Effort | None = None
+        self._on: Callable[[float], None] | None = None
 
     def begin(self, ledger: Ledger, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
         """What `Ledger.begin` was told, and which ledger."""
@@ -41,23 +43,32 @@ class Tape:
         if self._held > self._most:
             self._steps, self._begin, self._ledger = [], None, None
 
-    def end(self, effort: Effort) -> None:
-        """The run is over."""
-        self._effort = effort
+    def end(self, effort: Effort, on: Callable[[float], None]) -> None:
+        """The run is over; `on` takes it on to a later time, s, should somebody ask for that."""
+        self._effort, self._on = effort, on
 
     def read(self, times: Array) -> Trajectory | None:
-        """As `simulate` samples at `times` (T,) s, rising; None where the steps were not kept, or end before."""
-        if self._begin is None or self._ledger is None or self._effort is None:
+        """As `simulate` samples at `times` (T,) s, rising; None where the steps were not kept.
+
+        Times after the run's last take it on: as far as the run itself would have come, and no step is taken twice.
+        """
+        if self._begin is None or self._ledger is None or len(times) == 0:
             return None
         h = 1.0 / self._ledger.world.steps_per_second
-        last = ceil(float(times[-1]) / h - 1e-9) * h if len(times) else 0.0
-        if last > (self._steps[-1].time if self._steps else 0.0) + 1e-9 * h:
+        last = ceil(float(times[-1]) / h - 1e-9) * h
+        if last > (self._steps[-1].time if self._steps else 0.0) + 1e-9 * h and self._on is not None:
+            self._on(last)
+        return self._sampled(times, last + 1e-9 * h)
+
+    def _sampled(self, times: Array, last: float) -> Trajectory | None:
+        """From the steps that end at `last` s at most; they may have become too many."""
+        if self._begin is None or self._ledger is None or self._effort is None:
             return None
         ledger = replace(self._ledger, times=times)
         with np.errstate(over="ignore", invalid="ignore"):
             ledger.begin(*self._begin)
             for step in self._steps:
-                if step.time > last + 1e-9 * h:
+                if step.time > last:
                     break
                 ledger.add(step)
             ledger.flush()

@@ -20,6 +20,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 
+HEADING = "time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"
+"""Of the table as CSV."""
+
+
 @dataclass(frozen=True)
 class Contacts:
     """Who touched whom; a partner's index counts the bodies first, then the walls."""
@@ -152,12 +156,28 @@ class Trajectory:
 
     def as_csv(self) -> str:
         """A line a sample and object: s, name, px, px, rad, px/s, px/s, rad/s."""
-        lines = ["time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"]
+        lines = [HEADING]
         for t, time in enumerate(self.times.tolist()):
             for n, name in enumerate(self.names):
                 row = (*self.poses[t, n].tolist(), *self.velocities[t, n].tolist())
                 lines.append(f"{time!r},{name}," + ",".join(map(repr, row)))
         return "\n".join(lines) + "\n"
+
+
+def is_trajectory(path: Path) -> bool:
+    """Whether a file is one that this module wrote, as its beginning tells; what is none may be anybody's."""
+    try:
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            begin = file.read(len(HEADING) + 16)
+    except OSError:
+        return False
+    return (
+        begin.startswith(HEADING.encode())
+        or begin.startswith(b'{"times": [')
+        or (begin.startswith(b"PK\3\4") and begin[30:39] == b"times.npy")
+    )
 
 
 def read_trajectory(path: Path) -> Trajectory:

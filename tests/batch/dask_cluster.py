@@ -8,15 +8,45 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import dask
+import pytest
 from distributed import LocalCluster
 
+PATIENCE = 180
+"""s."""
 ALLOWED = {"distributed.scheduler.allowed-failures": 0}
 """The first worker that dies of a job is told to the client."""
+
+
+def waited(
+    done: Callable[[], bool], process: subprocess.Popen[bytes] | None = None, seconds: float = PATIENCE
+) -> None:
+    """Until it is; far longer than a slow machine takes, so that a test fails and none hangs."""
+    until = time.monotonic() + seconds
+    while not done():
+        assert process is None or process.poll() is None, "the process ended"
+        assert time.monotonic() < until, "waited in vain"
+        time.sleep(0.02)
+
+
+@contextmanager
+def alarmed(seconds: int = 2 * PATIENCE) -> Iterator[None]:
+    """What takes longer fails, wherever it waits in the main thread."""
+
+    def stop(number: int, frame: object) -> None:
+        pytest.fail(f"took longer than {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 class Cluster:
@@ -34,6 +64,10 @@ class Cluster:
     def scheduler(self):
         return self._scheduler.scheduler
 
+    def lose(self) -> None:
+        """The scheduler goes, as on a machine that is switched off."""
+        self._scheduler.close(timeout=10)
+
     def hire(self, *flags: str) -> subprocess.Popen[bytes]:
         """One more worker, which has registered when this returns."""
         before = len(self.scheduler.workers)
@@ -47,18 +81,13 @@ class Cluster:
             stderr=subprocess.DEVNULL,
         )
         self.workers.append(worker)
-        until = time.monotonic() + 60
-        while len(self.scheduler.workers) <= before and time.monotonic() < until:
-            assert worker.poll() is None
-            time.sleep(0.02)
+        waited(lambda: len(self.scheduler.workers) > before, worker)
         return worker
 
     def staff(self, count: int) -> None:
         """At least so many workers, and none that is dead."""
         self.workers = [worker for worker in self.workers if worker.poll() is None]
-        until = time.monotonic() + 60
-        while len(self.scheduler.workers) > len(self.workers) and time.monotonic() < until:
-            time.sleep(0.02)
+        waited(lambda: len(self.scheduler.workers) <= len(self.workers))
         while len(self.workers) < count:
             self.hire()
 

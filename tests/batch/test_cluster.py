@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import dask_cluster
 import pytest
-from dask_cluster import Cluster, hands_of
+from dask_cluster import Cluster, hands_of, waited
 
 from physgen.batch.cluster import farm, hands, home
 from physgen.batch.cluster.farm import run_on
@@ -34,6 +35,12 @@ MADE_BY_MACHINES = ("stages", "peak_memory_mib", "command")
 def workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     with dask_cluster.cluster(tmp_path_factory.mktemp("workers")) as made:
         yield made
+
+
+@pytest.fixture(autouse=True)
+def _alarm() -> Iterator[None]:
+    with dask_cluster.alarmed():
+        yield
 
 
 @pytest.fixture
@@ -222,7 +229,7 @@ def test_who_stops_leaves_nothing_running_and_the_scheduler_alone(two: Cluster, 
     busy: list[int] = []
 
     def interrupt() -> None:
-        until = time.monotonic() + 60
+        until = time.monotonic() + dask_cluster.PATIENCE
         while len(busy) < 2 and time.monotonic() < until:
             busy[:] = [hand for worker in two.workers for hand in hands_of(worker.pid)]
             time.sleep(0.05)
@@ -233,10 +240,7 @@ def test_who_stops_leaves_nothing_running_and_the_scheduler_alone(two: Cluster, 
     with pytest.raises(KeyboardInterrupt), closing(run_on(two.flag, 1, jobs)) as results:
         next(results)
     assert len(busy) == 2
-    until = time.monotonic() + 20
-    while any(Path(f"/proc/{hand}").exists() for hand in busy) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not any(Path(f"/proc/{hand}").exists() for hand in busy)
+    waited(lambda: not any(Path(f"/proc/{hand}").exists() for hand in busy))
     assert not list((lesson.parent / "out").iterdir())
     assert len(two.scheduler.workers) == 2
 
@@ -362,12 +366,28 @@ def test_what_is_no_cluster_is_told(lesson: Path, capsys, monkeypatch) -> None:
 def test_nobody_wants_a_hand_that_works_for_nobody(monkeypatch) -> None:
     """What is cancelled ends at once; a hand that has nothing to do goes."""
     crew = hands.Crew()
+    made = []
+    start = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: made.append(start(*a, **k)) or made[-1])
     monkeypatch.setattr(hands, "IDLE", 0.2)
     with pytest.raises(LostError, match="no more wanted"):
         crew.ask("", ({}, b"", None), lambda: False)
     answer = crew.ask("", ({}, b"", None), lambda: True)  # versions differ: it says so
     assert isinstance(answer, bytes)
-    until = time.monotonic() + 20
-    while hands_of(os.getpid()) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not hands_of(os.getpid())
+    waited(lambda: not hands_of(os.getpid()))
+    waited(lambda: all(process.returncode is not None for process in made))  # nor do dead ones stay about
+    assert len(made) == 2
+
+
+def test_a_scheduler_that_is_lost_ends_the_run(lesson: Path, tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    with dask_cluster.cluster(tmp_path / "own") as own:
+        own.hire()
+        jobs = jobs_of(lesson, lesson.parent / "out", 400)
+        with closing(run_on(own.flag, 1, jobs, 400)) as results:
+            next(results)
+            own.lose()
+            with pytest.raises(
+                ConnectionError, match=r"dask=tcp.*: the scheduler is gone; once it is back, run"
+            ):
+                list(results)

@@ -230,6 +230,30 @@ def test_shards_stay_below_the_size_that_was_asked(made: Path, tmp_path: Path) -
         assert path.stat().st_size <= 65536 or len(clips) == 1
 
 
+def test_long_names_count_too(tmp_path: Path) -> None:
+    """A name of more than 100 characters, or not of ASCII, takes two blocks more: shards stay below their size."""
+    scene = tmp_path / f"{'ö' * 40}.yaml"
+    scene.write_text(SCENE % 12)
+    clips = tmp_path / "clips"
+    many = ["sweep", str(scene), "objects.ball.mass=50:120:8", "--export", "davis", "--report", "none"]
+    assert main([*many, "--set", "render.frames=12", "-o", str(clips)]) == 0
+    assert dataset(clips, tmp_path / "data", "--layout", "webdataset", "--shard-size", "100000") == 0
+    shards = list((tmp_path / "data").glob("*/*.tar"))
+    assert len(shards) > 1
+    assert all(path.stat().st_size <= 100_000 for path in shards)
+
+
+def test_links_that_lead_back_are_not_followed(made: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "out"
+    shutil.copytree(made / "few", copy / "few")
+    (copy / "few" / "back").symlink_to(copy)
+    (copy / "other").symlink_to(made / "labels")
+    assert [found.name for found in clips([copy])] == [
+        *(f"out/few/scene-{k}" for k in (1, 2, 3)),
+        "out/other/scene-4",
+    ]
+
+
 def test_labels_can_be_chosen_and_files_linked(made: Path, tmp_path: Path) -> None:
     out = tmp_path / "data"
     assert dataset(made, out, "--format", "events", "--link") == 0
@@ -264,7 +288,7 @@ def test_clips_that_cannot_be_used_are_told_and_left_out(made: Path, tmp_path: P
     assert main(["dataset", str(copy), "-o", str(tmp_path / "data")]) == 2
     said = capsys.readouterr().err
     assert f"{one / 'video.mp4'}: is missing; render the clip again" in said
-    assert f"{other}: has a manifest that cannot be read; render it again" in said
+    assert f"{other}: has no manifest that can be read; render it again" in said
     assert [row["scene"] for _, row in rows(tmp_path / "data")] == ["scene-3"]
     assert third.is_dir()
 
@@ -303,7 +327,7 @@ def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsy
     assert "holds no clip that can be used" in refusal(capsys, str(empty), "-o", str(data))
     assert not data.exists()
     assert "is no folder" in refusal(capsys, str(tmp_path / "none"), "-o", str(data))
-    assert "lie in each other" in refusal(capsys, few, "-o", f"{few}/data")
+    assert f"lies in {few}, which is read" in refusal(capsys, few, "-o", f"{few}/data")
     assert "hold the same clips" in refusal(capsys, few, str(made), "-o", str(data))
     assert "invalid choice: 'zip'" in refusal(capsys, few, "-o", str(data), "--layout", "zip")
     assert "adds up to 0.9" in refusal(capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1")
@@ -311,6 +335,8 @@ def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsy
     assert "is of no use in shards" in refusal(
         capsys, few, "-o", str(data), "--layout", "webdataset", "--link"
     )
+    assert 'no format; did you mean "flo"?' in refusal(capsys, few, "-o", str(data), "--format", "flow")
+    assert "takes no number here" in refusal(capsys, few, "-o", str(data), "--format", "tapvid:9")
     assert "12 is not a size" in refusal(capsys, few, "-o", str(data), "--shard-size", "12")
     assert main(["dataset", few, "-o", str(data)]) == 0
     assert "holds a data set with seed 0, not 1" in refusal(capsys, few, "-o", str(data), "--seed", "1")

@@ -123,7 +123,7 @@ def test_warnings_of_a_clip_that_is_there_are_told_again(lesson: Path, capsys) -
         assert main(["render", str(lesson), "-o", str(lesson.parent / "out")]) == 0
         told.append(capsys.readouterr().err)
     assert "warning" in told[0]
-    assert told[1] == told[0]
+    assert told[1] == told[0] + "1 clip, unchanged\n"
 
 
 def test_a_failure_is_a_line_and_a_trace_and_stops_nobody(lesson: Path, render: Render, capsys) -> None:
@@ -194,6 +194,24 @@ def _late() -> Callable[..., object]:
     return found
 
 
+@pytest.mark.parametrize("name", ["pipe.physgen", "pipe.yaml"])
+def test_a_pipe_for_a_scene_keeps_nobody_waiting(
+    name: str, lesson: Path, render: Render, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe = lesson.with_name(name)
+    os.mkfifo(pipe)  # nobody writes into it
+    out = lesson.parent / "pipes"
+    assert main(["render", str(pipe), str(lesson), "-o", str(out), "--report", "none"]) == 2
+    assert "pipe" in capsys.readouterr().err
+    assert (out / "lesson" / "manifest.json").is_file()
+    assert main(["verify", str(out), "--scene", str(pipe)]) == 2
+    film = out / "lesson" / "video.mp4"
+    film.unlink()
+    os.mkfifo(film)
+    assert main(["render", str(lesson), "-o", str(out), "--report", "none"]) == 0
+    assert film.is_file()
+
+
 def test_whatever_goes_wrong_in_one_clip_the_others_are_made(
     lesson: Path, render: Render, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
@@ -201,10 +219,10 @@ def test_whatever_goes_wrong_in_one_clip_the_others_are_made(
 
     lint = clip.lint
 
-    def broken(scene, compiled):
+    def broken(scene, compiled, maps):
         if scene.name.endswith("light"):
             raise IndexError("no such thing")
-        return lint(scene, compiled)
+        return lint(scene, compiled, maps)
 
     monkeypatch.setattr(clip, "lint", broken)
     ended = render(lesson, "--variant", "all", code=2)

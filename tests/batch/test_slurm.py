@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import dask
 import pytest
+from dask_cluster import alarmed, waited
 
 from physgen.cli import main
 
@@ -39,6 +39,12 @@ REFUSING = """\
 import sys
 sys.exit("sbatch: error: invalid partition specified: fast")
 """
+
+
+@pytest.fixture(autouse=True)
+def _alarm() -> Iterator[None]:
+    with alarmed():
+        yield
 
 
 @pytest.fixture
@@ -71,10 +77,7 @@ def test_jobs_of_slurm_make_the_clips_and_are_cancelled(slurm: Path, lesson: Pat
     for line in ("#SBATCH -A physics", "#SBATCH -t 00:07:00", "#SBATCH --mem=3G", "--nthreads 1"):
         assert line in script
     job = int((slurm / "cancelled").read_text())
-    until = time.monotonic() + 20
-    while _lives(job) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not _lives(job)
+    waited(lambda: not _lives(job))
     assert signal.getsignal(signal.SIGINT) is before  # Ctrl-C is still ours
 
 

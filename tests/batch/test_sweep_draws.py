@@ -13,7 +13,7 @@ from scipy import stats
 from physgen.batch.axes import read_axes
 from physgen.batch.draws import read
 from physgen.batch.lots import lot, shuffled, stratified
-from physgen.batch.quantiles import between, normal
+from physgen.batch.quantiles import below, between, normal
 from physgen.batch.sweep import Design, planned
 
 FEW = 1e-3
@@ -27,6 +27,8 @@ FEW = 1e-3
         ("~uniform(-3, 5)", stats.uniform(-3, 8)),
         ("~normal(200, 15)", stats.norm(200, 15)),
         ("~loguniform(0.01, 1000)", stats.loguniform(0.01, 1000)),
+        ("~normal(0.5, 0.3, 0, 1)", stats.truncnorm(-5 / 3, 5 / 3, 0.5, 0.3)),
+        ("~normal(5, 2, 9, inf)", stats.truncnorm(2, np.inf, 5, 2)),
     ],
 )
 def test_draws_have_the_distribution(text: str, true: stats.rv_continuous, design: Design) -> None:
@@ -34,6 +36,16 @@ def test_draws_have_the_distribution(text: str, true: stats.rv_continuous, desig
     found = [point.values[0].data for point in sweep]
     assert stats.kstest(found, true.cdf).pvalue > FEW
     assert len(set(found)) == 3000
+
+
+def test_bounds_are_kept_to_the_last_digits_however_far_from_the_mean() -> None:
+    shares = np.array([1e-12, 1e-3, 0.25, 0.5, 0.9, 1 - 1e-9])
+    for low, high in ((-1, 1), (-0.5, 30), (8, 9), (-np.inf, -3), (20, np.inf), (-36.5, -36.4)):
+        found = [read(f"~normal(10, 2, {10 + 2 * low}, {10 + 2 * high})").at(share).data for share in shares]
+        assert found == pytest.approx(list(stats.truncnorm(low, high, 10, 2).ppf(shares)), rel=1e-10)
+        assert all(10 + 2 * low <= value <= 10 + 2 * high for value in found)
+    points = [*np.linspace(-37, 8, 91), 0.0]
+    assert [float(below(z)) for z in points] == pytest.approx(list(stats.norm.cdf(points)), rel=1e-12)
 
 
 def test_a_logarithm_of_negative_numbers_is_mirrored() -> None:

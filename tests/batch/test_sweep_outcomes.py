@@ -45,7 +45,7 @@ def test_a_block_that_slides_comes_to_rest_after_v_over_mu_g(tmp_path: Path, spe
     assert stop - 1e-3 <= found["objects.block.rest_time"] <= stop + FRAME + 1e-3
     assert found["rest_time"] == found["objects.block.rest_time"]
     assert found["objects.block.x"] == pytest.approx(50 + speed**2 / (2 * 0.4 * G), rel=3e-3)
-    assert found["objects.block.angle"] == pytest.approx(0, abs=0.1)
+    assert found["objects.block.angle_degrees"] == pytest.approx(0, abs=0.1)
     assert found["peak_speed"] == found["objects.block.peak_speed"] == speed
     assert "objects.block.first_touch" not in found  # it stood on the floor already
     assert found["objects.block.touches"] == found["touches"] == 1
@@ -75,7 +75,9 @@ def test_what_turns_in_its_place_does_not_rest(tmp_path: Path) -> None:
     found = became(tmp_path, wheel % 0, "world.gravity=[0, 0]")
     assert found["rest_time"] == found["objects.wheel.rest_time"] == found["touches"] == 0
     turned = became(tmp_path, wheel % 720, "world.gravity=[0, 0]", "boundaries={}")
-    assert turned["objects.wheel.angle"] == pytest.approx(720 * (1.2 - FRAME), rel=1e-9)  # and not modulo 360
+    assert turned["objects.wheel.angle_degrees"] == pytest.approx(
+        720 * (1.2 - FRAME), rel=1e-9
+    )  # and not modulo 360
 
 
 def test_all_rest_when_the_last_one_does(tmp_path: Path) -> None:

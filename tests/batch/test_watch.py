@@ -81,10 +81,14 @@ def test_a_save_makes_the_clip_again(pictured: Path, watching: subprocess.Popen[
     photo = pictured.with_name("photo.png")
     photo.write_bytes(photo.read_bytes())
     until(lambda: rounds() == 5, watching)
+    pictured.unlink()
+    until(lambda: f"{pictured}: gone; rendered again when it is back" in told.read_text(), watching)
+    pictured.write_text(right)
+    until(lambda: rounds() == 7, watching)
     watching.send_signal(signal.SIGINT)
     out, _ = watching.communicate(timeout=60)
     assert watching.returncode == 0
-    assert out.splitlines() == [str(manifest.parent)] * 4
+    assert out.splitlines() == [str(manifest.parent)] * 5
 
 
 def test_a_preview_is_short_and_as_large_as_the_photo(lesson: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
 import random
@@ -337,6 +338,31 @@ def test_the_bound_is_told_by_the_environment(said: str, most: int) -> None:
 def test_a_bound_that_is_none_is_refused(said: str) -> None:
     with pytest.raises(InputError, match=r"PHYSGEN_CACHE_BYTES: .* is not a number of bytes; write"):
         opened({"PHYSGEN_CACHE_BYTES": said})
+
+
+def test_where_a_file_system_knows_no_locks_what_was_used_today_stays(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(descriptor: int, how: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", none)
+    told: list[Problem] = []
+    store = Store(store.root, 3000, told.append)
+    put(store, "s-a")
+    assert got(store, "s-a") is not None
+    old = time.time() - 2 * 86400
+    left = store.root / ".s-x.1234.part"
+    left.mkdir()
+    (left / LEASE).touch()
+    for lease in (store.root / "s-a" / LEASE, left / LEASE):
+        os.utime(lease, (old, old))
+    put(store, "s-b")  # with it there are too many
+    assert keys(store) == {"s-b"}
+    assert remains(store) == []
+    assert store.clear().held == 1
+    assert got(store, "s-b") is not None
+    assert told == []
 
 
 def test_where_it_lies(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -206,6 +206,14 @@ def test_nothing_is_kept_of_a_clip_that_failed(motion: Trajectory, tmp_path: Pat
     assert list(tmp_path.glob(".*.part")) == []
 
 
+def test_what_was_saved_meanwhile_is_not_kept_and_can_be_read(motion: Trajectory, tmp_path: Path) -> None:
+    store, frames = Store(tmp_path), pictures("photo")
+    with footage(store, "guidance-a", filming(frames, motion), lambda: False) as found:
+        assert agrees(found, frames, motion)
+    assert store.sizes() == []
+    assert list(tmp_path.glob(".*.part")) == []
+
+
 def test_frames_of_two_sizes_are_refused(motion: Trajectory) -> None:
     frames = [pictures("photo")[0], pictures("photo", 1, (30, 40))[0]]
     with (

@@ -122,8 +122,20 @@ def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys
 
 
 def test_check_tells_all_and_resolves(lesson: Path, capsys) -> None:
-    assert main(["check", str(lesson)]) == 0
-    assert capsys.readouterr().out == ""
+    assert main(["check", str(lesson), str(lesson)]) == 0
+    assert capsys.readouterr() == (f"{lesson}: no problems\n" * 2, "")
+    assert (
+        main(["check", str(lesson), "--set", "objects.*.rolling=0.1", "--set", "objects.ball.spin=nan"]) == 2
+    )
+    told = capsys.readouterr()
+    assert told.out == f"{lesson}: 1 error\n"
+    assert "is not a number" in told.err
+    assert main(["check", str(lesson), "--set", "objects.crate.rolling=0.1"]) == 0
+    assert capsys.readouterr().out == f"{lesson}: 1 warning\n"
+    assert main(["check", str(lesson), "--set", "objects.*.masss=5", "--set", "objects.*.mass=heavy"]) == 2
+    told = capsys.readouterr()
+    assert told.out == f"{lesson}: 2 errors\n"
+    assert told.err.count("\n") == 2  # a mistake in a key with a star is one, however many objects there are
     assert main(["check", str(lesson), "--set", "objects.crate.rolling=0.1", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [p["path"] for p in told["problems"]] == ["objects.crate.rolling"]
@@ -162,13 +174,49 @@ def test_simulate_prints_csv_json_or_an_archive(lesson: Path, tmp_path: Path, ca
     assert np.array_equal(np.load(tmp_path / "t.npz")["poses"], np.array(data["poses"]))
 
 
+@pytest.mark.parametrize("ending", ["npz", "csv", "json"])
+def test_simulate_keeps_a_file_that_it_did_not_write(
+    ending: str, lesson: Path, tmp_path: Path, capsys
+) -> None:
+    path = tmp_path / f"mine.{ending}"
+    path.write_bytes(b"years of work")
+    assert main(["simulate", str(lesson), "-o", str(path)]) == 0
+    assert capsys.readouterr().err == f"{path}: was there already and differed; kept as {path.name}~\n"
+    assert (tmp_path / f"mine.{ending}~").read_bytes() == b"years of work"
+    assert main(["simulate", str(lesson), "--rate", "7", "-o", str(path)]) == 0  # its own makes way
+    assert capsys.readouterr().err == ""
+    assert sorted(p.name for p in tmp_path.glob("mine*")) == [f"mine.{ending}", f"mine.{ending}~"]
+
+
+def test_flags_may_stand_between_scenes_and_wrong_ones_are_told_with_what_is_meant(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(LESSON)
+    out = tmp_path / "out"
+    assert main(["render", str(lesson), "--preview", str(other), "-o", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[:2] == [f"{out}/lesson", f"{out}/other"]
+    for arguments, said in (
+        (
+            ["render", "a.yaml", "--previw"],
+            "physgen render: there is no flag --previw, did you mean --preview?",
+        ),
+        (["simulate", "a.yaml", "b.yaml"], "physgen simulate: b.yaml is one argument too many"),
+        (["check", "a.yaml", "--x=1", "-q"], "physgen check: there is no flag --x; there is no flag -q"),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            main(arguments)
+        assert stopped.value.code == 2
+        assert capsys.readouterr().err.startswith(f"{said}; see physgen {arguments[0]} --help")
+
+
 def test_perceive_writes_a_valid_scene_that_renders(photo: tuple[Path, Path], tmp_path: Path, capsys) -> None:
     image, truth = photo
     scene = tmp_path / "made" / "scene.yaml"
     assert main(["perceive", str(image), "--masks", str(truth), "-o", str(scene)]) == 0
     assert main(["check", str(scene)]) == 0
     told = capsys.readouterr()
-    assert told.out == f"{scene}\n"
+    assert told.out.splitlines()[0] == str(scene)
     text = scene.read_text()
     assert text.startswith("# yaml-language-server: $schema=scene.assets/scene-1.schema.json\n")
     assert json.loads((tmp_path / "made/scene.assets/scene-1.schema.json").read_text())["properties"][

@@ -46,6 +46,46 @@ def test_there_and_back(lesson: Path, capsys: Capture) -> None:
     assert Path("apart/lesson/scene.yaml").read_text() == SCENE
 
 
+def test_a_file_that_is_no_pack_is_kept(lesson: Path, capsys: Capture) -> None:
+    mine = Path("lesson.physgen")
+    mine.write_text("mine")
+    assert main(["pack", str(lesson)]) == 0
+    assert (
+        capsys.readouterr().err == "lesson.physgen: was there already and differed; kept as lesson.physgen~\n"
+    )
+    assert Path("lesson.physgen~").read_text() == "mine"
+    lesson.write_text(SCENE.replace("mass: 100", "mass: 101"))
+    assert main(["pack", str(lesson)]) == 0  # an earlier pack makes way
+    assert capsys.readouterr().err == ""
+    assert len(list(Path.cwd().iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "after", "where"),
+    [
+        ("maps/scene-1.schema.json", None, "maps/scene-1.schema.json"),
+        ("../../schemas/scene-1.schema.json", "scene-1.schema.json", "scene-1.schema.json"),
+        ("/usr/share/scene-1.schema.json", "scene-1.schema.json", "scene-1.schema.json"),
+        ("maps/../scene.yaml.txt", "scene-1.schema.json", "scene-1.schema.json"),
+        ("https://example.org/scene-1.schema.json", None, None),
+    ],
+)
+def test_what_is_unpacked_has_the_schema_that_its_line_names(
+    line: str, after: str | None, where: str | None, lesson: Path, capsys: Capture
+) -> None:
+    said = "# yaml-language-server: $schema={}\n"
+    lesson.write_text(said.format(line) + SCENE)
+    main(["pack", str(lesson)])
+    assert main(["unpack", "lesson.physgen", "-o", "there"]) == 0
+    scene = Path("there/lesson/scene.yaml")
+    assert scene.read_text() == said.format(after or line) + SCENE
+    schemas = [path.relative_to(scene.parent).as_posix() for path in Path("there").rglob("*.json")]
+    assert schemas == ([] if where is None else [where])
+    if where is not None:
+        told = json.loads((scene.parent / where).read_text())
+        assert "objects" in told["properties"]
+
+
 def test_commands_take_a_pack_for_its_scene(lesson: Path, capsys: Capture) -> None:
     main(["pack", str(lesson)])
     capsys.readouterr()

@@ -72,7 +72,7 @@ def test_a_table_says_what_manifests_and_trajectories_say(lesson: Path, tmp_path
             told = dict(file)
         for name, n in (("ball", 0), ("crate", 1)):
             x, y, angle = told["poses"][-1, n].tolist()
-            found = [row[f"objects.{name}.{key}"] for key in ("x", "y", "angle")]
+            found = [row[f"objects.{name}.{key}"] for key in ("x", "y", "angle_degrees")]
             assert found == [x, y, degrees(angle)]
             speed = np.hypot(*told["velocities"][:, n, :2].T).max()
             assert row[f"objects.{name}.peak_speed"] == speed
@@ -305,6 +305,53 @@ def test_clips_of_another_sweep_are_told_and_stay(lesson: Path, tmp_path: Path, 
     assert (out / "02,mass=7" / "video.mp4").is_file()
 
 
+def test_a_table_of_other_draws_is_kept_and_told(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    flags = ["objects.ball.mass=~uniform(5, 50)", "--latin", "--preview"]
+    assert sweep(lesson, out, *flags, "--samples", "2") == 0
+    old = {kind: (out / f"sweep.{kind}").read_bytes() for kind in ("csv", "parquet")}
+    assert sweep(lesson, out, *flags, "--samples", "2") == 0
+    assert capsys.readouterr().err == ""
+    assert sweep(lesson, out, *flags, "--samples", "3") == 0
+    told = capsys.readouterr().err
+    for kind, data in old.items():
+        assert f"{out}: sweep.{kind} tells of another sweep; kept as sweep.{kind}~\n" in told
+        assert (out / f"sweep.{kind}~").read_bytes() == data
+        assert (out / f"sweep.{kind}").read_bytes() != data
+    assert len(pd.read_csv(out / "sweep.csv")) == 3
+    plain = [flag for flag in flags if flag != "--latin"]
+    for samples in ("2", "3"):  # draws that are each by themselves go on
+        assert sweep(lesson, tmp_path / "plain", *plain, "--samples", samples) == 0
+    assert not list((tmp_path / "plain").glob("*~"))
+
+
+def test_ordinary_clips_in_the_folder_are_told(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    assert main(["render", str(lesson), "-o", str(out), "--preview"]) == 0
+    assert sweep(lesson, out, "objects.ball.mass=5,6", "--preview") == 0
+    told = capsys.readouterr().err
+    assert "holds 1 clip of no sweep, lesson among them; they stay, and the gallery shows them" in told
+    assert sweep(lesson, out, "objects.ball.mass=5,6", "--preview") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_each_object_has_draws_of_its_own_where_asked(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    arguments = ["objects.*.mass=~each uniform(5, 50)", "objects.*.friction=~uniform(0, 1)", "--samples", "3"]
+    assert sweep(lesson, out, *arguments, "--preview") == 0
+    table = pd.read_csv(out / "sweep.csv")
+    masses = table[["objects.ball.mass", "objects.crate.mass"]].to_numpy()
+    assert (masses[:, 0] != masses[:, 1]).all()
+    for row, mass in zip(table.itertuples(), masses, strict=True):
+        objects = json.loads((out / row.name / "manifest.json").read_text())["document"]["objects"]
+        assert [objects[name]["mass"] for name in ("ball", "crate")] == list(mass)
+        assert objects["ball"]["friction"] == objects["crate"]["friction"]
+    by_hand = ["objects.ball.mass=~uniform(5, 50)", "objects.crate.mass=~uniform(5, 50)"]
+    again = tmp_path / "again"
+    assert sweep(lesson, again, *by_hand, *arguments[1:], "--preview") == 0
+    assert (again / "sweep.csv").read_text() == (out / "sweep.csv").read_text()
+
+
 def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monkeypatch) -> None:
     from physgen.batch import rows
 
@@ -315,7 +362,11 @@ def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monk
     monkeypatch.setattr(rows, "row", stop)
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 130
     monkeypatch.undo()
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["00,mass=5", "sweep.json"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "00,mass=5",
+        "index.files",
+        "sweep.json",
+    ]
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 0
     assert len((tmp_path / "out" / "sweep.csv").read_text().splitlines()) == 3
 

@@ -20,7 +20,8 @@ def scene(tmp_path: Path, body: str, head: str = "size: [200, 150]"):
 def told(tmp_path: Path, body: str, head: str = "size: [200, 150]") -> list[str]:
     """The warnings of a scene, from their dotted paths on."""
     loaded = scene(tmp_path, body, head)
-    lints = pipeline.lint(loaded, pipeline.compile(loaded, pipeline.percepts(loaded)))
+    maps = pipeline.percepts(loaded)
+    lints = pipeline.lint(loaded, pipeline.compile(loaded, maps), maps)
     assert all(": warning: " in str(lint) for lint in lints)
     return [f"{lint.path}: {lint.found} {lint.expected}; {lint.fix}" for lint in lints]
 

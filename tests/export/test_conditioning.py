@@ -252,3 +252,48 @@ def test_flags_of_the_film_hold_for_every_format_and_the_duration_stays(
     events = json.loads((home / "events" / "events.json").read_text())
     assert (events["frames"], events["fps"], events["size"]) == (5, 20, [40, 32])
     assert read_trajectory(home / "trajectory.npz").times == pytest.approx(np.arange(5) / 10)
+
+
+PUSHED = """\
+physgen: 1
+size: [64, 48]
+world: {duration: %s, gravity: [0, 0]}
+objects: {crate: {shape: {box: {center: [32, 24], size: [12, 12]}}, mass: 900000}}
+forces:
+  - {object: crate, impulse: [4000, 0], start: %s}
+  - {object: crate, impulse: [0, 3000], start: 0}
+render: {fps: 20, frames: %d}
+"""
+
+
+@pytest.mark.parametrize(
+    ("duration", "frames", "start"), [(0.4, 8, 0.3), (0.4, 12, 0.1), (0.4, 10, 0.16), (0.4, 8, 0.33)]
+)
+def test_a_push_at_a_frame_s_moment_is_in_one_map(
+    duration: float, frames: int, start: float, tmp_path: Path
+) -> None:
+    """3 x 0.4 / 8 is not 0.3 to the last bit: the impulse is neither lost nor given twice."""
+    scene = tmp_path / "pushed.yaml"
+    scene.write_text(PUSHED % (duration, start, frames))
+    assert main(["export", str(scene), "--format", "conditioning", "-o", str(tmp_path / "labels")]) == 0
+    pack = tmp_path / "labels" / "pushed"
+    told = json.loads((pack / "conditioning" / "conditioning.json").read_text())["files"]["force"]
+    maps = [picture(pack, "force", k)[..., 0].astype(int) - told["zero"] for k in range(frames)]
+    given = [k for k, codes in enumerate(maps) if codes.max() > 100]
+    assert given == [int(start / duration * frames + 1e-6)]
+    most = maps[given[0]].max() / told["code"] * told["impulse_at_code"]
+    assert most == pytest.approx(4000, rel=0.02)  # the blob's middle falls between pixels
+
+
+def test_played_backward_a_blob_begins_in_the_frame_that_shows_its_push(tmp_path: Path) -> None:
+    scene = tmp_path / "pushed.yaml"
+    scene.write_text(
+        PUSHED.replace("  - {object: crate, impulse: [0, 3000], start: 0}\n", "") % (0.4, 0.3, 8)
+    )
+    command = ["export", str(scene), "--format", "conditioning", "--set", "render.play=backward"]
+    assert main([*command, "-o", str(tmp_path / "labels")]) == 0
+    home = tmp_path / "labels" / "pushed" / "conditioning"
+    (push,) = json.loads((home / "conditioning.json").read_text())["pushes"]
+    lit = [frame.max() > 100 for frame in film(home / "force.mp4")[0]]
+    assert lit.index(True) == push["frame"] == 1  # the last sample but one, at 0.3 s
+    assert all(lit[1:])

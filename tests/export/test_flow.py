@@ -126,6 +126,18 @@ def test_kitti_holds_the_same_to_the_128th_of_a_pixel(export) -> None:
     assert gone > 0  # some pixels have left the picture, and their flow is told all the same
 
 
+def test_kitti_has_the_pair_of_each_flow(export) -> None:
+    """Tools for KITTI look for image_2/*_10.png and *_11.png beside flow_occ/*_10.png, and take them in order."""
+    folder = export("side", "frames,kitti")
+    pictures, home = frames(folder), folder / "kitti"
+    ways = sorted((home / "flow_occ").glob("*_10.png"))
+    ones, others = (sorted((home / "image_2").glob(f"*_{number}.png")) for number in (10, 11))
+    assert len(ways) == len(ones) == len(others) == len(pictures) - 1
+    for k, (one, other) in enumerate(zip(ones, others, strict=True)):
+        np.testing.assert_array_equal(cv2.imread(str(one))[:, :, ::-1], pictures[k])
+        np.testing.assert_array_equal(cv2.imread(str(other))[:, :, ::-1], pictures[k + 1])
+
+
 def test_what_is_hidden_is_hidden_by_somebody(export) -> None:
     folder = export(
         "side", "frames,flo", "objects.ball.velocity=[400, 0]", "world.gravity=[0, 0]", "world.duration=0.2"
@@ -234,6 +246,7 @@ def test_formats_that_are_none_are_refused_before_anything_is_made(
     assert lines[1].startswith('--format: "koko" is no format; ')
     assert not (tmp_path / "labels").exists()
     assert main(["render", scene, "--export", "flow", "-o", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.startswith('--export: "flow" is no format; did you mean "flo"?')
     (tmp_path / "labels" / "side").mkdir(parents=True)
     (tmp_path / "labels" / "side" / "mine.txt").write_text("x")
     assert main(["export", scene, "--format", "flo", "-o", str(tmp_path / "labels")]) == 2

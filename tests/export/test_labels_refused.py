@@ -72,3 +72,39 @@ def test_an_empty_scene(tmp_path) -> None:
         "videos": {"empty": {"objects": {}}}
     }
     assert not np.asarray(Image.open(clip.folder / "davis/Annotations/Full-Resolution/empty/00001.png")).any()
+
+
+def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
+    scene, out = str(hall(tmp_path)), tmp_path / "out"
+    few = ["--set", "render.frames=2", "-o", str(out)]
+    assert main(["export", scene, "--format", "davis,mot", *few]) == 0
+    there = sorted(path for path in out.rglob("*") if path.is_file())
+    assert main(["export", scene, "--format", "mot,frames", *few]) == 2
+    said = capsys.readouterr().err
+    assert (
+        f"{out / 'hall'}: holds davis of an earlier run, which would go; name all formats at once, or" in said
+    )
+    assert sorted(path for path in out.rglob("*") if path.is_file()) == there
+    assert main(["export", scene, "--format", "frames,mot,davis", *few]) == 0
+    assert (out / "hall/frames/00001.png").exists()
+    film = tmp_path / "film"
+    assert main(["render", scene, "--set", "render.frames=2", "--report", "none", "-o", str(film)]) == 0
+    assert main(["export", scene, "--format", "mot", "--set", "render.frames=2", "-o", str(film)]) == 2
+    assert "holds video.mp4 of an earlier run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("formats", "said"),
+    [
+        ("flo:3", '"flo:3" takes no number; write "flo"'),
+        ("tapvid:", '"tapvid:" has no number of points from 1 to 1,000,000; write e.g. "tapvid:512"'),
+        ("tapvid:2e3", '"tapvid:2e3" has no number of points'),
+        ("tapvid:1000001", '"tapvid:1000001" has no number of points'),
+        ("tapvid:5,tapvid:6", '"tapvid:6" is tapvid once more; write it once'),
+        ("tapvit:5", '"tapvit:5" is no format; did you mean "tapvid"?'),
+    ],
+)
+def test_numbers_that_no_format_takes(formats: str, said: str, tmp_path, capsys) -> None:
+    assert main(["export", str(hall(tmp_path)), "--format", formats, "-o", str(tmp_path / "out")]) == 2
+    assert f"--format: {said}" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -41,8 +41,8 @@ def test_three_files_hold_what_the_engine_gave(tmp_path: Path, play: str) -> Non
     assert len(table) == T * N
     assert (table["object"] == list(seen.names) * T).all()
     assert (table["frame"] == np.repeat(np.arange(T), N)).all()
-    poses = table[["x", "y", "angle"]].to_numpy().reshape(T, N, 3)
-    speeds = table[["vx", "vy", "spin"]].to_numpy().reshape(T, N, 3)
+    poses = table[["x", "y", "angle_rad"]].to_numpy().reshape(T, N, 3)
+    speeds = table[["vx", "vy", "spin_rad_s"]].to_numpy().reshape(T, N, 3)
     assert np.array_equal(poses, seen.poses[order])
     assert np.array_equal(speeds, seen.velocities[order])
     assert np.array_equal(arrays["poses"], poses)

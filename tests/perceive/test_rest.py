@@ -66,6 +66,36 @@ def test_a_row_stands_on_one_floor_from_side_to_side():
         assert -GAP <= penetration(walls["floor"], thing) <= 1e-6
 
 
+def board(first: int, last: int) -> Desk:
+    """A board before a wall, 14 px thick, from column `first` to `last`, with three blocks on it."""
+    desk = Desk(horizon=H)
+    desk.rgb[181:195, first:last] = (215, 210, 200)
+    for x in (150, 190, 260):
+        desk.block(x, 180, 20, 60)
+    return desk
+
+
+@pytest.mark.parametrize(("first", "last"), [(110, W), (0, 330), (110, 330)])
+def test_a_board_ends_where_its_edge_does(first: int, last: int):
+    """A ball pushed off it must fall, not stand on air."""
+    floor = board(first, last).walls()["floor"]
+    for found, end, border in ((floor[0, 0], first, 0), (floor[-1, 0], last, W)):
+        assert found == pytest.approx(end - 0.5, abs=0.5 if end == border else 2)
+
+
+def test_a_shadow_or_a_mark_ends_no_floor():
+    desk = board(0, W)
+    desk.rgb[:, 320:] = desk.rgb[:, 320:] // 2  # shade on wall and board alike
+    desk.rgb[181:195, 60:90] = (190, 60, 50)  # and a mark on the board
+    assert desk.walls()["floor"][[0, -1], 0].tolist() == [-0.5, W - 0.5]
+
+
+def test_a_floor_of_the_wall_s_colour_goes_on():
+    """No edge is seen anywhere: nothing tells an end."""
+    desk = board(150, 150)
+    assert desk.walls()["floor"][[0, -1], 0].tolist() == [-0.5, W - 0.5]
+
+
 def test_a_sloped_floor_is_found_and_touched():
     desk = Desk()
     for k in range(5):

@@ -290,6 +290,21 @@ def test_extends_a_pipe(tmp_path: Path) -> None:
     assert '"pipe.yaml" is not a file' in message
 
 
+def test_a_scene_is_a_pipe_that_nobody_writes_into(tmp_path: Path) -> None:
+    for name in ("pipe.yaml", "pipe.physgen"):
+        os.mkfifo(tmp_path / name)
+        (message,) = said(tmp_path, name)
+        assert message == f"{name}: is a pipe; name a file; what a program writes is read as /dev/stdin"
+
+
+def test_a_scene_may_come_from_another_program(tmp_path: Path) -> None:
+    code = "import sys; from physgen.cli import main; sys.exit(main(['check', '/dev/stdin']))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], input=HEAD, capture_output=True, text=True, cwd=tmp_path
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (0, "/dev/stdin: no problems\n", "")
+
+
 def test_image_is_a_pipe(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "photo.png")
     (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")

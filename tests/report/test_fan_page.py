@@ -58,6 +58,15 @@ def test_manifest_and_table_tell_the_same(clip: Path) -> None:
     assert max(r for r, fell in zip(rolling, falls, strict=True) if fell) < min(
         r for r, fell in zip(rolling, falls, strict=True) if not fell
     ), "and nothing else matters"
+    heading = (clip / "fan.csv").read_text().partition("\n")[0].split(",")
+    assert heading == ["draw", *(one["path"] for one in made["drawn"]), *heading[4:]]
+    told = (Path(__file__).parents[2] / "docs" / "fan.md").read_text()
+    assert all(f"NAME.{name.partition('.')[2]}`" in told for name in heading[7:])
+    turned = [float(row["ball.angle_degrees"]) for row in rows]
+    assert max(turned) > 90, "it rolls"
+    assert all(
+        abs(a) <= float(row["ball.turned_degrees"]) + 1e-9 for a, row in zip(turned, rows, strict=True)
+    )
     assert {one["path"] for one in made["drawn"]} == {
         "objects.ball.rolling",
         "objects.ball.mass",
@@ -92,6 +101,11 @@ def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
             assert float(re.search(r"[\d.]+", width)[0]) == pytest.approx(100 * count / DRAWS, abs=0.01)
         assert section.locator(".own path").count() == 1, "of what moves in the clip"
         assert section.locator(".cast path").count() == section.locator("circle.spot").count() == DRAWS
+        guesses = section.locator(".guesses").inner_text()
+        assert "rolling of ball, 0.12 (table, 40 % sure); friction of block" in guesses
+        assert guesses.endswith(
+            "If you have set one of them since, take its entry out of from: then it is certain."
+        )
         assert f"in {counts['falls']} of {DRAWS} draws" in section.inner_text().replace("\u00a0", " ")
         assert "block" in section.locator(".alike").inner_text()
         assert seen.errors == []
@@ -126,6 +140,24 @@ def test_with_nothing_uncertain_there_is_a_warning_and_a_clip(tmp_path: Path) ->
     assert json.loads((folder / "manifest.json").read_text())["fan"] is None
     assert not (folder / "fan.csv").exists()
     assert 'id="fan"' not in (folder / "report.html").read_text()
+
+
+def test_a_fan_that_nobody_asks_for_again_goes_and_is_told(tmp_path: Path) -> None:
+    (tmp_path / "edge.yaml").write_text(EDGE)
+    told: list[str] = []
+    for draws in (3, 0, 0):
+        folder = pipeline.render_scene(
+            tmp_path / "edge.yaml",
+            tmp_path / "out",
+            draws=draws,
+            warn=lambda problem: told.append(str(problem)),
+        )
+    assert told == [
+        f"{folder}: warning: had a fan of 3 draws, which was not asked for this time, and goes; "
+        "render with --fan 3 to have it again"
+    ]
+    assert not (folder / "fan.csv").exists()
+    assert json.loads((folder / "manifest.json").read_text())["warnings"] == []
 
 
 def test_light_alone_moves_nothing(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -40,6 +41,9 @@ boundaries:
 forces: [{object: crate, impulse: [400, 0]}]
 render: {fps: 24}
 """
+
+BALL = "{ball: {shape: {circle: {center: [30, 50], radius: 8}}, mass: 100}}"
+PUSH = "forces: [{object: ball, impulse: [10000, 0]}]"
 
 
 def scene(tmp_path: Path, text: str, name: str = "lesson") -> str:
@@ -93,6 +97,18 @@ def test_curves_below_the_paths_are_drawn_and_others_are_refused(tmp_path: Path,
     assert main(["plot", "trajectory", path, "--objects", "ball,moon", "-o", str(tmp_path / "a.png")]) == 2
     assert '"moon" is no object of the scene; the scene has ball' in capsys.readouterr().err
     assert not (tmp_path / "a.png").exists()
+
+
+def test_a_push_at_the_start_is_counted_once() -> None:
+    """An impulse J at t = 0 gives J²/2m, at once and for good: the top of the stack and the line above it are that."""
+    from physgen.report.plots.energy import stacked
+
+    pushed = f"{{physgen: 1, size: [200, 100], world: {{gravity: [0, 0], duration: 0.2}}, objects: {BALL}, {PUSH}}}"
+    with tempfile.TemporaryDirectory() as folder:
+        compiled = pipeline.compile(pipeline.load(scene(Path(folder), pushed)), None)
+    layers, top = stacked(pipeline.simulate(compiled.world))
+    assert top == pytest.approx(10000**2 / 200, rel=1e-9)
+    assert layers.sum(axis=0) == pytest.approx(top, rel=1e-9)
 
 
 def test_energy_falls_and_rises_as_it_must_and_its_sum_is_level(tmp_path: Path) -> None:

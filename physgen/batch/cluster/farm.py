@@ -10,7 +10,9 @@ import pickle
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -29,6 +31,8 @@ from physgen.urls import is_url
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+    from physgen.scene.build import Opened
 
 Tell = Callable[[str], None]
 
@@ -128,7 +132,9 @@ class _Farm:
                 for future, result in answers.next_batch(block=False) or self._nap():
                     self._take(self._under_way.pop(future), future, result, answers)
         finally:
-            self.client.cancel(list(self._under_way), force=True)
+            if self.client.status == "running":  # else nobody is there to be told, nor to be waited for
+                with suppress(OSError):
+                    self.client.cancel(list(self._under_way), force=True)
 
     @property
     def _has_room(self) -> bool:
@@ -272,9 +278,20 @@ def wants_gpu(job: Job) -> bool:
 
 def _refines(job: Job) -> bool:
     """Whether its scene says so; one that cannot be read is told of where it is rendered."""
-    from physgen.scene.build import load
-
     try:
-        return load(job.scene, job.overrides, job.variant, job.allow_outside).refine.backend != "none"
+        opened = _opened(str(job.scene), job.allow_outside)
+        if opened.stale():
+            _opened.cache_clear()
+            opened = _opened(str(job.scene), job.allow_outside)
+        scene = opened.scene(job.overrides, job.variant)
+        return scene.refine.backend != "none"
     except InputError:
         return False
+
+
+@lru_cache(maxsize=1)
+def _opened(path: str, allow_outside: bool) -> Opened:
+    """A file of which many clips are made is read once."""
+    from physgen.scene.build import Opened
+
+    return Opened(path, allow_outside)

@@ -27,7 +27,9 @@ LOOK = 0.1
 IDLE = 30.0
 """s after which a process that has nothing to do goes: others may use the worker, too."""
 MOST_PACKS = 32
-"""Scenes on the worker's disk that were sent to it."""
+"""Scenes on the worker's disk that were sent to it, and more where many are at hand at once."""
+IN_USE = 600.0
+"""s for which a scene stays that a process may be about to read."""
 
 
 def run_errands(
@@ -74,8 +76,10 @@ def _on_disk(folder: Path, key: str, pack: bytes) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(path, pack)
         kept = sorted(folder.glob("*.physgen"), key=lambda file: file.stat().st_mtime)
+        late = time.time() - IN_USE
         for old in kept[:-MOST_PACKS]:
-            old.unlink(missing_ok=True)
+            if old.stat().st_mtime < late:
+                old.unlink(missing_ok=True)
     return path
 
 
@@ -197,6 +201,7 @@ class Crew:
                 going_on = self._watched
             for hand in gone:
                 hand.dismiss()
+                hand.end()  # nobody else waits for the process
             if not going_on:
                 return
 

@@ -25,7 +25,7 @@ from physgen.batch.finished import finished
 from physgen.batch.finished import warnings as warned
 from physgen.batch.places import far
 from physgen.batch.pool import Done, Job, State, failed, hash_of, with_outcomes
-from physgen.pipeline.packs import scene_file, shown_as
+from physgen.pipeline.packs import scene_file
 from physgen.problems import InputError
 from physgen.report.folder import output_folder, whole_folder
 from physgen.urls import is_private, is_url
@@ -70,9 +70,8 @@ class Home:
         if out not in self._tokens:
             folder = Path(out)
             folder.mkdir(parents=True, exist_ok=True)
-            token = partial(folder / secrets.token_hex(8))
-            token.touch()
-            self._tokens[out] = token
+            self._tokens[out] = partial(folder / secrets.token_hex(8))
+        self._tokens[out].touch()  # an old one is taken for a leftover, and a run may take days
         return self._tokens[out].name
 
     def close(self) -> None:
@@ -108,7 +107,7 @@ def pack_for(job: Job) -> bytes:
     """Its scene. Raises InputError with what is wrong with it, or OSError."""
     if is_url(job.path):
         return fetched_pack(job.path, job.overrides, job.variant)
-    return packed_for(job.scene, job.overrides, job.variant, job.allow_outside, shown_as(job.path))
+    return packed_for(job.scene, job.overrides, job.variant, job.allow_outside)
 
 
 def brought(job: Job, done: Done, files: Mapping[str, bytes] | None) -> Done:

@@ -23,14 +23,17 @@ def card(
     formats: Sequence[str],
     command: Sequence[str],
     shards: Mapping[str, int],
+    uneven: bool,
 ) -> str:
-    """`counts` by split; `formats` of labels that any clip has; `shards`: how many files a split is read from."""
+    """`counts` by split; `formats` of labels that any clip has; `shards`: how many files a split is read from;
+    `uneven`: clips differ in the names of their files."""
     total = sum(count.clips for count in counts.values())
     there = [name for name in splits.names if counts[name].clips]
     text = resource("templates", "dataset.md.j2").read_text(encoding="utf-8")
     page = jinja2.Template(text, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
     told: str = page.render(
         layout=layout,
+        uneven=uneven,
         counts=counts,
         splits=splits,
         formats=formats,

@@ -96,16 +96,25 @@ class Folders:
         for split in self._rows:
             partial(self._root / split / ROWS).unlink(missing_ok=True)
 
-    def strays(self) -> int:
+    def strays(self) -> tuple[int, Path | None]:
         """Counted, not removed: they may be wanted."""
-        found = 0
+        found, one = 0, None
         for split in self._splits:
             home = self._root / split
             if home.is_dir():
                 with os.scandir(home) as entries:
-                    folders = sum(entry.is_dir() and not entry.name.startswith(".") for entry in entries)
-                found += folders - self._counts.get(split, 0)
-        return found
+                    names = [e.name for e in entries if e.is_dir() and not e.name.startswith(".")]
+                found += len(names) - self._counts.get(split, 0)
+                if one is None and len(names) > self._counts.get(split, 0):
+                    one = self._unnamed(home, sorted(names))
+        return found, one
+
+    def _unnamed(self, home: Path, names: list[str]) -> Path | None:
+        """The first folder that no row names."""
+        rows = home / ROWS
+        lines = rows.read_text(encoding="utf-8").splitlines() if rows.is_file() else []
+        told = {str(json.loads(line)["key"]) for line in lines}
+        return next((home / name for name in names if name not in told), None)
 
 
 def _digest(home: Path) -> str | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from physgen.problems import InputError
+from physgen.report.folder import seems_clip
 from physgen.scene.words import natural
 
 MANIFEST = "manifest.json"
@@ -62,8 +63,17 @@ def _below(folder: Path, name: str) -> Iterator[Found]:
         if told is None or (told.get("manifest") == 1 and "samples" in told):
             yield Found(folder, name, told)
             return
+    if (MANIFEST, False) not in inside and seems_clip(name for name, _ in inside):
+        yield Found(folder, name, None)
+        return
     for below in sorted((name for name, is_folder in inside if is_folder), key=natural):
-        yield from _below(folder / below, f"{name}/{below}")
+        if not _leads_up(folder / below):
+            yield from _below(folder / below, f"{name}/{below}")
+
+
+def _leads_up(folder: Path) -> bool:
+    """Whether it is a link to a folder that it lies in: what is there has been found, and there is no end to it."""
+    return folder.is_symlink() and folder.parent.resolve().is_relative_to(folder.resolve())
 
 
 def _told(path: Path) -> Mapping[str, Any] | None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,14 @@ class Gathered:
     """Clips that cannot be used."""
     strays: int
     """Clips that lie there and are not of this data set."""
+    stray: Path | None
+    """One of them."""
+    uneven: Path | None
+    """A clip that has not the files of the first one."""
+    silent: Path | None
+    """A clip without a caption."""
+    lacking: Mapping[str, int]
+    """Formats that were asked for -> clips that do not have them; those alone that some lack."""
     files: Sequence[Path]
     """Those that readers open, the card first."""
 
@@ -77,20 +86,54 @@ def gather(
     roots = checked(roots)
     _own(out, asked, roots)
     counts = {name: Count() for name in asked.splits.names}
-    formats: set[str] = set()
+    seen = _Seen()
     layout = _layout(out, asked)
     try:
-        left_out = _added(roots, out, asked, layout, counts, formats, warn, progress)
+        left_out = _added(roots, out, asked, layout, counts, seen, warn, progress)
         files = layout.close()
     except BaseException:
         layout.drop()
         raise
-    text = card(asked.layout, counts, asked.splits, sorted(formats), command, _shards(files))
+    text = card(
+        asked.layout,
+        counts,
+        asked.splits,
+        sorted(seen.formats),
+        command,
+        _shards(files),
+        seen.uneven is not None,
+    )
     write_whole(out / "README.md", text.encode())
     told = {name: _count(count) for name, count in counts.items()}
     write_whole(out / NAME, _json({**asked.settings(), "physgen": __version__, "counts": told}))
-    strays = layout.strays()
-    return Gathered(counts, layout.made, layout.kept, left_out, strays, [out / "README.md", *files])
+    strays, stray = layout.strays()
+    total = layout.made + layout.kept
+    lacking = {name: total - seen.formats[name] for name in asked.formats if seen.formats[name] < total}
+    page = out / "README.md"
+    return Gathered(
+        counts,
+        layout.made,
+        layout.kept,
+        left_out,
+        strays,
+        stray,
+        seen.uneven,
+        seen.silent,
+        lacking,
+        [page, *files],
+    )
+
+
+@dataclass
+class _Seen:
+    """Of the clips that went by."""
+
+    formats: Counter[str] = field(default_factory=Counter)
+    """How many have labels of each."""
+    silent: Path | None = None
+    names: frozenset[str] | None = None
+    """Of the first clip's files."""
+    uneven: Path | None = None
 
 
 def _added(
@@ -99,7 +142,7 @@ def _added(
     asked: Asked,
     layout: Layout,
     counts: Mapping[str, Count],
-    formats: set[str],
+    seen: _Seen,
     warn: Callable[[Problem], None],
     progress: Callable[[int], None],
 ) -> int:
@@ -123,7 +166,13 @@ def _added(
         keys.add(one.key)
         layout.add(one)
         counts[one.split].add(one)
-        formats |= set(one.about["labels"])
+        seen.formats.update(one.about["labels"])
+        files = frozenset(member.name for member in one.members)
+        seen.names = seen.names or files
+        if files != seen.names and seen.uneven is None:
+            seen.uneven = one.folder
+        if not one.caption and seen.silent is None:
+            seen.silent = one.folder
         progress(number + 1)
     if not keys:
         fix = "name folders that physgen rendered or exported into"
@@ -145,7 +194,13 @@ def _own(out: Path, asked: Asked, roots: Sequence[Path]) -> None:
     for root in roots:
         if out.resolve().is_relative_to(root.resolve()) or root.resolve().is_relative_to(out.resolve()):
             fix = "name a folder beside it with -o"
-            raise InputError.of(str(out), "", f"and {root}, which is read, lie in each other", fix)
+            if out.resolve() == root.resolve():
+                found = "is read itself"
+            elif root.resolve() in out.resolve().parents:
+                found = f"lies in {root}, which is read"
+            else:
+                found = f"holds {root}, which is read"
+            raise InputError.of(str(out), "", found, fix)
     if not out.exists() or not any(out.iterdir()):
         return
     try:
@@ -159,8 +214,12 @@ def _own(out: Path, asked: Asked, roots: Sequence[Path]) -> None:
         )
     for name, value in asked.settings().items():
         if told.get(name) != value:
-            found = f"holds a data set with {name} {json.dumps(told.get(name))}, not {json.dumps(value)}"
+            found = f"holds a data set with {name} {_setting(told.get(name))}, not {_setting(value)}"
             raise InputError.of(str(out), "", found, "choose another folder with -o, or remove it")
+
+
+def _setting(value: Any) -> str:
+    return "all" if value == [] else json.dumps(value)
 
 
 def _shards(files: Sequence[Path]) -> dict[str, int]:

@@ -48,5 +48,5 @@ class Layout(Protocol):
     def drop(self) -> None:
         """Something went wrong: what is half-written goes."""
 
-    def strays(self) -> int:
-        """Clips below the folder that are not of this data set: an earlier run's."""
+    def strays(self) -> tuple[int, Path | None]:
+        """Clips below the folder that are not of this data set, an earlier run's: how many, and one of them."""

@@ -84,7 +84,7 @@ def sample(found: Found, splits: Splits, formats: Collection[str]) -> Sample:
     """With labels of the `formats`, of all where there are none. Raises InputError where the clip cannot be used."""
     told = found.told
     if told is None:
-        raise InputError.of(str(found.folder), "", "has a manifest that cannot be read", "render it again")
+        raise InputError.of(str(found.folder), "", "has no manifest that can be read", "render it again")
     try:
         members = list(_members(found.folder, told["files"], formats))
         about = _about(found, told, members, splits)

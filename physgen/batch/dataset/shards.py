@@ -23,6 +23,8 @@ BLOCK = 512
 """Bytes that a tar file is counted in."""
 END = 10240
 """Bytes that a tar file is a multiple of."""
+LARGE = 8**11
+"""Bytes that an entry of one block cannot tell."""
 
 
 @dataclass
@@ -77,9 +79,9 @@ class Shards:
     def drop(self) -> None:
         """Shards are whole, or not there."""
 
-    def strays(self) -> int:
+    def strays(self) -> tuple[int, Path | None]:
         """They are gone."""
-        return 0
+        return 0, None
 
     def _path(self, split: str, number: int) -> Path:
         return self._root / split / f"shard-{number:06d}.tar"
@@ -125,8 +127,7 @@ def _write(path: Path, samples: list[Sample]) -> None:
         with tarfile.open(beside, "w", format=tarfile.PAX_FORMAT) as tar:
             for sample in samples:
                 for name, size, source in _files(sample):
-                    entry = tarfile.TarInfo(name)
-                    entry.size = size
+                    entry = _entry(name, size)
                     if isinstance(source, bytes):
                         tar.addfile(entry, io.BytesIO(source))
                     else:
@@ -160,7 +161,21 @@ def _files(sample: Sample) -> Iterator[tuple[str, int, bytes | Path]]:
 
 def _weight(sample: Sample) -> int:
     """Bytes that it takes in a tar file."""
-    return sum(BLOCK + -(-size // BLOCK) * BLOCK for _, size, _ in _files(sample))
+    return sum(_head(name, size) + -(-size // BLOCK) * BLOCK for name, size, _ in _files(sample))
+
+
+def _head(name: str, size: int) -> int:
+    """Bytes before a file's own: names that are long, or not of ASCII, take more."""
+    if len(name) <= tarfile.LENGTH_NAME and name.isascii() and size < LARGE:
+        return BLOCK
+    return len(_entry(name, size).tobuf(tarfile.PAX_FORMAT))
+
+
+def _entry(name: str, size: int) -> tarfile.TarInfo:
+    """Without a time and an owner."""
+    entry = tarfile.TarInfo(name)
+    entry.size = size
+    return entry
 
 
 def _json(data: dict[str, Any]) -> bytes:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.problems import InputError
+from physgen.report.folder import seems_clip
 from physgen.scene.words import natural
 
 MANIFEST = "manifest.json"
@@ -68,7 +69,8 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
 
 def _below(root: Path) -> Iterator[Path]:
     for place, folders, files in os.walk(root):
-        if MANIFEST in files and _ours(Path(place) / MANIFEST):
+        there = MANIFEST in files
+        if _ours(Path(place) / MANIFEST) if there else seems_clip((*files, *folders)):
             folders.clear()
             yield Path(place)
         folders[:] = sorted(name for name in folders if not name.startswith("."))

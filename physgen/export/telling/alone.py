@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import pi, radians
+from math import hypot, pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +12,22 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, World
 from physgen.export.telling.event import Event, Happening
 from physgen.scene.model import FieldKind, Load, Motion, Point, Solid, View
-from physgen.simulate.settled import STILL, STILL_TURN, rests, still
+from physgen.simulate.settled import LASTING, STILL, STILL_TURN, still
 from physgen.simulate.trajectory import Trajectory
 
 SHIFT = 1.0
 """px by which its centre must come away from where it was at t = 0, or its rim turn: less is settling, no motion."""
 TIPPED = pi / 4
 """rad."""
+CREAK, BRIEF = 0.05, 0.005
+"""px by which what rests may slip, or its rim turn, within so many s, and rest all the same."""
 LOOSE = 1e-3
 """s within which a touch that ends does not hold any more."""
 
 
-def alone(world: World, trajectory: Trajectory, seen: Trajectory) -> Iterator[Event]:
-    """Rest is as fine as the frames, `trajectory`, and so the same as in tables; all else as fine as `seen`."""
-    resting, quiet = rests(trajectory), still(seen)
+def alone(world: World, seen: Trajectory) -> Iterator[Event]:
+    """All of it as fine as the samples of `seen`; tables of sweeps tell of rest as fine as frames."""
+    quiet = still(seen)
     for k, body in enumerate(world.bodies):
         poses = seen.poses[:, k]
         away = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
@@ -38,7 +40,7 @@ def alone(world: World, trajectory: Trajectory, seen: Trajectory) -> Iterator[Ev
         yield replace(_start(world, seen, k, int(gone[0]), quiet[:, k]), far=float(far.max()))
         if tips(world, body) and turned.max() > TIPPED:
             yield _tipped(seen, k, turned)
-        rest = resting[k]
+        rest = _rest(seen, k, quiet[:, k], body.reach)
         at = len(seen.times) - 1 if rest is None else int(np.searchsorted(seen.times, rest - 1e-9))
         kind = Happening.GOES_ON if rest is None else Happening.REST
         yield Event(kind, float(seen.times[at]), (k,), _center(seen, at, k), vector=_velocity(seen, at, k))
@@ -85,6 +87,23 @@ def _falls(world: World, seen: Trajectory, k: int, time: float) -> bool:
         for push in world.pushes
     )
     return not (held or blown or touched or pushed)
+
+
+def _rest(seen: Trajectory, k: int, quiet: NDArray[np.bool_], reach: float) -> float | None:
+    """s: from when on it rests but for creaks, which frames hardly ever show; None: it moves to the end."""
+    last = len(quiet) - 1
+    moving = np.flatnonzero(~quiet)
+    since = 0
+    while len(moving):
+        run = moving[int(np.flatnonzero(np.diff(moving, prepend=-2) > 1)[-1]) :]
+        first, since = max(int(run[0]) - 1, 0), int(run[-1]) + 1
+        x, y, angle = (seen.poses[min(since, last), k] - seen.poses[first, k]).tolist()
+        brief = seen.times[min(since, last)] - seen.times[first] < BRIEF
+        if not brief or max(hypot(x, y), abs(angle) * reach) > CREAK:
+            break
+        moving, since = moving[: -len(run)], 0
+    over = since > last or seen.times[-1] - seen.times[since] < LASTING - 1e-9
+    return None if over else float(seen.times[since])
 
 
 def _tipped(seen: Trajectory, k: int, turned: NDArray[np.float64]) -> Event:

@@ -1,8 +1,13 @@
-"""A clip -> its events, by time: the motion run once more, with samples where things touch."""
+"""A clip -> its events, by time: the motion looked at once more, with samples where things touch.
+
+How many frames the clip has, and how fast they play, changes nothing of that: moments are chosen by time alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +18,17 @@ from physgen.export.telling.event import Event, Happening
 from physgen.export.telling.picture import borders
 from physgen.geometry import rotation
 from physgen.render.shot import Shot
-from physgen.render.touches import Blow, between, blows, moments
+from physgen.render.touches import Blow, between, blows
 from physgen.scene.model import Load, Motion, Point
 from physgen.simulate.engine import simulate
 from physgen.simulate.settled import fresh
 from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Sampled = Callable[[Array], Trajectory]
 
-FINER = 8
-"""Times a frame that the motion is looked at."""
+RATE, LEAST = 240.0, 720
+"""Times that the motion is looked at: a second, and in all; no finer than the engine's steps."""
 MOST = 2_000_000
 """Samples times objects of such a closer look."""
 HAIR = 1e-6
@@ -33,35 +39,41 @@ DONE = 1.5
 ORDER = {kind: number for number, kind in enumerate(Happening)}
 
 
-def events(world: World, trajectory: Trajectory, shot: Shot) -> tuple[Event, ...]:
-    """All of them; `trajectory` has the samples of the frames, played forward."""
+def events(
+    world: World, trajectory: Trajectory, shot: Shot, sampled: Sampled | None = None
+) -> tuple[Event, ...]:
+    """All of them, to the end of the motion; `trajectory` has the samples of the frames, played forward.
+
+    `sampled` has the same motion at other times, where that is at hand; it is simulated again without. Of a clip of one
+    frame, what is so at its moment.
+    """
     if not world.bodies or not len(trajectory.times):
         return ()
-    seen = closer(world, trajectory)
-    span = float(trajectory.times[-1]) / max(len(trajectory.times) - 1, 1) / FINER
-    struck = blows(world, seen, span) if span else []
+    seen = closer(world, trajectory, sampled or partial(simulate, world))
+    struck = blows(world, seen, 1 / RATE) if len(seen.times) > 1 else []
     found = [
-        *_pushes(world, trajectory, seen),
+        *_pushes(world, seen),
         *_contacts(world, seen),
         *(_collision(world, seen, blow) for blow in struck),
-        *_first_touches(world, trajectory, seen),
-        *alone(world, trajectory, seen),
+        *_first_touches(world, seen),
+        *alone(world, seen),
         *borders(world, seen, shot),
     ]
     return tuple(sorted(found, key=lambda event: (event.time, ORDER[event.kind], event.who)))
 
 
-def closer(world: World, trajectory: Trajectory) -> Trajectory:
-    """The same motion with samples between the frames, and where touches begin, just before and just after."""
+def closer(world: World, trajectory: Trajectory, sampled: Sampled) -> Trajectory:
+    """All of the same motion, looked at evenly, and where touches begin, just before and just after."""
     if len(trajectory.times) < 2:
         return trajectory
-    most = MOST // len(world.bodies)
-    begins = trajectory.contacts.touch_times[:most, 0]
-    times = [moments(trajectory, FINER, most), begins - HAIR]
+    most, end = max(MOST // len(world.bodies), 2), world.duration
+    rate = min(max(RATE, LEAST / end), world.steps_per_second)
+    even = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), most) + 1)
+    begins = sampled(np.array([0.0, end])).contacts.touch_times[:most, 0]
     step = DONE / world.steps_per_second
-    times += [begins - step, begins + step, np.array([push.start for push in world.pushes])]
-    every = np.unique(np.concatenate(times))
-    return simulate(world, every[(every >= 0) & (every <= trajectory.times[-1])])
+    times = [even, begins, begins - HAIR, begins - step, begins + step]
+    every = np.unique(np.concatenate([*times, np.array([push.start for push in world.pushes])]))
+    return sampled(every[(every >= 0) & (every <= end)])
 
 
 def _sample(seen: Trajectory, time: float) -> int:
@@ -87,12 +99,12 @@ def _contacts(world: World, seen: Trajectory) -> Iterator[Event]:
         yield Event(Happening.CONTACT, begin, pair, _place(world, seen, begin, pair), until)
 
 
-def _first_touches(world: World, trajectory: Trajectory, seen: Trajectory) -> Iterator[Event]:
+def _first_touches(world: World, seen: Trajectory) -> Iterator[Event]:
     """Of each body that moves or is moved, as tables of sweeps have it."""
     met: set[int] = set()
-    contacts = trajectory.contacts
+    contacts = seen.contacts
     order = np.argsort(contacts.touch_times[:, 0], kind="stable")
-    new = fresh(trajectory)
+    new = fresh(seen)
     for k in order[new[order]].tolist():
         time = float(contacts.touch_times[k, 0])
         one, other = contacts.touch_pairs[k].tolist()
@@ -144,8 +156,8 @@ def _nearing(world: World, seen: Trajectory, sample: int, blow: Blow) -> tuple[f
     return speeds[0], speeds[1]
 
 
-def _pushes(world: World, trajectory: Trajectory, seen: Trajectory) -> Iterator[Event]:
-    last = float(trajectory.times[-1])
+def _pushes(world: World, seen: Trajectory) -> Iterator[Event]:
+    last = float(seen.times[-1])
     for push in world.pushes:
         if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > last:
             continue

@@ -33,11 +33,11 @@ class Reel:
         return self._order.index(sample)
 
     def shown(self, time: float) -> float:
-        """s from the clip's start as it plays."""
+        """s from the clip's start as it plays; what comes after the last sample is not shown before the start."""
         step = float(self._times[1] - self._times[0]) if len(self._times) > 1 else 1.0
         samples = time / step
         if self._backward:
-            samples = len(self._times) - 1 - samples
+            samples = max(len(self._times) - 1 - samples, 0.0)
         return samples / self._fps
 
     def seen(self, at: Point, time: float) -> Point:

@@ -38,7 +38,7 @@ class Story:
 
 def story(clip: Clip) -> Story:
     """The same clip always has the same one."""
-    found = events(clip.world, clip.trajectory, clip.shot)
+    found = events(clip.world, clip.trajectory, clip.shot, clip.sampled)
     labels = [item.label.strip() or named(item.name) for item in clip.scene.objects]
     labels += [named(wall.name) for wall in clip.world.walls]
     speech = Speech(clip.world, Nouns(labels), pace(clip))

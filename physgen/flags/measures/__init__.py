@@ -4,13 +4,30 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.measures import fidelity, physics, plausibility, segmentation
+from physgen.flags.measures import (
+    controllability,
+    fid,
+    fidelity,
+    leaderboard,
+    physics,
+    plausibility,
+    properties,
+    runtime,
+    segmentation,
+    study,
+)
 
 MEASURES = {
     "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
     "plausibility": plausibility,
+    "fid": fid,
+    "properties": properties,
+    "controllability": controllability,
+    "runtime": runtime,
+    "study": study,
+    "leaderboard": leaderboard,
 }
 """A module each: ABOUT, EXAMPLE and `add(parser)`."""
 

@@ -29,6 +29,9 @@ Groups = Sequence[tuple[Line, list[Foot]]]
 
 ALIKE = 10.0
 """CIE 1976 Lab distance up to which two strips are the same surface."""
+BEYOND, FADED = 0.04, 0.35
+"""Of the photo's width that is looked at on either side of a floor's end; of the contrast across its edge within, what
+may be left beyond."""
 GRIP = 1.25
 """Coefficient of friction over the slope that things lie still on: at 1 they are about to slip."""
 LEVEL = 1e-3
@@ -122,7 +125,9 @@ def _floors(lab: F32, labels: Labels, things: Sequence[Thing], groups: Groups, c
         across = (-0.5, width - 0.5)
         sloped = abs(line.slope) > STEEP
         first = group is ground
-        wish = across if first and len(group) > 1 else _seen(lab, labels, line, group, across)
+        wish = _seen(lab, labels, line, group, across)
+        if first and len(group) > 1:  # it goes on unless its end is seen
+            wish = _ending(lab, labels, line, wish, across)
         points = floor(line, group, free_ends(line, group, others, wish))
         here = [t.outline for t in things if all(t is not f.thing for f in group)]
         for part in free_parts(points, here):
@@ -212,6 +217,30 @@ def _seen(
             x += step
         ends.append(end)
     return min(inner[0], ends[0] - 0.5), max(inner[1], ends[1] + 0.5)
+
+
+def _ending(
+    lab: F32, labels: Labels, line: Line, seen: tuple[float, float], most: tuple[float, float]
+) -> tuple[float, float]:
+    """Of the ends up to which a surface is `seen`, those beyond which what is above it goes on below; else `most`."""
+    width = labels.shape[1]
+    columns = np.arange(width)
+    level = np.round(line.slope * columns + line.height).astype(int)
+    below, above = (_strip(lab, labels, level + down) for down in (4, -10))
+    step = np.linalg.norm(below - above, axis=1)
+    long = max(12, round(BEYOND * width))
+    ends = list(most)
+    for k, way in enumerate((-1, 1)):
+        end = round(seen[k])
+        within, beyond = (
+            step[[x for x in range(start, start + way * side * long, way * side) if 0 <= x < width]]
+            for start, side in ((end - 3 * way, -1), (end + 3 * way, 1))
+        )
+        if min(np.isfinite(within).sum(), np.isfinite(beyond).sum()) < long // 2:
+            continue
+        if np.nanmedian(within) >= ALIKE and np.nanmedian(beyond) < FADED * np.nanmedian(within):
+            ends[k] = seen[k]
+    return ends[0], ends[1]
 
 
 def _strip(lab: F32, labels: Labels, top: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -5,7 +5,6 @@ A TorchScript file is a program: loading one runs it. Name only a file whose sou
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from physgen.backends import Setup
 from physgen.perceive.backends.models import device_of, freed, loaded, noted
 from physgen.perceive.backends.options import Whole, read
+from physgen.perceive.backends.torchscript import scripted
 from physgen.perceive.painted import back, frame, painted, shown
 from physgen.perceive.roles import Inpaint, Rgb
 from physgen.problems import InputError
@@ -42,7 +42,7 @@ class Lama:
             raise InputError.of("--backend", '"inpaint=lama"', "names no file of weights", GET)
         self._weights = setup.weights
         self._device = device_of(setup)
-        loaded(lambda path: scripted(Path(path)), self._weights, "LaMa")
+        loaded(lambda path: scripted(Path(path), "--backend", GET), self._weights, "LaMa")
 
     @cached_property
     def _model(self) -> Any:
@@ -89,15 +89,3 @@ class Lama:
 def lama(setup: Setup) -> Inpaint:
     """The backend `lama`."""
     return Lama(setup)
-
-
-def scripted(path: Path) -> None:
-    """Look at a file without running it. Raises InputError for one that is no TorchScript."""
-    inside = []
-    if path.is_file() and zipfile.is_zipfile(path):
-        with zipfile.ZipFile(path) as archive:
-            inside = [name.partition("/")[2] for name in archive.namelist()]
-    if any(name.startswith("code/") for name in inside) and "constants.pkl" in inside:
-        return
-    bare = "holds weights without their network" if "data.pkl" in inside else "is none"
-    raise InputError.of("--backend", f'"{path}"', f"is to be a TorchScript file and {bare}", GET)

@@ -57,7 +57,9 @@ def stacked(trajectory: Trajectory) -> tuple[Array, Array]:
     """
     e = trajectory.energy
     layers = np.stack([e.kinetic, e.potential - e.potential.min(), e.dissipated])
-    return layers, layers[:, 0].sum() + e.work
+    return layers, layers[:, 0].sum() + e.work - e.work[
+        0
+    ]  # an impulse at t = 0 is in the first sample, and its work
 
 
 def _stack(

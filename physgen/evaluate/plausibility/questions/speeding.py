@@ -46,7 +46,7 @@ def _alone(motion: Motion, thing: int, stretch: Stretch) -> bool:
 
 
 def _came_at(motion: Motion, thing: int, stretch: Stretch) -> float:
-    """px/s that it ever went, where blows were not long before, else 0: spin outlasts blows and may stem from the first."""
+    """px/s that it ever went, where blows were not long before, else 0: spin may stem from the first of them."""
     first = max(0, stretch.first - int(np.ceil(LASTS / motion.tracks.step)))
     sudden = any(turn.sudden and first <= turn.frame < stretch.first for turn in motion.turns[thing])
     vague = any(not s.good and s.last >= first and s.last < stretch.first for s in motion.stretches[thing])

@@ -1,0 +1,201 @@
+"""What `evaluate properties`, `controllability` and `runtime` find -> kept as JSON, and pages of the docs from it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from physgen import pipeline
+from physgen.crew import Crew
+from physgen.evaluate.controllability.sweep import sweep
+from physgen.evaluate.controllability.told import findings as answered
+from physgen.evaluate.findings import Findings, Section, Table, markdown
+from physgen.evaluate.properties.asked import ask
+from physgen.evaluate.properties.studio import ask_photos
+from physgen.evaluate.properties.table import SHIPPED, read_table
+from physgen.evaluate.properties.told import MASS, ORDER, Asked
+from physgen.evaluate.properties.told import findings as weighed
+from physgen.evaluate.runtime.measured import measure
+from physgen.evaluate.runtime.told import findings as timed
+from physgen.machine import gpu, this_machine
+
+ROOT = Path(__file__).resolve().parent.parent
+PUSHED = ("curling", "billiards", "shelf")
+PHOTOS = ("billiards", "kitchen")
+REPEAT = 3
+
+ABOUT = {
+    "properties": """\
+Written by `python benchmarks/run.py properties` from `benchmarks/results/properties.json`; do not edit.
+
+    physgen evaluate properties                                        # 42 objects, comparisons, the studio's photos
+    physgen evaluate properties --backend physics=vlm -o out/vlm       # where a model is configured; see models.md
+    physgen evaluate properties mine.csv --save-answers answers.json   # a table of your own
+    physgen evaluate properties mine.csv --answers answers.json        # anybody's answers; nobody is asked
+
+The paper asks GPT-4V for mass, friction and elasticity and compares (appendix): masses of 20 objects, the order of 13
+pairs by friction and of 7 by elasticity. Here it is whoever fills the role `physics`: the material table below.
+
+**The objects** (`physgen/evaluate/properties/objects.yaml`) were weighed and measured by others, the authors of the YCB
+set, and compared by others: cargo standards, a textbook, a collection of drops. `physgen/materials.yaml`, which
+the backend `table` reads, has nothing from there, and is not changed to fit. Two sets are less independent: weights
+that rules fix (the line without them says how much they help), and the studio's photos, whose masses,
+frictions and elasticities were set by this project.
+
+**What is asked.** A photo shows two dimensions, and its scale makes metres of them. A table has no photo, so a bare
+silhouette stands for it: a ball's disc, the rectangle of what is turned on a lathe, the two longest sides of a box, at
+a known scale. The third dimension is not told, as a photo would not tell it; waists, handles and holes are not told
+either, and a photo would tell them. The material table knows ordinary things besides: it takes fruit of plastic to be
+solid, and a can of chips to be full of drink. A row of your own may name a `photo` and a `mask` (a label map): then
+they are shown. `--hide-size` tells the name alone. A model's answers are cached, so a second run asks nothing.
+
+**A table** is YAML, as the one that ships, or CSV:
+
+    name,label,form,size,mass,friction,elasticity,photo,mask
+    soup,can of tomato soup,turned,101x66,349,,,,
+    crate,wooden crate,box,600x400x300,,0.4,,crate.jpg,crate-mask.png
+
+Sizes in mm: a ball's diameter; height x diameter of what is `turned`; three sides of a `box`. Mass in g. Where two rows
+have a friction or an elasticity, their order is compared; YAML may hold several `rankings`, each compared
+within itself.
+
+**Answers** are JSON or CSV of `name, mass, friction, elasticity`; one that lacks an answer is refused,
+since a score over the answered ones alone would flatter.
+""",
+    "controllability": """\
+Written by `python benchmarks/run.py controllability` from `benchmarks/results/controllability.json`; do not edit.
+
+    physgen evaluate controllability scenes/curling/scene.yaml -o out/controllability
+    physgen evaluate controllability scene.yaml --object ball --angles 12 --sizes 50,100,200
+    physgen sweep scene.yaml objects.ball.velocity='[0,0],[50,0],[100,0],[0,-100]' -o out/pushes
+    physgen evaluate controllability out/pushes                        # clips that are there already
+
+The paper varies the direction and size of the initial force and shows what comes of it (figure 6). Here one object is
+pushed by an impulse at t = 0 through its centre of mass (the paper's F0), in so many directions and sizes; its own
+velocity and forces are taken away, all else stays as the scene has it. A push counts in px/s, the speed that it gives.
+The answer is where the object is at the end, from where it is without a push.
+
+- **Harder, farther**: from a push to the next harder one of its direction, does it end farther away? With rank
+  correlations (Spearman; Kendall's tau-b) over each direction.
+- **Off the push**: the angle between push and answer, until it meets anybody and at the end. Who collides is turned
+  aside, as he should be: it is the first of the two that tells whether it goes where it is pushed.
+- **Turns with the push**: does turning the push turn the answer the same way round?
+- **Without a push**: how far it moves. A scene at rest stays at rest.
+- **Off the closed form**: on a table seen from above what slides loses mu g, so that a push takes it v²/(2 mu g), and a
+  ball slides until it rolls.
+
+Seen from the side, directions go from right over up to left: down is the ground. What is pushed up comes down again, so
+that only its way to the side stays: there it is counted whether that is the side it was pushed to.
+""",
+    "runtime": """\
+Written by `python benchmarks/run.py runtime` from `benchmarks/results/runtime.json`; do not edit.
+
+    physgen evaluate runtime out/                # records of clips: what render, sweep and refine left in manifest.json
+    physgen evaluate runtime --measure photo.jpg --repeat 5 -o out/runtime     # perceived and rendered now, offline
+
+Every clip's `manifest.json` tells wall and CPU seconds of each stage and names the machine: processor, cores, memory;
+`device` names the GPU where one drew. Perceiving with models leaves its times in `perceived.json` among a scene's
+assets, and they are read with the clip's. Clips of different machines are never mixed. The first of the runs below
+also pays for what is imported once. Other work ran on the machine meanwhile: wall times show it, CPU times hardly.
+""",
+}  # fmt: skip
+SHOWN = {
+    "properties": (MASS, ORDER, "Each object, the nearest first"),
+    "controllability": ("All pushes", "Each direction"),
+    "runtime": ("By the paper's parts", "Every stage"),
+}
+"""Sections of a page; the JSON's `found` has them all."""
+
+
+def properties(folder: Path) -> list[dict]:
+    """What the material table knows of objects, told their sizes and not; and of the studio's things."""
+    table, crew = read_table(SHIPPED), Crew()
+    rows = []
+    for sized in (True, False):
+        kinds = ask_photos(ROOT / "studio" / "truth", crew, _quiet) if sized else []
+        asked = Asked("table", sized, False, True)
+        rows.append(
+            kept(weighed(table, ask(table, crew, sized, _quiet), kinds, asked), "properties", not sized)
+        )
+    return rows
+
+
+def controllability(folder: Path) -> list[dict]:
+    """Three bundled scenes: stones that slide, a ball that rolls, a ball on books seen from the side."""
+    rows = []
+    for name in PUSHED:
+        scene = pipeline.load(ROOT / "scenes" / name / "scene.yaml")
+        rows.append(kept(answered(sweep(scene, None, 8, (), _quiet)), "controllability"))
+        print(name, file=sys.stderr, flush=True)
+    return rows
+
+
+def runtime(folder: Path) -> list[dict]:
+    """Two bundled photos, perceived and rendered."""
+    runs = [run for name in PHOTOS for run in measure(_photo(name, folder), REPEAT, _quiet)]
+    return [kept(timed(runs, f"{this_machine()}, {gpu() or 'no GPU'}"), "runtime")]
+
+
+def _photo(name: str, folder: Path) -> Path:
+    """The photo under a name of its own."""
+    link = folder / f"{name}.png"
+    link.symlink_to(ROOT / "scenes" / name / "photo.png")
+    return link
+
+
+def _quiet(stage: str, done: int, total: int) -> None:
+    pass
+
+
+def kept(found: Findings, measure: str, brief: bool = False) -> dict:
+    """Findings as data from which `page` makes them again; `brief` leaves all but the first section out."""
+    shown = [section for section in found.sections if section.title in SHOWN[measure]]
+    sections = [
+        {
+            "title": section.title,
+            "tables": [
+                {"heads": part.heads, "rows": part.rows, "title": part.title, "note": part.note}
+                for part in section.parts
+                if isinstance(part, Table)
+            ],
+        }
+        for section in (shown[:1] if brief else shown)
+    ]
+    return {
+        "title": found.title,
+        "sentences": found.sentences,
+        "sections": sections,
+        "found": found.as_dict(),
+    }
+
+
+def page(measure: str) -> str:
+    """docs/<measure>.md, from the JSON that is kept."""
+    path = Path(__file__).resolve().parent / "results" / f"{measure}.json"
+    result = json.loads(path.read_text())
+    first, *rest = result["rows"]
+    parts = [_body(one, measure) for one in (first, *rest)]
+    title = {"properties": "Mass, friction and elasticity", "runtime": "Runtime"}.get(
+        measure, "Controllability"
+    )
+    machine = [] if measure == "runtime" else [f"Measured on {result['machine']}."]
+    return "\n".join([f"# {title}", "", ABOUT[measure], *parts, *machine]).rstrip() + "\n"
+
+
+def _body(row: dict, measure: str) -> str:
+    sections = tuple(
+        Section(one["title"], (), tuple(_table(part) for part in one["tables"])) for one in row["sections"]
+    )
+    title = row["title"]
+    if measure == "properties":
+        title = "Told the size" if row["found"]["size_told"] else "Told the name alone"
+    found = Findings(measure, title, tuple(row["sentences"]), sections, ())
+    text = markdown(found)
+    return text.replace("\n## ", "\n### ").replace("# ", "## ", 1)
+
+
+def _table(part: dict) -> Table:
+    rows: Sequence[Sequence[str]] = part["rows"]
+    return Table(tuple(part["heads"]), tuple(map(tuple, rows)), part["title"], part["note"])

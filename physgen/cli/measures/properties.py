@@ -1,0 +1,78 @@
+"""`evaluate properties`."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from physgen.cli.measures.findings import hand_over
+from physgen.cli.printing import Bar, tell, tell_one
+from physgen.problems import InputError
+
+STUDIO = Path("studio/truth")
+
+
+def properties(options: argparse.Namespace) -> int:
+    from physgen.configured import found, plan
+    from physgen.crew import Crew, choices
+    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.properties.answers import read_answers, write_answers
+    from physgen.evaluate.properties.asked import ask
+    from physgen.evaluate.properties.studio import ask_photos
+    from physgen.evaluate.properties.table import SHIPPED, read_table
+    from physgen.evaluate.properties.told import Asked, findings, plots
+
+    _fit(options)
+    check_folder(options.output)
+    if others := set(choices(options.backend)) - {"physics"}:
+        role = f'"{", ".join(sorted(others))}"'
+        raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
+    if options.output:
+        from physgen.report.plots.look import needed
+
+        needed()
+    table = read_table(options.table or SHIPPED)
+    if options.answers:
+        answers, kinds = read_answers(options.answers, table), []
+        asked = Asked(str(options.answers), False, False, False)
+    else:
+        if options.config is None:
+            for path in found():
+                tell(f"{path}: says who perceives, where no flag does")
+        crew = Crew(plan(options.backend, config=options.config).of(("physics",)), tell_one)
+        bar = Bar()
+        answers = ask(table, crew, not options.hide_size, bar.show)
+        truth = options.truth or (STUDIO if options.table is None and STUDIO.is_dir() else None)
+        kinds = [] if truth is None else ask_photos(truth, crew, bar.show)
+        bar.clear()
+        crew.close()
+        photos = all(item.photo is not None for item in table.items)
+        asked = Asked(crew.name("physics"), not options.hide_size, photos, True)
+        if options.save_answers:
+            write_answers(options.save_answers, answers, crew.name("physics"))
+    told = findings(table, answers, kinds, asked)
+    if options.output:
+        drawn = plots(table, answers, kinds)
+        sections = (
+            replace(section, parts=(*section.parts, *drawn.get(section.title, ())))
+            for section in told.sections
+        )
+        told = replace(told, sections=tuple(sections))
+    return hand_over(told, options)
+
+
+def _fit(options: argparse.Namespace) -> None:
+    """Refuses flags that leave each other without a meaning."""
+    if options.answers is None:
+        return
+    beside = {
+        "--backend": options.backend,
+        "--save-answers": options.save_answers,
+        "--hide-size": options.hide_size,
+        "--truth": options.truth,
+    }
+    for flag, value in beside.items():
+        if value:
+            fix = f"leave {flag} or --answers out"
+            raise InputError.of(flag, "", "has no meaning beside --answers: nobody is asked", fix)

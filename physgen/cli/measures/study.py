@@ -1,0 +1,75 @@
+"""`evaluate study`: makes the page that people rate clips on, and reads what they answered."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from physgen.cli.measures.findings import hand_over
+from physgen.cli.printing import OK, Bar, print_json, tell, tell_kept, tell_one
+from physgen.problems import InputError
+
+VIDEOS = 15
+"""As in the paper."""
+
+
+def study(options: argparse.Namespace) -> int:
+    return _read(options) if options.key else _make(options)
+
+
+def _make(options: argparse.Namespace) -> int:
+    from physgen.evaluate.methods import methods_in
+    from physgen.evaluate.study.making import make
+    from physgen.evaluate.study.sheet import TITLE, check_page, write_study
+    from physgen.report.embedded import heavy
+
+    if any(path.suffix == ".json" for path in options.paths):
+        fix = "name the key that was made with the page, e.g. --key study.key.json"
+        raise InputError.of("--key", "", "is missing: answers are read with it", fix)
+    if len(options.paths) > 1:
+        raise InputError.of(
+            str(options.paths[1]), "", "is a second folder", "name one that holds all methods' folders"
+        )
+    page: Path = options.output or Path("study.html")
+    check_page(page)
+    bar = Bar()
+    made = make(
+        methods_in(options.paths[0], options.photos), options.videos or VIDEOS, options.seed, bar.show
+    )
+    bar.clear()
+    key = write_study(made, page, options.title or TITLE, tell_kept)
+    if made.left_out:
+        tell(f"left out, since not every method has made them: {', '.join(made.left_out)}")
+    if (large := heavy(page, "name fewer with --videos")) is not None:
+        tell_one(large)
+    methods, scenes = len(made.key.methods), len(made.key.scenes)
+    if options.json:
+        record = {"page": str(page), "key": str(key), "study": made.name, "clips": len(made.clips)}
+        print_json({**record, "methods": made.key.methods, "scenes": made.key.scenes, "seed": options.seed})
+        return OK
+    print(page)
+    tell(f"{len(made.clips)} clips: {methods} methods, {scenes} scenes. Send {page.name} to those who rate.")
+    tell(f"{key} says which clip is whose: keep it to yourself, and read answers with --key {key}")
+    return OK
+
+
+def _read(options: argparse.Namespace) -> int:
+    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.study.answers import files_in, read_answers
+    from physgen.evaluate.study.key import read_key
+    from physgen.evaluate.study.results import findings
+
+    for flag in ("videos", "photos", "title"):
+        if getattr(options, flag) is not None:
+            raise InputError.of(f"--{flag}", "", "has no part in reading answers", "leave it out, or --key")
+    check_folder(options.output)
+    draw = None
+    if options.output:
+        from physgen.evaluate.study.distribution import distribution
+        from physgen.report.plots.look import needed
+
+        needed()
+        draw = distribution
+    key = read_key(options.key)
+    answers = read_answers(files_in(options.paths, options.key), key)
+    return hand_over(findings(answers, draw, options.seed), options)

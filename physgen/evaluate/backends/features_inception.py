@@ -1,0 +1,88 @@
+"""Pictures -> the 2048 features that published FIDs are made of, by a person's own file of the Inception network.
+
+The file is `inception-2015-12-05.pt`, the TorchScript that NVIDIA published with StyleGAN2-ADA of the network of
+Heusel et al. It takes (N, 3, H, W) uint8, 0 to 255, of any size, resizes to 299 x 299 px as TensorFlow 1 did, and gives
+(N, 2048) where it is called with `return_features=True`. A TorchScript file is a program: loading one runs it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from physgen.backends import Setup
+from physgen.evaluate.fid.roles import F64, U8, Features
+from physgen.perceive.backends.models import Flag, device_of, freed, loaded, noted
+from physgen.perceive.backends.torchscript import scripted
+from physgen.problems import InputError
+
+FLAG = Flag("--features", "inception:PATH")
+WIDE = 2048
+KEY = "return_features"
+BATCH = 16
+GET = "write --features inception:PATH, the path of inception-2015-12-05.pt"
+
+
+class Inception:
+    """The backend `inception`; the file is looked at when it is named, and loaded when first needed."""
+
+    comparable = True
+
+    def __init__(self, setup: Setup) -> None:
+        if not setup.weights:
+            raise InputError.of(FLAG.name, '"inception"', "names no file", GET)
+        self._path = Path(setup.weights).expanduser()
+        if not self._path.is_file():
+            raise InputError.of(FLAG.name, f'"{setup.weights}"', "no such file", GET)
+        scripted(self._path, FLAG.name, GET)
+        self._device = device_of(setup)
+
+    @cached_property
+    def _model(self) -> Any:
+        model = loaded(self._load, str(self._path), "Inception", FLAG)
+        if KEY not in [argument.name for argument in model.forward.schema.arguments]:
+            raise InputError.of(FLAG.name, f'"{self._path}"', f"takes no {KEY}: is not that network", GET)
+        return model
+
+    def _load(self, weights: str) -> Any:
+        return torch.jit.load(weights, map_location=self._device).eval()
+
+    def __call__(self, pictures: U8) -> F64:
+        """(N, H, W, 3) sRGB -> (N, 2048)."""
+        found = []
+        for k in range(0, len(pictures), BATCH):
+            batch = torch.from_numpy(np.ascontiguousarray(pictures[k : k + BATCH].transpose(0, 3, 1, 2)))
+            found.append(self._answer(batch))
+        return np.concatenate(found)
+
+    def _answer(self, batch: torch.Tensor) -> F64:
+        with torch.inference_mode():
+            answer = self._model(batch.to(self._device), return_features=True)
+        shape = tuple(answer.shape) if isinstance(answer, torch.Tensor) else type(answer).__name__
+        wanted = (len(batch), WIDE)
+        if shape != wanted or not isinstance(answer, torch.Tensor):
+            raise InputError.of(
+                FLAG.name, f'"{self._path}"', f"answers {shape}, not {wanted}: is not that network", GET
+            )
+        return np.asarray(answer.double().cpu().numpy(), np.float64)
+
+    def close(self) -> None:
+        """The model goes."""
+        self.__dict__.pop("_model", None)
+        freed()
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record: which file it was, by its content."""
+        digest = hashlib.sha256(self._path.read_bytes()).hexdigest()
+        return noted(self._device, torch.float32, str(self._path), {"sha256": digest})
+
+
+def inception(setup: Setup) -> Features:
+    """The backend `inception`."""
+    return Inception(setup)

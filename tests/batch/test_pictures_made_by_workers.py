@@ -1,0 +1,68 @@
+"""Pictures of a gallery are made where the clips are: the same as the gallery makes by itself, and no others."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+
+from physgen.cli import main
+from physgen.report.gallery import keep_pictures, write_gallery
+from physgen.report.leftovers import FRESH
+from physgen.whole import machine
+
+BALL = """\
+physgen: 1
+size: [32, 24]
+world: {duration: 0.1}
+objects:
+  ball: {shape: {circle: {center: [12, 12], radius: 5}}}
+render: {fps: 20}
+variants: {slow: {objects.ball.velocity: [9, 0]}, fast: {objects.ball.velocity: [90, 0]}}
+"""
+
+
+def pictures(out: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (out / "index.files").iterdir()}
+
+
+def test_the_same_as_the_gallery_makes(tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(BALL)
+    out = tmp_path / "out"
+    flags = ["--variant", "all", "--report", "none"]
+    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    made, page = pictures(out), (out / "index.html").read_text()
+    assert len(made) == 6
+    shutil.rmtree(out / "index.files")
+    write_gallery([out], out / "index.html")
+    assert pictures(out) == made
+    assert (out / "index.html").read_text() == page
+
+
+def test_the_gallery_only_finds_them(tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(BALL)
+    out = tmp_path / "out"
+    flags = ["--variant", "slow", "--report", "none"]
+    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    assert not (out / "index.files").exists()  # a single clip has no gallery
+    home = next(path for path in out.iterdir() if path.is_dir())
+    keep_pictures(home, out / "index.html")
+    before = {path: path.stat().st_mtime_ns for path in (out / "index.files").iterdir()}
+    write_gallery([out], out / "index.html")
+    assert {path: path.stat().st_mtime_ns for path in (out / "index.files").iterdir()} == before
+
+
+def test_what_a_killed_worker_left_goes(tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(BALL)
+    out = tmp_path / "out"
+    flags = ["--variant", "all", "--report", "none"]
+    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    picture = next((out / "index.files").iterdir())
+
+    half = picture.with_name(f".{picture.name}.4194303-{machine()}.part")  # above any process number
+    half.write_bytes(b"RIFF")
+    time.sleep(FRESH + 0.1)
+    (tmp_path / "scene.yaml").write_text(BALL.replace("radius: 5", "radius: 6"))
+    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    assert not half.exists()
+    assert len(pictures(out)) == 6

@@ -1,0 +1,192 @@
+"""The Fréchet distance against torchmetrics, scipy's root of a matrix, and closed forms; KID against a plain sum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+import torch
+from torchmetrics.image.fid import FrechetInceptionDistance
+from torchmetrics.image.kid import KernelInceptionDistance
+
+from physgen.evaluate.fid.frechet import frechet, moments, moments_of
+from physgen.evaluate.fid.kernel import blocks, kid
+from physgen.evaluate.fid.spread import cloud, distances
+
+RANDOM = np.random.default_rng
+
+
+def correlated(seed: int, count: int, wide: int, shift: float = 0.0) -> np.ndarray:
+    random = RANDOM(seed)
+    return (
+        random.normal(size=(count, wide)) @ random.normal(size=(wide, wide))
+        + shift
+        + random.normal(size=wide)
+    )
+
+
+class Passed(torch.nn.Module):
+    """Features that stand in the pictures' first pixels, as they are: what torchmetrics sees is what we see."""
+
+    def __init__(self, wide: int) -> None:
+        super().__init__()
+        self.num_features = wide
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        return pictures.flatten(1)[:, : self.num_features]
+
+
+def by_torchmetrics(one: np.ndarray, other: np.ndarray) -> float:
+    judge = FrechetInceptionDistance(feature=Passed(one.shape[1]), normalize=True, input_img_size=(3, 8, 8))
+    judge.set_dtype(torch.float64)
+    judge.used_custom_model = True
+    for real, features in ((True, one), (False, other)):
+        pictures = np.zeros((len(features), 3 * 8 * 8))
+        pictures[:, : features.shape[1]] = features
+        judge.update(torch.from_numpy(pictures).reshape(-1, 3, 8, 8), real=real)
+    return float(judge.compute())
+
+
+def by_scipy(one: np.ndarray, other: np.ndarray) -> float:
+    first, second = np.cov(one.T), np.cov(other.T)
+    root = scipy.linalg.sqrtm(first @ second)
+    apart = ((one.mean(0) - other.mean(0)) ** 2).sum()
+    return float(apart + np.trace(first + second - 2 * root.real))
+
+
+@pytest.mark.parametrize(("wide", "shift"), [(5, 0.0), (40, 0.7), (100, 30.0)])
+def test_agrees_with_two_others(wide: int, shift: float) -> None:
+    one, other = correlated(1, 250, wide), correlated(2, 400, wide, shift)
+    found = frechet(moments(one), moments(other))
+    assert found == pytest.approx(by_torchmetrics(one, other), rel=1e-6)
+    assert found == pytest.approx(by_scipy(one, other), rel=1e-6)
+    of_moments = [moments_of(features.mean(0), np.cov(features.T)) for features in (one, other)]
+    assert found == pytest.approx(frechet(*of_moments), rel=1e-9)
+
+
+def test_closed_form_of_covariances_that_commute() -> None:
+    random = RANDOM(3)
+    axes, _ = np.linalg.qr(random.normal(size=(30, 30)))
+    first, second = random.uniform(0.01, 9, 30), random.uniform(0.01, 9, 30)
+    first[:4] = second[10:15] = 0  # flat in some directions
+    mean = random.normal(size=30)
+    true = (mean**2).sum() + ((np.sqrt(first) - np.sqrt(second)) ** 2).sum()
+    one = moments_of(np.zeros(30), axes @ np.diag(first) @ axes.T)
+    other = moments_of(mean, axes @ np.diag(second) @ axes.T)
+    assert frechet(one, other) == pytest.approx(true, rel=1e-6)
+
+
+def test_fewer_pictures_than_features() -> None:
+    """In other axes, where both sets fill all of the space that they have, scipy can tell."""
+    random = RANDOM(4)
+    inside = [
+        random.normal(size=(300, 12)),
+        random.normal(size=(200, 12)) @ np.diag(random.uniform(0.2, 3, 12)) + 1,
+    ]
+    axes, _ = np.linalg.qr(random.normal(size=(2048, 12)))
+    outside = [features @ axes.T + 5 for features in inside]
+    true = by_scipy(*inside)
+    assert frechet(*map(moments, outside)) == pytest.approx(true, rel=1e-6)
+    few = [features[:9] for features in outside]  # ranks of 8, in spaces that differ
+    assert frechet(*map(moments, few)) > true
+    assert frechet(moments(few[0]), moments(few[0])) == pytest.approx(0, abs=1e-9)
+
+
+def test_two_pictures_are_enough_and_one_is_not() -> None:
+    pair = np.array([[0.0, 0.0], [2.0, 0.0]])  # variance 2 along x
+    other = np.array([[1.0, 3.0], [1.0, 5.0]])  # variance 2 along y, 4 higher
+    assert frechet(moments(pair), moments(other)) == pytest.approx(16 + 2 + 2)
+    with pytest.raises(ValueError, match="two pictures"):
+        moments(pair[:1])
+
+
+def test_weights_are_repetitions() -> None:
+    features = correlated(5, 20, 6)
+    often = RANDOM(6).integers(0, 4, 20)
+    one, other = moments(features, often.astype(float)), moments(np.repeat(features, often, axis=0))
+    assert np.allclose(one.root.T @ one.root, other.root.T @ other.root)
+    assert np.allclose(one.mean, other.mean)
+
+
+def test_kid_of_single_frames_is_that_of_torchmetrics() -> None:
+    one, other = correlated(7, 60, 24) / 5, correlated(8, 60, 24) / 5
+    judge = KernelInceptionDistance(feature=Passed(24), subsets=1, subset_size=60, normalize=True)
+    judge.used_custom_model = True
+    for real, features in ((True, one), (False, other)):
+        pictures = np.zeros((60, 3 * 8 * 8))
+        pictures[:, :24] = features
+        judge.update(torch.from_numpy(pictures).reshape(-1, 3, 8, 8), real=real)
+    found = distances(cloud(one[:, None]), {"it": cloud(other[:, None])}, draws=0).kernel["it"]
+    assert found is not None
+    assert found.value == pytest.approx(float(judge.compute()[0]), rel=1e-4)
+
+
+def test_kid_leaves_out_pairs_of_one_clip() -> None:
+    """Frames that repeat each other tell nothing new: KID does not change, though there are three times as many."""
+    one, other = correlated(9, 12, 5) / 4, correlated(10, 15, 5) / 4
+    each = distances(cloud(one[:, None]), {"it": cloud(other[:, None])}, draws=0).kernel["it"]
+    thrice = distances(
+        cloud(np.repeat(one[:, None], 3, axis=1)),
+        {"it": cloud(np.repeat(other[:, None], 3, axis=1))},
+        draws=0,
+    ).kernel["it"]
+    assert each is not None
+    assert thrice is not None
+    assert each.value == pytest.approx(thrice.value)
+    clips = np.zeros(3, int)
+    single = blocks(one[:3], clips, one[:3], clips)
+    assert kid(single, single, single, np.ones(1), np.ones(1)) is None
+
+
+def test_kid_has_no_bias_and_fid_has() -> None:
+    """Two sets of one distribution: KID is around 0 on the mean, and the Fréchet distance grows as sets shrink."""
+    random, kids, fids = RANDOM(11), [], {10: [], 40: []}
+    for _ in range(60):
+        for count in fids:
+            walks = random.normal(size=(2, count, 1, 8)) + 0.1 * random.normal(size=(2, count, 4, 8))
+            found = distances(cloud(walks[0]), {"it": cloud(walks[1])}, draws=0)
+            fids[count].append(found.frechet["it"].value)
+            if count == 40:
+                kernel = found.kernel["it"]
+                assert kernel is not None
+                kids.append(kernel.value)
+    assert abs(np.mean(kids)) < 3 * np.std(kids) / np.sqrt(len(kids))
+    assert np.mean(fids[10]) > 3 * np.mean(fids[40])
+
+
+def test_intervals_are_of_clips_not_of_frames() -> None:
+    """Frames that repeat their clip make no interval narrower; independent ones would, by about the root of eight."""
+    random = RANDOM(12)
+    truth, clips = random.normal(size=(40, 1, 3)), random.normal(size=(40, 1, 3)) + 0.8
+    found = {}
+    for frames in (1, 8):
+        sides = [np.repeat(side, frames, axis=1) for side in (truth, clips)]
+        low, high = distances(cloud(sides[0]), {"it": cloud(sides[1])}, draws=200).frechet["it"].interval
+        found[frames] = high - low
+    assert found[8] == pytest.approx(found[1], rel=0.1)
+
+
+def test_an_interval_holds_what_other_clips_give() -> None:
+    """Coverage: 95 % intervals, moved from each finding, hold the mean of all findings in most of many repetitions."""
+    random = RANDOM(13)
+    found = []
+    for _ in range(60):
+        sides = random.normal(size=(2, 30, 2, 3))
+        one = distances(cloud(sides[0]), {"it": cloud(sides[1] + 1)}, draws=60).frechet["it"]
+        found.append((one.value, *one.interval))
+    values, lows, highs = np.array(found).T
+    mean = values.mean()
+    assert np.mean((lows <= mean) & (mean <= highs)) > 0.85
+    assert ((lows <= values) & (values <= highs)).all()
+
+
+def test_what_methods_share_cancels() -> None:
+    """Two methods of the same clips, one of them moved a little: surely farther, though both intervals overlap."""
+    random = RANDOM(14)
+    truth, clips = random.normal(size=(30, 4, 5)), random.normal(size=(30, 4, 5)) + 0.5
+    found = distances(cloud(truth), {"near": cloud(clips), "far": cloud(clips + 0.2)}, draws=100)
+    near, far, more = found.frechet["near"], found.frechet["far"], found.apart("far", "near")
+    assert near.interval[1] > far.interval[0]
+    assert more.value == pytest.approx(far.value - near.value)
+    assert more.above == 1.0
+    assert more.interval[0] > 0

@@ -1,0 +1,164 @@
+"""Times of stages from records: medians by hand, nothing invented, and a machine that is named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from physgen import machine
+from physgen.cli import main
+from physgen.evaluate.runtime.runs import read_runs
+
+WALLS = (1.0, 5.0, 2.0)
+
+
+def clip(folder: Path, wall: float, **more: Any) -> Path:
+    folder.mkdir(parents=True)
+    stages = {"load": {"wall": 0.5, "cpu": 0.25}, "compile": {"wall": 0.1, "cpu": 0.1},
+              "simulate": {"wall": wall, "cpu": wall / 2}, "render": {"wall": 3.0, "cpu": 2.0},
+              "refine": {"wall": 9.0, "cpu": 1.0}}  # fmt: skip
+    told = {
+        "manifest": 1, "samples": [], "scene": "a", "source": "../../scene.yaml",
+        "versions": {"physgen": "9"}, "stages": stages,
+        "platform": {"machine": "x", "system": "Y", "processor": "Abacus 3", "cores": 4, "memory_gib": 8.0},
+        "device": "cpu", "video": {"size": [64, 48], "fps": 30}, "frames": ["a"] * 16, "document": {"objects": {}},
+    }  # fmt: skip
+    (folder / "manifest.json").write_text(json.dumps(told | more))
+    return folder
+
+
+@pytest.fixture
+def clips(tmp_path: Path) -> Path:
+    for k, wall in enumerate(WALLS):
+        clip(tmp_path / "out" / f"clip-{k}", wall)
+    return tmp_path / "out"
+
+
+def told_of(*flags: object, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert main(["evaluate", "runtime", *map(str, flags), "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_medians_and_ranges(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = told_of(clips, capsys=capsys)
+    rows = {(row["kind"], row["name"]): row for row in told["rows"]}
+    simulate = rows["stage", "simulate"]
+    assert (simulate["runs"], simulate["wall"], simulate["wall_least"], simulate["wall_most"]) == (3, 2, 1, 5)
+    assert simulate["cpu"] == 1
+    simulation = rows["part", "simulation"]
+    assert (simulation["wall"], simulation["paper"]) == (pytest.approx(2.1), 5)
+    assert rows["part", "refinement"]["paper"] == 35
+    assert not any("perception" in name for _, name in rows)
+    assert told["machines"] == ["Abacus 3, 4 cores, 8 GiB, Y"]
+
+
+def test_parts_leave_no_stage_out(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip(clips / "odd", 2.0, stages={"simulate": {"wall": 1, "cpu": 1}, "chaos": {"wall": 7, "cpu": 7}})
+    rows = told_of(clips / "odd", capsys=capsys)["rows"]
+    walls = {kind: sum(row["wall"] for row in rows if row["kind"] == kind) for kind in ("part", "stage")}
+    assert walls == {"part": 8, "stage": 8}
+
+
+def test_machines_are_not_mixed(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip(clips / "old", 50.0, platform={"machine": "x", "system": "Y"})
+    clip(clips / "gpu", 60.0, device="cuda: H200")
+    told = told_of(clips, capsys=capsys)
+    assert told["machines"] == [
+        "Abacus 3, 4 cores, 8 GiB, Y",
+        "Abacus 3, 4 cores, 8 GiB, Y; cuda: H200",
+        "x Y, model not recorded",
+    ]
+    walls = [row["wall"] for row in told["rows"] if row["name"] == "simulate"]
+    assert walls == [2, 60, 50]
+    assert main(["evaluate", "runtime", str(clips)]) == 0
+    assert "This machine, where the records are read, is" in capsys.readouterr().out
+
+
+def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
+    assets = clips.parent / "scene.assets"
+    assets.mkdir()
+    steps = [
+        {"role": "segment", "backend": "sam3", "weights": "w", "seconds": 40.0},
+        {"role": "inpaint", "backend": "fill", "weights": "", "seconds": 2.0},
+        {"role": "inpaint", "backend": "fill", "weights": "", "seconds": 1.0},
+    ]
+    (assets / "perceived.json").write_text(json.dumps({"steps": steps}))
+    clip(clips / "seen", 2.0, document={"assets": "scene.assets", "objects": {}})
+    run = next(run for run in read_runs([clips]) if run.name.endswith("seen"))
+    assert run.stages["perceive segment"].wall == 40
+    assert run.stages["perceive inpaint"].wall == 3
+    assert run.stages["perceive inpaint"].cpu is None
+    assert run.models == ("segment=sam3",)
+
+
+@pytest.mark.parametrize(
+    "stages",
+    [
+        {},
+        None,
+        {"a": {"wall": "x"}},
+        {"a": {"wall": float("nan"), "cpu": 0}},
+        [1],
+        {"a": {"wall": -1, "cpu": 0}},
+    ],
+)
+def test_manifests_without_times(tmp_path: Path, stages: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    clip(tmp_path / "out" / "a", 1.0, stages=stages)
+    assert main(["evaluate", "runtime", str(tmp_path / "out")]) == 2
+    assert "holds 1 manifests, and none tells the times of its stages" in capsys.readouterr().err
+
+
+def test_nothing_to_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for flags, wrong in (
+        ([], "was given no records"),
+        ([tmp_path], "holds no clips"),
+        ([tmp_path / "no"], "is no folder"),
+        (["--measure", tmp_path / "no.png"], "is no photo"),
+    ):
+        assert main(["evaluate", "runtime", *map(str, flags)]) == 2
+        assert wrong in capsys.readouterr().err
+
+
+def test_a_photo_is_perceived_and_rendered_now(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = np.full((64, 80, 3), 200, np.uint8)
+    cv2.circle(picture, (40, 36), 14, (40, 60, 190), -1, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "ball.png"), picture)
+    flags = ["--measure", tmp_path / "ball.png", "--repeat", 1, "-o", tmp_path / "page"]
+    told = told_of(*flags, capsys=capsys)
+    names = {row["name"] for row in told["rows"] if row["kind"] == "stage"}
+    assert {"perceive segment", "perceive inpaint", "simulate", "render", "encode"} <= names
+    assert told["machines"] == [str(machine.this_machine())]
+    assert told["runs"][0]["size"] == [80, 64]
+    assert all(row["cpu"] is not None for row in told["rows"])
+    assert "data:image/svg+xml" in (tmp_path / "page" / "index.html").read_text()
+
+
+def test_a_manifest_names_the_machine(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(
+        "physgen: 1\nsize: [64, 48]\nworld: {duration: 0.1}\n"
+        "objects: {a: {shape: {circle: {center: [30, 20], radius: 8}}}}\n"
+    )
+    assert main(["render", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out")]) == 0
+    told = json.loads((tmp_path / "out" / "a" / "manifest.json").read_text())
+    assert told["platform"] == machine.this_machine().as_dict()
+    assert told["platform"]["cores"] >= 1
+    (run,) = read_runs([tmp_path / "out"])
+    assert run.machine == str(machine.this_machine())
+
+
+def test_without_its_drivers_program_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    machine.gpu.cache_clear()
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert machine.gpu() == ""
+    fake = tmp_path / "nvidia-smi"
+    fake.write_text("#!/bin/sh\necho 'NVIDIA A40, 46068 MiB'\n")
+    fake.chmod(0o755)
+    machine.gpu.cache_clear()
+    assert machine.gpu() == "NVIDIA A40, 46068 MiB"
+    machine.gpu.cache_clear()

@@ -1,0 +1,31 @@
+"""Masks and flow of clips that move as the studio's truth videos do, against what the path tracer sees in them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "benchmarks"))
+from label_truth import TRUTH, compared  # noqa: E402
+
+from physgen.evaluate.fidelity import truths  # noqa: E402
+
+BALLS = ("billiards", "curling")
+
+
+@pytest.mark.parametrize("name", ["billiards", "curling", "shelf"])
+def test_labels_are_what_a_path_tracer_sees(name: str, tmp_path: Path) -> None:
+    """The bounds are those that docs/ground-truth.md states."""
+    (truth,) = truths(TRUTH, [name])
+    row = compared(truth, tmp_path)
+    assert row.differ < 0.002
+    assert row.beyond_1 < (
+        1e-5 if name in BALLS else 2.5e-4
+    )  # of a box, the path tracer sees sides that the photo hid
+    assert row.overlap > 0.98
+    assert row.lands > 0.994
+    assert row.grey < 2.6
+    assert row.moved < 0.5 * row.unmoved  # highlights and shadows stay where they are

@@ -1,0 +1,240 @@
+"""The rating page in a real browser: from the first word to the file that physgen reads."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import PHONE, opened
+from contest import SHADES, contest
+
+from physgen.cli import main
+from physgen.evaluate.study.answers import read_answers
+from physgen.evaluate.study.key import Key, read_key
+
+CLIPS = 6
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    home = tmp_path_factory.mktemp("study")
+    contest(home / "methods")
+    assert main(["evaluate", "study", str(home / "methods"), "-o", str(home / "study.html")]) == 0
+    return home / "study.html"
+
+
+@pytest.fixture(scope="module")
+def key(page: Path) -> Key:
+    return read_key(page.with_name("study.key.json"))
+
+
+def begin(seen: Any, rater: str) -> None:
+    seen.page.fill("#rater", rater)
+    seen.page.click("text=Begin")
+
+
+def number(seen: Any) -> str:
+    return str(seen.page.inner_text("[data-part=number]"))
+
+
+def grey(seen: Any) -> float:
+    """Of the ground that the film shows, once it is drawn, which is not black: it says whose clip it is."""
+    drawn = seen.page.wait_for_function(
+        "() => { const v = document.querySelector('video'), c = document.createElement('canvas');"
+        " if (v.readyState < 2 || v.seeking) return 0;"
+        " [c.width, c.height] = [v.videoWidth, v.videoHeight]; const g = c.getContext('2d');"
+        " g.drawImage(v, 0, 0); return g.getImageData(2, c.height - 2, 1, 1).data[0]; }"
+    )
+    return float(drawn.json_value())
+
+
+def method(seen: Any) -> str:
+    level = grey(seen)
+    return min(SHADES, key=lambda name: abs(SHADES[name] - level))
+
+
+def save(seen: Any, folder: Path) -> Path:
+    with seen.page.expect_download() as waiting:
+        seen.page.click("[data-part=save]")
+    path = folder / waiting.value.suggested_filename
+    waiting.value.save_as(path)
+    return path
+
+
+SCORES = {"ours": (5, 4), "drift": (2, 3), "melt": (1, 1)}
+
+
+def test_from_the_page_to_the_result(
+    browser: Any, page: Path, key: Key, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By keys alone, each clip scored by what it shows, with a reload midway: every score finds its method."""
+    with opened(browser, page, ready=False) as seen:
+        begin(seen, "Ada Łoś")
+        for k in range(CLIPS):
+            assert number(seen) == f"Video {k + 1} of {CLIPS}"
+            physical, photo = SCORES[method(seen)]
+            seen.page.keyboard.press(str(physical))
+            if k == 3:  # half an answer is kept, too
+                seen.page.wait_for_timeout(350)
+                seen.page.keyboard.press("ArrowUp")
+                seen.page.keyboard.press(str(physical))
+                seen.page.reload()
+                assert number(seen) == f"Video {k + 1} of {CLIPS}"
+                assert seen.page.is_checked(f"[name=physical][value='{physical}']")
+                assert not seen.page.is_checked(f"[name=photo][value='{photo}']")
+            seen.page.keyboard.press(str(photo))
+            seen.page.keyboard.press("Enter")
+        assert seen.page.inner_text("[data-part=done-title]") == "Thank you"
+        path = save(seen, tmp_path)
+        assert path.name == "answers-Ada-Łoś.json"
+        assert seen.errors == []
+        assert {url.partition(":")[0] for url in seen.asked if url != page.as_uri()} <= {"blob", "data"}
+    record = json.loads(path.read_text(encoding="utf-8"))
+    assert sorted(record["order"]) == sorted(key.clips)
+    assert record["answers"][record["order"][3]]["seconds"] >= 0.3, "what was before the reload counts, too"
+    found = read_answers([path], key)
+    for m, name in enumerate(key.methods):
+        assert (found.scores["physical"][0, m] == SCORES[name][0]).all()
+        assert (found.scores["photo"][0, m] == SCORES[name][1]).all()
+    asked = ["evaluate", "study", str(path), "--key", str(page.with_name("study.key.json")), "--json"]
+    capsys.readouterr()
+    assert main(asked) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [(row["method"], row["physical"]["mean"]) for row in rows] == [
+        ("ours", 5),
+        ("drift", 2),
+        ("melt", 1),
+    ]
+
+
+def test_orders_differ_between_raters_and_stay_with_one(browser: Any, page: Path, key: Key) -> None:
+    orders = []
+    for rater in ("Ada", "Bo", "ada "):
+        with opened(browser, page, ready=False) as seen:
+            begin(seen, rater)
+            orders.append(
+                seen.page.evaluate(
+                    "name => JSON.parse(localStorage.getItem(name)).raters", f"physgen-study-{key.study}"
+                )
+            )
+    first, second, again = (next(iter(raters.values()))["order"] for raters in orders)
+    assert first == again != second
+    assert sorted(first) == sorted(second) == sorted(key.clips)
+
+
+def test_the_page_names_nobody(browser: Any, page: Path) -> None:
+    with opened(browser, page, ready=False) as seen:
+        texts = [seen.page.inner_text("body")]
+        begin(seen, "Ada")
+        for _ in range(CLIPS):
+            texts.append(seen.page.inner_text("body") + (seen.page.get_attribute("video", "src") or ""))
+            seen.page.click("[data-part=skip]")
+        texts.append(seen.page.inner_text("body"))
+        assert not any(name in text for text in texts for name in (*SHADES, "shelf", "physgen"))
+        assert any("the red ball rolls to the right" in text for text in texts), "what was asked for is told"
+
+
+def test_films_go_round_and_photos_stand_beside_them(browser: Any, page: Path) -> None:
+    with opened(browser, page, ready=False, reduced_motion="no-preference") as seen:
+        begin(seen, "Ada")
+        seen.page.wait_for_function("() => document.querySelector('video').currentTime > 0.1")
+        assert seen.page.evaluate("() => document.querySelector('video').loop")
+        seen.page.keyboard.press(" ")
+        assert seen.page.evaluate("() => document.querySelector('video').paused")
+        seen.page.wait_for_selector("[data-part=pause]:text-is('Play')")
+        photos = []
+        for _ in range(CLIPS):
+            photos.append(seen.page.is_visible("[data-part=photo]"))
+            seen.page.click("[data-part=skip]")
+        assert photos.count(True) == len(SHADES), "one scene of two has a photo"
+
+
+def test_who_asked_for_less_motion_starts_films_himself(browser: Any, page: Path) -> None:
+    with opened(browser, page, ready=False) as seen:
+        begin(seen, "Ada")
+        seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
+        assert seen.page.evaluate("() => document.querySelector('video').paused")
+        seen.page.click("[data-part=pause]")
+        seen.page.wait_for_function("() => document.querySelector('video').currentTime > 0.05")
+
+
+def test_half_an_answer_goes_not_on_and_a_skipped_clip_is_missing(
+    browser: Any, page: Path, key: Key, tmp_path: Path
+) -> None:
+    with opened(browser, page, ready=False) as seen:
+        begin(seen, "Cy")
+        seen.page.keyboard.press("4")
+        seen.page.click("[data-part=next]", force=True)
+        assert number(seen) == f"Video 1 of {CLIPS}"
+        assert "Answer both" in seen.page.inner_text("[data-part=missing]")
+        seen.page.click("[data-part=skip]")
+        seen.page.click("label:has([name=physical][value='2'])")
+        seen.page.click("label:has([name=photo][value='3'])")
+        seen.page.click("[data-part=next]")
+        seen.page.click("[data-part=back]")
+        assert seen.page.is_checked("[name=photo][value='3']")
+        seen.page.click("label:has([name=photo][value='5'])")
+        seen.page.click("[data-part=stop]")
+        assert "You have rated 1 of 6" in seen.page.inner_text("[data-part=sum]")
+        path = save(seen, tmp_path)
+        assert (
+            json.loads(seen.page.input_value("[data-part=text]"))["answers"]
+            == json.loads(path.read_text())["answers"]
+        )
+        seen.page.click("[data-part=more]")
+        assert number(seen) == f"Video 3 of {CLIPS}"
+    record = json.loads(path.read_text())
+    assert record["left_out"] == [record["order"][0]]
+    scores = read_answers([path], key).scores
+    assert sorted(scores["physical"][scores["physical"] > 0].tolist()) == [2]
+    assert sorted(scores["photo"][scores["photo"] > 0].tolist()) == [5]
+
+
+def test_a_second_rater_on_the_same_device(browser: Any, page: Path) -> None:
+    with opened(browser, page, ready=False) as seen:
+        begin(seen, "Ada")
+        seen.page.keyboard.press("5")
+        seen.page.click("[data-part=stop]")
+        seen.page.click("[data-part=other]")
+        begin(seen, "Bo")
+        assert seen.page.locator("input:checked").count() == 0
+        seen.page.click("[data-part=stop]")
+        seen.page.click("[data-part=other]")
+        begin(seen, "ADA")
+        assert seen.page.is_checked("[name=physical][value='5']")
+
+
+def test_where_nothing_is_kept_it_is_said(browser: Any, page: Path, tmp_path: Path) -> None:
+    with opened(browser, page, ready=False) as seen:
+        seen.page.add_init_script("Storage.prototype.setItem = () => { throw new Error('full'); };")
+        seen.page.reload()
+        assert seen.page.is_visible("[data-part=unkept]")
+        begin(seen, "Ada")
+        seen.page.keyboard.press("5")
+        seen.page.keyboard.press("4")
+        seen.page.click("[data-part=stop]")
+        assert len(json.loads(save(seen, tmp_path).read_text())["answers"]) == 1
+        assert seen.errors == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("screen", ["start", "rate", "done"])
+def test_axe_finds_nothing_serious_and_nothing_flows_over(
+    browser: Any, page: Path, scheme: str, screen: str
+) -> None:
+    from axe_playwright_python.sync_playwright import Axe
+
+    with opened(browser, page, ready=False, color_scheme=scheme, viewport=PHONE) as seen:
+        if screen != "start":
+            begin(seen, "Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde")
+            seen.page.keyboard.press("3")
+        if screen == "done":
+            seen.page.click("[data-part=stop]")
+            seen.page.click("summary")
+        found = Axe().run(seen.page).response["violations"]
+        assert [
+            (v["id"], v["nodes"][0]["html"][:160]) for v in found if v["impact"] in ("serious", "critical")
+        ] == []
+        assert seen.page.evaluate("() => document.documentElement.scrollWidth") == PHONE["width"]

@@ -1,0 +1,186 @@
+"""A folder of methods made into a blind study: what is shown, and what is told by nothing."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from contest import FPS, FRAMES, SHADES, SIZE, contest, write_clip
+from pytest import approx
+
+from physgen.cli import main
+from physgen.evaluate.methods import methods_in
+from physgen.evaluate.study.key import read_key
+from physgen.evaluate.study.making import choose, make
+from physgen.problems import InputError
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return contest(tmp_path_factory.mktemp("contest") / "methods")
+
+
+@pytest.fixture(scope="module")
+def page(home: Path) -> Path:
+    assert main(["evaluate", "study", str(home), "-o", str(home.parent / "study.html")]) == 0
+    return home.parent / "study.html"
+
+
+def films(page: Path) -> dict[str, bytes]:
+    found = re.findall(r'id="film-(\w+)">([^<]+)<', page.read_text())
+    return {name: base64.b64decode(data) for name, data in found}
+
+
+def decoded(data: bytes, where: Path) -> tuple[Any, list[Any]]:
+    """Container's and streams' metadata, and frames, by the decoder itself."""
+    path = where / "film.mp4"
+    path.write_bytes(data)
+    with av.open(str(path)) as container:
+        told = dict(container.metadata), [(s.type, dict(s.metadata)) for s in container.streams]
+        return told, [picture.to_ndarray(format="rgb24") for picture in container.decode(video=0)]
+
+
+def test_every_clip_is_there_under_the_keys_name(page: Path, tmp_path: Path) -> None:
+    """The ground's grey says whose it is."""
+    key, shown = read_key(page.with_name("study.key.json")), films(page)
+    assert set(shown) == set(key.clips)
+    assert set(key.clips.values()) == {(method, scene) for method in SHADES for scene in ("pool", "shelf")}
+    for name, (method, _) in key.clips.items():
+        _, frames = decoded(shown[name], tmp_path)
+        assert len(frames) == FRAMES
+        assert frames[0].shape == (SIZE[1], SIZE[0], 3)
+        assert float(frames[3][-3:].mean()) == approx(SHADES[method], abs=4)
+
+
+def test_nothing_tells_whose_it_is(home: Path, page: Path, tmp_path: Path) -> None:
+    """Neither the page nor any film's bytes know a method, a scene or a file, and all films are of one make."""
+    marked = tmp_path / "methods"
+    shutil.copytree(home, marked)
+    source = marked / "drift" / "pool.mp4"
+    with av.open(str(home / "drift" / "pool.mp4")) as old, av.open(str(source), "w") as new:
+        new.metadata.update(title="drift on pool", comment="by drift")
+        stream = new.add_stream("mpeg4", rate=FPS)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+        sound = new.add_stream("aac", rate=44100, layout="mono")
+        for picture in old.decode(video=0):
+            new.mux(stream.encode(picture.reformat(format="yuv420p")))
+        new.mux(stream.encode(None))
+        quiet = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        quiet.sample_rate, quiet.pts = 44100, 0
+        new.mux(sound.encode(quiet))
+        new.mux(sound.encode(None))
+    assert b"by drift" in source.read_bytes()
+    assert main(["evaluate", "study", str(marked), "-o", str(tmp_path / "study.html")]) == 0
+    for made in (page, tmp_path / "study.html"):
+        text = made.read_text()
+        shown = films(made)
+        rest = re.sub(r'(id="film-\w+">)[^<]+', r"\1", text).replace("data:", "")
+        for word in (*SHADES, "pool", "shelf"):
+            assert not re.search(rf"\b{word}\b", rest), word
+            assert not any(word.encode() in data for data in shown.values())
+        made_by = [decoded(data, tmp_path)[0] for data in shown.values()]
+        assert all(told == made_by[0] for told in made_by)
+        assert [kind for kind, _ in made_by[0][1]] == ["video"]
+        encoders = {tuple(re.findall(rb"(?:x264|Lav[fc])[ -~]*", data)) for data in shown.values()}
+        assert len(encoders) == 1, "what the encoder says of itself is the same in all"
+
+
+def test_the_same_folder_makes_the_same_study_and_another_seed_another(home: Path, page: Path) -> None:
+    again, other = make(methods_in(home), 15), make(methods_in(home), 15, seed=1)
+    key = read_key(page.with_name("study.key.json"))
+    assert again.key == key
+    assert other.name != key.study
+    assert list(other.key.clips.values()) != list(key.clips.values())
+
+
+def test_a_key_that_is_there_is_never_lost(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "study.html"
+    for seed in ("0", "0", "1"):
+        assert main(["evaluate", "study", str(home), "-o", str(page), "--seed", seed]) == 0
+    kept = read_key(tmp_path / "study.key.json~")
+    assert kept.seed == 0
+    assert kept.study in (tmp_path / "study.html~").read_text()
+    assert "kept as study.key.json~" in capsys.readouterr().err
+
+
+def test_scenes_that_not_all_have_made_are_left_out(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(home, tmp_path / "m")
+    (tmp_path / "m" / "melt" / "shelf.mp4").unlink()
+    asked = ["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html"), "--json"]
+    assert main(asked) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["scenes"] == ["pool"]
+    assert "left out, since not every method has made them: shelf" in told.err
+    (tmp_path / "m" / "ours" / "pool" / "video.mp4").unlink()
+    assert main(asked) == 2
+    assert "drift, melt, ours have no scene in common" in capsys.readouterr().err
+
+
+def test_so_many_scenes_are_drawn_from_all(tmp_path: Path) -> None:
+    """Every one comes up, whatever its place."""
+    for k in range(12):
+        (tmp_path / "ours").mkdir(exist_ok=True)
+        (tmp_path / "ours" / f"s{k}.mp4").write_bytes(b"")
+    methods = methods_in(tmp_path)
+    drawn = [choose(methods, 4, seed) for seed in range(40)]
+    assert all(len(set(scenes)) == 4 for scenes in drawn)
+    assert {scene for scenes in drawn for scene in scenes} == set(methods.scenes)
+    assert choose(methods, 12, 0) == list(methods.scenes)
+
+
+def test_clips_of_many_kinds_are_read(home: Path, tmp_path: Path) -> None:
+    for ending in ("gif", "webp"):
+        write_clip(tmp_path / ending / f"pool.{ending}", "ours")
+    write_clip(tmp_path / "large" / "pool" / "result.mp4", "ours", size=(1600, 160))
+    made = make(methods_in(tmp_path), 15)
+    sizes = {clip.method: clip.size for clip in made.clips}
+    assert sizes == {"gif": SIZE, "webp": SIZE, "large": (1024, 102)}
+    for clip in made.clips:
+        _, frames = decoded(clip.film, tmp_path)
+        assert len(frames) == FRAMES
+
+
+def test_clips_that_cannot_be_shown_are_told_all_at_once(home: Path, tmp_path: Path) -> None:
+    shutil.copytree(home, tmp_path / "m")
+    write_clip(tmp_path / "m" / "drift" / "pool.mp4", "drift", frames=1)
+    (tmp_path / "m" / "melt" / "shelf.mp4").write_bytes(b"none")
+    (tmp_path / "m" / "photos" / "shelf.png").write_bytes(b"none")
+    with pytest.raises(InputError) as error:
+        make(methods_in(tmp_path / "m"), 15)
+    text = str(error.value)
+    assert len(error.value.problems) == 3
+    for said in ("pool.mp4: has one frame", "shelf.mp4: is not a video", "shelf.png"):
+        assert said in text
+    assert main(["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html")]) == 2
+    assert not (tmp_path / "s.html").exists()
+    assert not (tmp_path / "s.key.json").exists()
+
+
+def test_one_scene_twice_is_refused(home: Path, tmp_path: Path) -> None:
+    write_clip(tmp_path / "ours" / "pool.mp4", "ours")
+    write_clip(tmp_path / "ours" / "pool" / "video.mp4", "ours")
+    with pytest.raises(InputError, match='are two clips of the scene "pool"'):
+        methods_in(tmp_path)
+
+
+def test_folders_without_clips_are_no_methods(home: Path, tmp_path: Path) -> None:
+    """Posters, pages and results that lie about are passed over."""
+    shutil.copytree(home, tmp_path / "m")
+    for path in ("board/index.html", "board/index.files/a.webp", "ours/index.html", "ours/pool/poster.gif"):
+        (tmp_path / "m" / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "m" / path).write_bytes(b"x")
+    found = methods_in(tmp_path / "m")
+    assert found.names == ("drift", "melt", "ours")
+    assert found.scenes == ("pool", "shelf")
+    assert set(found.photos) == set(found.words) == {"pool"}

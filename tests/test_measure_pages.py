@@ -1,0 +1,35 @@
+"""Pages of the paper's measures come from committed JSON, and tell what it tells."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.mark.parametrize("name", ["properties", "controllability", "runtime"])
+def test_the_page_is_what_its_json_says(name: str) -> None:
+    code = f"import sys; sys.path.insert(0, 'benchmarks'); import measures; sys.stdout.write(measures.page({name!r}))"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (ROOT / "docs" / f"{name}.md").read_text() == run.stdout
+
+
+def test_masses_on_the_page_are_those_of_its_rows() -> None:
+    """The share that the page tells, counted again from the answers and the shipped table."""
+    from physgen.evaluate.properties.table import SHIPPED, read_table
+
+    kept = json.loads((ROOT / "benchmarks" / "results" / "properties.json").read_text())["rows"][0]["found"]
+    true = {item.name: item.mass for item in read_table(SHIPPED).weighed}
+    near = sum(abs(kept["answers"][name]["mass"] / mass - 1) <= 0.3 for name, mass in true.items())
+    assert f"{near} of {len(true)} masses to within 30 %" in (ROOT / "docs" / "properties.md").read_text()
+
+
+def test_the_page_of_all_measures_is_what_their_json_says() -> None:
+    code = "import sys; sys.path.insert(0, 'benchmarks'); import how_good; sys.stdout.write(how_good.page())"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (ROOT / "docs" / "how-good.md").read_text() == run.stdout
