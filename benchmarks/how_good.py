@@ -133,6 +133,27 @@ def fid(rows: Any) -> list[Row]:
     ]
 
 
+def plausibility(rows: Any) -> list[Row]:
+    exact = [row for row in rows if row.get("tracker") == "exact" and "family" in row]
+    told = []
+    for source, words in (("physgen", "our clips"), ("closed form", "clips that another program made")):
+        shares = []
+        for right in (True, False):
+            mine = [r for r in exact if r["source"] == source and (r["fault"] == "right") == right]
+            wrong, all_of = (sum(row[key] for row in mine) for key in ("called_wrong", "clips"))
+            shares.append((all_of - wrong if right else wrong) / all_of)
+        told.append(f"{100 * sum(shares) / 2:.1f} % of {words}")
+    found = f"right clips are told from wrong ones for {' and '.join(told)} (balanced; exact tracks, seeds held out)"
+    return [
+        (
+            "Is a motion possible?",
+            found,
+            "-",
+            "`physgen evaluate plausibility` ([plausibility.md](plausibility.md))",
+        )
+    ]
+
+
 SUMMED: dict[str, Callable[[Any], list[Row]]] = {
     "physics": physics,
     "fidelity": frames,
@@ -140,6 +161,7 @@ SUMMED: dict[str, Callable[[Any], list[Row]]] = {
     "properties": properties,
     "fid": fid,
     "controllability": controllability,
+    "plausibility": plausibility,
     "runtime": runtime,
 }
 
