@@ -133,6 +133,7 @@ def test_a_spinning_thing_of_points_turns_as_its_points_do(tmp_path: Path) -> No
 
 BAD = {
     "columns.csv": ("name,x,y\na,1,2\n", "lack frame or time"),
+    "none.csv": ("frame,name,x,y\n", "has no tracks"),
     "number.csv": ("frame,name,x,y\n0,a,1,2\n1,a,wide,2\n", 'number.csv:3:1: x: "wide" is no number'),
     "twice.csv": ("frame,name,x,y\n0,a,1,2\n0,a,2,2\n", "is twice in frame 0"),
     "uneven.csv": ("time,name,x,y\n0,a,1,2\n1,a,2,2\n1.4,a,2,2\n2.4,a,2,2\n", "are not evenly spaced"),

@@ -34,12 +34,15 @@ def from_csv(path: Path, asked: Asked) -> Tracks:
     """Raises InputError for columns that are missing and numbers that are none, with their lines."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = list(csv.DictReader(file))
+            reader = csv.DictReader(file)
+            lines, heads = list(reader), list(reader.fieldnames or [])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError.of(
             str(path), "", f"cannot be read as CSV: {error}", "save it as UTF-8 with commas"
         ) from None
-    columns = _columns(path, list(lines[0]) if lines else [])
+    columns = _columns(path, heads)
+    if not lines:
+        raise InputError.of(str(path), "", "has no tracks", "write a line a frame and thing")
     problems: list[Problem] = []
     moments, rows = [], []
     for number, line in enumerate(lines, 2):
