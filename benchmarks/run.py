@@ -49,8 +49,8 @@ from gallery import gallery
 from growth import growth, plot
 from kills import kills
 from labels import labels
-from measures import controllability, properties, runtime
-from measures import page as measure_page
+from paper import controllability, properties, runtime
+from paper import page as measure_page
 from perceiving import perceiving
 from percepts import percepts
 from plausible import plausibility

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 @pytest.mark.parametrize("name", ["properties", "controllability", "runtime"])
 def test_the_page_is_what_its_json_says(name: str) -> None:
-    code = f"import sys; sys.path.insert(0, 'benchmarks'); import measures; sys.stdout.write(measures.page({name!r}))"
+    code = f"import sys; sys.path.insert(0, 'benchmarks'); import paper; sys.stdout.write(paper.page({name!r}))"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert (ROOT / "docs" / f"{name}.md").read_text() == run.stdout
 

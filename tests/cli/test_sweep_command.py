@@ -299,7 +299,7 @@ def test_clips_of_another_sweep_are_told_and_stay(lesson: Path, tmp_path: Path, 
     out = tmp_path / "out"
     assert sweep(lesson, out, "objects.ball.mass=5,6") == 0
     assert sweep(lesson, out, "objects.ball.mass=5,6,7") == 0  # more of the same: nothing to tell
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "3 clips: 1 made, 2 unchanged\n"
     assert sweep(lesson, out, "objects.ball.friction=0.1,0.2") == 0
     assert "holds 3 clips of another sweep, 00,mass=5 among them; they stay" in capsys.readouterr().err
     assert (out / "02,mass=7" / "video.mp4").is_file()
@@ -311,7 +311,7 @@ def test_a_table_of_other_draws_is_kept_and_told(lesson: Path, tmp_path: Path, c
     assert sweep(lesson, out, *flags, "--samples", "2") == 0
     old = {kind: (out / f"sweep.{kind}").read_bytes() for kind in ("csv", "parquet")}
     assert sweep(lesson, out, *flags, "--samples", "2") == 0
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "2 clips: 0 made, 2 unchanged\n"
     assert sweep(lesson, out, *flags, "--samples", "3") == 0
     told = capsys.readouterr().err
     for kind, data in old.items():
@@ -332,7 +332,7 @@ def test_ordinary_clips_in_the_folder_are_told(lesson: Path, tmp_path: Path, cap
     told = capsys.readouterr().err
     assert "holds 1 clip of no sweep, lesson among them; they stay, and the gallery shows them" in told
     assert sweep(lesson, out, "objects.ball.mass=5,6", "--preview") == 0
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "2 clips: 0 made, 2 unchanged\n"
 
 
 def test_each_object_has_draws_of_its_own_where_asked(lesson: Path, tmp_path: Path, capsys) -> None:
