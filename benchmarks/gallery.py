@@ -23,7 +23,7 @@ from physgen.report.posters import pictures
 from physgen.report.video import Format, open_video
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests" / "report"))
+sys.path.insert(0, str(ROOT / "tests"))
 from browser import launched  # noqa: E402
 
 COUNTS = (1000, 5000)

@@ -53,7 +53,7 @@ anything is called a deviation.
 
 | question | deviation | 0.5 at |
 |---|---|---|
-| gravity | of a flight's acceleration from the median of all flights', or its change within one, over gravity. A flight is plumb or curved, smooth, turns evenly and touches nothing known; what changes its acceleration again and again hangs on something. Side only | {gravity} |
+| gravity | of a flight's acceleration from the median of all flights', or its change within one, over gravity. A flight is plumb or curved, smooth, turns evenly and touches nothing known; so is what is pulled upwards by over half as much. What changes its acceleration again and again hangs on something. Side only | {gravity} |
 | momentum | what is missing of the momentum that two pass to each other, where nothing else is near: seen from above, or both in flight. Round things must push apart | {momentum} |
 | energy | how much faster something parts than it came along the change of its velocity, seen from what it hit, less what its spin gave | {energy} |
 | overlap | how deep two outlines lie in each other, more than at the start, over the smaller one's width; between frames too, and behind each other where the way goes on smoothly | {overlap} |
@@ -64,8 +64,10 @@ anything is called a deviation.
 A score is 1/(1 + (deviation/middle)³).
 
 What it does not see: masses that change, spins that go wrong, what is wrong while three or more touch, what happens in
-fewer than four frames between two blows. What falls in air for long (a feather) is called wrong, and so is what
-unseen hands push or hold and nobody told.
+fewer than four frames between two blows; a clip in which everything falls upwards or sideways; gravity that ends
+midway, since what rests in the air or goes straight on may lie on something unseen; a blow at what never moves, which
+may be nailed down. What falls in air for long (a feather) is called wrong, and so is what unseen hands push or hold and
+nobody told.
 
 """
 

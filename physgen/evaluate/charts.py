@@ -10,7 +10,7 @@ from physgen.evaluate.curves import Curve, Reliability, falling
 
 LEFT, TOP, SIDE = 64, 22, 380
 """px: margins and the square of the axes."""
-COLOURS = ("#1d4ed8", "#c2410c")
+COLOURS = ("#1d4ed8", "#c2410c", "#15803d")
 GREY, FRAME = "#444", "#e4e4e4"
 TALL = 70
 """px of the counts below the reliability diagram."""
@@ -26,7 +26,7 @@ def precision_recall(lines: Mapping[str, tuple[Curve, float | None]]) -> str:
             raw = "M" + "L".join(_at(r, p) for r, p in zip(line.recall, line.precision, strict=True))
             parts.append(f'<path d="{raw}" fill="none" stroke="{colour}" stroke-opacity="0.5"/>')
         y = TOP + SIDE - 16 - 20 * (len(lines) - 1 - k)
-        known = "nothing is true" if area is None else f"AP50 {area:.3f}"
+        known = "nothing is true" if area is None else f"AP {area:.3f}"
         parts.append(f'<text x="{LEFT + 14}" y="{y}" fill="{colour}">{name}: {known}</text>')
     return _whole(parts, SIDE)
 
@@ -99,8 +99,9 @@ def _frame(across: str, up: str, side: int) -> list[str]:
 
 
 def _whole(parts: Sequence[str], tall: int) -> str:
+    wide, high = LEFT + SIDE + 24, TOP + tall + 56
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {LEFT + SIDE + 24} {TOP + tall + 56}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide}" height="{high}" viewBox="0 0 {wide} {high}" '
         'font-family="system-ui, sans-serif" font-size="13">'
     )
     return "\n".join([head, '<rect width="100%" height="100%" fill="#ffffff"/>', *parts, "</svg>", ""])

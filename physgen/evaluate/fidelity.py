@@ -246,12 +246,10 @@ def evaluate(
                 }
             )
     found = means(rows)
-    better = ahead(found)
     return {
         "rows": rows,
         "means": found,
-        "ahead": better,
-        "passed": None if better is None else better >= BAR,
+        "ahead": ahead(found),
     }
 
 
@@ -276,30 +274,6 @@ def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                     {"half": half, "way": way, **{k: float(np.mean(v)) for k, v in values.items() if v}}
                 )
     return found
-
-
-def markdown(result: Mapping[str, Any]) -> str:
-    """Tables of means over scenes, and of each scene's headline against the paper's best."""
-    heads = ["half", "way", *(f"{r}, dB" for r in REGIONS), *(f"{r}, SSIM" for r in REGIONS), "flicker"]
-    keys = [*(f"psnr_{r}" for r in REGIONS), *(f"ssim_{r}" for r in REGIONS), "flicker"]
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    for row in result["means"]:
-        lines.append(
-            f"| {row['half']} | {row['way']} | " + " | ".join(_cell(row, key) for key in keys) + " |"
-        )
-    shown = ("ours", "ours, true maps", "paper, relit", "paper, relit, no old shadows")
-    lines += ["", "| scene | half | " + " | ".join(f"{w}: objects / shadows, dB" for w in shown) + " |"]
-    lines.append("|" + "---|" * (2 + len(shown)))
-    for name in dict.fromkeys(row["scene"] for row in result["rows"]):
-        mine = {row["way"]: row for row in result["rows"] if row["scene"] == name}
-        cells = [f"{_cell(mine[w], 'psnr_objects')} / {_cell(mine[w], 'psnr_shadows')}" for w in shown]
-        lines.append(f"| {name} | {mine[shown[0]]['half']} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
-
-
-def _cell(row: Mapping[str, Any], key: str) -> str:
-    value = row.get(key)
-    return "" if value is None else f"{value:.3f}" if key.startswith("ssim") else f"{value:.2f}"
 
 
 def _half(split: Mapping[str, Any], name: str) -> str:

@@ -80,6 +80,11 @@ def methods_in(folder: Path, photos: Path | None = None) -> Methods:
     for home in sorted(homes, key=lambda path: natural(path.name)):
         if home.resolve() == shown.resolve():
             continue
+        if (home / "manifest.json").is_file() and any(home.glob("video.*")):
+            expected = "is a clip, and no method: its folder holds the clips of one method alone"
+            fix = "name the folder above it, in which each method has one"
+            problems.append(Problem(Place(str(home)), "", "", expected, fix))
+            break
         for entry in _entries(home):
             before = entries.setdefault((entry.method, entry.scene), entry)
             if before is not entry:
@@ -100,6 +105,7 @@ def _entries(home: Path) -> list[Entry]:
     """Of one method, a scene at a time."""
     flat: dict[str, Path] = {}
     found: list[Entry] = []
+    broken: dict[str, str] = {}
     for path in sorted(home.iterdir(), key=lambda path: natural(path.name)):
         if path.name.startswith("."):
             continue
@@ -107,9 +113,10 @@ def _entries(home: Path) -> list[Entry]:
             entry = _made(home.name, path)
             found += [entry] if entry else []
         elif path.name.endswith(ENDING):
-            trace = trace_in(path)
-            if trace:
-                scene = path.name.removesuffix(ENDING)
+            trace, scene = trace_in(path), path.name.removesuffix(ENDING)
+            if trace is None:
+                broken[scene] = f"{path.name} is there, and cannot be read as a record of a failure"
+            else:
                 found.append(Entry(home.name, scene, None, trace.problems or ("failed",)))
         elif path.suffix.lower() in FILMS and _moves(path):
             other = flat.get(path.stem)
@@ -117,7 +124,12 @@ def _entries(home: Path) -> list[Entry]:
     failed = {entry.scene for entry in found if entry.problems and entry.folder is None}
     # physgen leaves both where refining failed: the folder says so too
     found = [e for e in found if not (e.problems and e.folder is not None and e.scene in failed)]
-    return [*found, *(Entry(home.name, scene, path) for scene, path in flat.items())]
+    found += [Entry(home.name, scene, path) for scene, path in flat.items()]
+    known = {entry.scene for entry in found}
+    return [
+        *found,
+        *(Entry(home.name, scene, None, (why,)) for scene, why in broken.items() if scene not in known),
+    ]
 
 
 def _made(method: str, folder: Path) -> Entry | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from physgen import __version__
@@ -23,15 +23,17 @@ def check_folder(folder: Path | None) -> None:
         raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder with -o")
 
 
-def write_page(findings: Findings, folder: Path, command: Sequence[str]) -> Path:
+def write_page(
+    findings: Findings, folder: Path, command: Sequence[str], keep: Callable[[Path], None] = lambda kept: None
+) -> Path:
     """`index.html`, which holds its pictures, and `result.json`; those of an earlier run are replaced.
 
-    A page that is not ours is set aside as `index.html~`. Returns the page's path.
+    A page that is not ours is set aside as `index.html~`, and `keep` is told of it. Returns the page's path.
     """
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / PAGE).exists() and not (folder / RESULT).exists():
-        set_aside(folder / PAGE)
+        set_aside(folder / PAGE, keep)
     write_whole(folder / PAGE, html(findings, command).encode())
     data = json.dumps(findings.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
     write_whole(folder / RESULT, data.encode())

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.evaluate.matching import Mask, Patch, patches
-from physgen.perceive.import_coco import CocoImage, coco_photos, decode_segmentation
+from physgen.perceive.import_coco import CocoImage, coco_photos, coco_strays, decode_segmentation
 from physgen.percepts.maps import read_labels
 from physgen.percepts.photo import read_photo
 from physgen.problems import InputError, Place, Problem, Severity
@@ -41,6 +41,8 @@ class Truth:
     """What the label map, or COCO, calls each."""
     unjudged: Mask
     """(H, W): where nobody says what is true."""
+    labels: tuple[str, ...] = ()
+    """What COCO's categories call each; none of a label map."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -77,8 +79,12 @@ class Pair:
     def _annotated(self, rgb: NDArray[np.uint8], size: tuple[int, int]) -> Truth:
         assert self.coco is not None
         self._refuse_many(len(self.coco.annotations))
+        if self.coco.size is not None and self.coco.size != size:
+            found = f"{self.coco.size[0]} x {self.coco.size[1]} px"
+            expected = f"are told of {self.photo.name}, which has {size[0]} x {size[1]}"
+            raise InputError.of(str(self.truth), found, expected, "annotate the photo as it is")
         unjudged = np.zeros(rgb.shape[:2], np.bool_)
-        masks, problems = [], []
+        masks, labels, problems = [], list[str](), list[Problem]()
         for crowd, regions in ((False, self.coco.annotations), (True, self.coco.crowds)):
             for number, annotation in enumerate(regions):
                 known = annotation.get("id", number)
@@ -92,11 +98,20 @@ class Pair:
                     continue
                 if crowd:
                     unjudged |= mask
-                elif mask.any():
+                elif not mask.any() and _outside(annotation.get("segmentation"), size):
+                    problems.append(
+                        Problem(
+                            Place(str(self.truth)), self.name, f"annotation {known}", "lies outside the photo",
+                            "leave it out, or mend its outline",
+                        )
+                    )  # fmt: skip
+                else:
                     masks.append((known if isinstance(known, int) else number, Patch.of(mask)))
+                    labels.append(self.coco.label(annotation))
         if problems:
             raise InputError(problems)
-        return Truth(rgb, tuple(patch for _, patch in masks), tuple(known for known, _ in masks), unjudged)
+        ids, shapes = tuple(known for known, _ in masks), tuple(patch for _, patch in masks)
+        return Truth(rgb, shapes, ids, unjudged, tuple(labels))
 
     def _refuse_many(self, count: int) -> None:
         if count > MOST_OBJECTS:
@@ -109,7 +124,7 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     if not folder.exists():
         raise InputError.of(str(folder), "", "no such folder", "check the path")
     if folder.is_file() and folder.suffix.lower() == ".json":
-        return _named(list(_coco(folder)), folder.parent), []
+        return _named(list(_coco(folder)), folder.parent), _strays(folder)
     if not folder.is_dir():
         raise InputError.of(str(folder), "", "is not a folder", "name the folder that holds the photos")
     found: list[Pair] = []
@@ -119,9 +134,11 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
             more, lonely = _beside(place)
             found, alone = found + more, alone + lonely
         found += [pair for pair in _of_folder(place) if pair.photo not in {other.photo for other in found}]
+    strays: list[Problem] = []
     for file in sorted(folder.glob("*.json")):
         if _is_coco(file):
             found += _coco(file)
+            strays += _strays(file)
     if not found:
         raise InputError.of(str(folder), "", "holds no photo with a label map", HOW)
     taken = {pair.photo for pair in found} | {pair.truth for pair in found}
@@ -132,7 +149,7 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
         for path in alone
         if path not in taken
     ]
-    return _named(found, folder), warnings
+    return _named(found, folder), [*warnings, *strays]
 
 
 def _hidden(path: Path, folder: Path) -> bool:
@@ -190,6 +207,23 @@ def _is_coco(file: Path) -> bool:
 def _coco(file: Path) -> Iterator[Pair]:
     for image in coco_photos(file):
         yield Pair(image.file, file, image)
+
+
+def _outside(outline: object, size: tuple[int, int]) -> bool:
+    """Whether polygons have no point within a photo of `size` (W, H); what is smaller than a pixel may lie within."""
+    points = [part for polygon in outline for part in polygon] if isinstance(outline, list) else []
+    xy = np.asarray(points, np.float64).reshape(-1, 2)
+    return not ((xy >= 0) & (xy <= size)).all(axis=1).any()
+
+
+def _strays(file: Path) -> list[Problem]:
+    """A warning of annotations that belong to no photo: whoever finds those objects would be told to be wrong."""
+    count = coco_strays(file)
+    if not count:
+        return []
+    found = f"{count} annotation{'s' * (count > 1)}"
+    fix = "give each the image_id of a photo"
+    return [Problem(Place(str(file)), "", found, "of no photo in it: passed over", fix, Severity.WARNING)]
 
 
 def _named(found: list[Pair], folder: Path) -> list[Pair]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen import backends
 from physgen.evaluate.curves import (
@@ -32,8 +33,8 @@ IOU = 0.5
 """At which counts are taken."""
 SCOPES = ("all", "whole")
 """Of true objects: all, or those that the photo's border does not cut."""
-BARS = {"precision": "precision", "recall": "recall", "iou": "mean IoU"}
-"""What a bar may be set for, of all objects of all photos."""
+DRAWN = (0.5, 0.75, 0.9)
+"""Thresholds of IoU whose curves are kept."""
 
 Said = tuple[tuple[Patch, ...], Floats]
 """Masks, and confidences (N,)."""
@@ -92,25 +93,25 @@ class Found:
 
     rows: list[dict[str, Any]]
     totals: Mapping[str, dict[str, Any]]
-    """By scope: `micro`, `macro`, `ap50`, `ap`."""
+    """By scope: `micro`, `macro`, `ap50`, `ap`, and `ap_by_iou` at each of COCO's thresholds."""
+    labels: list[dict[str, Any]]
+    """By label of the true objects, where COCO's categories tell it: how many are found, and how well."""
     curves: Mapping[str, Curve]
-    """By scope."""
+    """By scope, at 0.5."""
+    strict: Mapping[float, Curve]
+    """By threshold of IoU, of all objects."""
     reliability: Reliability
     """Of all objects."""
 
-    def as_dict(self, bars: Mapping[str, float]) -> dict[str, Any]:
-        """As JSON; `passed` is whether every bar is met, and true without any."""
-        micro = self.totals["all"]["micro"]
-        told = [
-            {"name": key, "bar": bar, "found": micro[key], "passed": (micro[key] or 0.0) >= bar}
-            for key, bar in bars.items()
-        ]
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON, beside `rows`."""
         bins = self.reliability
         return {
             "iou": IOU,
-            "rows": self.rows,
             "totals": self.totals,
+            "labels": self.labels,
             "curve": {scope: _points(line) for scope, line in self.curves.items()},
+            "curve_by_iou": {f"{threshold:g}": _points(line) for threshold, line in self.strict.items()},
             "reliability": {
                 "error": bins.error,
                 "bins": [
@@ -124,8 +125,6 @@ class Found:
                     for k in range(len(bins.count))
                 ],
             },
-            "bars": told,
-            "passed": all(one["passed"] for one in told),
         }
 
 
@@ -149,19 +148,58 @@ def evaluate(
             problems += error.problems
     if problems:
         raise InputError(problems)
-    rows, judged = [], {scope: list[tuple[Judged, ...]]() for scope in SCOPES}
+    rows, names = [], list[tuple[str, ...]]()
+    judged = {scope: list[tuple[Judged, ...]]() for scope in SCOPES}
     for k, pair in enumerate(pairs):
         progress(pair.name, k, len(pairs))
         truth = pair.read()
         photo = judge_photo(pair.name, truth, masks_of(segment(truth.rgb)))
         rows.append(photo.as_dict())
+        names.append(truth.labels)
         for scope in SCOPES:
             judged[scope].append(photo.judged[scope])
         each(photo)
     at_half = {scope: [one[0] for one in judged[scope]] for scope in SCOPES}
     totals = {scope: _totals(rows, judged[scope], scope) for scope in SCOPES}
     lines = {scope: curve(at_half[scope]) for scope in SCOPES}
-    return Found(rows, totals, lines, reliability(at_half["all"]))
+    every = judged["all"]
+    strict = {iou: curve([one[_at(iou)] for one in every]) for iou in DRAWN}
+    return Found(rows, totals, by_label(every, names), lines, strict, reliability(at_half["all"]))
+
+
+def _at(threshold: float) -> int:
+    return int(np.argmin(np.abs(np.array(THRESHOLDS) - threshold)))
+
+
+def by_label(judged: Sequence[tuple[Judged, ...]], names: Sequence[tuple[str, ...]]) -> list[dict[str, Any]]:
+    """Of each label, the commonest first: `true`, `hit`, `recall` and `iou` at 0.5, `ar`: recall, a mean over COCO's.
+
+    Who is falsely found has no label, so that there is no precision of one. Photos without labels are passed over.
+    """
+    hits: dict[str, list[NDArray[np.float64]]] = {}
+    for photo, labels in zip(judged, names, strict=True):
+        reached = np.zeros((len(THRESHOLDS), len(labels)))
+        for t, one in enumerate(photo):
+            if labels:
+                reached[t, one.match[one.right]] = one.overlap[one.right]
+        for k, label in enumerate(labels):
+            hits.setdefault(label or "without a label", []).append(reached[:, k])
+    found = []
+    for label, columns in hits.items():
+        reached = np.stack(columns, axis=1)
+        half = reached[_at(IOU)]
+        hit = int((half > 0).sum())
+        found.append(
+            {
+                "label": label,
+                "true": len(columns),
+                "hit": hit,
+                "recall": hit / len(columns),
+                "iou": float(half[half > 0].mean()) if hit else None,
+                "ar": float((reached > 0).mean()),
+            }
+        )
+    return sorted(found, key=lambda one: (-one["true"], one["label"]))
 
 
 def _totals(
@@ -179,6 +217,7 @@ def _totals(
         "macro": {key: float(np.mean(some)) if some else None for key, some in values.items()},
         "ap50": ap[0],
         "ap": float(np.mean(known)) if known else None,
+        "ap_by_iou": [{"iou": round(iou, 2), "ap": value} for iou, value in zip(THRESHOLDS, ap, strict=True)],
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,19 +39,9 @@ def strip(truth: Truth) -> U8:
         for k, picture in enumerate(pictures):
             x, y = k * (width + GAP), j * (height + GAP)
             sheet.paste(Image.fromarray(picture), (x, y))
-            said = f"{name}, {truth.film['times_s'][chosen[k]]:g} s"
+            said = f"{name}, {truth.film['times_s'][chosen[k]]:.2f} s"
             pen.text((x + 8, y + 6), said, (255, 255, 255), font, stroke_width=2, stroke_fill=(30, 30, 30))
     return np.asarray(sheet)
-
-
-def write_strip(truth: Truth, folder: Path) -> Path:
-    """`folder/NAME.png`; the folder is created."""
-    from physgen.percepts.maps import write_png
-
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{truth.name}.png"
-    write_png(path, strip(truth))
-    return path
 
 
 def _picked(frames: Iterator[U8], chosen: list[int]) -> list[U8]:

@@ -32,6 +32,12 @@ class CocoImage:
     categories: Mapping[Any, str]
     crowds: tuple[Mapping[str, Any], ...] = ()
     """Annotations of regions in which nobody told one object from another."""
+    size: tuple[int, int] | None = None
+    """W, H px, as the file says; None where it does not."""
+
+    def label(self, annotation: Mapping[str, Any]) -> str:
+        """Its category's name; empty where it has none."""
+        return self.categories.get(_key(annotation.get("category_id")), "")
 
 
 def coco_photos(path: Path) -> list[CocoImage]:
@@ -49,8 +55,23 @@ def coco_photos(path: Path) -> list[CocoImage]:
         mine = own.get(repr(image["id"]), [])
         parts = (tuple(a for a in mine if bool(a.get("iscrowd")) == crowd) for crowd in (False, True))
         objects, crowds = parts
-        found.append(CocoImage(path.parent / str(image.get("file_name", "")), objects, categories, crowds))
+        sides = (image.get("width"), image.get("height"))
+        size = (int(sides[0]), int(sides[1])) if all(isinstance(s, int) for s in sides) else None  # type: ignore[arg-type]
+        found.append(
+            CocoImage(path.parent / str(image.get("file_name", "")), objects, categories, crowds, size)
+        )
+    names = [one.file for one in found]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise InputError.of(str(path), f'"{twice[0].name}"', "is listed twice", "list each photo once")
     return found
+
+
+def coco_strays(path: Path) -> int:
+    """Annotations whose photo the file does not name. Raises InputError as `coco_photos` does."""
+    annotations, images, _ = _lists(path)
+    known = {repr(image["id"]) for image in images}
+    return sum(repr(annotation.get("image_id")) not in known for annotation in annotations)
 
 
 def read_coco(path: Path, image: Path | None = None) -> CocoImage:
@@ -122,7 +143,7 @@ def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Found:
                 Problem(Place(str(path)), path_in, f"annotation {known}", str(error), "export it again")
             )
             continue
-        label = coco.categories.get(_key(annotation.get("category_id")), "")
+        label = coco.label(annotation)
         score = annotation.get("score", 1.0)
         sure = float(score) if isinstance(score, int | float) and 0 <= score <= 1 else 1.0
         masks.append((int(mask.sum()), np.packbits(mask), Name(label or "object", sure)))

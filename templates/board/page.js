@@ -11,8 +11,10 @@ part("play").addEventListener("click", () => (playing.on ? stopAll() : startAll(
 part("rate").addEventListener("change", () => Object.assign(playing, { from: state.time ?? 0, since: performance.now() }));
 
 addEventListener("keydown", event => {
-  if (!longest || event.altKey || event.ctrlKey || event.metaKey || event.target.matches?.("select, summary, button, a, input:not([data-part=seek])")) return;
-  if (event.target.closest?.(".scroll")) return; // its own scrolling
+  if (!longest || event.altKey || event.ctrlKey || event.metaKey || event.target.matches?.("select")) return;
+  const wide = event.target.closest?.(".scroll");
+  if (wide && wide.scrollWidth > wide.clientWidth && event.key.startsWith("Arrow")) return; // its own scrolling
+  if (event.key === " " && event.target.matches?.("summary, button, a, input:not([data-part=seek])")) return; // presses it
   const by = { ArrowLeft: -1, ArrowRight: 1, PageDown: -10, PageUp: 10 }[event.target === seek || event.key.startsWith("Arrow") ? event.key : ""];
   if (event.key === " ") { if (playing.on) stopAll(); else startAll(); }
   else if (by) step(by * frameTime());
@@ -21,6 +23,12 @@ addEventListener("keydown", event => {
   else return;
   event.preventDefault();
 });
+
+// pressed by a pointer, a button keeps no focus: space then plays, and presses nothing again
+let pointed = false;
+addEventListener("pointerdown", () => { pointed = true; }, true);
+addEventListener("keydown", () => { pointed = false; }, true);
+addEventListener("click", event => { if (pointed) event.target.closest?.("main button, [data-shown]")?.blur(); });
 
 part("shown")?.addEventListener("change", () => {
   const there = new Set(all("[data-shown]").filter(box => box.checked).map(box => box.dataset.shown));

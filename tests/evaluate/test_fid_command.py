@@ -210,7 +210,14 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "def build(): return lambda p: np.full((len(p), 4), np.nan)\n"
         "def wrong(): return lambda p: p\n"
         "def none(): return None\n"
+        "def lame(): raise RuntimeError('no weights here')\n"
+        "def weak():\n"
+        "    def look(p):\n"
+        "        raise ValueError('too dark')\n"
+        "    return look\n"
+        "def torn(): return lambda p: [[1, 2], [3]]\n"
     )
+    (root / "rash.py").write_text("import json\n\njson.loads('{')\n")
     judge = f"module:{root / 'judge.py'}"
     return {
         "nothing": ([], ["has nothing to compare with the reference"]),
@@ -233,10 +240,55 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "no rows": ([true, "--features", f"{judge}:wrong"], ["not one row each"]),
         "no callable": ([true, "--features", f"{judge}:none"], ["gives NoneType, which cannot be called"]),
         "no factory": ([true, "--features", f"{judge}:lost"], ["has no lost that can be called"]),
+        "raises": ([true, "--features", f"{judge}:lame"], ["RuntimeError: no weights here, at judge.py:5; mend"]),
+        "raises late": ([true, "--features", f"{judge}:weak"], ["fails: ValueError: too dark, at judge.py:8"]),
+        "uneven rows": ([true, "--features", f"{judge}:torn"], [":torn\" fails: ValueError"]),
+        "rash": ([true, "--features", f"module:{root / 'rash.py'}:f"], ["imported (JSONDecodeError", "rash.py:3"]),
+        "twice": (["--method", f"a={true}", "--method", f"a={one}"], ['--method: "a" stands for two methods']),
+        "device": ([true, "--device", "cuda"], ['"cuda" has nobody to run there: bank and dis need no model']),
         "no module": ([true, "--features", "module:nowhere_at_all:f"], ["cannot be imported"]),
         "raft": ([true, "--flow", "raft:/nowhere.pth"], ["--flow: ", "needs torchvision", "physgen[raft]"]),
         "name": ([one, "--method", f"reference={one}"], ["is the other side's name"]),
     }  # fmt: skip
+
+
+def test_what_is_wrong_on_both_sides_is_told_once(
+    clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save([np.zeros((20, 20, 3), np.uint8), np.zeros((20, 22, 3), np.uint8)], tmp_path / "uneven" / "a")
+    for folder in (tmp_path / "uneven", tmp_path / "nowhere"):
+        assert main(["evaluate", "fid", str(folder), "--reference", str(folder)]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_who_is_not_surely_nearer_is_told_so(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two draws from one distribution, and one that is another."""
+    arguments = ["--reference", str(clips / "true"), "--size", str(SIDE), "--draws", "60", "--only", "motion"]
+    half = [part for name in ("alike", "painted", "still") for part in ("--method", f"{name}={clips / name}")]
+    assert main(["evaluate", "fid", *half, *arguments]) == 0
+    (line,) = [line for line in capsys.readouterr().out.split("\n\n") if "the nearest first" in line]
+    told = " ".join(line.split())
+    assert "painted (not surely farther: in " in told or "alike (not surely farther: in " in told
+    assert ", still." in told
+
+
+def test_frames_that_do_not_fit_into_memory(
+    clips: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    arguments = ["evaluate", "fid", str(clips / "alike"), "--reference", str(clips / "true"), "--size"]
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "20000"])
+    assert ended.value.code == 2
+    assert "20000 is not a whole number from 16 to 4096" in capsys.readouterr().err
+    monkeypatch.setattr(cv2, "resize", full)
+    assert main([*arguments, "4000"]) == 2
+    assert (
+        "--size: 4000 makes frames that do not fit into memory; give a smaller --size"
+        in capsys.readouterr().err
+    )
 
 
 def test_faults_are_told(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -298,3 +350,5 @@ def test_a_persons_own_file_is_called_as_the_official_one_is(
     assert row["motion_fid_95"] is row["motion_kid"] is None
     assert "5 pictures for 2048 features: fewer pictures make a Fréchet distance larger" in printed.err
     assert "is a single clip: no interval, no KID" in printed.err
+    assert main(["evaluate", "fid", *arguments]) == 0
+    assert "A side of 1 clip is small" in capsys.readouterr().out

@@ -61,8 +61,10 @@ def test_a_page_holds_all_and_nothing_runs(tmp_path: Path) -> None:
 
 def test_a_page_of_somebody_else_is_kept(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("mine")
-    write_page(found(), tmp_path, ["physgen"])
-    write_page(found(), tmp_path, ["physgen"])
+    kept: list[Path] = []
+    write_page(found(), tmp_path, ["physgen"], kept.append)
+    write_page(found(), tmp_path, ["physgen"], kept.append)
+    assert kept == [tmp_path / "index.html~"]
     assert (tmp_path / "index.html~").read_text() == "mine"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["index.html", "index.html~", "result.json"]
 

@@ -7,12 +7,13 @@ import pytest
 
 from physgen.evaluate.plausibility.judge import judge
 from physgen.evaluate.plausibility.proof import balls, families, faults
-from physgen.evaluate.plausibility.proof.confusion import balanced, counted, findings
+from physgen.evaluate.plausibility.proof.confusion import balanced, counted, findings, interval
 from physgen.evaluate.plausibility.proof.drawn import from_drawn
 from physgen.evaluate.plausibility.proof.films import stranger
 from physgen.evaluate.plausibility.proof.pieces import in_two
 from physgen.evaluate.plausibility.proof.trial import Said
 from physgen.evaluate.plausibility.reading.clips import from_world
+from physgen.fan.statistics import mean_of_two
 from physgen.simulate.engine import simulate
 
 FPS = 24
@@ -88,6 +89,20 @@ def test_balanced_accuracy_counts_right_and_wrong_alike() -> None:
     assert [(row["clips"], row["called_wrong"]) for row in rows] == [(8, 0), (4, 2)]
     assert balanced(rows) == 0.75
     assert balanced(rows[:1]) is None
+    assert interval(rows[:1]) is None
+    silent = counted([*said, Said("physgen", "ramp", "right", 9, 30, "exact", None, {})])
+    assert silent[0]["not_asked"] == 1
+    assert balanced(silent) == pytest.approx((8 / 9 + 0.5) / 2)  # what cannot be asked is not told rightly
     found = findings(rows, range(1000, 1001), plots=False)
     assert not found.passed
     assert "75.0 %" in found.sentences[0]
+
+
+def test_the_interval_of_balanced_accuracy_holds_it_as_often_as_it_says() -> None:
+    random, held, trials = np.random.default_rng(8), 0, 2000
+    for right, wrong in zip(
+        random.binomial(72, 0.96, trials), random.binomial(366, 0.95, trials), strict=True
+    ):
+        low, high = mean_of_two((int(right), 72), (int(wrong), 366))
+        held += low <= (0.96 + 0.95) / 2 <= high
+    assert held / trials == pytest.approx(0.95, abs=0.02)

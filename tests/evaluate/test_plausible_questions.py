@@ -72,6 +72,18 @@ def test_gravity_that_changes_midway_is_seen_where_it_does(noise: float) -> None
     assert judge(clip([fall(frames=48) + RNG.normal(0, noise, (48, 2))])).wrong is False
 
 
+def test_what_is_pulled_upwards_is_seen_beside_what_falls() -> None:
+    t = np.arange(1, 25)[:, None] / FPS
+    before = fall(frames=25)
+    velocity = np.array([80.0, -500 + 900 * 24 / FPS])
+    turned = np.concatenate([before, before[-1] + t * velocity - t * t / 2 * np.array([0, 900.0])])
+    question, evidence = judge(clip([turned])).faults()[0]
+    assert (question, "pulled upwards at 900" in evidence.text) == ("gravity", True)
+    assert evidence.deviation == pytest.approx(2, abs=0.1)  # the other way is twice as far off as none
+    beside = judge(clip([fall(), fall(x=250, vx=-60, vy=-420), 600 - fall(x=400)]))
+    assert [evidence.things for _, evidence in beside.faults()] == [(2,)]
+
+
 @pytest.mark.parametrize(("e", "wrong"), [(0.5, False), (0.95, False), (1.3, True)])
 def test_no_ball_comes_back_faster_than_it_came(e: float, wrong: bool) -> None:
     verdict = judge(clip([bounce(e)]))

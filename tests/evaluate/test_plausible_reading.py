@@ -135,6 +135,10 @@ BAD = {
     "columns.csv": ("name,x,y\na,1,2\n", "lack frame or time"),
     "none.csv": ("frame,name,x,y\n", "has no tracks"),
     "number.csv": ("frame,name,x,y\n0,a,1,2\n1,a,wide,2\n", 'number.csv:3:1: x: "wide" is no number'),
+    "far.csv": ("frame,name,x,y\n0,a,1e300,2\n", 'far.csv:2:1: x: "1e300" is farther than 1e+06 px'),
+    "half.csv": ("frame,name,x,y\n0,a,1,2\n0.5,a,1,2\n", 'half.csv:3:1: frame: "0.5" is no whole number'),
+    "thin.csv": ("frame,name,x,y,radius\n0,a,1,2,-3\n", 'radius: "-3" is no length in px above 0'),
+    "text.npz": ("no archive", "is no NumPy archive"),
     "twice.csv": ("frame,name,x,y\n0,a,1,2\n0,a,2,2\n", "is twice in frame 0"),
     "uneven.csv": ("time,name,x,y\n0,a,1,2\n1,a,2,2\n1.4,a,2,2\n2.4,a,2,2\n", "are not evenly spaced"),
     "gt.txt": ("1,1,5,5,10\n", "is no row of MOT"),
@@ -151,6 +155,18 @@ def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         list(read(tmp_path / name, Asked()))
     assert message in str(error.value)
+
+
+def test_points_that_are_seen_nowhere_are_refused(tmp_path: Path) -> None:
+    with np.load(tapvid(tmp_path)) as file:
+        held = {name: file[name] for name in file.files}
+    held["points"][3, 5] = np.nan
+    np.savez(tmp_path / "tapvid.npz", **held)
+    with pytest.raises(InputError, match="1 points are seen at no place"):
+        list(read(tmp_path / "tapvid.npz", Asked()))
+    held["occluded"][3, 5] = True
+    np.savez(tmp_path / "tapvid.npz", **held)
+    assert judge(next(iter(read(tmp_path / "tapvid.npz", Asked())))).wrong is False
 
 
 def test_pictures_of_different_sizes_and_photos_are_refused(tmp_path: Path) -> None:

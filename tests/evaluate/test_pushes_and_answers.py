@@ -170,6 +170,9 @@ def test_clips_of_a_sweep_are_read_as_they_are(tmp_path: Path, capsys: pytest.Ca
     for (x, y), length in lengths.items():
         assert length == pytest.approx((x**2 + y**2) / (2 * MU * GRAVITY), rel=1e-3)
     assert set(lengths) == {(40, 0), (80, 0), (0, -60)}
+    assert main(["evaluate", "controllability", str(out)]) == 0
+    said = "is 1.000 in one direction (1 more without: of one push alone, or of equal answers)."
+    assert said in " ".join(capsys.readouterr().out.split())
     assert (tmp_path / "page" / "index.html").read_text().count("data:image/svg+xml") == 2
     with_mass = json.loads((next(out.glob("*1*")) / "manifest.json").read_text())
     assert with_mass["document"]["objects"]["puck"]["mass"] == 50
@@ -205,6 +208,26 @@ def test_folders_without_clips(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main(["evaluate", "controllability", str(tmp_path)]) == 2
     assert "holds no clips" in capsys.readouterr().err
     assert main(["evaluate", "controllability", str(tmp_path / "no.yaml")]) == 2
+    for name in ("puck", "stone"):
+        made = [
+            "render",
+            str(table(tmp_path, TABLE.replace("puck", name))),
+            "-o",
+            str(tmp_path / "out" / name),
+        ]
+        assert main([*made, "--set", "render.scale=0.5", "--format", "png"]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", "controllability", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "holds clips with other objects: of several scenes" in said
+    assert said.rstrip().endswith("--object post")
+    for path in (tmp_path / "out").glob("*/*/manifest.json"):
+        told = json.loads(path.read_text())
+        told["document"]["objects"].pop("post")
+        path.write_text(json.dumps(told))
+    capsys.readouterr()
+    assert main(["evaluate", "controllability", str(tmp_path / "out")]) == 2
+    assert "have no object in common; name a folder with clips of one scene" in capsys.readouterr().err
     still = table(tmp_path, TABLE.replace("mass: 50,", "mass: 50, motion: static,"))
     assert main(["evaluate", "controllability", str(still)]) == 2
     assert "no object that can be pushed" in capsys.readouterr().err

@@ -58,6 +58,14 @@ def test_medians_and_ranges(clips: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert told["machines"] == ["Abacus 3, 4 cores, 8 GiB, Y"]
 
 
+def test_the_papers_time_is_of_the_same_parts(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By its table: 5 s of simulation, 60 of rendering, 35 of refinement; nobody perceived."""
+    assert main(["evaluate", "runtime", str(clips)]) == 0
+    told = capsys.readouterr().out
+    assert "The paper: 100 s for these parts, on an A40." in " ".join(told.split())
+    assert next(line for line in told.splitlines() if line.startswith("whole runs")).endswith("100 of 180")
+
+
 def test_parts_leave_no_stage_out(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clip(clips / "odd", 2.0, stages={"simulate": {"wall": 1, "cpu": 1}, "chaos": {"wall": 7, "cpu": 7}})
     rows = told_of(clips / "odd", capsys=capsys)["rows"]
@@ -111,7 +119,18 @@ def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
 def test_manifests_without_times(tmp_path: Path, stages: Any, capsys: pytest.CaptureFixture[str]) -> None:
     clip(tmp_path / "out" / "a", 1.0, stages=stages)
     assert main(["evaluate", "runtime", str(tmp_path / "out")]) == 2
-    assert "holds 1 manifests, and none tells the times of its stages" in capsys.readouterr().err
+    assert "out/a/manifest.json: tells no times of its stages; make the clip again" in capsys.readouterr().err
+    clip(tmp_path / "out" / "b", 1.0)
+    assert main(["evaluate", "runtime", str(tmp_path / "out")]) == 0
+    assert "out/a/manifest.json: warning: tells no times of its stages" in capsys.readouterr().err
+
+
+def test_a_manifest_that_cannot_be_read_is_told(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (clips / "clip-1" / "manifest.json").write_text("{broken")
+    assert main(["evaluate", "runtime", str(clips / "clip-1")]) == 2
+    assert "clip-1/manifest.json: cannot be read" in capsys.readouterr().err
+    told = told_of(clips, capsys=capsys)
+    assert len(told["runs"]) == 2
 
 
 def test_nothing_to_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

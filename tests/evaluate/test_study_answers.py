@@ -133,6 +133,32 @@ def test_one_rater_alone_is_told_so(tmp_path: Path) -> None:
     assert found.as_dict()["agreement"]["physical"]["alpha"] is None
 
 
+def test_nobody_is_ahead_of_an_equal_or_surely_ahead_by_few_answers(tmp_path: Path) -> None:
+    alike = findings(read(saved(tmp_path / "a.json", "Ada", all_of(4, 4)))).sentences
+    assert alike[0] == "physical-realism: ours and rude <b>&| score alike, 4.00 of 5."
+    better = {clip: (5 if method == "ours" else 2, 3) for clip, (method, _) in CLIPS.items()}
+    few = findings(read(*(saved(tmp_path / f"{k}.json", f"r{k}", better) for k in range(3)))).sentences
+    assert few[0].endswith("of 5, not surely more than rude <b>&| (p 0.250).")  # 2 of 8 patterns of signs
+    clips = {f"c{k}": (method, f"s{k // 2}") for k, method in enumerate(("ours", "theirs") * 8)}
+    key = Key("abc123", 0, ("ours", "theirs"), tuple(f"s{k}" for k in range(8)), clips)
+    many = {clip: (5 if method == "ours" else 2, 3) for clip, (method, _) in clips.items()}
+    files = [saved(tmp_path / f"{k}.json", f"r{k}", many) for k in range(8)]
+    assert findings(read_answers(files, key)).sentences[0].endswith("[5.00, 5.00] of 5.")
+
+
+def test_who_alone_was_rated_is_ahead_of_nobody(tmp_path: Path) -> None:
+    one = {"c1": (4, 3), "c2": (2, 3), "c3": (3, None)}
+    found = findings(read(saved(tmp_path / "a.json", "Ada", one)))
+    assert found.sentences[0].startswith("physical-realism: ours alone was rated, 3.00 [2.")
+    single = findings(read(saved(tmp_path / "b.json", "Ada", {"c1": (4, 3)})))
+    assert single.sentences[0] == "physical-realism: ours alone was rated, 4.00 of 5."
+    assert "highest" not in single.sentences[0]
+    assert single.rows[0]["physical"]["low"] is None, "one answer has no interval"
+    key = Key("abc123", 0, ("ours",), ("pool", "shelf"), {"c1": ("ours", "pool"), "c2": ("ours", "shelf")})
+    solo = findings(read_answers([saved(tmp_path / "c.json", "Ada", {"c1": (4, 3), "c2": (4, 3)})], key))
+    assert solo.sentences[0] == "physical-realism: ours 4.00 [4.00, 4.00] of 5."
+
+
 def test_a_changed_key_is_refused(tmp_path: Path, key: Path) -> None:
     record = json.loads(KEY.text())
     for change in ({"clips": {}}, {"methods": ["ours"]}, {"seed": "x"}, {"clips": {"c1": 3}}):
@@ -170,6 +196,7 @@ def test_the_command_reads_answers(tmp_path: Path, key: Path, capsys: pytest.Cap
     ("more", "said"),
     [
         (["a.json"], "--key: is missing"),
+        (["."], "--key: is missing"),
         (["a.json", "--key", "a.json"], "holds answers: it is not the key"),
         (["a.json", "--key", "none.json"], "no such file"),
         (["a.json", "--key", "study.key.json", "--videos", "3"], "--videos: has no part in reading answers"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from itertools import combinations
 from math import log, pi
 from pathlib import Path
@@ -17,8 +18,9 @@ from physgen.cli import main
 from physgen.crew import Crew
 from physgen.evaluate.properties.answers import Answer, read_answers
 from physgen.evaluate.properties.asked import ask
-from physgen.evaluate.properties.scores import masses, order, wilson
+from physgen.evaluate.properties.scores import masses, order
 from physgen.evaluate.properties.table import SHIPPED, Form, Item, Objects, read_table
+from physgen.fan.statistics import wilson
 from physgen.problems import InputError
 
 TABLE = """\
@@ -203,6 +205,29 @@ def test_a_table_as_csv(tmp_path: Path) -> None:
         read_table(written(tmp_path / "t.csv", "name,mass\na,nan\na,3\n"))
     with pytest.raises(InputError, match="no column name"):
         read_table(written(tmp_path / "t.csv", "mass\n3\n"))
+    with pytest.raises(InputError, match=r"t.csv:2:1: objects.a: .*p.png.* stands in no column"):
+        read_table(written(tmp_path / "t.csv", "name,mass\na,3,p.png\n"))
+
+
+def test_a_table_without_sizes_does_not_say_that_they_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for rows, words in (
+        ("a,apple,,100\n", "its size is not told"),
+        ("a,apple,70x60x60,100\nb,pear,,90\n", "told by the scale of the 1 that have one in the table"),
+        ("a,apple,70x60x60,100\n", "its size is told by the scale."),
+    ):
+        table = written(tmp_path / "t.csv", f"name,label,size,mass\n{rows}")
+        assert main(["evaluate", "properties", str(table)]) == 0
+        assert words in " ".join(capsys.readouterr().out.split())
+
+
+def test_masses_near_each_other_have_plain_numbers_on_their_axes(tmp_path: Path) -> None:
+    table = written(tmp_path / "t.csv", "name,label,size,mass\na,apple,70x60x60,180\nb,pear,90x60x60,210\n")
+    assert main(["evaluate", "properties", str(table), "-o", str(tmp_path / "page")]) == 0
+    page = (tmp_path / "page" / "index.html").read_text()
+    plot = b64decode(page.partition("data:image/svg+xml;base64,")[2].partition('"')[0]).decode()
+    assert "mathdefault" not in plot
 
 
 @pytest.mark.parametrize(

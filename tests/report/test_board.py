@@ -65,6 +65,18 @@ def test_every_scene_of_every_method_is_there_failed_or_missing(
     assert json.loads((board / "result.json").read_text())["rows"] == list(rows.values())
 
 
+def test_one_methods_own_folder_is_no_contest(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What `render -o METHODS/ours` leaves holds clips, and no methods."""
+    for scene in ("curling", "dominoes"):
+        clip = home.parent / "alone" / scene
+        clip.mkdir(parents=True)
+        (clip / "manifest.json").write_text("{}")
+        write_clip(clip / "video.mp4", "ours")
+    for measure in ("study", "leaderboard"):
+        assert main(["evaluate", measure, str(home.parent / "alone")]) == 2
+        assert "is a clip, and no method" in capsys.readouterr().err
+
+
 def test_scores_come_from_where_they_lie(home: Path) -> None:
     """A whole method's, a clip's beside it, rows by scene, and rows by method above all."""
     result(
@@ -174,3 +186,52 @@ def test_the_terminal_has_the_table_alone(home: Path, capsys: pytest.CaptureFixt
         ["ours", "2", "0", "0", "3.860"],
     ]
     assert sorted(home.rglob("*")) == before
+
+
+def test_a_failures_record_that_cannot_be_read_is_told(
+    home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (home / "drift" / "fall.failed.json").write_text("{broken")
+    (home / "melt" / "fall.failed.json").write_text('{"failed": 2}')
+    (home / "ours" / "pool.failed.json").write_text("[]")  # beside a clip, which counts
+    rows = {row["method"]: row for row in ran(capsys, str(home))["rows"]}
+    assert {name: (row["clips"], row["failed"], row["missing"]) for name, row in rows.items()} == {
+        "drift": (2, ["fall"], []), "melt": (2, ["fall"], []), "ours": (2, [], ["fall"]),
+    }  # fmt: skip
+    assert main(["evaluate", "leaderboard", str(home)]) == 0
+    assert "fall.failed.json is there, and cannot be read as a record of a failure" in capsys.readouterr().out
+
+
+def test_nobody_is_best_of_equals_or_by_less_than_nought(home: Path) -> None:
+    names = ("drift", "melt", "ours")
+    rows = [(-165.2, 1.0, 3.0), (-164.9, 1.0, 3.0), (2.5, 1.0, 2.0)]
+    keys = ("image_kid", "error", "image_fid")
+    result(home / "fid", "fid", [
+        {"method": name, **dict(zip(keys, row, strict=True))} for name, row in zip(names, rows, strict=True)
+    ])  # fmt: skip
+    best = {score.name: score.best(names) for score in scores_of(methods_in(home))}
+    assert best == {"fid: image kid": {"drift", "melt"}, "fid: error": set(), "fid: image fid": {"ours"}}
+
+
+def test_a_board_that_is_stopped_leaves_nothing(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from physgen.evaluate.board import page
+
+    first = page.screened
+    seen = []
+
+    def stopped(*arguments: Any) -> Any:
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+        seen.append(first(*arguments))
+        return seen[-1]
+
+    board = home.parent / "board"
+    monkeypatch.setattr(page, "screened", stopped)
+    for there in (False, True):
+        if there:
+            board.mkdir()
+            (board / "mine.txt").write_text("mine")
+        seen.clear()
+        assert main(["evaluate", "leaderboard", str(home), "-o", str(board)]) == 130
+        assert seen
+        assert [path.name for path in board.iterdir()] == ["mine.txt"] if there else not board.exists()

@@ -184,3 +184,11 @@ def test_folders_without_clips_are_no_methods(home: Path, tmp_path: Path) -> Non
     assert found.names == ("drift", "melt", "ours")
     assert found.scenes == ("pool", "shelf")
     assert set(found.photos) == set(found.words) == {"pool"}
+
+
+def test_a_study_of_one_method_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_clip(tmp_path / "m" / "ours" / "pool.mp4", "ours")
+    assert main(["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html")]) == 0
+    said = capsys.readouterr().err
+    assert "1 clip: 1 method, 1 scene. Send s.html" in said
+    assert "It is of one method alone: there is nothing to compare its scores with." in said

@@ -13,6 +13,8 @@ from physgen.problems import InputError, Place, Problem
 
 
 def fid(options: argparse.Namespace) -> int:
+    import cv2
+
     from physgen.evaluate.fid import told
     from physgen.evaluate.fid.fitted import Fit, Rule
     from physgen.evaluate.fid.measure import IMAGE, MOTION, REFERENCE, Settings, measure
@@ -39,8 +41,9 @@ def fid(options: argparse.Namespace) -> int:
             made[role] = backend(role, getattr(options, role), options.device)
         except InputError as error:
             problems += error.problems
+    problems += _no_model(options)
     if problems:
-        raise InputError(problems)
+        raise InputError(dict.fromkeys(problems))
     colour = options.full_colour
     settings = Settings(
         Rule(options.size, Fit(options.fit), options.frames),
@@ -52,7 +55,14 @@ def fid(options: argparse.Namespace) -> int:
     bar = Bar()
     truth = clips.pop(REFERENCE)
     clips = {name: [replace(one, skip=options.skip) for one in side] for name, side in clips.items()}
-    found = measure(truth, clips, made["features"], made["flow"], settings, bar.show)
+    try:
+        found = measure(truth, clips, made["features"], made["flow"], settings, bar.show)
+    except (MemoryError, cv2.error) as error:
+        if isinstance(error, cv2.error) and error.code != cv2.Error.StsNoMem:
+            raise
+        expected = "makes frames that do not fit into memory"
+        fix = "give a smaller --size, or fewer --frames"
+        raise InputError.of("--size", str(options.size), expected, fix) from None
     bar.clear()
     tell_problems(found.warnings)
     who = {role: getattr(options, role).partition(":")[0] for role in made}
@@ -72,13 +82,28 @@ def methods(options: argparse.Namespace) -> dict[str, list[Path]]:
         one = options.clips[0]
         named["clips" if len(options.clips) > 1 else one.resolve().name or "clips"] = list(options.clips)
     for name, path in options.method:
-        named.setdefault(name, []).append(path)
+        if name in named:
+            fix = "give each method a name of its own; of clips in several folders, name one above them"
+            raise InputError.of("--method", f'"{name}"', "stands for two methods", fix)
+        named[name] = [path]
     if not named:
         fix = "name clips, or methods with --method NAME=DIR"
         raise InputError.of("evaluate fid", "", "has nothing to compare with the reference", fix)
     if "reference" in named:
         raise InputError.of("--method", '"reference"', "is the other side's name", "choose another name")
     return named
+
+
+def _no_model(options: argparse.Namespace) -> list[Problem]:
+    """A device that nobody would run on."""
+    from physgen import backends
+
+    names = {role: getattr(options, role).partition(":")[0] for role in ("features", "flow")}
+    rows = [row for row in backends.BACKENDS if names.get(row.role) == row.name]
+    if options.device in ("auto", "cpu") or any(row.weights or row.told for row in rows):
+        return []
+    expected = f"has nobody to run there: {' and '.join(names.values())} need no model"
+    return [Problem(Place("--device"), "", f'"{options.device}"', expected, "leave it out")]
 
 
 def backend(role: str, said: str, device: str) -> Any:

@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 import argparse
-import sys
+from dataclasses import replace
 
-from physgen.cli.printing import FAILED, OK, Bar, print_json
+from physgen.cli.measures.findings import hand_over
+from physgen.cli.printing import Bar
 
 
 def fidelity(options: argparse.Namespace) -> int:
     from physgen.evaluate import fidelity as measure
+    from physgen.evaluate.fidelity_told import findings
+    from physgen.evaluate.findings import Section
+    from physgen.evaluate.page import check_folder
 
-    bar = Bar()
+    check_folder(options.output)
     if options.output:
-        from physgen.evaluate.strips import write_strip
+        from physgen.report.plots.look import needed
 
-        for truth in measure.truths(options.truth, options.scenes):
-            bar.show(f"{truth.name}: strip", 0, 1)
-            path = write_strip(truth, options.output)
-            bar.clear()
-            print(path)
-        return OK
+        needed()
+    bar = Bar()
     result = measure.evaluate(options.truth, options.scenes, bar.show)
+    told = findings(result)
+    if options.output:
+        from physgen.evaluate.fidelity_told import plot, strips
+
+        first, *rest = told.sections
+        frames = Section("Frames", (), tuple(strips(measure.truths(options.truth, options.scenes))))
+        told = replace(
+            told, sections=(replace(first, parts=(*first.parts, plot(result["rows"]))), *rest, frames)
+        )
     bar.clear()
-    if options.json:
-        print_json(result)
-    else:
-        sys.stdout.write(measure.markdown(result))
-    if result["passed"] is None:
-        print("no bar: none of these scenes is of the test half", file=sys.stderr)
-        return OK if options.scenes else FAILED
-    found = f"{result['ahead']:.2f} dB better than the paper's way, relit, over objects and shadows of the test half"
-    print(f"{found}; the bar is {measure.BAR:g} dB", file=sys.stderr)
-    return OK if result["passed"] else FAILED
+    return hand_over(told, options)

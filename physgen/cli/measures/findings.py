@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from physgen.cli.printing import FAILED, OK, print_json, tell
+from physgen.cli.printing import FAILED, OK, print_json, tell, tell_kept
 from physgen.evaluate.findings import Findings, markdown, text
 from physgen.evaluate.page import write_page
 
@@ -17,5 +17,6 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
     else:
         sys.stdout.write(markdown(findings) if options.markdown else text(findings))
     if options.output:
-        tell(f"the page: {write_page(findings, options.output, options.command_line)}")
+        page = write_page(findings, options.output, options.command_line, tell_kept)
+        tell(f"the page: {page}")
     return OK if findings.passed else FAILED

@@ -24,13 +24,14 @@ def leaderboard(options: argparse.Namespace) -> int:
     methods = methods_in(options.folder, options.photos)
     scores = scores_of(methods, options.scores)
     bar = Bar()
-    made = page.films(methods, options.output, options.single_file, bar.show)
-    bar.clear()
-    found = findings(methods, made.broken, scores)
-    if options.output:
-        title = options.title or methods.folder.resolve().name
-        how = (options.output, title, options.command_line, options.single_file, tell_kept)
-        index = page.write_board(methods, scores, made, found, *how)
+    with page.whole(options.output):
+        made = page.films(methods, options.output, options.single_file, bar.show)
+        bar.clear()
+        found = findings(methods, made.broken, scores)
+        if options.output:
+            title = options.title or methods.folder.resolve().name
+            how = (options.output, title, options.command_line, options.single_file, tell_kept)
+            index = page.write_board(methods, scores, made, found, *how)
     if options.json:
         print_json(found.as_dict())
     else:

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 
 from physgen.cli.measures.findings import hand_over
-from physgen.cli.printing import Bar
+from physgen.cli.printing import Bar, tell_one
 from physgen.problems import InputError
 
 
@@ -25,7 +25,7 @@ def runtime(options: argparse.Namespace) -> int:
         from physgen.report.plots.look import needed
 
         needed()
-    runs = read_runs(options.folders) if options.folders else []
+    runs = read_runs(options.folders, tell_one) if options.folders else []
     if options.measure is not None:
         bar = Bar()
         runs += measure(options.measure, options.repeat, bar.show)

@@ -19,11 +19,12 @@ def study(options: argparse.Namespace) -> int:
 
 def _make(options: argparse.Namespace) -> int:
     from physgen.evaluate.methods import methods_in
+    from physgen.evaluate.study.answers import answers_in
     from physgen.evaluate.study.making import make
     from physgen.evaluate.study.sheet import TITLE, check_page, write_study
     from physgen.report.embedded import heavy
 
-    if any(path.suffix == ".json" for path in options.paths):
+    if any(path.suffix == ".json" or answers_in(path) for path in options.paths):
         fix = "name the key that was made with the page, e.g. --key study.key.json"
         raise InputError.of("--key", "", "is missing: answers are read with it", fix)
     if len(options.paths) > 1:
@@ -48,7 +49,11 @@ def _make(options: argparse.Namespace) -> int:
         print_json({**record, "methods": made.key.methods, "scenes": made.key.scenes, "seed": options.seed})
         return OK
     print(page)
-    tell(f"{len(made.clips)} clips: {methods} methods, {scenes} scenes. Send {page.name} to those who rate.")
+    several = f"{methods} method{'s' * (methods != 1)}, {scenes} scene{'s' * (scenes != 1)}"
+    clips = f"{len(made.clips)} clip{'s' * (len(made.clips) != 1)}"
+    tell(f"{clips}: {several}. Send {page.name} to those who rate.")
+    if methods == 1:
+        tell("It is of one method alone: there is nothing to compare its scores with.")
     tell(f"{key} says which clip is whose: keep it to yourself, and read answers with --key {key}")
     return OK
 

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sysconfig
+import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.backends import Setup
 from physgen.evaluate.fid.roles import F64, U8, Features
@@ -21,6 +24,7 @@ from physgen.problems import InputError
 
 FLAG = "--features"
 GET = "write --features module:PACKAGE.MODULE:FACTORY, or module:FILE.py:FACTORY"
+MEND = "mend it there"
 
 
 class Own:
@@ -36,7 +40,7 @@ class Own:
         build = getattr(self._module(module), factory, None)
         if not callable(build):
             raise self._wrong(f"has no {factory} that can be called")
-        self._run: Callable[[U8], Any] = build()
+        self._run: Callable[[U8], Any] = self._own(build)
         if not callable(self._run):
             raise self._wrong(f"gives {type(self._run).__name__}, which cannot be called")
 
@@ -51,18 +55,26 @@ class Own:
             module = importlib.util.module_from_spec(spec)
             spec.loader.exec_module(module)
             return module
-        except (ImportError, SyntaxError) as error:
-            raise self._wrong(f"cannot be imported ({error})") from error
+        except InputError:
+            raise
+        except Exception as error:
+            raise self._wrong(f"cannot be imported ({_said(error)})") from error
 
-    def _wrong(self, what: str) -> InputError:
-        return InputError.of(FLAG, f'"module:{self._said}"', what, GET)
+    def _own(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        """What code of somebody else's answers. Raises InputError with what it raised, and where."""
+        try:
+            return call(*arguments)
+        except MemoryError:
+            raise
+        except Exception as error:
+            raise self._wrong(f"fails: {_said(error)}", MEND) from error
+
+    def _wrong(self, what: str, fix: str = GET) -> InputError:
+        return InputError.of(FLAG, f'"module:{self._said}"', what, fix)
 
     def __call__(self, pictures: U8) -> F64:
         """(N, H, W, 3) sRGB -> (N, D)."""
-        answer = self._run(pictures)
-        if hasattr(answer, "detach"):
-            answer = answer.detach().cpu().numpy()
-        found = np.asarray(answer)
+        found: NDArray[Any] = self._own(lambda: _array(self._run(pictures)))
         if (
             found.ndim != 2
             or len(found) != len(pictures)
@@ -72,11 +84,29 @@ class Own:
             raise self._wrong(
                 f"answers {found.dtype} {found.shape} to {len(pictures)} pictures, not one row each"
             )
-        return found.astype(np.float64)
+        return np.asarray(found, np.float64)
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
         return {"name": self._said}
+
+
+def _array(answer: Any) -> NDArray[Any]:
+    """Of an array, or a tensor wherever it is."""
+    return np.asarray(answer.detach().cpu().numpy() if hasattr(answer, "detach") else answer)
+
+
+def _said(error: Exception) -> str:
+    """What was raised, and where.
+
+    >>> _said(ValueError("no weights"))
+    'ValueError: no weights'
+    """
+    what = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())
+    frames = traceback.extract_tb(error.__traceback__)
+    others = (__file__, "importlib", "site-packages", sysconfig.get_path("stdlib"))
+    own = [frame for frame in frames if not any(part in frame.filename for part in others)]
+    return f"{what}, at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else what
 
 
 def own(setup: Setup) -> Features:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import json
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,6 +46,23 @@ class Films:
 
     clips: Mapping[tuple[str, str], Screened]
     broken: dict[tuple[str, str], str]
+
+
+@contextmanager
+def whole(folder: Path | None) -> Iterator[None]:
+    """Where what is done within fails or is stopped, no files without a page are left in `folder`."""
+    there = [] if folder is None else [folder, folder / FILES]
+    made = [path for path in there if not path.exists()]
+    try:
+        yield
+    except BaseException:
+        for path in reversed(made):
+            if path.name == FILES:
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                with suppress(OSError):
+                    path.rmdir()
+        raise
 
 
 def films(methods: Methods, folder: Path | None, single: bool, progress: Progress) -> Films:

@@ -38,6 +38,10 @@ HIGHER = (
     "score",
 )
 """Last words of names: whether less is better, or more."""
+ABOUT_NOUGHT = {"kid"}
+"""Distances that are below 0 by chance where two sets are alike."""
+TINY = 1e-9
+"""What is smaller is rounding."""
 DEEP = 3
 """Levels of a row that are looked into."""
 OWN = "leaderboard"
@@ -65,9 +69,11 @@ class Score:
         return sum(own) / len(own) if own else None
 
     def best(self, names: Sequence[str]) -> set[str]:
-        """Who is ahead, as shown; nobody where one alone is measured or it is not known what is better."""
+        """Who is ahead, as shown; nobody where one alone is measured, all are alike, or nobody knows what is better."""
         known = {name: float(told(value)) for name in names if (value := self.of(name)) is not None}
-        if not self.better or len(known) < 2:
+        if ABOUT_NOUGHT & set(self.name.split()):  # below 0 it is by chance, and no better than 0
+            known = {name: max(value, 0.0) for name, value in known.items()}
+        if not self.better or len(set(known.values())) < 2:
             return set()
         top = min(known.values()) if self.better == "low" else max(known.values())
         return {name for name, value in known.items() if value == top}
@@ -76,11 +82,13 @@ class Score:
 def told(value: float | None) -> str:
     """Four digits.
 
-    >>> [told(value) for value in (105.7012, 0.93, 4.0, 123456.7, None)]
-    ['105.7', '0.9300', '4.000', '123457', '-']
+    >>> [told(value) for value in (105.7012, 0.93, 4.0, 123456.7, 3e-14, None)]
+    ['105.7', '0.9300', '4.000', '123457', '0', '-']
     """
     if value is None:
         return "-"
+    if abs(value) < TINY:
+        return "0"
     if 1e-4 <= abs(value) < 1e4:
         return f"{value:#.4g}".rstrip(".")
     return f"{value:.0f}" if abs(value) > 1 else f"{value:.3g}"

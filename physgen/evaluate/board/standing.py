@@ -75,7 +75,8 @@ def _leaders(methods: Methods, scores: Sequence[Score]) -> list[str]:
         best = [name for name in methods.names if name in score.best(methods.names)]
         if best:
             word = "lowest" if score.better == "low" else "highest"
-            said.append(f"{score.name}: {' and '.join(best)} {word}, {told(score.of(best[0]))}.")
+            values = dict.fromkeys(told(score.of(name)) for name in best)
+            said.append(f"{score.name}: {' and '.join(best)} {word}, {' and '.join(values)}.")
     return said
 
 

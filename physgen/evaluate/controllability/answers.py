@@ -60,11 +60,15 @@ class Answers:
     """Pushes that meet nobody: how many, and the largest error over the closed form, as a part; None: there is none."""
 
     @property
+    def correlations(self) -> list[float]:
+        """Spearman's, of every direction that has one: a push alone has none."""
+        rises = [one.rise for one in self.along if one.rise is not None]
+        return [one.spearman for one in rises if one.spearman is not None]
+
+    @property
     def correlation(self) -> tuple[float, float] | None:
         """Spearman's over directions: the least and the mean."""
-        found = [
-            one.rise.spearman for one in self.along if one.rise is not None and one.rise.spearman is not None
-        ]
+        found = self.correlations
         return (min(found), float(np.mean(found))) if found else None
 
     @property

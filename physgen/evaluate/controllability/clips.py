@@ -34,7 +34,15 @@ def swept_clips(folder: File, name: str | None) -> Swept:
         fix = "name a scene, or a folder that physgen sweep made"
         raise InputError.of(str(folder), "", found, fix)
     if name is None:
-        name = next((one for one in _differing(documents)), next(iter(documents[0][1]["objects"])))
+        shared = set.intersection(*(set(told["objects"]) for _, told in documents))
+        if not shared:
+            found = f"{documents[0][0].name} and others"
+            fix = "name a folder with clips of one scene, as physgen sweep makes them"
+            raise InputError.of(str(folder), found, "have no object in common", fix)
+        if any(set(told["objects"]) != shared for _, told in documents):
+            fix = f"name a folder with clips of one scene, or an object of all with --object {min(shared)}"
+            raise InputError.of(str(folder), "", "holds clips with other objects: of several scenes", fix)
+        name = next(_differing(documents), next(iter(documents[0][1]["objects"])))
     paths: list[tuple[Push, Path]] = []
     for place, told in documents:
         if name not in told["objects"]:

@@ -9,6 +9,8 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.fan.statistics import ranks
+
 Array = NDArray[np.float64]
 
 EQUAL = 0.01
@@ -42,20 +44,9 @@ def rise(sizes: Sequence[float], answers: Sequence[float]) -> Rise:
     return Rise(spearman(pushes, found), kendall(pushes, found), len(steps), int((steps > EQUAL / 2).sum()))
 
 
-def ranks(values: Array) -> Array:
-    """From 1; those that are equal share the mean of their ranks.
-
-    >>> ranks(np.array([5.0, 1.0, 5.0])).tolist()
-    [2.5, 1.0, 2.5]
-    """
-    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    last = np.cumsum(count)
-    return np.asarray((last - (count - 1) / 2)[place], np.float64)
-
-
 def spearman(one: Array, other: Array) -> float | None:
     """Pearson's correlation of the ranks."""
-    a, b = (ranks(part) - (len(part) + 1) / 2 for part in (one, other))
+    a, b = (rank - rank.mean() for rank in map(ranks, (one, other)))
     size = float(np.sqrt((a * a).sum() * (b * b).sum()))
     return float((a * b).sum()) / size if size > 0 else None
 

@@ -34,9 +34,16 @@ def _sentences(found: Answers, swept: Swept) -> list[str]:
     told = []
     if steps and found.correlation is not None:
         least, mean = found.correlation
+        count, others = len(found.correlations), len(found.along) - len(found.correlations)
+        over = (
+            f"on average over {count} directions, {least:.3f} at the least"
+            if count > 1
+            else "in one direction"
+        )
+        also = f" ({others} more without: of one push alone, or of equal answers)" if others else ""
         told.append(
             f"A harder push takes {swept.object} farther in {rising} of {steps} steps; Spearman's correlation of push "
-            f"and answer is {mean:.3f} on average over {len(found.along)} directions, {least:.3f} at the least."
+            f"and answer is {mean:.3f} {over}{also}."
         )
         if found.free[1] and any(one.met for one in swept.outcomes):
             told.append(
@@ -81,7 +88,7 @@ def _all(found: Answers, swept: Swept) -> Section:
     same, count = found.turns
     sides = found.sideways
     rows = [
-        ("pushes", str(len(swept.outcomes)), f"{len(found.along)} directions"),
+        ("pushes", str(len(swept.outcomes)), f"{len(found.along)} direction{'s' * (len(found.along) != 1)}"),
         ("harder, farther", f"{rising} of {steps}", "steps of one direction"),
     ]
     if found.free[1] and any(one.met for one in swept.outcomes):
@@ -90,12 +97,17 @@ def _all(found: Answers, swept: Swept) -> Section:
         )
     if found.correlation is not None:
         least, mean = found.correlation
-        rows.append(("Spearman, mean", f"{mean:.3f}", f"least {least:.3f}"))
+        of = f"least {least:.3f}" if len(found.correlations) > 1 else "one direction"
+        rows.append(("Spearman, mean", f"{mean:.3f}", of))
     rows += [
         ("off the push until it meets anybody", *_aim(found.first)),
         ("off the push at the end", *_aim(found.last)),
         ("to the side it is pushed to", f"{sides[0]} of {sides[1]}", "pushes, until it meets anybody"),
-        ("turns with the push", f"{same} of {count}", "steps from one direction to the next"),
+        (
+            "turns with the push",
+            f"{same} of {count}" if count else "-",
+            "steps from one direction to the next",
+        ),
         ("moves without a push", "-" if found.still is None else f"{found.still:.2f} px", ""),
     ]
     if found.law is not None:

@@ -18,6 +18,8 @@ from physgen.problems import InputError, Place, Problem, Severity
 Progress = Callable[[str, int, int], None]
 IMAGE, MOTION = "image", "motion"
 REFERENCE = "reference"
+FEW = 8
+"""Clips of a side below which drawing them anew tells little of others."""
 SHOWN = 8
 """Frames of a clip that are kept to be looked at."""
 
@@ -127,7 +129,7 @@ def check(
         if len(lengths) == len(clips):
             problems += _too_few(name, lengths, settings.kinds)
     if problems:
-        raise InputError(problems)
+        raise InputError(dict.fromkeys(problems))  # a clip of two sides is told of once
     if MOTION not in settings.kinds or settings.normalise is Normalise.FRAME:
         return None
     return max(LEAST, *peaks) if isinstance(settings.normalise, Normalise) else settings.normalise
@@ -210,6 +212,9 @@ def _warnings(truth: Side, sides: Mapping[str, Side], wide: Mapping[str, int]) -
                 )
         if len(side.lengths) < 2:
             told.append(warn(side.name, "", "is a single clip: no interval, no KID", "name more clips"))
+        elif len(side.lengths) < FEW:
+            expected = "are few: intervals and KID say little"
+            told.append(warn(side.name, f"{len(side.lengths)} clips", expected, "name more clips"))
         if MOTION in wide and min(side.lengths) < 2:
             short = sum(length < 2 for length in side.lengths)
             told.append(

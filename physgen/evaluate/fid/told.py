@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any
 
 from physgen.evaluate.fid.drawn import plot, sheets
-from physgen.evaluate.fid.measure import IMAGE, MOTION, Measured, Side
+from physgen.evaluate.fid.measure import FEW, IMAGE, MOTION, Measured, Side
 from physgen.evaluate.fid.motion import PEAK, Normalise
 from physgen.evaluate.fid.spread import Distance
 from physgen.evaluate.findings import Findings, Section, Table
@@ -34,7 +35,7 @@ def findings(found: Measured, who: Mapping[str, Any], comparable: bool, pictures
     return Findings(
         "fid",
         "Frames and motion against a reference",
-        (*_first(found, heads), *_named(who, comparable)),
+        (*_first(found, heads), *_few(found), *_named(who, comparable)),
         tuple(sections),
         rows(found),
         more={**who, "comparable": comparable, "settings": settings(found), "reference": _counts(found.reference),
@@ -114,7 +115,22 @@ def _first(found: Measured, heads: Mapping[str, str]) -> Iterator[str]:
         return
     for kind, one in found.found.items():
         order = sorted(found.methods, key=lambda name: one.frechet[name].value)
-        yield f"By {heads[kind]}, the nearest first: {', '.join(order)}."
+        told = [order[0], *(_next(one.apart(other, name), other) for name, other in pairwise(order))]
+        yield f"By {heads[kind]}, the nearest first: {', '.join(told)}."
+
+
+def _next(more: Distance, name: str) -> str:
+    """Who comes after another, and whether that is sure."""
+    if more.interval is None or more.interval[0] > 0:
+        return name
+    return f"{name} (not surely farther: in {_share(more)} of the draws)"
+
+
+def _few(found: Measured) -> Iterator[str]:
+    least = min(len(side.lengths) for side in (found.reference, *found.methods.values()))
+    if least < FEW:
+        clips = "clip" if least == 1 else "clips"
+        yield f"A side of {least} {clips} is small: below {FEW}, distances and intervals say little of others."
 
 
 def _named(who: Mapping[str, Any], comparable: bool) -> Iterator[str]:

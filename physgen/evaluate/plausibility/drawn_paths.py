@@ -10,7 +10,6 @@ from physgen.evaluate.findings import Figure
 from physgen.evaluate.plausibility.judge import Verdict
 from physgen.evaluate.plotted import plotted
 from physgen.report.plots.look import RED, SMALL, Palette, stroke
-from physgen.scene.model import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,6 +34,7 @@ def paths(verdict: Verdict) -> Figure:
 
 def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
     tracks = verdict.tracks
+    low, high = np.nanmin(tracks.places[..., 0]), np.nanmax(tracks.places[..., 0])
     for k, name in enumerate(tracks.names):
         colour, dashes = stroke(k, palette)
         x, y = tracks.places[:, k].T
@@ -42,11 +42,13 @@ def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
         axes.plot(x, y, ".", color=colour, markersize=2.2)
         seen = np.flatnonzero(np.isfinite(x))
         if len(seen) and len(tracks.names) <= NAMED:
+            inwards = x[seen[0]] > low + 0.7 * (high - low)  # to the right of it a name would be cut off
             axes.annotate(
                 name,
                 (x[seen[0]], y[seen[0]]),
-                (3, 3),
+                (-3 if inwards else 3, 3),
                 textcoords="offset points",
+                ha="right" if inwards else "left",
                 fontsize=SMALL,
                 color=colour,
             )
@@ -73,12 +75,15 @@ def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
 
 
 def speeds(verdict: Verdict) -> Figure:
-    """Of what is called wrong: from the side its velocity downwards, which gravity makes a slope of; else its speed."""
+    """Of what is called wrong: where that is its fall, its velocity downwards, of which gravity makes a slope; else its
+    speed.
+    """
     faults = verdict.faults()[:MOST]
     things = list(dict.fromkeys(k for _, evidence in faults for k in evidence.things))[:NAMED]
-    down = verdict.tracks.view is View.SIDE
+    down = bool(faults) and faults[0][0] == "gravity"
     what = "Velocity downwards" if down else "Speed"
-    about = f"{what} of what is called wrong, from frame to frame. All that flies has one slope; a blow is a step."
+    law = "All that flies has one slope; a blow is a step." if down else "A blow is a step, a jump a peak."
+    about = f"{what} of what is called wrong, from frame to frame. {law}"
 
     def draw(axes: Axes, palette: Palette) -> None:
         tracks = verdict.tracks
@@ -101,7 +106,7 @@ def speeds(verdict: Verdict) -> Figure:
                 color=RED,
                 fontweight="bold",
             )
-        axes.set_xlabel("s")
+        axes.set_xlabel("time, s")
         axes.set_ylabel(f"{what.lower()}, px/s")
         axes.legend(fontsize=SMALL, frameon=False, loc="best")
 

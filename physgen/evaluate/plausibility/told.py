@@ -31,7 +31,8 @@ def findings(verdicts: Sequence[Verdict], plots: bool) -> Findings:
     if unasked:
         names = ", ".join(v.tracks.name for v in unasked[:5])
         sentences.append(f"Nothing could be asked of {names}: that is no verdict.")
-    bar = Bar("clips called wrong", f"{len(wrong)} of {judged}", "0", not wrong and judged > 0)
+    count = f"{len(wrong)} of {judged}" if judged else "nothing could be asked"
+    bar = Bar("clips called wrong", count, "0", not wrong and judged > 0)
     return Findings(
         "plausibility",
         "Is the motion physically possible?",
@@ -72,7 +73,8 @@ def _section(title: str, verdict: Verdict, plotted: bool) -> Section:
     masses = "masses are known" if tracks.weighed else "masses are not known"
     said = [
         f"{tracks.source}; seen from {'above' if tracks.view.value == 'top' else 'the side'}; "
-        f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second; {len(tracks.names)} things; "
+        f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second; "
+        f"{len(tracks.names)} thing{'s' * (len(tracks.names) != 1)}; "
         f"noise {noise} px; {masses}."
     ]
     if (pulled := verdict.gravity) is not None:

@@ -19,12 +19,16 @@ if TYPE_CHECKING:
 
 NAMED = 7
 """Of the points farthest off, so many are named, where there is room."""
+WIDE = 100
+"""Times the least mass that the largest may be for the numbers 2 and 5 to have room between those of tens."""
 
 
 def mass_plot(sets: Mapping[str, Sequence[tuple[str, float, float]]]) -> Figure:
     """`sets` by title: name, true g, told g. Both axes are logarithmic; the band holds what is within 30 %."""
 
     def draw(axes: Axes, palette: Palette) -> None:
+        from matplotlib.ticker import LogLocator, NullFormatter
+
         every = [number for rows in sets.values() for _, true, told in rows for number in (true, told)]
         low, high = min(every) / 1.6, max(every) * 1.6
         axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
@@ -65,7 +69,9 @@ def mass_plot(sets: Mapping[str, Sequence[tuple[str, float, float]]]) -> Figure:
                 color=palette.ink,
             )
         for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1,) if high / low > WIDE else (1, 2, 5)))
             axis.set_major_formatter(lambda value, _: f"{value:g}")
+            axis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="true mass (g)", ylabel="told mass (g)")
         axes.legend(loc="upper left")
 
@@ -92,5 +98,6 @@ def order_plot(ranking: Ranking, answers: Mapping[str, Answer]) -> Figure:
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
         axes.set_position((0.14, 0.34, 0.83, 0.56))  # names need room
 
-    about = f"{ranking.of.capitalize()}, {ranking.about}: measured ({ranking.source}), and told. Only the order counts."
+    source = f" ({ranking.source})" if ranking.source else ""
+    about = f"{ranking.of.capitalize()}, {ranking.about}: measured{source}, and told. Only the order counts."
     return plotted(draw, about, 110, 62)

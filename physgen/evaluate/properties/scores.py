@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import exp, log, sqrt
+from math import exp, log
 
 import numpy as np
 
+from physgen.fan.statistics import wilson
+
 NEAR = 0.3
 """Error, as a part of the truth, up to which the paper counts a mass as right."""
-NORMAL = 1.959963984540054
-"""Standard deviations of a normal distribution that hold 95 % of it."""
 
 
 @dataclass(frozen=True)
@@ -82,18 +82,6 @@ def masses(pairs: Sequence[tuple[float, float]]) -> Masses | None:
         bias=exp(float(logs.mean())),
         near=int((off <= NEAR * true * (1 + 1e-12)).sum()),
     )
-
-
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share, 0..1.
-
-    >>> [round(x, 3) for x in wilson(15, 20)]
-    [0.531, 0.888]
-    """
-    share, z = hits / count, NORMAL**2 / count
-    middle = (share + z / 2) / (1 + z)
-    half = sqrt(z * share * (1 - share) + z * z / 4) / (1 + z)
-    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 @dataclass(frozen=True)

@@ -146,6 +146,10 @@ def _csv(text: str, path: Path, problems: list[Problem]) -> Iterator[_Row]:
             )
             continue
         seen.add(name)
+        if cells.get(None):
+            more = ", ".join(quoted(cell) for cell in cells[None])
+            fix = f"give each column a head, of name,{','.join(KEYS)}"
+            problems.append(Problem(place, f"objects.{name}", more, "stands in no column", fix))
         values = {key: (cells.get(key) or "").strip() for key in KEYS if key in heads}
         yield _Row(name, place, {key: (text, place) for key, text in values.items() if text})
 

@@ -87,7 +87,7 @@ def findings(table: Objects, answers: Mapping[str, Answer], kinds: Sequence[Kind
         "answers": {name: {key: getattr(one, key) for key in NUMBERS} for name, one in answers.items()},
         "studio": [_kind_row(one) for one in kinds],
     }
-    told = tuple(_sentences(lines[0][1], totals, asked, bool(kinds)))
+    told = tuple(_sentences(lines[0][1], totals, asked, bool(kinds), table))
     return Findings("properties", "Mass, friction and elasticity", told, tuple(sections), rows, (), more)
 
 
@@ -118,7 +118,9 @@ def _said(answers: Mapping[str, Answer], of: str) -> dict[str, float]:
     return {name: value for name, one in answers.items() if (value := getattr(one, of)) is not None}
 
 
-def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, studio: bool) -> list[str]:
+def _sentences(
+    score: Masses | None, totals: Mapping[str, Order], asked: Asked, studio: bool, table: Objects
+) -> list[str]:
     told = []
     who = f"The backend {asked.who}" if asked.here else asked.who
     if score is not None:
@@ -136,16 +138,18 @@ def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, 
                 f"{f', {found.tied} told to be equal' if found.tied else ''}. The paper: {right} of {count}."
             )
     if asked.here and not asked.photos:
-        size = "its size is told by the scale" if asked.sized else "its size is not told"
+        sized = sum(bool(item.size) for item in table.items) if asked.sized else 0
+        part = "" if sized == len(table.items) else f" of the {sized} that have one in the table"
+        size = f"its size is told by the scale{part}" if sized else "its size is not told"
         told.append(
             "A table has no photos: what is asked about is each object's name with a bare silhouette, a disc or a "
             f"rectangle; {size}. The paper asks about photos."
         )
     if asked.here and asked.who == "table":
         told.append(
-            "Independent are the masses, weighed by others, and the comparisons of friction and elasticity: the "
-            "backend reads materials.yaml, which has its numbers from elsewhere. Not independent are regulated "
-            "weights, such as a golf ball's: materials.yaml knows the rules."
+            "The backend reads materials.yaml, which has nothing from the table that ships: that table's masses, "
+            "weighed by others, and its comparisons of friction and elasticity are independent of it. Not independent "
+            "are regulated weights, such as a golf ball's: materials.yaml knows the rules."
         )
     if studio:
         told.append(
@@ -182,6 +186,15 @@ def _grams(grams: float) -> str:
     ('390 g', '12.3 g')
     """
     return f"{grams:.3g} g" if grams < 1000 else f"{grams / 1000:.3g} kg"
+
+
+def _three(grams: float) -> str:
+    """Three digits, without powers of ten.
+
+    >>> _three(12.345), _three(1143.7)
+    ('12.3', '1144')
+    """
+    return f"{grams:.3g}" if grams < 1000 else f"{grams:.0f}"
 
 
 def _orders(orders: Mapping[str, Any], totals: Mapping[str, Order], studio: Mapping[str, Order]) -> Section:
@@ -227,8 +240,8 @@ def _objects(table: Objects, answers: Mapping[str, Answer]) -> Section:
 def _kinds(kinds: Sequence[Kind]) -> Section:
     cells = tuple(
         (
-            one.scene, one.label, str(one.count), f"{one.true.mass:g}", f"{one.scaled.mass:.3g}",
-            f"{one.found.mass:.3g}",
+            one.scene, one.label, str(one.count), f"{one.true.mass:g}", _three(one.scaled.mass or 0),
+            _three(one.found.mass or 0),
             f"{one.true.friction:g} / {one.scaled.friction:g}", f"{one.true.elasticity:g} / {one.scaled.elasticity:g}",
         )
         for one in kinds

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.dataset.found import checked, clips
+from physgen.batch.dataset.found import MANIFEST, checked, clips
 from physgen.machine import Machine
-from physgen.problems import InputError
+from physgen.problems import InputError, Place, Problem, Severity, Warn, unheard
 
 PERCEIVED = "perceived.json"
+MOST = 20
+"""Manifests without times that are told of."""
 
 
 @dataclass(frozen=True)
@@ -44,25 +46,25 @@ class Run:
     """Backends, others than the core's own, by `role=name`."""
 
 
-def read_runs(roots: Sequence[Path]) -> list[Run]:
-    """Every clip below `roots` that tells its times. Raises InputError where none does."""
+def read_runs(roots: Sequence[Path], warn: Warn = unheard) -> list[Run]:
+    """Every clip below `roots` that tells its times; `warn` hears of others. Raises InputError where none does."""
     found: list[Run] = []
-    silent = unread = 0
+    left: list[Problem] = []
     for clip in clips(checked(roots)):
-        if clip.told is None:
-            unread += 1
+        run = None if clip.told is None else _run(clip.name, clip.folder, clip.told)
+        if run is not None:
+            found.append(run)
             continue
-        run = _run(clip.name, clip.folder, clip.told)
-        silent += run is None
-        found += [run] if run is not None else []
+        expected = "cannot be read" if clip.told is None else "tells no times of its stages"
+        place = Place(str(clip.folder / MANIFEST))
+        left.append(Problem(place, "", "", expected, "make the clip again: physgen render", Severity.WARNING))
     if not found:
-        where = ", ".join(map(str, roots))
-        what = "holds no clips"
-        if silent or unread:
-            what = f"holds {silent + unread} manifests, and none tells the times of its stages"
-        raise InputError.of(
-            where, "", what, "name folders that physgen render or sweep made, or add --measure"
-        )
+        if left:
+            raise InputError(replace(problem, severity=Severity.ERROR) for problem in left[:MOST])
+        fix = "name folders that physgen render or sweep made, or add --measure"
+        raise InputError.of(", ".join(map(str, roots)), "", "holds no clips", fix)
+    for problem in left[:MOST]:
+        warn(problem)
     return found
 
 

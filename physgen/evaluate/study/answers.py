@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -68,6 +69,15 @@ def files_in(paths: Sequence[Path], key: Path) -> list[Path]:
         for file in inside:
             found.setdefault(file.resolve(), file)
     return list(found.values())
+
+
+def answers_in(folder: Path) -> bool:
+    """Whether raters' files lie in it."""
+    for file in folder.glob("*.json") if folder.is_dir() else ():
+        with suppress(InputError):
+            told(file, ANSWERS)
+            return True
+    return False
 
 
 def read_answers(files: Sequence[Path], key: Key) -> Answers:

@@ -22,7 +22,7 @@ COVER = (0.025, 0.975)
 
 @dataclass(frozen=True)
 class Mean:
-    """With its 95 % interval; None where nothing is known."""
+    """With its 95 % interval; None where nothing is known, and no interval of a single answer."""
 
     mean: float | None
     low: float | None
@@ -71,8 +71,8 @@ def ratio(values: F64, counted: F64, draws: Draws) -> list[Mean]:
         if not n or not has.any():
             found.append(Mean(None, None, None))
             continue
-        low, high = np.quantile(tops[has, k] / below[has, k], COVER).tolist()
-        found.append(Mean(float(total[k] / n), low, high))
+        ends = np.quantile(tops[has, k] / below[has, k], COVER).tolist() if n > 1 else (None, None)
+        found.append(Mean(float(total[k] / n), *ends))
     return found
 
 

@@ -75,7 +75,9 @@ def findings(answers: Answers, draw: Draw | None = None, seed: int = 0) -> Findi
         "notes": list(answers.notes),
     }
     title = f"Human evaluation of {_counted(len(key.methods), 'method')}"
-    return Findings("study", title, tuple(_sentences(answers, mean, order)), tuple(sections), rows, more=more)
+    return Findings(
+        "study", title, tuple(_sentences(answers, mean, compared, order)), tuple(sections), rows, more=more
+    )
 
 
 PAIRED = (
@@ -93,18 +95,16 @@ THEIRS = (
 )
 
 
-def _sentences(answers: Answers, mean: Mapping[str, list[Mean]], order: Sequence[int]) -> list[str]:
+def _sentences(
+    answers: Answers,
+    mean: Mapping[str, list[Mean]],
+    compared: Mapping[str, list[Pair]],
+    order: Sequence[int],
+) -> list[str]:
     """Who is ahead, and on what that rests."""
-    names, said = answers.key.methods, []
-    for question in QUESTIONS:
-        known = [m for m in order if mean[question.key][m].mean is not None]
-        if known:
-            best = max(known, key=lambda m: mean[question.key][m].mean or 0)
-            said.append(
-                f"{question.name}: {names[best]} scores highest, {_told(mean[question.key][best])} of 5."
-            )
-        else:
-            said.append(f"{question.name}: nobody answered.")
+    said = [
+        f"{q.name}: {_leader(answers.key.methods, mean[q.key], compared[q.key], order)}" for q in QUESTIONS
+    ]
     clips, raters = len(answers.key.clips), len(answers.raters)
     given = sum(int((answers.scores[q.key] > 0).sum()) for q in QUESTIONS)
     asked = clips * raters * len(QUESTIONS)
@@ -119,6 +119,30 @@ def _sentences(answers: Answers, mean: Mapping[str, list[Mean]], order: Sequence
     elif raters < FEW or len(answers.key.scenes) < FEW:
         said.append(f"With fewer than {FEW} raters or videos, intervals are narrower than they should be.")
     return [*said, *answers.notes]
+
+
+def _leader(names: Sequence[str], mean: Sequence[Mean], pairs: Sequence[Pair], order: Sequence[int]) -> str:
+    """Who is ahead, and of whom that is not sure."""
+    known = [m for m in order if mean[m].mean is not None]
+    if not known:
+        return "nobody answered."
+    best = max(known, key=lambda m: mean[m].mean or 0)
+    if len(known) == 1:
+        alone = " alone was rated," if len(names) > 1 else ""
+        return f"{names[best]}{alone} {_told(mean[best])} of 5."
+    even = [m for m in known if _number(mean[m].mean) == _number(mean[best].mean)]
+    if len(even) > 1:
+        return f"{' and '.join(names[m] for m in even)} score alike, {_number(mean[best].mean)} of 5."
+    told = f"{names[best]} scores highest, {_told(mean[best])} of 5"
+    doubtful = []
+    for pair in pairs:
+        other = pair.other if pair.one == best else pair.one
+        if best in (pair.one, pair.other) and other in known:
+            if pair.adjusted is None:
+                doubtful.append(names[other])
+            elif pair.adjusted >= ALPHA_LEVEL:
+                doubtful.append(f"{names[other]} (p {_p(pair.adjusted)})")
+    return f"{told}, not surely more than {', '.join(doubtful)}." if doubtful else f"{told}."
 
 
 def _what_p_says(answers: Answers) -> tuple[str, ...]:
@@ -177,15 +201,8 @@ def _paired(answers: Answers, compared: Mapping[str, list[Pair]], order: Sequenc
     names = answers.key.methods
     place = {m: k for k, m in enumerate(order)}
     heads = (
-        "method",
-        "against",
-        "difference",
-        "95 %",
-        "better, even, worse",
-        "p by raters",
-        "by videos",
-        "adjusted",
-    )
+        "method", "against", "difference", "95 %", "better, even, worse", "p by raters", "by videos", "adjusted"
+    )  # fmt: skip
     tables = []
     for question in QUESTIONS:
         lines = []

@@ -5,12 +5,21 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.flags.values import count, positive, side
+from physgen.flags.values import count, positive, seed
 
 ABOUT = "Frames and motion of clips against a reference's: Image-FID and Motion-FID; see docs/fid.md."
 EXAMPLE = "fid out/mine --reference filmed --features inception:inception-2015-12-05.pt -o out/fid"
 LEAST_DRAWS = 20
 """Fewer give no interval worth the name."""
+SIDES = 16, 4096
+"""px; extractors make pictures smaller than that anyhow."""
+
+
+def shorter(text: str) -> int:
+    """px of a frame's shorter side."""
+    if not text.isdecimal() or len(text) > 6 or not SIDES[0] <= int(text) <= SIDES[1]:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from {SIDES[0]} to {SIDES[1]}")
+    return int(text)
 
 
 def draws(text: str) -> int:
@@ -63,7 +72,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=method,
         action="append",
         default=[],
-        help="clips of another method, as often as there are methods; the first is what others are held against",
+        help="clips of a method, once for each; the first is what others are held against",
     )
     parser.add_argument(
         "--features",
@@ -95,7 +104,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "reference's do not; default: 0",
     )
     parser.add_argument(
-        "--size", metavar="PX", type=side, default=256, help="the shorter side of all frames; default: 256"
+        "--size", metavar="PX", type=shorter, default=256, help="the shorter side of all frames; default: 256"
     )
     parser.add_argument(
         "--fit",
@@ -110,7 +119,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         default=200,
         help="times that clips are drawn anew for intervals, 0 for none; default: 200",
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of those draws; default: 0")
+    parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of those draws; default: 0")
     parser.add_argument(
         "--device", metavar="DEVICE", default="auto", help="where models run: auto, cpu, cuda, mps"
     )

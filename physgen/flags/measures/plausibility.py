@@ -104,4 +104,6 @@ def questions(text: str) -> tuple[str, ...]:
     for name in names:
         if name not in QUESTIONS:
             raise argparse.ArgumentTypeError(f"{name} is no question; they are {', '.join(QUESTIONS)}")
+    if set(names) == set(QUESTIONS):
+        raise argparse.ArgumentTypeError("leaving out every question leaves nothing to ask")
     return names

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from physgen.compile.world import Push, World
+from physgen.evaluate.plausibility.proof.balls import FREE
 from physgen.evaluate.plausibility.proof.pieces import in_two
 from physgen.evaluate.plausibility.tracks import Array
 from physgen.scene.model import Load, View
@@ -20,8 +21,6 @@ from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
 Rng = np.random.Generator
-FREE = 0.32
-"""s without any touch, before and after what goes wrong."""
 SHORT = 0.02
 """s that a blow lasts, at most."""
 

@@ -20,10 +20,17 @@ EQUAL = 9.0
 """Squared errors, in squared noise, by which one explanation must be better than another."""
 SURE = 2.5
 """Standard deviations that noise may account for."""
+DOWN, UP = 1.0, -1.0
+"""Along y, in the picture."""
+LIFT = 0.5
+"""Of gravity: what is pulled upwards by less may lean on something."""
 
 
 def gravity(motion: Motion) -> Asked:
-    """Each flight's acceleration against the median of all flights' (by length), and against itself over its time."""
+    """Each flight's acceleration against the median of all flights' (by length), and against itself over its time.
+
+    What flies as freely, but is pulled upwards, is judged by the same.
+    """
     if motion.tracks.view is View.TOP:
         return Asked((), "seen from above: gravity presses on the table")
     if motion.tracks.flat:
@@ -31,7 +38,9 @@ def gravity(motion: Motion) -> Asked:
     pulled = common(motion)
     if pulled is None:
         return Asked((), "nothing flies freely for long enough")
-    return Asked.of([_judged(motion, k, s, pulled, float(np.hypot(*pulled))) for k, s in flights(motion)], "")
+    size = float(np.hypot(*pulled))
+    lifted = [(k, s) for k, s in flights(motion, UP) if np.hypot(*s.acceleration) > LIFT * size]
+    return Asked.of([_judged(motion, k, s, pulled, size) for k, s in (*flights(motion), *lifted)], "")
 
 
 def common(motion: Motion) -> Array | None:
@@ -44,8 +53,8 @@ def common(motion: Motion) -> Array | None:
     return np.array([_median(accelerations[:, k], weights) for k in (0, 1)])
 
 
-def flights(motion: Motion) -> list[tuple[int, Stretch]]:
-    """Things and their flights; what is guided, as a pendulum is, has none."""
+def flights(motion: Motion, way: float = DOWN) -> list[tuple[int, Stretch]]:
+    """Things and their flights, all that are pulled one `way`; what is guided, as a pendulum is, has none."""
     if motion.tracks.view is View.TOP or motion.tracks.flat:
         return []
     return [
@@ -53,7 +62,7 @@ def flights(motion: Motion) -> list[tuple[int, Stretch]]:
         for k in range(len(motion.tracks.names))
         if not _guided(motion, k)
         for s in motion.stretches[k]
-        if flies(motion, k, s)
+        if flies(motion, k, s, way)
     ]
 
 
@@ -70,13 +79,13 @@ def _guided(motion: Motion, thing: int) -> bool:
     return smooth >= 2
 
 
-def flies(motion: Motion, thing: int, stretch: Stretch) -> bool:
+def flies(motion: Motion, thing: int, stretch: Stretch, way: float = DOWN) -> bool:
     """Whether a stretch is surely a flight: curved or plumb, touched by nothing that is known, smooth all along."""
     tracks = motion.tracks
     if not motion.free(thing) or stretch.count < FEWEST or (stretch.count - 1) * tracks.step < SHORTEST:
         return False
     first, last = tracks.times[stretch.first], tracks.times[stretch.last]
-    if motion.was_pushed(thing, first, last) or not _falls(motion, thing, stretch):
+    if motion.was_pushed(thing, first, last) or not _falls(motion, thing, stretch, way):
         return False
     spin = motion.spin(thing, stretch.first, stretch.last)
     if spin is not None and not spin.steady:  # what nothing touches turns evenly
@@ -91,12 +100,12 @@ def flies(motion: Motion, thing: int, stretch: Stretch) -> bool:
     return bool(np.nanmin(motion.clearance.to_walls(thing)[inner[0] : inner[1] + 1], initial=np.inf) > 0.5)
 
 
-def _falls(motion: Motion, thing: int, stretch: Stretch) -> bool:
-    """A parabola, or a plumb line that gets faster or slower downwards."""
+def _falls(motion: Motion, thing: int, stretch: Stretch, way: float) -> bool:
+    """A parabola, or a plumb line that gets faster or slower that way."""
     sigma, error = float(motion.sigma[thing]), stretch.acceleration_error
     a = stretch.acceleration
     size = float(np.hypot(*a))
-    if a[1] <= 0 or size < 5 * error or size == 0:
+    if way * a[1] <= 0 or size < 5 * error or size == 0:
         return False
     times = motion.tracks.times[stretch.first : stretch.last + 1]
     bow = size * (times[-1] - times[0]) ** 2 / 8
@@ -107,9 +116,9 @@ def _falls(motion: Motion, thing: int, stretch: Stretch) -> bool:
     ):
         return False
     across = abs(a[0]) < PLUMB * size + 2 * error
-    way = stretch.velocity(float(times.mean()))
-    speed = float(np.hypot(*way))
-    bent = speed > 0 and abs(a[0] * way[1] - a[1] * way[0]) / speed > max(4 * error, 0.25 * size)
+    goes = stretch.velocity(float(times.mean()))
+    speed = float(np.hypot(*goes))
+    bent = speed > 0 and abs(a[0] * goes[1] - a[1] * goes[0]) / speed > max(4 * error, 0.25 * size)
     return bool(across or bent)
 
 
@@ -132,7 +141,9 @@ def _judged(motion: Motion, thing: int, stretch: Stretch, pulled: Array, size: f
     found = float(np.hypot(*stretch.acceleration))
     name = motion.tracks.names[thing]
     frames = f"frames {stretch.first} to {stretch.last}"
-    if bent > apart:
+    if stretch.acceleration[1] < 0:
+        text = f"{name}: is pulled upwards at {found:.0f} px/s² over {frames}, all flights fall at {size:.0f}"
+    elif bent > apart:
         text = f"{name}: its fall changes by {bend / size:.0%} of gravity over {frames}"
     else:
         text = f"{name}: falls at {found:.0f} px/s² over {frames}, all flights at {size:.0f}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ FEWEST = 3
 
 def from_archive(path: Path, asked: Asked) -> Tracks:
     """Raises InputError for archives that hold neither."""
+    if path.is_file() and not is_zipfile(path):
+        fix = "give TAP-Vid's points or trajectory.npz, as numpy.savez writes them"
+        raise InputError.of(str(path), "", "is no NumPy archive", fix)
     try:
         with np.load(path, allow_pickle=False) as file:
             held = {name: file[name] for name in file.files if name != "video"}
@@ -60,6 +63,9 @@ def _points(
     if points.ndim != 3 or points.shape[2] != 2 or hidden.shape != points.shape[:2]:
         found = f"points of {points.shape}, occluded of {hidden.shape}"
         raise InputError.of(str(path), found, "do not belong together", "give (N, T, 2) and (N, T)")
+    if not np.isfinite(points[~hidden]).all():
+        found = f"{np.count_nonzero(~np.isfinite(points[~hidden]).all(axis=-1))} points"
+        raise InputError.of(str(path), found, "are seen at no place: NaN", "say that they are occluded")
     if size is None:
         fix = "keep the video's array in the archive: points are told in parts of it"
         raise InputError.of(str(path), "", "does not say how large the video is", fix)

@@ -26,6 +26,8 @@ NAMES = {
 }
 SHAKE = 0.05
 """px: nobody writes places more exactly than that who has measured them."""
+FARTHEST = 1e6
+"""px."""
 MOST = 20
 """Problems told of one file."""
 
@@ -54,11 +56,10 @@ def from_csv(path: Path, asked: Asked) -> Tracks:
                 values[key] = float(line[column] or "nan")
             except (TypeError, ValueError):
                 values[key] = np.nan
-            if key in ("frame", "time", "x", "y") and not isfinite(values[key]):
-                found = f'"{line[column]}"'
-                problems.append(
-                    Problem(Place(str(path), number, 1), column, found, "is no number", "write px, s")
-                )
+            wrong = _wrong(key, values[key], bool((line[column] or "").strip()))
+            if wrong:
+                found = f'"{(line[column] or "")[:40]}"'
+                problems.append(Problem(Place(str(path), number, 1), column, found, *wrong))
         name = str(line[columns["name"]] or "") if "name" in columns else "thing"
         moments.append(values.get("frame", values.get("time", np.nan)))
         rows.append(_row(name, values))
@@ -83,6 +84,19 @@ def _columns(path: Path, heads: list[str]) -> dict[str, str]:
         fix = "begin with a line such as frame,name,x,y,angle,radius"
         raise InputError.of(str(path), f'columns "{", ".join(heads)}"', f"lack {', '.join(missing)}", fix)
     return found
+
+
+def _wrong(key: str, value: float, written: bool) -> tuple[str, str] | None:
+    """What is wrong with a cell, and its fix."""
+    if key in ("frame", "time", "x", "y") and not isfinite(value):
+        return "is no number", "write px, s"
+    if key in ("x", "y") and abs(value) > FARTHEST:
+        return f"is farther than {FARTHEST:g} px", "write px"
+    if key == "frame" and not value.is_integer():
+        return "is no whole number", "number frames, or give a column time in s"
+    if key in ("radius", "width", "height") and written and not 0 < value <= FARTHEST:
+        return "is no length in px above 0", "write px, or leave it empty"
+    return None
 
 
 def _row(name: str, values: dict[str, float]) -> Row:
