@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from physgen.compile.attach import fields_of, joints_of, pushes_of
 from physgen.compile.masses import mass_problems
 from physgen.compile.pairs import surface
+from physgen.compile.placed import put, rest
 from physgen.compile.shapes import Shapes, shapes_of
 from physgen.compile.standing import standing
 from physgen.compile.walls import walls_of
@@ -42,7 +43,7 @@ class Compiled:
 
     world: World
     outlines: tuple[Outline, ...]
-    """Of the objects, photo frame, t = 0: those of `shapes`, brought onto what they stand on."""
+    """Of the objects, photo frame, t = 0: those of `shapes`, brought onto what they stand on, and put in place."""
     shapes: Shapes
 
     @property
@@ -81,12 +82,13 @@ def check_steps(scene: Scene) -> None:
 
 def assembled(scene: Scene, shapes: Shapes) -> Compiled:
     """The world of a scene with these `shapes`. Raises InputError."""
-    outlines = standing(scene, shapes.outlines, [it is None for it in shapes.written])
+    shown = standing(scene, shapes.outlines, [it is None for it in shapes.written])
+    outlines = tuple(map(put, shown, scene.objects))
     problems: list[Problem] = []
     bodies = []
-    for item, outline in zip(scene.objects, outlines, strict=True):
+    for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
         try:
-            bodies.append(_body(item, outline, scene))
+            bodies.append(replace(_body(item, outline, scene), rest=rest(before, item, scene)))
         except PathError as error:
             path = f"objects.{item.name}.motion.path"
             expected, _, fix = str(error).partition("; ")

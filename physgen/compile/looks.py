@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from physgen.compile.placed import pictured
 from physgen.compile.world import Body, Surface, World
 from physgen.scene.model import (
     Auto,
@@ -111,7 +112,7 @@ def _world(world: World) -> World:
 
 def _body(body: Body) -> Body:
     return replace(
-        body,
+        pictured(body),
         name="",
         motion=Motion.DYNAMIC,
         mass=1.0,

@@ -31,7 +31,7 @@ THIN = 5
 """px: threads and wires narrower than this move with their object and need no shape."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shapes:
     """Of a scene's N objects, and of those of its boundaries that are masks."""
 

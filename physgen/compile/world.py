@@ -61,6 +61,8 @@ class Body:
     """rad/s at t = 0."""
     path: Array
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
+    rest: Array | None = None
+    """(3,) px, px, rad: the pose in which the photo shows it, where it is put elsewhere; None: as it is at t = 0."""
 
     @property
     def reach(self) -> float:

@@ -74,6 +74,8 @@ def _extent(body: Body, sprites: Sequence[Sprite], scale: float) -> Extent | Non
     pixels = np.asarray(cv2.findNonZero(mask.view(np.uint8)))
     around = (cv2.convexHull(pixels).reshape(-1, 1, 2) + PIXEL).reshape(-1, 2)
     photo = (around + np.array([columns.start, rows.start]) + 0.5) / scale - 0.5
+    if body.rest is not None:
+        photo = (photo - body.rest[:2]) @ rotation(float(body.rest[2])) + body.center
     hull = cv2.convexHull((photo - body.center).astype(np.float32)).reshape(-1, 2).astype(np.float64)
     return Extent(
         _box(hull), hull, len(pixels) / scale**2, not all(sprite.ball is not None for sprite in sprites)

@@ -79,7 +79,7 @@ class Layers:
         self, clip: Clip, ground: F32, parts: Mapping[int, Part], finish: Callable[[F32], U16]
     ) -> None:
         """`ground` (H, W[, C]) of the photo without things; `parts` by body."""
-        self._world, self._still, self._size = clip.world, Still.of(clip.trajectory), clip.size
+        self._world, self._still, self._size = clip.world, Still.of(clip.trajectory, clip.world), clip.size
         self._ground, self._parts, self._finish = ground, parts, finish
         self._filmed: tuple[Array, U16] | None = None
         self._shown: U16 | None = None

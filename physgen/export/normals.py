@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from physgen.export.layers import Layers, Part, filled, hole, parted
 from physgen.export.motion import Moment
 from physgen.export.pictures import save, told
-from physgen.export.places import is_ball, spans
+from physgen.export.places import Still, is_ball, spans
 from physgen.export.truth import Clip, View
 from physgen.render.placing import Slices
 
@@ -30,7 +30,11 @@ class Normals:
     def __init__(self, folder: Path, clip: Clip) -> None:
         assert clip.maps is not None
         assert clip.maps.normals is not None
-        self._folder, self._world, self._start = folder, clip.world, clip.trajectory.poses[0]
+        self._folder, self._world, self._start = (
+            folder,
+            clip.world,
+            Still.of(clip.trajectory, clip.world).poses,
+        )
         told(folder, {"zero": MIDDLE, "one": MIDDLE + UNIT, "axes": "+x right, +y down, +z to the viewer"})
         normals = clip.maps.normals
         self._layers = Layers(clip, filled(normals, hole(clip)), parted(normals, clip), coded)

@@ -14,7 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.compile.placed import starts
 from physgen.compile.world import Body, World
+from physgen.geometry import rotation
 from physgen.render.placing import Slices
 from physgen.scene.model import Solid
 from physgen.simulate.trajectory import Trajectory
@@ -51,10 +53,13 @@ class Still:
     spaces: Array | None
 
     @classmethod
-    def of(cls, trajectory: Trajectory) -> Still:
-        """Before anything moved."""
-        poses = trajectory.poses[0]
+    def of(cls, trajectory: Trajectory, world: World) -> Still:
+        """Before anything moved, or was put elsewhere."""
+        shown = starts(world)
+        poses = np.array(shown) if shown else trajectory.poses[0]
         turned = np.tile(np.eye(3), (len(poses), 1, 1)) if trajectory.turns.size else None
+        if turned is not None and shown:
+            turned[:, :2, :2] = [rotation(pose.angle) for pose in shown]
         return cls(np.eye(2, 3), poses, turned)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import combinations
 
 import mapbox_earcut
@@ -23,6 +24,9 @@ FLUSH = 0.02
 MANY = 200
 """Pieces of a body above which seams stay as they are: every two are looked at."""
 
+REMEMBERED = 1000
+"""Regions."""
+
 _FLAT = 1e-9
 """px²: a corner this flat is straight."""
 
@@ -32,9 +36,28 @@ def convex_pieces(outline: Region) -> tuple[Array, ...]:
 
     At most four times as many as the fewest possible (Hertel and Mehlhorn); usually near the fewest. Pieces of
     different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
+    Those of the last regions are remembered, and read-only: lints ask again for what an edit left as it was.
     """
-    pieces = [(k, piece) for k, ring in enumerate(outline.rings) for piece in _ring_pieces(ring)]
-    return tuple(piece for _, piece in _joined(pieces))
+    return _of_borders(tuple((_bytes(r.outer), tuple(map(_bytes, r.holes))) for r in outline.rings))
+
+
+def _bytes(points: Array) -> bytes:
+    return np.ascontiguousarray(points, np.float64).tobytes()
+
+
+@lru_cache(REMEMBERED)
+def _of_borders(borders: tuple[tuple[bytes, tuple[bytes, ...]], ...]) -> tuple[Array, ...]:
+    """Of rings as the bytes of their corners."""
+
+    def corners(data: bytes) -> Array:
+        return np.frombuffer(data, np.float64).reshape(-1, 2)
+
+    rings = [Ring(corners(outer), tuple(map(corners, holes))) for outer, holes in borders]
+    pieces = [(k, piece) for k, ring in enumerate(rings) for piece in _ring_pieces(ring)]
+    found = tuple(piece for _, piece in _joined(pieces))
+    for piece in found:
+        piece.flags.writeable = False
+    return found
 
 
 def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:

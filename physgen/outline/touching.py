@@ -69,13 +69,15 @@ View = tuple[slice, slice]
 
 def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
     """For each id the rows and columns of its surroundings, half its size to each side, within the photo."""
-    known, position = np.unique(labels, return_inverse=True)
-    row, column = np.divmod(np.flatnonzero(labels), labels.shape[1])
-    key = position.reshape(-1)[np.flatnonzero(labels)]
-    low, high = np.full((len(known), 2), max(labels.shape)), np.full((len(known), 2), -1)
-    for axis, values in enumerate((row, column)):
-        np.minimum.at(low[:, axis], key, values)
-        np.maximum.at(high[:, axis], key, values)
+    at = np.flatnonzero(labels)
+    owner = labels.reshape(-1)[at]
+    if not len(at) or int(owner.max()) < 2**16:
+        owner = owner.astype(np.uint16)  # which NumPy sorts in one pass
+    order = np.argsort(owner, kind="stable")
+    at, owner = at[order], owner[order]
+    begin = np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1]])) if len(at) else at
+    known, places = owner[begin], np.stack(np.divmod(at, labels.shape[1]), axis=1)
+    low, high = (way.reduceat(places, begin) if len(begin) else places for way in (np.minimum, np.maximum))
     views = {}
     for i in ids:
         k = int(np.searchsorted(known, i))

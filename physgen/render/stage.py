@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry import Pose
+from physgen.geometry import Pose, rotation
 from physgen.render.lit import Lit
 from physgen.render.placing import Placement, Slices, placed
 from physgen.render.sprites import Sprite
@@ -86,6 +86,8 @@ class Stage:
     """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: nobody asks."""
     supersample: int = 1
     """Samples a pixel, along each side, of what moves."""
+    starts: Sequence[Pose] = ()
+    """One a body: the pose in which its sprite was cut out, where some are put elsewhere; empty: as at t = 0."""
     scale: float = 1.0
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
 
@@ -109,7 +111,9 @@ def planned(
     if stage.scale != 1.0:
         trajectory = replace(trajectory, poses=_enlarged(trajectory.poses, stage.scale))
     size = (stage.background.shape[1], stage.background.shape[0])
-    starts = [Pose(*pose) for pose in trajectory.poses[0].tolist()] if len(trajectory.poses) else []
+    starts: Sequence[Pose] = stage.starts
+    if not starts and len(trajectory.poses):
+        starts = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
     turns = in_space(trajectory.turns) if trajectory.turns.size else None
     turned = None if turns is None else (turns != np.eye(3)).any(axis=(2, 3))
     for sample in range(len(trajectory.times)) if order is None else order:
@@ -120,8 +124,17 @@ def planned(
             space = None
             if turns is not None and turned is not None and turned[sample, sprite.body]:
                 space = turns[sample, sprite.body]
+                if start.angle:  # it lies turned by as much at t = 0
+                    space = space @ _about(-start.angle)
             stands.append(Stand(k, start, pose, placed(sprite, start, pose, size, space)))
         yield float(trajectory.times[sample]), stands
+
+
+def _about(angle: float) -> Array:
+    """(3, 3): a turn in the picture."""
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(angle)
+    return turn
 
 
 def _enlarged(poses: Array, scale: float) -> Array:

@@ -64,20 +64,31 @@ class Cutouts:
 
 def cutouts(stage: Stage, trajectory: Trajectory) -> Cutouts:
     """What moves by itself as pictures of their own; what never moves keeps its shadow in the background."""
-    height, width = stage.background.shape[:2]
-    less = min(1.0, LARGEST / max(height, width))
     moving = _moving(stage, trajectory)
-    background, shadows = stage.background, list[dict[str, Any]]()
+    return Cutouts(plate(stage, moving), sprites(stage), shadows(stage, trajectory, moving))
+
+
+def plate(stage: Stage, moving: Sequence[int]) -> str:
+    """The background without the shadows of some of its sprites."""
+    background = stage.background
     if stage.lit is not None and moving:
-        shadows = list(_shadows(stage, stage.lit, trajectory, moving))
         dark = stage.lit.total.copy()
         for k in moving:
             if (whole := stage.lit.casts[k].whole) is not None:
                 (x0, y0, x1, y1), was = whole
                 dark[y0:y1, x0:x1] -= was
         background = encode_u8(shaded(stage.lit.plate, dark, stage.lit.tint))
-    sprites = [_cut(sprite, less, stage.scale) for sprite in stage.sprites if sprite.coverage.any()]
-    return Cutouts(webp(_smaller(background, less), QUALITY), sprites, shadows)
+    return webp(_smaller(background, _less(stage)), QUALITY)
+
+
+def sprites(stage: Stage) -> list[dict[str, Any]]:
+    """Rows as `Cutouts.sprites` has them, of all that shows."""
+    return [_cut(sprite, _less(stage), stage.scale) for sprite in stage.sprites if sprite.coverage.any()]
+
+
+def _less(stage: Stage) -> float:
+    """Of the picture's size, at which it is shown."""
+    return float(min(1.0, LARGEST / max(stage.background.shape[:2])))
 
 
 def _smaller(pixels: U8, less: float) -> U8:
@@ -92,6 +103,8 @@ def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
     if not len(trajectory.poses):
         return []
     moves = (trajectory.poses != trajectory.poses[:1]).any(axis=(0, 2))
+    if stage.starts:
+        moves |= (trajectory.poses[0] != np.array(stage.starts)).any(axis=1)
     return [k for k, sprite in enumerate(stage.sprites) if moves[sprite.body]]
 
 
@@ -154,6 +167,11 @@ def keyed(path: Array, reach: float) -> list[int]:
             break
         keys = sorted({*keys, int(away.argmax())})
     return keys
+
+
+def shadows(stage: Stage, trajectory: Trajectory, moving: Sequence[int]) -> list[dict[str, Any]]:
+    """Rows as `Cutouts.shadows` has them, of some of the sprites."""
+    return [] if stage.lit is None or not moving else list(_shadows(stage, stage.lit, trajectory, moving))
 
 
 def _shadows(

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.compile.placed import starts
 from physgen.compile.world import World
 from physgen.render.marks import arrow
 from physgen.report.encoded import jpeg
@@ -33,7 +34,8 @@ STILL = 2.0
 
 
 def scene_svg(scene: Scene, world: World, photo: U8 | None) -> str:
-    """`photo` (H, W, 3) sRGB, None for a scene without one."""
+    """`photo` (H, W, 3) sRGB, None for a scene without one; it is left out where things are put elsewhere at t = 0."""
+    photo = None if starts(world) else photo
     labels = {item.name: item.label for item in scene.objects}
     return _drawn(world, labels, photo, drawn(scene, world), f"The scene {scene.name}")
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.assemble import Compiled
+from physgen.compile.placed import pictured
 from physgen.percepts.maps import Percepts
 from physgen.photometry import encode_u8
 from physgen.render.ink import Layer, breadth
@@ -220,7 +221,7 @@ def _shapes(compiled: Compiled, picture: U8, scale: float) -> U8:
         for chain in wall.chains:
             walls.line((chain + 0.5) * scale - 0.5, 2.2)
     walls.onto(dim, SUPPORT)
-    for k, body in enumerate(compiled.world.bodies):
+    for k, body in enumerate(map(pictured, compiled.world.bodies)):
         layer = Layer(size, 0.6)
         rings = [(ring + body.center + 0.5) * scale - 0.5 for ring in body.rings]
         for ring in rings:

@@ -93,15 +93,13 @@ def player_data(
         "clip": {"fps": scene.render.fps, "order": scene.render.play.value},
         "camera": _camera(shot),
         "bodies": [_body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)],
-        "walls": [
-            {"name": wall.name, "chains": [_rounded(chain) for chain in wall.chains]} for wall in world.walls
-        ],
+        "walls": walls(world),
         "energy": _energy(seen),
-        "touches": _touches(seen),
+        "touches": touches(seen),
         "blows": [_blow(blow) for blow in struck],
-        "pushes": _pushes(world),
-        "joints": _joints(world),
-        "fields": _fields(world),
+        "pushes": pushes(world),
+        "joints": joints(world),
+        "fields": fields(world),
         "arrows": asdict(scales(world, seen, kinds, [blow.impulse for blow in struck])),
         "background": drawn.background,
         "sprites": drawn.sprites,
@@ -129,6 +127,23 @@ def _rounded(points: Array) -> list[list[float]]:
 
 def _body(scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, float]) -> Data:
     pose, velocity = seen.poses[:, k], seen.velocities[:, k]
+    found = figure(scene, k, body)
+    if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
+        found["q"] = [column(part, TURN) for part in _steady(seen.turns[:, k]).T]
+    for name, values, kind in (
+        ("x", pose[:, 0], "place"),
+        ("y", pose[:, 1], "place"),
+        ("a", pose[:, 2], "angle"),
+        ("vx", velocity[:, 0], "speed"),
+        ("vy", velocity[:, 1], "speed"),
+        ("w", velocity[:, 2], "spin"),
+    ):
+        found[name] = column(values, steps[kind])
+    return found
+
+
+def figure(scene: Scene, k: int, body: Body) -> Data:
+    """What a body is, without its motion; outlines are about its centre of mass."""
     found: Data = {
         "name": body.name,
         "label": scene.objects[k].label,
@@ -141,17 +156,9 @@ def _body(scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, f
     else:
         found["rings"] = [_rounded(ring) for ring in body.rings]
         found["pieces"] = [_rounded(piece) for piece in body.pieces]
-    if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
-        found["q"] = [column(part, TURN) for part in _steady(seen.turns[:, k]).T]
-    for name, values, kind in (
-        ("x", pose[:, 0], "place"),
-        ("y", pose[:, 1], "place"),
-        ("a", pose[:, 2], "angle"),
-        ("vx", velocity[:, 0], "speed"),
-        ("vy", velocity[:, 1], "speed"),
-        ("w", velocity[:, 2], "spin"),
-    ):
-        found[name] = column(values, steps[kind])
+    if body.rest is not None:  # the pose in which its picture was cut out
+        x, y, angle = body.rest.tolist()
+        found["rest"] = [round(x, 3), round(y, 3), round(angle, 6)]
     return found
 
 
@@ -170,7 +177,7 @@ def _energy(seen: Trajectory) -> Data:
     return {"step": step, **{name: column(values, step) for name, values in rows.items()}}
 
 
-def _touches(seen: Trajectory) -> list[list[float | int | None]]:
+def touches(seen: Trajectory) -> list[list[float | int | None]]:
     """First and second surface, begin and end (null: beyond the clip), s, and all that they gave each other, g·px/s."""
     contacts, N = seen.contacts, len(seen.contacts.surfaces)
     if not len(contacts.touch_pairs):
@@ -204,7 +211,12 @@ def _blow(blow: Blow) -> list[float | int]:
     return [round(blow.time, 6), round(x, 2), round(y, 2), _short(blow.impulse), *blow.pair]
 
 
-def _pushes(world: World) -> list[Data]:
+def walls(world: World) -> list[Data]:
+    """Boundaries as chains of points."""
+    return [{"name": wall.name, "chains": [_rounded(chain) for chain in wall.chains]} for wall in world.walls]
+
+
+def pushes(world: World) -> list[Data]:
     """Forces, impulses and torques of the scene while they act."""
     return [
         {
@@ -221,7 +233,8 @@ def _pushes(world: World) -> list[Data]:
     ]
 
 
-def _joints(world: World) -> list[Data]:
+def joints(world: World) -> list[Data]:
+    """Ends in the frames of the two bodies; of the photo where the second is the world."""
     return [
         {
             "name": joint.name,
@@ -234,7 +247,8 @@ def _joints(world: World) -> list[Data]:
     ]
 
 
-def _fields(world: World) -> list[Data]:
+def fields(world: World) -> list[Data]:
+    """Wind and attractors."""
     return [
         {
             "name": field.name,

@@ -14,6 +14,7 @@ from typing import Any
 from physgen.problems import InputError, Place, Problem
 from physgen.scene import model
 from physgen.scene.check import checker
+from physgen.scene.document import decode, read
 from physgen.scene.files import read_scene, with_bases
 from physgen.scene.freeze import frozen
 from physgen.scene.ground import Files, Ground
@@ -34,22 +35,35 @@ class Opened:
     """A scene file that was read and checked, for any number of its variants: an edit costs what it changes.
 
     Of a scene that is right, what an edit leaves as it was is not checked again. `shown` is what messages call it
-    where that is not its path.
+    where that is not its path. While it is being edited, `text` is what the file will hold, and `assets` the folder
+    that its maps are in meanwhile.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], allow_outside: bool = False, shown: str | None = None
+        self,
+        path: str | os.PathLike[str],
+        allow_outside: bool = False,
+        shown: str | None = None,
+        text: str | None = None,
+        assets: Path | None = None,
     ) -> None:
         self.file = Path(os.fspath(path))
         name = shown or os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
-        self._stamps = {self.file: stamped(self.file)}
-        self._root = with_bases(read_scene(self.file, name), self.file, allow_outside, self._stamps)
-        self._files = Files(allow_outside)
+        self._stamps = {self.file: stamped(self.file)} if text is None else {}
+        own = read_scene(self.file, name) if text is None else _draft(text, self._source)
+        self._root = with_bases(own, self.file, allow_outside, self._stamps)
+        self._files = Files(allow_outside, assets)
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Report()
         _check(self._root, self._own, self._files)
         self._of_variants = tuple(_problems_of_variants(self._root, self._own, self._files))
+
+    def document(self) -> dict[str, Any]:
+        """As plain YAML data, with what it extends and without any default."""
+        data = plain(self._root)
+        assert isinstance(data, dict)
+        return data
 
     def stale(self) -> bool:
         """Whether it, or a file that it extends, was written since."""
@@ -88,6 +102,11 @@ def written(path: str | os.PathLike[str], allow_outside: bool = False) -> dict[s
     document = plain(with_bases(read_scene(Path(name), name), Path(name), allow_outside))
     assert isinstance(document, dict)
     return document
+
+
+def _draft(text: str, source: Source) -> Node:
+    """The tree of a file's text; raises InputError as if the file were read."""
+    return read(decode(text.encode("utf-8", "surrogatepass"), source.name), source)
 
 
 def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: Source) -> Node:

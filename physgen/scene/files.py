@@ -56,13 +56,19 @@ def confined(
 
 def read_scene(path: Path, name: str) -> Node:
     """The tree of one file, `name` being its path as messages show it. Raises InputError."""
+    data = scene_bytes(path, name)
+    return read(decode(data, name), Source(name, Path(os.path.abspath(path)).parent))
+
+
+def scene_bytes(path: Path, name: str) -> bytes:
+    """What one file holds, up to a byte more than it may. Raises InputError."""
     try:
         if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(path).startswith("/proc/"):
             raise InputError.of(
                 name, "", "is a pipe", "name a file; what a program writes is read as /dev/stdin"
             )
         with open(path, "rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
+            return stream.read(MAX_BYTES + 1)
     except IsADirectoryError:
         raise InputError.of(name, "", "a folder", "name a scene file in it, e.g. scene.yaml") from None
     except FileNotFoundError:
@@ -72,8 +78,6 @@ def read_scene(path: Path, name: str) -> Node:
         raise InputError.of(
             name, "", f"cannot be read: {reason.lower()}", "name a file that can be read"
         ) from None
-    folder = Path(os.path.abspath(path)).parent
-    return read(decode(data, name), Source(name, folder))
 
 
 def with_bases(root: Node, file: Path, allow_outside: bool, files: dict[Path, Stamp] | None = None) -> Node:

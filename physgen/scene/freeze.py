@@ -132,7 +132,13 @@ def _object(name: str, item: Mapping[str, Any]) -> model.Object:
         layer=int(item["layer"]),
         provenance=MappingProxyType(dict(item["from"])),
         prompt=_prompt(item["prompt"]) if "prompt" in item else None,
+        place=_place(item["place"]) if "place" in item else None,
     )
+
+
+def _place(value: Sequence[float]) -> tuple[float, float, float]:
+    x, y, *turn = map(float, value)
+    return x, y, turn[0] if turn else 0.0
 
 
 def _prompt(value: Mapping[str, Any]) -> model.BoxPrompt | model.PointPrompt:

@@ -24,10 +24,13 @@ class Ground:
 
 
 class Files:
-    """Files that a scene names, each looked at once however many variants are checked, until it is written."""
+    """Files that a scene names, each looked at once however many variants are checked, until it is written.
 
-    def __init__(self, allow_outside: bool) -> None:
-        self.allow_outside = allow_outside
+    While a scene is being edited, its maps are in the folder `assets`, wherever its file says they will be.
+    """
+
+    def __init__(self, allow_outside: bool, assets: Path | None = None) -> None:
+        self.allow_outside, self.assets = allow_outside, assets
         self._sizes: dict[str, tuple[Stamp, tuple[int, int] | RefusedError]] = {}
 
     def size(self, path: Path) -> tuple[int, int]:
@@ -92,6 +95,8 @@ def _assets(top: dict[str, Node], ground: Ground, report: Report, files: Files) 
         folder = confined(assets.value, home, home, files.allow_outside)
     except RefusedError as error:
         return refuse(shown(assets.value), error)
+    if files.assets is not None:
+        folder = home = files.assets
     if not folder.is_dir():
         return refuse(shown(assets.value), RefusedError("is not a folder", "write the folder of masks.png"))
     ground.assets = folder

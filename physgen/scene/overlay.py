@@ -50,13 +50,13 @@ def _part(schema_path: Path) -> Schema | None:
 
 def _default(path: Path, like: Node) -> Node | None:
     """The list that stands where a file has none, so that velocity.0 alone can be set; None: there is no such."""
-    default = (_part(_kind(path)) or {}).get("default")
+    default = (_part(kind_of(path)) or {}).get("default")
     if not isinstance(default, list) or not default:
         return None
     return like.with_value([like.with_value(item) for item in default])
 
 
-def _kind(path: Path) -> Path:
+def kind_of(path: Path) -> Path:
     """The path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
     return tuple(
         0 if isinstance(key, int) else "*" if n == 1 and path[0] in NAMED else key
@@ -72,7 +72,7 @@ def merge(base: Node, over: Node, path: Path = ()) -> Node:
     if not isinstance(base.value, dict) or not isinstance(over.value, dict):
         return over
     merged = dict(base.value)
-    against = rivals(_kind(path))
+    against = rivals(kind_of(path))
     for key in over.value:
         for rival in against.get(key, ()):
             if rival not in over.value:
@@ -203,7 +203,7 @@ def _put(
         )
         raise edit.problem(f"no object is called {quoted(key)}", fix)
     child = _set(changed.get(key), path, depth + 1, edit, star, (*at, key))
-    for rival in rivals(_kind(at)).get(key, ()):
+    for rival in rivals(kind_of(at)).get(key, ()):
         changed.pop(rival, None)
     changed[key] = child
 

@@ -38,6 +38,36 @@ def scene_text(
     return "\n".join(lines) + "\n"
 
 
+def entry_lines(value: Any, start: str, indent: str, path: Path) -> list[str]:
+    """The lines of `start` (a key with its colon, or a dash) and its value, as `scene_text` writes what is at `path`.
+
+    >>> entry_lines({"object": "ball", "force": [0, -4.0e5]}, "  -", "    ", ("forces", 0))
+    ['  - {object: ball, force: [0, -4.0e5]}']
+    """
+    return list(_Writer({}).entry(value, start, indent, path, schema_at(path)))
+
+
+def flow_text(value: Any, path: Path) -> str:
+    """The value that is at `path` on one line."""
+    return _flow(value, schema_at(path))
+
+
+def key_text(key: str) -> str:
+    """A key as it is written. Raises ValueError where it is too long."""
+    return _key(key)
+
+
+def schema_at(path: Path) -> Schema | None:
+    """The schema of the value at a path; None where it has none."""
+    part: Schema | None = expanded()
+    for key in path:
+        if part is None:
+            return None
+        items = part.get("items") if isinstance(key, int) else None
+        part = _part(part, str(key)) if items is None else items
+    return part
+
+
 class _Writer:
     def __init__(self, comments: Mapping[str, str]) -> None:
         self.comments = comments

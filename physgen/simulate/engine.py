@@ -6,7 +6,8 @@ taken first, so that free fall is exact. Steps never depend on the samples: both
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import ceil
 
 import numpy as np
@@ -42,6 +43,11 @@ def silent(stage: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
 
 
+def never() -> bool:
+    """Nobody is in a hurry."""
+    return False
+
+
 def simulate(
     world: World,
     times: Array | None = None,
@@ -54,36 +60,85 @@ def simulate(
     `iterations` fixes the contact solver's sweeps a step, which are otherwise chosen as contacts need them; a `tape`
     keeps the steps, to be sampled again. Raises InputError where a body leaves all numbers.
     """
-    times = world.times if times is None else np.asarray(times, np.float64)
-    run = _Run(world, times, iterations, tape)
-    ledger, h = run.ledger, 1.0 / world.steps_per_second
-    number = -1
-
-    def on(until: float) -> None:
-        """Steps from where the run stands to a time, s."""
-        nonlocal number
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):  # what leaves all numbers is told by name
-                if number < 0:
-                    number = 0
-                    run.start()
-                last = ceil(until / h - 1e-9)
-                while number < last:
-                    number += 1
-                    run.advance((number - 1) * h, number * h)
-                    if number % 256 == 0:
-                        progress("simulate", ledger.done, len(times))
-                ledger.flush()
-        except (OverflowError, np.linalg.LinAlgError) as error:
-            found = f"leaves all numbers by t = {number * h:.3f} s"
-            raise InputError([Problem(SCENE, "world", "the motion", found, LEFT)]) from error
-
-    on(float(times[-1]) if len(times) else 0.0)
-    effort = run.effort()
-    made = told(ledger, effort)
+    running = Running(world, times, iterations, tape)
+    running.on(running.end, progress)
+    running.rest()
+    made = running.told()
     if tape is not None:
-        tape.end(effort, on)
+        tape.end(made.effort, running.further)
     return made
+
+
+class Running:
+    """A simulation under way: taken on piece by piece, however the pieces are cut, it becomes what `simulate` gives."""
+
+    def __init__(
+        self,
+        world: World,
+        times: Array | None = None,
+        iterations: int | None = None,
+        tape: Tape | None = None,
+    ) -> None:
+        self.times = world.times if times is None else np.asarray(times, np.float64)
+        self._run = _Run(world, self.times, iterations, tape)
+        self._h = 1.0 / world.steps_per_second
+        self._number = -1
+
+    @property
+    def end(self) -> float:
+        """s: the last sample."""
+        return float(self.times[-1]) if len(self.times) else 0.0
+
+    @property
+    def done(self) -> int:
+        """Samples taken, of all."""
+        return self._run.ledger.done
+
+    def on(self, until: float, progress: Progress = silent, enough: Callable[[], bool] = never) -> None:
+        """Steps from where the run stands to a time, s; fewer where it was `enough` after one of them.
+
+        Raises InputError where a body leaves all numbers.
+        """
+        ledger = self._run.ledger
+        with self._told_by_name():
+            if self._number < 0:
+                self._number = 0
+                self._run.start()
+            last = ceil(until / self._h - 1e-9)
+            while self._number < last and not enough():
+                self._number += 1
+                self._run.advance((self._number - 1) * self._h, self._number * self._h)
+                if self._number % 256 == 0:
+                    progress("simulate", ledger.done, len(self.times))
+
+    def read(self) -> None:
+        """Take the samples up to where the run stands."""
+        with self._told_by_name():
+            self._run.ledger.read()
+
+    def rest(self) -> None:
+        """The same, where the run is over, or pauses for long."""
+        with self._told_by_name():
+            self._run.ledger.flush()
+
+    def further(self, until: float) -> None:
+        """On to a later time than the last sample's."""
+        self.on(until)
+        self.rest()
+
+    def told(self) -> Trajectory:
+        """What is known; samples from `done` on are not taken yet, and zeros."""
+        return told(self._run.ledger, self._run.effort())
+
+    @contextmanager
+    def _told_by_name(self) -> Iterator[None]:
+        """What leaves all numbers is told as a Problem."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                yield
+        except (OverflowError, np.linalg.LinAlgError) as error:
+            found = f"leaves all numbers by t = {self._number * self._h:.3f} s"
+            raise InputError([Problem(SCENE, "world", "the motion", found, LEFT)]) from error
 
 
 class _Run:

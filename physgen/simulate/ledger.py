@@ -68,7 +68,7 @@ class Ledger:
         world, T, N = self.world, len(self.times), len(self.world.bodies)
         self.log = ContactLog(tuple(name for name, _ in world.surfaces), 2 / world.steps_per_second)
         self._steps: list[Step] = []
-        self._held = 0
+        self._count = self._held = 0  # steps and bytes of the block
         self.poses, self.velocities = np.zeros((T, N, 3)), np.zeros((T, N, 3))
         self._rolling = False
         self.rolls = np.zeros((T, N, 2))
@@ -111,19 +111,27 @@ class Ledger:
     def add(self, step: Step) -> bool:
         """Note a step; True once a block is full and has been read."""
         self._write(step)
-        if len(self._steps) < self._block and self._held < BYTES:
+        if self._count < self._block and self._held < BYTES:
             return False
         self.flush()
         self._block = BLOCK
         return True
 
     def _write(self, step: Step) -> None:
+        if not self._count:
+            self.residual = self.overlap = 0.0
         self._steps.append(step)
+        self._count += 1
         self._held += len(step.numbers)
 
     def flush(self) -> None:
-        """Read the steps that are held."""
-        steps, self._steps, self._held = self._steps, [], 0
+        """Read the steps that are held, and begin a new block."""
+        self.read()
+        self._count = self._held = 0
+
+    def read(self) -> None:
+        """Read the steps that are held in the middle of a block: what the block is found to be stays the same."""
+        steps, self._steps = self._steps, []
         if not steps:
             return
         M = len(self.space.moving)
@@ -213,9 +221,8 @@ class Ledger:
         flow = np.stack([np.bincount(row, values, S) for values in (lost, work)], axis=1).astype(np.float64)
         if len(row):
             least = np.where(count == 1, opening[0], opening.min(axis=0))
-            self.residual, self.overlap = max(0.0, -float(least.min())), float(touch.depth.max())
-        else:
-            self.residual = self.overlap = 0.0
+            self.residual = max(self.residual, -float(least.min()))
+            self.overlap = max(self.overlap, float(touch.depth.max()))
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
         late = 0.0 if self._first else 1e-9
         self._struck += [(kick.time + late, kick.lost, kick.work) for step in steps for kick in step.kicks]

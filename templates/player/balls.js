@@ -16,12 +16,17 @@ function codesOf(image) {
   return context.getImageData(0, 0, canvas.width, canvas.height);
 }
 
-// rows of the turn's matrix, in image axes, +z into the photo
-function turnOf(body, where, mix) {
+// rows of the turn's matrix from what the picture shows, where the body is turned by `rest`; image axes, +z into the photo
+function turnOf(body, where, mix, rest = body.a[0]) {
   if (!body.q) {
-    const a = mix(body.a, where) - body.a[0], c = Math.cos(a), s = Math.sin(a);
+    const a = mix(body.a, where) - rest, c = Math.cos(a), s = Math.sin(a);
     return [c, -s, 0, s, c, 0, 0, 0, 1];
   }
+  const c = Math.cos(rest - body.a[0]), s = Math.sin(rest - body.a[0]), m = inSpace(body, where, mix);
+  return m.map((value, k) => (k % 3 === 0 ? c * value - s * m[k + 1] : k % 3 === 1 ? s * m[k - 1] + c * value : value));
+}
+
+function inSpace(body, where, mix) {
   const parts = body.q.map((column) => mix(column, where)), long = Math.hypot(...parts) || 1;
   const [w, x, y, z] = parts.map((part) => part / long);
   return [

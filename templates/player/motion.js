@@ -2,7 +2,9 @@
 
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
+// differences in steps -> values; the editor has values as they are
 function summed(codes, step) {
+  if (ArrayBuffer.isView(codes)) return codes;
   const values = new Float64Array(codes.length);
   let sum = 0;
   codes.forEach((code, k) => { values[k] = (sum += code) * step; });
@@ -10,7 +12,7 @@ function summed(codes, step) {
 }
 
 function readMotion(data) {
-  const step = data.steps;
+  const step = data.steps || {};
   const times = summed(data.times, step.time);
   const kinds = { x: "place", y: "place", a: "angle", vx: "speed", vy: "speed", w: "spin" };
   const bodies = data.bodies.map((body) => {

@@ -31,8 +31,8 @@ function makeScene(data, motion, pictures) {
     if (row.slides) {
       const image = images[0];
       if (!image) return;
-      const [left, top, w, h] = first.box;
-      put(context, image, [left + pose.x - body.x[0], top + pose.y - body.y[0], w, h]);
+      const [left, top, w, h] = first.box, [x, y] = body.rest || [body.x[0], body.y[0]]; // as the photo shows it
+      put(context, image, [left + pose.x - x, top + pose.y - y, w, h]);
       return;
     }
     const samples = row.keys.map((key) => data.frames[key.sample]);
@@ -59,18 +59,19 @@ function makeScene(data, motion, pictures) {
 
   function sprite(context, row, image, pose, ball, where) {
     const body = motion.bodies[row.body], [left, top, w, h] = row.box;
-    const moved = ball && (pose.x !== body.x[0] || pose.y !== body.y[0] || pose.a !== body.a[0]);
-    const turn = row.turns && !ball && !(data.top && body.ball) ? pose.a - body.a[0] : 0;
-    if (moved) image = ball(turnOf(body, where, motion.mix));
+    const [x, y, a] = row.rest || body.rest || [body.x[0], body.y[0], body.a[0]]; // as the picture shows it
+    const moved = ball && (pose.x !== x || pose.y !== y || pose.a !== a);
+    const turn = row.turns && !ball && !(data.top && body.ball) ? pose.a - a : 0;
+    if (moved) image = ball(turnOf(body, where, motion.mix, a));
     context.save();
     context.translate(pose.x, pose.y);
     if (turn) context.rotate(turn);
-    put(context, image, [left - body.x[0], top - body.y[0], w, h]);
+    put(context, image, [left - x, top - y, w, h]);
     context.restore();
   }
 
   // the background as large as it is shown: to copy it is far quicker than to scale it for every frame
-  const backdrop = document.createElement("canvas");
+  const backdrop = (pictures.backdrop ||= document.createElement("canvas"));
   function behind(context) {
     const { width: wide, height: tall } = context.canvas;
     if (backdrop.width !== wide || backdrop.height !== tall) {

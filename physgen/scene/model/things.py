@@ -150,6 +150,9 @@ class Object:
     """`from`: who said each number and how sure, e.g. `{"mass": "table 0.4"}`."""
     prompt: BoxPrompt | PointPrompt | None = None
     """Where a person pointed, so that its mask can be found again."""
+    place: tuple[float, float, float] | None = None
+    """px, px, degrees: where its centre of mass is at t = 0, and how far it is turned from what the photo shows; None:
+    as the photo shows it."""
 
 
 @dataclass(frozen=True)
