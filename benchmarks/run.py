@@ -15,6 +15,7 @@
     python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some 15 minutes
     python benchmarks/run.py datasets        # very many tiny clips into shards: time and memory
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
+    python benchmarks/run.py editor          # physgen edit: how soon an edit shows its motion, and docs/editing.md
     python benchmarks/run.py plausibility    # right clips told from wrong ones, our scenes, and docs/plausibility.md
     python benchmarks/run.py properties controllability runtime    # the paper's measures of that name, and their pages
     python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
@@ -36,7 +37,9 @@ from collections import deque
 from functools import partial
 from pathlib import Path
 
+import alarms
 import cv2
+import editor as editing
 import fid_page
 import numpy as np
 from batch import batch
@@ -322,6 +325,8 @@ PARTS |= {
     "cluster": cluster,
     "plausibility": plausibility,
     "fid": fid,
+    "study": alarms.study,
+    "editor": editing.editor,
 }
 MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
 PARTS |= MEASURES
@@ -350,6 +355,13 @@ def main(names: list[str]) -> None:
     if (RESULTS / "fid.json").exists():
         text, result = fid_page.PAGE.read_text(), json.loads((RESULTS / "fid.json").read_text())
         fid_page.PAGE.write_text(fid_page.page(text, result))
+    if (RESULTS / "study.json").exists():
+        alarms.PAGE.write_text(
+            alarms.page(alarms.PAGE.read_text(), json.loads((RESULTS / "study.json").read_text()))
+        )
+    if (RESULTS / "editor.json").exists():
+        text, result = editing.PAGE.read_text(), json.loads((RESULTS / "editor.json").read_text())
+        editing.PAGE.write_text(editing.page(text, result))
     for name in MEASURES:
         if (RESULTS / f"{name}.json").exists():
             (ROOT / "docs" / f"{name}.md").write_text(measure_page(name))

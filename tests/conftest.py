@@ -6,9 +6,11 @@ import hashlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
+from browser import launched
 from vlm_stub import KEY, Stub
 
 # the same examples on every run, so that a red run tells of a change; no deadline: machines are shared
@@ -28,6 +30,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if peer:
         config.hook.pytest_deselected(items=peer)
         items[:] = [item for item in items if not item.get_closest_marker("peer_scenes")]
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """One that stays open for all tests of pages: a process can drive no more."""
+    with launched() as running:
+        yield running
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +17,14 @@ def test_benchmark_page_is_what_its_json_says() -> None:
     code = "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.page())"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert (ROOT / "docs" / "benchmarks.md").read_text() == run.stdout
+
+
+def test_latency_of_the_editor_is_what_its_json_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last part of docs/editing.md; `python benchmarks/run.py editor` writes both."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    editor = importlib.import_module("editor")
+    text = editor.PAGE.read_text(encoding="utf-8")
+    assert text == editor.page(text, json.loads((editor.RESULTS / "editor.json").read_text()))
 
 
 def test_scale_page_is_what_its_json_says() -> None:

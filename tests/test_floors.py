@@ -41,7 +41,7 @@ FLOORS = {
     8: ("cache", "refine_video"),
     9: ("pipeline", "refresh"),
     10: ("batch", "golden"),
-    11: ("evaluate", "pytest_plugin", "notebook"),
+    11: ("evaluate", "pytest_plugin", "notebook", "edit"),
     12: ("flags",),
     13: ("cli",),
 }

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from math import exp, log
 from pathlib import Path
+from statistics import median
 
 import pytest
 
@@ -14,9 +16,22 @@ ROOT = Path(__file__).resolve().parent.parent
 
 @pytest.mark.parametrize("name", ["properties", "controllability", "runtime"])
 def test_the_page_is_what_its_json_says(name: str) -> None:
-    code = f"import sys; sys.path.insert(0, 'benchmarks'); import paper; sys.stdout.write(paper.page({name!r}))"
+    code = (
+        f"import sys; sys.path.insert(0, 'benchmarks'); import paper; sys.stdout.write(paper.page({name!r}))"
+    )
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert (ROOT / "docs" / f"{name}.md").read_text() == run.stdout
+
+
+def test_the_page_of_studies_has_the_alarms_of_its_json() -> None:
+    code = (
+        "import sys, json; sys.path.insert(0, 'benchmarks'); import alarms as a;"
+        "found = json.load(open('benchmarks/results/study.json'));"
+        "sys.stdout.write(a.page(a.PAGE.read_text(), found))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (ROOT / "docs" / "study.md").read_text() == run.stdout
+    assert "| people's taste alone |" in run.stdout
 
 
 def test_masses_on_the_page_are_those_of_its_rows() -> None:
@@ -27,6 +42,19 @@ def test_masses_on_the_page_are_those_of_its_rows() -> None:
     true = {item.name: item.mass for item in read_table(SHIPPED).weighed}
     near = sum(abs(kept["answers"][name]["mass"] / mass - 1) <= 0.3 for name, mass in true.items())
     assert f"{near} of {len(true)} masses to within 30 %" in (ROOT / "docs" / "properties.md").read_text()
+
+
+def test_how_far_off_the_ablations_masses_are_is_what_the_json_of_properties_says() -> None:
+    kept = json.loads((ROOT / "benchmarks" / "results" / "properties.json").read_text())["rows"][0]["found"]
+    kinds = sorted(kept["studio"], key=lambda one: -abs(log(one["told_mass"] / one["true_mass"])))
+    half = exp(median(abs(log(one["told_mass"] / one["true_mass"])) for one in kinds))
+    page = " ".join((ROOT / "docs" / "fid.md").read_text().split())
+    assert f"Of the {len(kinds)} kinds of things" in page
+    assert f"half are within a factor of {half:.2f}; these two are the third and the fifth worst" in page
+    assert [(kinds[k]["scene"], kinds[k]["label"]) for k in (2, 4)] == [
+        ("shelf", "leather ball"),
+        ("shelf", "wooden elephant"),
+    ]
 
 
 def test_the_page_of_all_measures_is_what_their_json_says() -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from physgen.cli.caching import cache
+from physgen.cli.editing import edit
 from physgen.cli.exhibiting import gallery
 from physgen.cli.exporting import export
 from physgen.cli.gathering import dataset
@@ -84,6 +85,7 @@ def schema(options: argparse.Namespace) -> int:
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "perceive": perceive,
     "import": import_,
+    "edit": edit,
     "check": check,
     "simulate": simulate,
     "render": render,

@@ -110,7 +110,7 @@ def _made(
         return run_on(options.cluster, workers, jobs, count, options.ship, counter.tell)
     from physgen.batch.pool import run_all
 
-    return run_all(jobs, workers, lambda job: bar.show if count == 1 else _silent)
+    return run_all(jobs, workers, lambda job: bar.show if count == 1 or bar.told else _silent)
 
 
 class _Told:

@@ -113,6 +113,11 @@ def _names(images: Sequence[Path]) -> list[str]:
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
 
 
+def crew_of(options: argparse.Namespace) -> Crew:
+    """Who perceives one photo, by the flags."""
+    return _crew(_plan(options))
+
+
 def _crew(plan: Plan) -> Crew:
     """Those of a plan who perceive: a model that it chooses for videos is not asked for here."""
     from physgen.crew import Crew

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -50,12 +52,20 @@ def hand_over(text: str, output: Path | None) -> None:
     sys.stdout.write(text if output is None else f"{output}\n")
 
 
+PROGRESS = "PHYSGEN_PROGRESS"
+"""Environment variable: `json` tells a program how far it is, a line of JSON on stderr ten times a second."""
+OFTEN = 0.1
+"""s between two such lines of one stage."""
+
+
 class Bar:
-    """Progress on one line of a terminal; silent in pipes."""
+    """Progress on one line of a terminal; silent in pipes, but for programs that ask."""
 
     def __init__(self) -> None:
-        self._live = sys.stderr.isatty()
+        self.told = os.environ.get(PROGRESS) == "json"
+        self._live = sys.stderr.isatty() and not self.told
         self._wide = 0
+        self._last = "", 0.0
 
     def of(self, name: str) -> Callable[[str, int, int], None]:
         """Progress of one scene."""
@@ -63,10 +73,20 @@ class Bar:
 
     def show(self, stage: str, done: int, total: int) -> None:
         """Draw, at most."""
-        if self._live:
+        if self.told:
+            self._tell(stage, done, total)
+        elif self._live:
             text = f"{stage} {done}/{total}" if total > 1 else stage
             print("\r" + text.ljust(self._wide), end="", file=sys.stderr, flush=True)
             self._wide = len(text)
+
+    def _tell(self, stage: str, done: int, total: int) -> None:
+        import json
+
+        now = time.monotonic()
+        if stage != self._last[0] or now - self._last[1] >= OFTEN or done >= total:
+            self._last = stage, now
+            tell(json.dumps({"progress": stage, "done": done, "total": total}))
 
     def clear(self) -> None:
         """Leave an empty line for what is printed next."""

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from physgen import __version__
+from physgen.flags.editing import edit
 from physgen.flags.exhibiting import exhibit
 from physgen.flags.exporting import exports
 from physgen.flags.gathering import dataset
@@ -66,6 +67,13 @@ def build_parser() -> argparse.ArgumentParser:
         type=Path,
         help="write the scene here (assets beside it); default: stdout",
     )
+
+    sub = command(
+        "edit",
+        "A scene, or a photo that is perceived first, in the browser: push things and watch; see docs/editing.md.",
+        "physgen edit scene.yaml",
+    )
+    edit(sub)
 
     sub = command(
         "check", "Problems and warnings of scene files.", "physgen check scenes/*/scene.yaml --strict"

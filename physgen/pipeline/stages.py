@@ -111,6 +111,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     Flat shapes are drawn as large as `render` shows them at most. Nothing that can only be seen in motion counts.
     """
     from physgen.compile.looks import looks
+    from physgen.compile.placed import starts
     from physgen.render.flat import enlarged, flat_background, flat_sprites
     from physgen.render.shot import drawn_large
     from physgen.render.sprites import cut_sprites
@@ -118,6 +119,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     from physgen.render.staging import staged
     from physgen.render.threads import one_thread
 
+    begin = starts(compiled.world)
     scene, world = looks(scene, compiled.world)
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
     fine = scene.render.supersample
@@ -131,7 +133,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     with one_thread():
         sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
         made = staged(scene, world, sprites, maps, background, coverage, absent)
-    return replace(made, supersample=fine)
+    return replace(made, supersample=fine, starts=begin)
 
 
 def filled(

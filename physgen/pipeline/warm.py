@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -45,6 +45,8 @@ class Keep(Enum):
 
     RESULTS = "results"
     """The last few of each stage."""
+    EDITING = "editing"
+    """The same, and the maps of one photo however large, as they are and as they were."""
     NOTHING = "nothing"
     """For a clip that is the only one: memory is free for drawing."""
 
@@ -59,6 +61,12 @@ class Recent(Generic[T]):
     def forget(self, key: object) -> None:
         """It is made anew when asked for."""
         self._kept.pop(key, None)
+
+    def at_hand(self, key: object) -> T | None:
+        """Made before, or None."""
+        if key in self._kept:
+            self._kept[key] = self._kept.pop(key)
+        return self._kept.get(key)
 
     def of(self, key: object, make: Callable[[], T]) -> T:
         """Made now, or before."""
@@ -87,9 +95,10 @@ class Warm:
     """The stages of `pipeline.stages`, of which each is run only where its result is not at hand."""
 
     def __init__(self, keep: Keep = Keep.RESULTS) -> None:
-        few = 4 if keep is Keep.RESULTS else 0
+        few = 0 if keep is Keep.NOTHING else 4
+        self._editing = keep is Keep.EDITING
         self._opened: Recent[Opened] = Recent(few)
-        self._maps: Recent[Maps] = Recent(min(few, 1))
+        self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
         self._shapes: Recent[Shapes] = Recent(few)
         self._stages: Recent[Stage] = Recent(min(few, 1))
         self._motions: Recent[Trajectory] = Recent(few)
@@ -119,17 +128,26 @@ class Warm:
 
     def maps(self, scene: Scene) -> Maps:
         """As `stages.percepts`."""
+        read, stamps = self._read(scene)
+        width, height = scene.size
+        if width * height > MOST_PIXELS and not self._editing:
+            return Maps(stages.percepts(scene), read, stamps)
+        return self._maps.of(read, lambda: Maps(stages.percepts(scene), read, stamps))
+
+    def hand_over(self, scene: Scene, percepts: Percepts) -> None:
+        """What was just written need not be read: `percepts` are what the scene's files hold."""
+        read, stamps = self._read(scene)
+        self._maps.of(read, lambda: Maps(percepts, read, stamps))
+
+    def _read(self, scene: Scene) -> tuple[str, tuple[tuple[Path, Stamp], ...]]:
+        """The key of a scene's maps, and their files."""
         from physgen.cache.keys import key
 
         files = [] if scene.image is None else [scene.image]
         if scene.image is not None and scene.assets is not None:
             files += sorted(scene.assets.glob("*.png"))
         stamps = tuple((file, stamped(file)) for file in files)
-        read = key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps))
-        width, height = scene.size
-        if width * height > MOST_PIXELS:
-            return Maps(stages.percepts(scene), read, stamps)
-        return self._maps.of(read, lambda: Maps(stages.percepts(scene), read, stamps))
+        return key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps)), stamps
 
     def compile(self, scene: Scene, maps: Maps) -> Compiled:
         """As `stages.compile`."""
@@ -148,12 +166,15 @@ class Warm:
         """As `stages.stage`."""
         from physgen.cache.keys import key
         from physgen.compile.looks import looks
+        from physgen.compile.placed import starts
 
         seen = looks(scene, compiled.world)
-        shapes = (compiled.labels, compiled.scenery, compiled.outlines)
-        return self._stages.of(
+        drawn = compiled.outlines if maps.percepts is None else ()
+        shapes = (compiled.labels, compiled.scenery, drawn)
+        made = self._stages.of(
             key("stage", maps.key, *seen, *shapes), lambda: stages.stage(scene, compiled, maps.percepts)
         )
+        return replace(made, starts=starts(compiled.world))  # they may be put elsewhere since
 
     def simulate(
         self,

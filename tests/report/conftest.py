@@ -1,21 +1,13 @@
-"""Pages as `physgen render` leaves them, and a browser that stays open for all tests of the report."""
+"""Pages as `physgen render` leaves them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from browser import FALL, LONG, launched
+from browser import FALL, LONG
 
 from physgen import pipeline
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    with launched() as running:
-        yield running
 
 
 @pytest.fixture(scope="session")

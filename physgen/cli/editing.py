@@ -1,0 +1,120 @@
+"""`edit`: a scene, or a photo that is perceived first, in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+from physgen.cli.printing import OK, Bar, print_line, tell
+from physgen.problems import InputError
+
+NEEDED = ("starlette", "uvicorn")
+SCENES = (".yaml", ".yml")
+SIGNS = re.compile(r"""^\s*\{?\s*["']?(physgen|extends|image|size|world|objects)["']?\s*:""", re.MULTILINE)
+"""What a text has in it that is a scene, or was to be one: a key of its top level."""
+
+
+def edit(options: argparse.Namespace) -> int:
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        raise InputError.of(
+            "physgen edit",
+            "",
+            f"needs {' and '.join(missing)}, not installed here",
+            'pip install "physgen[edit]"',
+        )
+    scene = _scene(options)
+    from physgen.edit.server.serving import Editor, Place, invited, running_at
+
+    if (address := running_at(scene)) is not None:
+        tell(f"{scene}: is open in an editor already, which is shown")
+        _show(options, scene, address, lambda: invited(address))
+        return OK
+    editor = Editor(scene, Place(options.host, options.port), options.allow_outside, options.output)
+    try:
+        if (strange := editor.session.document.draft.strange) is not None:
+            tell(f"{strange}: came with the scene or was moved here, and is left alone")
+        if editor.session.recovered:
+            tell(f"{scene}: goes on where the editor ended before it was saved")
+        if options.host not in ("127.0.0.1", "::1", "localhost"):
+            tell(
+                f"--host {options.host}: whoever reaches this machine and has the address can edit the scene"
+            )
+        _show(options, scene, editor.address, editor.once)
+        if sys.stderr.isatty():
+            tell("Ctrl-C ends it")
+        with suppress(KeyboardInterrupt):
+            editor.run()
+    finally:
+        kept = editor.close()
+    if kept is not None:
+        tell(
+            f"{scene}: not saved; what was edited is kept in {kept.name}, and the next physgen edit goes on there"
+        )
+    return OK
+
+
+def _scene(options: argparse.Namespace) -> Path:
+    """The scene itself, or that of a photo."""
+    path: Path = options.scene
+    if not path.is_file():
+        return path
+    if path.suffix.lower() in SCENES or not _is_picture(path):
+        _check_scene(path)
+        return path
+    scene = path.with_name(f"{path.stem}.yaml")
+    if scene.exists():
+        tell(f"{scene}: is there already and is opened; to begin anew, move it away")
+        return scene
+    from physgen import pipeline
+    from physgen.cli.perceiving import crew_of
+    from physgen.cli.printing import tell_kept, tell_one
+
+    bar = Bar()
+    crew = crew_of(options)
+    pipeline.perceive(path, scene, crew=crew, progress=bar.show, warn=tell_one, keep=tell_kept)
+    bar.clear()
+    return scene
+
+
+def _check_scene(path: Path) -> None:
+    """Refuse what is neither a scene nor a photo; a scene with errors in it is one that can be mended."""
+    from physgen.edit.journal import draft_folder
+    from physgen.scene.document import decode
+    from physgen.scene.files import scene_bytes
+
+    if draft_folder(path).exists():
+        return  # what was made of it before is there
+    if SIGNS.search(decode(scene_bytes(path, str(path)), str(path))) is None:
+        fix = "name a scene, which has `physgen: 1` in it, or a photo to make one of"
+        raise InputError.of(str(path), "", "is neither a scene nor a photo", fix)
+
+
+def _is_picture(path: Path) -> bool:
+    with path.open("rb") as stream:
+        start = stream.read(12)
+    return (
+        start.startswith((b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"II*\0", b"MM\0*"))
+        or start[8:] == b"WEBP"
+        or start[4:8] == b"ftyp"
+    )
+
+
+def _show(options: argparse.Namespace, scene: Path, address: str, once: Callable[[], str]) -> None:
+    """The address for a person or a program; in the browser, one that is good `once`."""
+    if options.json:
+        import json
+
+        print_line(json.dumps({"scene": str(scene), "address": address}))
+    else:
+        print_line(address)
+    if options.browser:
+        import threading
+        import webbrowser
+
+        threading.Thread(target=webbrowser.open, args=(once(),), daemon=True).start()

@@ -1,0 +1,317 @@
+"""A scene file on the disk and what is being made of it: states with a history, kept in a draft, saved and merged.
+
+Not locked: `Session` calls it one door at a time.
+"""
+
+from __future__ import annotations
+
+import codecs
+import os
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from physgen.edit.durable import write_durably
+from physgen.edit.history import History, State
+from physgen.edit.journal import Draft, draft_folder
+from physgen.edit.marked import marked
+from physgen.edit.merging import Merged, merged
+from physgen.edit.own_maps import folder_of, has_maps, install, same, set_aside, stamps
+from physgen.edit.refusing import EditError, Why, impossible
+from physgen.edit.replay import Found
+from physgen.problems import InputError
+from physgen.scene.document import MAX_BYTES, decode
+from physgen.scene.files import scene_bytes
+from physgen.whole import set_aside as aside
+
+THEIRS = "changed by another program"
+
+
+class Document:
+    """The states of one file. Raises InputError where it cannot be read, BusyError where another editor has it."""
+
+    def __init__(self, path: Path, allow_outside: bool = False) -> None:
+        self.path, self.allow_outside = path, allow_outside
+        self.real = Path(os.path.realpath(path))
+        text = self._opened()
+        self.draft = Draft(path)
+        self.outside: str | None = None
+        """`changed` or `gone`: what another program did to the file, where that is still to be settled."""
+        self.ids: deque[str] = deque(maxlen=100)
+        """Of the newest requests: one that is sent again is not made twice."""
+        self._copies = frozenset((0,))
+        self.saved = State(text)
+        """What the file held when it was read or written last."""
+        found = self.draft.recovered()
+        if found is not None and found.history.version > 1:
+            self._go_on(found)
+        else:
+            self.history = History(self.saved)
+            self.draft.begin(self.saved)
+        self._stamps = stamps(self._own(self.saved.text))
+        self.recovered = not self.is_saved
+        """Whether it goes on with what an editor left that ended before it was saved."""
+
+    def _go_on(self, found: Found) -> None:
+        """With what another editor left."""
+        self.history, self.saved = found.history, found.saved
+        self.ids += [found.newest] if found.newest else []
+        self.draft.go_on()
+        if found.saving is not None:
+            self._end_saving(found.saving)
+        self.history.mend(lambda state: self._has(state), self.saved.maps)
+        self.look_outside()
+
+    def _has(self, state: State) -> bool:
+        return state.maps in (0, self.saved.maps) or self.draft.maps(state.maps).is_dir()
+
+    def _end_saving(self, state: State) -> None:
+        """It ended between maps and text: on if the text is there, else back, so that the two fit."""
+        folder, kept = self._own(state.text), self.draft.maps(self.saved.maps)
+        theirs = None
+        with suppress(EditError):
+            theirs = self._theirs()
+        if theirs == state.text:
+            if folder is not None:
+                install(self.draft.maps(state.maps), folder)
+            self._base(State(state.text, state.maps))
+        elif folder is not None and kept.is_dir():
+            install(kept, folder)
+
+    @property
+    def now(self) -> State:
+        """The present state."""
+        return self.history.now
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file holds the present state."""
+        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps) and self.outside != "gone"
+
+    def maps(self, state: State) -> Path | None:
+        """The folder of a state's maps; None: the scene's own, which another program may change."""
+        return None if state.maps == self.saved.maps else self.draft.maps(state.maps)
+
+    def _own(self, text: str) -> Path | None:
+        """The folder that a text names for its maps; None: it names none, or one that it may not."""
+        with suppress(EditError):
+            return folder_of(text, self.path.absolute().parent, self.allow_outside)
+        return None
+
+    def note_maps(self) -> None:
+        """The scene's own maps are known as they are: what is made now is made of them."""
+        if self.now.maps == self.saved.maps:
+            self._stamps = stamps(self._own(self.now.text))
+
+    # Changes
+
+    def push(self, state: State) -> None:
+        """A new state: on the disk first. Raises OSError."""
+        self._fits(state.text)
+        self._there()
+        state = replace(state, time=time.time())
+        self.draft.push(self.now, state, self.history.version + 1)
+        self.history.push(state)
+        if state.id:
+            self.ids.append(state.id)
+        if self.history.maps() != self._copies:
+            self._copies = self.history.maps()
+            self.draft.forget_maps({*self._copies, self.saved.maps})
+
+    def step(self, by: int, said: str | None) -> None:
+        """Undo (-1) or redo (1). Raises EditError, OSError."""
+        if not self.history.can(by):
+            word = "undo" if by < 0 else "redo"
+            raise EditError(Why.IMPOSSIBLE, f"there is nothing to {word}", "edit something first")
+        self._there()
+        self.draft.step(by, self.history.version + 1, said)
+        self.history.step(by)
+        if said:
+            self.ids.append(said)
+
+    def settle(self) -> None:
+        """All is on the disk when this returns. Raises OSError: asked again, it is written anew."""
+        self._there()
+        self.draft.settle()
+
+    def _there(self) -> None:
+        """The draft is, though somebody may have removed it."""
+        if self.draft.is_gone():
+            self.draft.renew(self.history, self.saved)
+            self.history.mend(self._has, self.saved.maps)
+
+    def _fits(self, text: str) -> None:
+        if len(text) > MAX_BYTES // 4 and len(text.encode()) > MAX_BYTES:
+            raise EditError(
+                Why.TOO_LARGE, "the file would be larger than 8 MiB", "keep pixels in image files"
+            )
+
+    # The file
+
+    def save(self, resolve: str | None) -> None:
+        """Write what there is; where another program wrote since, as `resolve` says. Raises EditError, OSError."""
+        try:
+            theirs = self._theirs()
+        except EditError:
+            if resolve != "mine":
+                raise
+            aside(self.real)  # as NAME~: it cannot be a step of the history
+            theirs = None
+        if resolve == "theirs":
+            self._take(theirs)
+            return
+        differs = theirs is not None and theirs != self.saved.text
+        if theirs is not None and differs and self._settle(theirs, resolve):
+            return
+        self._write(theirs)
+
+    def look_outside(self) -> str | None:
+        """What another program did, taken in where it can be: `taken`, `merged`, `clash`, `gone`, None for nothing."""
+        try:
+            theirs = self._theirs()
+        except EditError:
+            self.outside = "changed"
+            return "clash"
+        if theirs is None:
+            before, self.outside = self.outside, "gone"
+            return "gone" if before != "gone" else None
+        if theirs == self.saved.text:
+            before, self.outside = self.outside, None
+            return "taken" if before is not None else None
+        if self.now.text == self.saved.text and self.outside is None:
+            self._take(theirs)
+            return "taken"
+        if self._merge(theirs).text is not None:
+            self._settle(theirs, None)
+            return "merged"
+        self.outside = "changed"
+        return "clash"
+
+    def close(self) -> Path | None:
+        """Let go; the draft's folder where something in it is not saved."""
+        keep = not self.is_saved
+        self.draft.close(keep)
+        return self.draft.folder if keep else None
+
+    def _take(self, theirs: str | None) -> None:
+        """What is on the disk is the newest state. Raises EditError."""
+        if theirs is None:
+            raise EditError(Why.IMPOSSIBLE, "the file is gone", "save, and it is there again")
+        if (theirs, self.saved.maps) != (self.now.text, self.now.maps):
+            self.push(State(theirs, self.saved.maps, THEIRS))
+        self._base(State(theirs, self.saved.maps))
+
+    def _settle(self, theirs: str, resolve: str | None) -> bool:
+        """Take in what another program wrote. True where nothing is left to be written. Raises EditError."""
+        if self.now.text == self.saved.text and resolve is None:
+            self._take(theirs)
+            return True
+        mine, made = self.now, self._merge(theirs)
+        if resolve == "mine":  # theirs stays within reach: one step back
+            self.push(State(theirs, mine.maps, THEIRS))
+            self.push(State(mine.text, mine.maps, "keep mine over another program's"))
+        elif made.text is None:
+            clashes = [clash.as_dict() for clash in made.clashes]
+            conflict = {"theirs": theirs, "merged": None, "clashes": clashes}
+            message = "another program changed the same lines of the file"
+            self.outside = "changed"
+            raise EditError(Why.STALE, message, "choose mine or theirs", {"conflict": conflict})
+        elif made.text != mine.text:
+            self.push(State(made.text, mine.maps, "merge with what another program wrote"))
+        self._base(State(theirs, self.saved.maps))
+        return False
+
+    def _merge(self, theirs: str) -> Merged:
+        """Both changes; where what comes of it is no YAML and both were, they clash after all."""
+        made = merged(self.saved.text, self.now.text, theirs)
+        if made.text is None or not _is_yaml(self.now.text) or not _is_yaml(theirs) or _is_yaml(made.text):
+            return made
+        return Merged(None)
+
+    def _base(self, saved: State) -> None:
+        self._there()
+        self.draft.base(self.now, saved, self.history.version)
+        self.history.end_step()
+        self.saved, self.outside = saved, None
+        self._stamps = stamps(self._own(saved.text))
+
+    def _write(self, theirs: str | None) -> None:
+        """Maps first, then the text that names them; both or neither."""
+        if self.now.maps == self.saved.maps:
+            self._write_text(theirs)
+        else:
+            folder = folder_of(self.now.text, self.path.absolute().parent, self.allow_outside)
+            if folder is None:
+                raise impossible("the text names no folder for its maps", "write assets: and a folder's name")
+            self._write_maps(folder, theirs)
+        self._base(State(self.now.text, self.now.maps))
+
+    def _write_text(self, theirs: str | None) -> None:
+        if theirs != self.now.text:
+            write_durably(self.real, self.encoded(self.now.text))
+
+    def _write_maps(self, folder: Path, theirs: str | None) -> None:
+        """What was there is kept aside, for an undo, and is put back where not all could be written."""
+        own, kept = self._own(self.saved.text), self.draft.maps(self.saved.maps)
+        if folder != own and has_maps(folder):
+            fix = "name a folder that is not there yet, or that which the scene had"
+            raise impossible(f"assets: {folder.name} holds maps of something else", fix)
+        if folder == own and stamps(folder) != self._stamps:
+            self._stamps = stamps(folder)  # who saves again means it
+            message = "another program changed the scene's maps since yours were made"
+            fix = "save again to write yours over them; theirs stay one step back"
+            raise EditError(Why.STALE, message, fix)
+        set_aside(own, kept)
+        if own is not None and not same(kept, own):  # painted by another program: within reach, too
+            number, mine = self.draft.new_maps(), self.now
+            set_aside(own, self.draft.maps(number))
+            kept = self.draft.maps(number)
+            self.push(State(mine.text, number, THEIRS))
+            self.push(State(mine.text, mine.maps, "keep my maps over another program's"))
+        self.draft.saving()
+        try:
+            install(self.draft.maps(self.now.maps), folder)
+            self._write_text(theirs)
+        except BaseException:
+            with suppress(OSError):
+                install(kept, folder)
+            self._stamps = stamps(folder)
+            raise
+
+    def encoded(self, text: str) -> bytes:
+        """The bytes of the file that holds a text."""
+        return (codecs.BOM_UTF8 if self._bom else b"") + text.encode("utf-8")
+
+    def adapted(self, text: str) -> str:
+        """A text from a page, whose fields have no carriage returns, with the line ends of the file."""
+        text = text.removeprefix("\ufeff")
+        return text.replace("\n", "\r\n") if self._crlf and "\r" not in text else text
+
+    def _opened(self) -> str:
+        """The file's text, at the beginning. Raises InputError."""
+        gone = not self.real.exists() and (draft_folder(self.path) / "journal.jsonl").is_file()
+        data = b"" if gone else scene_bytes(self.path, str(self.path))  # what is gone, the draft still holds
+        self._bom = data.startswith(codecs.BOM_UTF8)
+        text = decode(data, str(self.path))
+        self._crlf = "\r\n" in text
+        return text
+
+    def _theirs(self) -> str | None:
+        """What the file holds; None where it is gone. Raises EditError where it is no text."""
+        try:
+            with open(self.real, "rb") as stream:
+                return decode(stream.read(MAX_BYTES + 1), str(self.path))
+        except FileNotFoundError:
+            return None
+        except (InputError, OSError):
+            message = "another program wrote something that is no scene into the file"
+            raise EditError(Why.STALE, message, "put the file right, then save") from None
+
+
+def _is_yaml(text: str) -> bool:
+    with suppress(EditError):
+        marked(text)
+        return True
+    return False

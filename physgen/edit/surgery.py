@@ -1,0 +1,345 @@
+"""A file's text and one change of its data -> the text with that change, in which all other lines are as they were.
+
+Places come from the parser; what is new is written as `scene_text` writes scenes. After each change the text is read
+back: one that does not hold what was meant is never given out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from difflib import SequenceMatcher
+from typing import Any
+
+from physgen.edit.marked import Kind, Marked, marked
+from physgen.edit.places import (
+    BREAK,
+    Patch,
+    below,
+    entry,
+    joint,
+    leads,
+    line_after,
+    line_before,
+    line_begin,
+    line_end,
+    newline,
+)
+from physgen.edit.refusing import EditError, impossible
+from physgen.scene.words import Path, dotted
+from physgen.scene.write import entry_lines, flow_text, key_text, schema_at
+
+_LEFT = re.compile(r"\s*,\s*(#.*)?").fullmatch
+MANY = 40
+"""Items of a list that are changed one by one; beyond, the list is written anew."""
+
+
+def put(text: str, path: Path, value: Any) -> str:
+    """The value at a path, which is there or can be made. Raises EditError."""
+    node = marked(text)
+    for depth, key in enumerate(path):
+        if node.place(key) is None:
+            return _made(text, path, depth, value)
+        node = node.children[node.place(key) or 0]
+    return text if same(node.data(), value) else _replaced(text, path, value)
+
+
+def drop(text: str, path: Path) -> str:
+    """Without the key or the item at a path, which is there. Raises EditError."""
+    parent, at = _parent(text, path)
+    if len(parent.children) == 1:
+        return _emptied(text, path[:-1])
+    begin = entry(text, parent, at)
+    child = parent.children[at]
+    if parent.is_flow or not leads(text, begin):
+        patch = _cut(text, parent, at, begin)
+    else:
+        stop = line_after(text, child.end)
+        first = line_begin(text, begin)
+        if stop == len(text) and not BREAK.search(
+            text[-1:]
+        ):  # the last line has no end: nor has the new last one
+            first = line_before(text, first)
+        patch = (first, stop, "")
+    return _checked(text, [patch], lambda data: _take(data, path))
+
+
+def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
+    """What goes of brackets with one entry of several, and of what is said behind others nothing."""
+    child = parent.children[at]
+    if at and leads(text, begin):  # the comma before it may stay: YAML lets one stand at the end
+        if _LEFT(text[child.end : line_end(text, child.end)]):
+            return line_begin(text, begin), line_after(text, child.end), ""
+        if at + 1 == len(parent.children):
+            return begin, child.end, ""
+    elif at:
+        return parent.children[at - 1].end, child.end, ""
+    return begin, entry(text, parent, at + 1), ""
+
+
+def append(text: str, path: Path, value: Any) -> str:
+    """The value at the end of the list at a path. Raises EditError."""
+    node = find(text, path)
+    return insert(text, (*path, len(node.children)), value)
+
+
+def insert(text: str, path: Path, value: Any) -> str:
+    """The value as an item of a list, before the one that is there. Raises EditError."""
+    where, at = path[:-1], path[-1]
+    node = find(text, where)
+    assert isinstance(at, int)
+    if not node.children:
+        return _replaced(text, where, [value])
+    return _checked(
+        text, [_item(text, node, where, at, value)], lambda data: _reach(data, where).insert(at, value)
+    )
+
+
+def rename(text: str, path: Path, to: str) -> str:
+    """Another name for a key. Raises EditError."""
+    parent, at = _parent(text, path)
+    _, begin, end = parent.keys[at]
+
+    def meant(data: Any) -> None:
+        above = _reach(data, path[:-1])
+        pairs = [(to if key == path[-1] else key, value) for key, value in above.items()]
+        above.clear()
+        above.update(pairs)
+
+    return _checked(text, [(begin, end, key_text(to))], meant)
+
+
+def find(text: str, path: Path) -> Marked:
+    """The value at a path, which is there."""
+    node = marked(text)
+    for key in path:
+        child = node.child(key)
+        if child is None:
+            raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
+        node = child
+    return node
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values are equal, true and 1 not being the same."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, bool) or isinstance(other, bool):
+        return one is other
+    return bool(one == other)
+
+
+# Making and replacing
+
+
+def _made(text: str, path: Path, depth: int, value: Any) -> str:
+    """A key that is not there, and the mappings that lead to it."""
+    where, key = path[:depth], path[depth]
+    node = find(text, where)
+    for step in reversed(path[depth + 1 :]):
+        if isinstance(step, int):
+            raise impossible(f"{dotted(path)}: there is no such list in the file", "set the whole of it")
+        value = {step: value}
+    if node.is_list and key == len(node.children):
+        return insert(text, (*where, key), value)
+    if isinstance(key, int) or not (node.is_map or node.value is None):
+        kind = "a list" if node.is_list else "one value" if not node.is_map else "a mapping"
+        raise impossible(f"{dotted(where) or 'the file'} is {kind}: it has no {key}", "set the whole of it")
+    if not node.children:
+        return _replaced(text, where, {key: value})
+
+    def meant(data: Any) -> None:
+        _reach(data, where)[key] = value
+
+    after = node.children[_before(node, where, key)]
+    if node.is_flow:
+        inner = f"{key_text(key)}: {flow_text(value, (*where, key))}"
+        patch = (after.end, after.end, joint(text, node, after) + inner)
+    else:
+        indent = " " * node.column
+        lines = entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", (*where, key))
+        patch = below(text, after.end, lines)
+    return _checked(text, [patch], meant)
+
+
+def _before(node: Marked, path: Path, key: str) -> int:
+    """Which of the keys a new one comes after: that before it in the schema's order, else the last."""
+    order = list((schema_at(path) or {}).get("properties", {}))
+    if key not in order:
+        return len(node.keys) - 1
+    known = order[: order.index(key)]
+    places = [at for at, (name, _, _) in enumerate(node.keys) if name in known]
+    return max(places, default=len(node.keys) - 1)
+
+
+def _replaced(text: str, path: Path, value: Any) -> str:
+    """Another value where one is; of a collection only what differs."""
+    node = find(text, path)
+    if node.kind is Kind.BLOCK_MAP and isinstance(value, dict) and value:
+        for key, _, _ in node.keys:
+            if key not in value:
+                text = _replaced_key(text, path, key, value)
+        for key, child in value.items():
+            text = put(text, (*path, key), child)
+        return text
+    if node.kind is Kind.BLOCK_LIST and isinstance(value, list) and value and len(value) <= MANY:
+        return _items(text, path, node.data(), value)
+
+    def meant(data: Any) -> Any:
+        if not path:
+            return value
+        _reach(data, path[:-1])[path[-1]] = value
+        return None
+
+    patches = _differences(node, value, path) if node.is_flow else None
+    if not path:
+        lines = [line for key in value for line in entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))]
+        patches = patches or [(node.begin, node.end, newline(text).join(lines) or "{}")]
+    if patches is None:
+        patches = _rewritten(text, path, value)
+    return _checked(text, patches, meant)
+
+
+def _replaced_key(text: str, path: Path, key: str, value: dict[str, Any]) -> str:
+    """Without a key; where it was the only one, another takes its place."""
+    if len(find(text, path).children) > 1:
+        return drop(text, (*path, key))
+    first = next(iter(value))
+    text = put(text, (*path, first), value[first])
+    return drop(text, (*path, key))
+
+
+def _items(text: str, path: Path, old: list[Any], new: list[Any]) -> str:
+    """A list item by item, from its end, so that places stay what they are."""
+    if len(old) == len(new):
+        for at, item in enumerate(new):
+            text = put(text, (*path, at), item)
+        return text
+    steps = SequenceMatcher(None, list(map(repr, old)), list(map(repr, new)), autojunk=False).get_opcodes()
+    for _, begin, end, first, last in reversed([step for step in steps if step[0] != "equal"]):
+        shared = min(end - begin, last - first)
+        for at in range(shared):
+            text = put(text, (*path, begin + at), new[first + at])
+        for at in range(shared, last - first):
+            text = insert(text, (*path, begin + at), new[first + at])
+        for at in reversed(range(begin + shared, end)):
+            text = drop(text, (*path, at))
+    return text
+
+
+def _differences(node: Marked, value: Any, path: Path) -> list[Patch] | None:
+    """Patches inside of brackets that make a value another; None where it is of another shape as a whole."""
+    if node.is_map and isinstance(value, dict) and {key for key, _, _ in node.keys} == value.keys():
+        pairs = [
+            (child, value[key], (*path, key))
+            for (key, _, _), child in zip(node.keys, node.children, strict=True)
+        ]
+    elif node.is_list and isinstance(value, list) and len(node.children) == len(value):
+        pairs = [(child, value[at], (*path, at)) for at, child in enumerate(node.children)]
+    else:
+        return None
+    patches: list[Patch] = []
+    for child, new, where in pairs:
+        if not same(child.data(), new):
+            inner = _differences(child, new, where)
+            patches += [_inside(child, new, where)] if inner is None else inner
+    return patches
+
+
+def _inside(node: Marked, value: Any, path: Path) -> Patch:
+    """Another value in brackets."""
+    gap = " " if node.begin == node.end else ""
+    return node.begin, node.end, gap + flow_text(value, path)
+
+
+def _rewritten(text: str, path: Path, value: Any) -> list[Patch]:
+    """Patches that write the value of a key or of an item anew; what is said at the line's end stays."""
+    parent, at = _parent(text, path)
+    node = parent.children[at]
+    if parent.is_flow:
+        return [_inside(node, value, path)]
+    begin = entry(text, parent, at)
+    if parent.is_map:
+        colon = text.index(":", parent.keys[at][2])
+        start = " " * parent.column + text[begin : colon + 1]
+    else:
+        colon = begin
+        start = " " * parent.column + "-"
+    first, *rest = entry_lines(value, start, " " * parent.column + "  ", path)
+    first = first[len(start) :]
+    if rest and not first and (node.kind is Kind.SCALAR or node.is_flow) and node.style not in ("|", ">"):
+        return [(colon + 1, node.end, ""), below(text, node.end, rest)]
+    return [(colon + 1, node.end, newline(text).join([first, *rest]))]
+
+
+def _emptied(text: str, path: Path) -> str:
+    """A collection that loses the last of what it holds."""
+    node = find(text, path)
+    empty: Any = {} if node.is_map else []
+    if not path:
+        return _checked(text, [(node.begin, node.end, "{}")], lambda data: empty)
+
+    def meant(data: Any) -> None:
+        _reach(data, path[:-1])[path[-1]] = empty
+
+    return _checked(text, _rewritten(text, path, empty), meant)
+
+
+def _item(text: str, node: Marked, path: Path, at: int, value: Any) -> Patch:
+    """A new item of a list that has some."""
+    if node.is_flow:
+        inner = flow_text(value, (*path, at))
+        if at == 0:
+            begin = node.children[0].begin
+            return begin, begin, f"{inner}, "
+        before = node.children[at - 1]
+        return before.end, before.end, joint(text, node, before) + inner
+    indent = " " * node.column
+    lines = entry_lines(value, f"{indent}-", indent + "  ", (*path, at))
+    if at:
+        return below(text, node.children[at - 1].end, lines)
+    begin = entry(text, node, 0)
+    return begin, begin, (newline(text).join(lines) + newline(text) + indent)[node.column :]
+
+
+# Places in the text
+
+
+def _parent(text: str, path: Path) -> tuple[Marked, int]:
+    """The collection that holds what is at a path, and which of its children that is."""
+    parent = find(text, path[:-1])
+    at = parent.place(path[-1])
+    if at is None:
+        raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
+    return parent, at
+
+
+# What was meant
+
+
+def _checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str:
+    """The text with its patches, read back; `meant` makes the same change of the data."""
+    made = text
+    for begin, end, new in sorted(patches, reverse=True):
+        made = made[:begin] + new + made[end:]
+    data = marked(text).data()
+    whole = meant(data)
+    data = data if whole is None else whole
+    try:
+        if same(marked(made).data(), data):
+            return made
+    except EditError:
+        pass
+    raise impossible("the YAML is written in a way that this cannot be written into", "edit the YAML beside")
+
+
+def _reach(data: Any, path: Path) -> Any:
+    for key in path:
+        data = data[key]
+    return data
+
+
+def _take(data: Any, path: Path) -> None:
+    del _reach(data, path[:-1])[path[-1]]

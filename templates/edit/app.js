@@ -1,0 +1,302 @@
+// The editor of one scene: its state, what is chosen, its tools and panels; everything else is a module that is given it.
+
+import { Refused, ask, listen, own } from "./api.js";
+import { element, icon, part } from "./elements.js";
+
+const listeners = new Map(), tools = new Map(), panels = [];
+let queue = Promise.resolve(), wanted = null, asking = false, dragged = 0, count = 0;
+
+export const editor = {
+  state: null,     // as the server knows it
+  selected: null,  // {kind: "object" | "boundary" | "joint" | "field" | "force" | "light", name}
+  tool: null,
+  variant: null,
+  tried: null,  // {motion, problems} of edits that are not made yet
+  materials: [],
+  stage: null, player: null,
+
+  on(event, listener) { listeners.set(event, [...(listeners.get(event) || []), listener]); },
+  // one listener's fault does not keep the others from hearing
+  emit(event, what) {
+    for (const listener of listeners.get(event) || []) try { listener(what); } catch (error) { console.error(`${event}: ${error.stack}`); }
+  },
+
+  // a state from the server -> everywhere
+  take(state) {
+    if (!state || (editor.state && state.version < editor.state.version)) return editor.state;
+    const before = editor.state, variant = state.variant ?? null;
+    if (before && variant !== (editor.variant ?? null)) return editor.refresh(); // of a tab that was left meanwhile
+    if (variant !== null && !state.variants.includes(variant)) return editor.useVariant(null); // it was taken back
+    editor.state = state;
+    editor.variant = variant;
+    if (editor.selected && !named(editor.selected)) editor.choose(null);
+    editor.tried = null;
+    editor.emit("state", { state, before });
+    return state;
+  },
+  async refresh() { return editor.take(await ask("GET", `/api/state${inVariant()}`)); },
+  async useVariant(name) {
+    editor.variant = name;
+    return editor.take(await ask("GET", `/api/state${inVariant()}`));
+  },
+
+  // edits wait for one another; one that comes too late is made again on what is there now
+  edit(ops, what, tag = null) {
+    [wanted, dragged] = [null, dragged + 1]; // answers to what was tried until now come too late
+    return queued("/api/edit", { ops, what, tag });
+  },
+  request: ask,
+  waiting: [],     // edits that are not answered yet: {id, path, variant, body}
+  get pending() { return editor.waiting.length; },
+  maskOp(op) { return queued("/api/mask", { op }); },
+  // a text, or what gives it when its turn has come
+  putText(text) { return queued("/api/text", { text }); },
+  async undo() { return editor.state?.undo || editor.pending ? told("Undone: ", "redo", queued("/api/undo", {})) : editor.say("Nothing to undo"); },
+  async redo() { return editor.state?.redo || editor.pending ? told("Done again: ", "undo", queued("/api/redo", {})) : editor.say("Nothing to redo"); },
+  save(resolve = null) { return queued("/api/save", { resolve }); },
+
+  // what the scene would do; only the newest is asked for
+  preview(ops) {
+    if (!ops) { wanted = null; dragged += 1; editor.tried = null; editor.emit("preview", null); return; }
+    wanted = ops;
+    if (!asking) asked();
+  },
+
+  select(name) { editor.choose(name === null ? null : { kind: "object", name }); },
+  choose(thing) {
+    if (same(editor.selected, thing)) return;
+    editor.selected = thing;
+    editor.emit("select", thing);
+  },
+
+  registerTool(tool) {
+    tools.set(tool.name, tool);
+    const made = element("button", { type: "button", class: "tool", "data-tool": tool.name, "aria-pressed": false, "aria-label": tool.label,
+      "aria-keyshortcuts": tool.key, title: tool.key ? `${tool.label} (${tool.key})` : tool.label, on: { click: () => editor.useTool(tool.name) } },
+    icon(tool.icon), element("span", { "aria-hidden": true }, tool.short || tool.label));
+    part("tools").append(made);
+    if (!editor.tool) editor.useTool(tool.name);
+  },
+  useTool(name) {
+    const next = tools.get(name);
+    if (!next || next === editor.tool) return;
+    editor.tool?.cancel?.();
+    editor.tool = next;
+    for (const made of part("tools").querySelectorAll("[data-tool]")) made.setAttribute("aria-pressed", made.dataset.tool === name);
+    editor.emit("tool", next);
+  },
+  tools,
+
+  addPanel({ id, title, element: body, order = 50 }) {
+    const tab = element("button", { type: "button", role: "tab", id: `tab-${id}`, "aria-controls": `panel-${id}`, "aria-selected": false, tabindex: -1,
+      on: { click: () => editor.showPanel(id) } }, title);
+    const panel = element("div", { class: "panel", role: "tabpanel", id: `panel-${id}`, "aria-labelledby": `tab-${id}`, tabindex: 0, hidden: true }, body);
+    panels.push({ id, tab, panel, order });
+    panels.sort((one, other) => one.order - other.order);
+    part("tabs").replaceChildren(...panels.map((p) => p.tab));
+    part("bodies").append(panel);
+    editor.showPanel(editor.panel || panels[0].id);
+    const badge = (text) => { tab.replaceChildren(title); if (text != null) tab.append(" ", element("span", { class: "badge" }, String(text))); };
+    return { tab, panel, badge, show: () => editor.showPanel(id) };
+  },
+  showPanel(id) {
+    editor.panel = id;
+    for (const { id: own, tab, panel } of panels) {
+      tab.setAttribute("aria-selected", own === id);
+      tab.tabIndex = own === id ? 0 : -1;
+      panel.hidden = own !== id;
+    }
+    editor.emit("panel", id);
+  },
+
+  // one line for eyes and for screen readers; kind: "note" or "error"
+  say(text, kind = "note") {
+    const [line, other] = kind === "error" ? [part("alarm"), part("said")] : [part("said"), part("alarm")];
+    other.textContent = "";
+    line.textContent = text;
+    document.body.style.setProperty("--said", `${overStage()}px`);
+    clearTimeout(line.timer);
+    line.timer = setTimeout(() => { line.textContent = ""; }, kind === "error" ? 12000 : 4000);
+    editor.emit("say", { text, kind });
+  },
+  photoPoint: (event) => editor.stage.point(event), // [x, y], px of the photo
+  redraw() { editor.stage?.redraw(); },
+  overlays: [],
+  overlay(draw) { editor.overlays.push(draw); }, // draw(context, pen), on each redraw
+};
+
+// px above the window's lower edge where a line lies over the photo, so that it hides no tab and no button of a small screen
+function overStage() {
+  const { bottom } = part("stage").getBoundingClientRect(), top = part("hint")?.getBoundingClientRect().top ?? bottom - 60;
+  return bottom > 160 && bottom < innerHeight ? innerHeight - top + 8 : 16;
+}
+
+const inVariant = () => (editor.variant ? `?variant=${encodeURIComponent(editor.variant)}` : "");
+export const same = (one, other) => one?.kind === other?.kind && one?.name === other?.name;
+
+// a thing of the scene, by kind and name -> what the file has of it
+const PLACES = { object: "objects", boundary: "boundaries", joint: "joints", field: "fields", force: "forces" };
+export function named({ kind, name }) {
+  const { scene } = editor.state || {};
+  if (!scene) return null;
+  return kind === "light" ? scene.light : scene[PLACES[kind]]?.[name] ?? null;
+}
+export const pathOf = ({ kind, name }) => (kind === "light" ? ["light"] : [PLACES[kind], name]);
+
+// while the server is away the first waits, and the others behind it
+let linked = true;
+function link(up) {
+  if (up === linked) return;
+  linked = up;
+  if (up && editor.state) editor.state.version = -1; // a server that began anew may count from the beginning
+  editor.emit("link", { up });
+}
+// the server answers again
+async function found() {
+  while (!linked) {
+    await new Promise((done) => setTimeout(done, 400));
+    await ask("GET", "/api/render").then(() => link(true), ({ status }) => { if (status && status !== 401) link(true); });
+  }
+}
+
+// Each carries an id, by which one whose answer was lost is known to have been made.
+function queued(path, body) {
+  const job = { id: `${own}-${(count += 1)}`, path, variant: editor.variant, body };
+  if (linked && editor.waiting.some((other) => other.path === "/api/mask")) editor.say(`${DEEDS[path]} once the picture has followed`);
+  if (path !== "/api/save") part("undo").disabled = false; // it can be asked for behind what waits
+  editor.waiting.push(job);
+  meant.set(job, editor.state);
+  const done = queue.then(async () => {
+    for (let tries = 0; ; tries += 1) {
+      try {
+        if (editor.state.id !== job.id && !stillMeant(job, meant.get(job), editor.state)) throw new Refused(409, ELSEWHERE);
+        const state = editor.state.id === job.id ? editor.state : await sent(job);
+        link(true);
+        for (const later of editor.waiting) meant.set(later, state);
+        return editor.take(state);
+      } catch (refused) {
+        const { status, body: why } = refused;
+        if (status === 0 || status === 401) { link(false); await found(); await editor.refresh().catch(() => {}); }
+        else if (status === 409 && !why.conflict && !why.elsewhere && tries < 4) await editor.refresh();
+        else {
+          if (why?.conflict) editor.emit("conflict", why.conflict);
+          else editor.say(refused.message, "error");
+          throw refused;
+        }
+      }
+    }
+  }).finally(() => {
+    editor.waiting.splice(editor.waiting.indexOf(job), 1);
+    if (!editor.pending) part("undo").disabled = !editor.state.undo;
+  });
+  queue = done.catch(() => {});
+  return done;
+}
+
+const DEEDS = { "/api/undo": "Undone", "/api/redo": "Done again", "/api/save": "Saved", "/api/mask": "Corrected", "/api/edit": "Done", "/api/text": "Taken" };
+const meant = new WeakMap(); // a job -> the state that it was meant for: the last one that this window made, or saw
+const ELSEWHERE = { error: { message: "something else was edited meanwhile", fix: "look, and do it again" }, elsewhere: true };
+
+// what was meant for another state is made only where it means the same now: the third push is another one perhaps
+function stillMeant({ path, body }, before, after) {
+  if (before.version === after.version || (before.text === after.text && before.undo === after.undo)) return true;
+  if (path === "/api/undo" || path === "/api/redo") return false;
+  return (body.ops || []).every((op) => {
+    const keys = op.set || op.unset || op.remove || op.rename || [], index = keys.findIndex((key) => typeof key === "number");
+    const item = ({ scene }) => JSON.stringify(keys.slice(0, index + 1).reduce((found, key) => found?.[key], scene));
+    return index < 0 || (before.scene && after.scene && item(before) === item(after));
+  });
+}
+
+function sent({ id, path, variant, body }) {
+  const made = Object.fromEntries(Object.entries(body).map(([key, value]) => [key, typeof value === "function" ? value() : value]));
+  const where = path === "/api/save" ? { variant } : { variant, id };
+  return ask(path === "/api/text" ? "PUT" : "POST", path, { version: editor.state.version, ...where, ...made });
+}
+
+// the answer knows what was undone: it could be done again now
+async function told(before, way, done) {
+  const state = await done.catch(() => null);
+  if (state) editor.say(before + state[way]);
+  return state;
+}
+
+async function asked() {
+  asking = true;
+  while (wanted) {
+    const ops = wanted, drag = dragged;
+    wanted = null;
+    try {
+      const found = await ask("POST", "/api/preview", { version: editor.state.version, variant: editor.variant, ops });
+      if (drag !== dragged || found.overtaken) continue;
+      editor.tried = found;
+      editor.emit("preview", found);
+    } catch (refused) {
+      if (refused.status !== 409) editor.say(refused.message, "error");
+      if (refused.status === 0) break;
+    }
+  }
+  asking = false;
+}
+
+// ---- the bar and the tabs
+part("undo").addEventListener("click", () => editor.undo());
+part("redo").addEventListener("click", () => editor.redo());
+editor.on("state", ({ state }) => {
+  part("name").textContent = state.file.name;
+  document.title = `${state.file.saved ? "" : "• "}${state.file.name} · physgen`;
+  part("saved").textContent = state.file.saved ? "saved" : "not saved";
+  part("saved").classList.toggle("unsaved", !state.file.saved);
+  for (const way of ["undo", "redo"]) {
+    part(way).disabled = !state[way] && !(way === "undo" && editor.pending > 1); // the one that is answered still counts
+    part(way).title = state[way] ? `${way === "undo" ? "Undo" : "Redo"}: ${state[way]} (Ctrl ${way === "undo" ? "Z" : "Y"})` : "";
+  }
+  part("waiting").hidden = true;
+});
+part("tabs").addEventListener("keydown", (event) => {
+  const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key], at = panels.findIndex((p) => p.id === editor.panel);
+  const next = event.key === "Home" ? 0 : event.key === "End" ? panels.length - 1 : by ? (at + by + panels.length) % panels.length : null;
+  if (next === null) return;
+  editor.showPanel(panels[next].id);
+  panels[next].tab.focus();
+  event.preventDefault();
+  event.stopPropagation();
+});
+part("tools").addEventListener("keydown", (event) => {
+  const by = { ArrowDown: 1, ArrowRight: 1, ArrowUp: -1, ArrowLeft: -1 }[event.key];
+  if (!by) return;
+  const all = [...part("tools").querySelectorAll("button")], at = all.indexOf(document.activeElement);
+  all[(at + by + all.length) % all.length].focus();
+  event.preventDefault();
+  event.stopPropagation();
+});
+
+// ---- begin: each module is given the editor, and may be asked by the others
+const MODULES = ["stage", "listed", "player", "arrows", "pick", "walls", "joints", "inspect", "world", "measure", "light", "keys",
+  "variants", "todo", "masks", "yaml", "keep", "render", "hint"];
+async function begin() {
+  for (const name of MODULES) {
+    try {
+      (await import(`./${name}.js`)).start(editor);
+    } catch (error) {
+      console.warn(`${name}: ${error.message}`);
+    }
+  }
+  try {
+    editor.materials = await ask("GET", "/api/materials");
+    await editor.refresh();
+  } catch (refused) {
+    part("waiting").textContent = refused.message;
+    editor.say(refused.message, "error");
+    return;
+  }
+  listen((event) => {
+    if (event.type === "lost" || event.type === "found") link(event.type === "found");
+    else {
+      if (event.type === "version" && event.version !== editor.state.version && !editor.pending) editor.refresh().catch(() => {});
+      editor.emit("server", event);
+    }
+  });
+  document.body.dataset.ready = "true";
+}
+if (document.readyState === "loading") addEventListener("DOMContentLoaded", begin); else begin();

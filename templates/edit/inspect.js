@@ -1,0 +1,181 @@
+// The panel of what is chosen: an object, a boundary, a push, a joint or a field; and a list of all where nothing is.
+
+import { button, element, isolated } from "./elements.js";
+import { named, pathOf, same } from "./app.js";
+import { loadSchema, makeRow } from "./fields.js";
+import { HOLDS, makePanels } from "./things.js";
+
+export function start(editor) {
+  const body = element("div.sheet", {});
+  let rows = [],
+    shown = "";
+  editor.addPanel({ id: "object", title: "Object", element: body, order: 10 });
+  const scene = () => editor.state?.scene,
+    derived = (name) => editor.state?.derived?.objects?.[name];
+  const meter = () => editor.state?.derived?.pixels_per_meter;
+  const si = (value, unit) => (Number.isFinite(value) ? `${+value.toPrecision(3)} ${unit}`.replace("-", "−") : "");
+
+  // what a rebuilt panel depends on: which thing, and which keys it has
+  const form = (thing) => {
+    const item = thing && named(thing);
+    if (!item)
+      return `list ${JSON.stringify(scene() && [Object.entries(scene().objects || {}).map(([n, o]) => [n, o.label, o.motion]), Object.keys(scene().boundaries || {}), (scene().forces || []).map((f) => Object.keys(f).concat(f.object)), Object.keys(scene().joints || {}), Object.keys(scene().fields || {})])}`;
+    const pushes =
+      thing.kind === "object" ? (scene().forces || []).map((f, k) => (f.object === thing.name ? `${k}${Object.keys(f)}` : "")).join() : "";
+    return `${thing.kind} ${thing.name} ${Object.keys(item).filter((key) => [...HOLDS, "impulse", "force", "torque", "wind", "attractor", "segment", "polyline", "mask"].includes(key) && item[key] != null)} ${JSON.stringify(item.motion)} ${scene().world?.view} ${pushes} ${editor.materials.length} ${Object.keys(scene().objects || {})} ${thing.kind === "object" ? oddities(thing.name) : ""}`;
+  };
+  function show() {
+    const thing = editor.selected && named(editor.selected) ? editor.selected : null,
+      now = form(thing);
+    if (now === shown) {
+      rows.forEach((row) => row.fill());
+      return;
+    }
+    shown = now;
+    const focused = document.activeElement?.closest?.("[data-row]")?.dataset.row,
+      inside = body.contains(document.activeElement);
+    rows = [];
+    body.replaceChildren(
+      ...(!scene()
+        ? [element("p.empty", {}, "The scene cannot be read as it stands: see To do or YAML for what is wrong.")]
+        : thing
+          ? panels[thing.kind](thing)
+          : list()),
+    );
+    if (inside && focused) body.querySelector(`[data-row="${CSS.escape(focused)}"] :is(input, select)`)?.focus();
+  }
+  const row = (path, name, options) => {
+    const made = makeRow(editor, path, name, options);
+    rows.push(made);
+    return made.row;
+  };
+  const title = (kind, name, about) => [element("h2", {}, isolated(name)), element("p.about", {}, about || kind)];
+  const heading = (text) => element("h3", {}, text);
+  const deeds = (...all) => element("div.deeds", {}, ...all);
+  const erase = (thing) => button("Delete", () => editor.acts.erase(thing), { class: "act bad", title: "Delete" });
+
+  const renamed = (thing) =>
+    row([...pathOf(thing), "(name)"], "name", {
+      spec: { type: "string", maxLength: 64 },
+      kind: "text",
+      required: true,
+      get: () => thing.name,
+      told: thing.name,
+      edits: (value) => {
+        editor.renaming = { ...thing, name: value };
+        return [{ rename: pathOf(thing), to: value }];
+      },
+    });
+  editor.on("state", () => {
+    // a thing that was renamed stays chosen
+    const thing = editor.renaming;
+    editor.renaming = null;
+    if (thing && named(thing)) editor.choose(thing);
+  });
+
+  const oddities = (name) =>
+    (editor.state.problems || [])
+      .filter((problem) => problem.object === name)
+      .map(({ message, fix, path }) => `${path.split(".").slice(2).join(" ") || path}: ${message}${fix ? `; ${fix}` : ""}`);
+  const odd = (name) => (oddities(name).length ? element("ul.warnings", {}, ...oddities(name).map((text) => element("li", {}, text))) : null);
+
+  const panels = makePanels(editor, { row, title, heading, deeds, erase, renamed, odd, si });
+
+  // what can be made without drawing it; its numbers are changed in its panel
+  function starters() {
+    const [w, h] = editor.stage.size(),
+      first = Object.keys(scene().objects || {})[0],
+      m = meter() || 100;
+    return [
+      [
+        "Floor",
+        "boundary",
+        "floor",
+        {
+          segment: [
+            [0, Math.round(0.9 * h)],
+            [w, Math.round(0.9 * h)],
+          ],
+        },
+      ],
+      first && derived(first) && ["Pin", "joint", "pin", { objects: [first], pivot: derived(first).centre.map((v) => Math.round(v)) }],
+      ["Wind", "field", "wind", { wind: [+(2 * m).toPrecision(1), 0], drag: 0.002 }],
+      [
+        "Attractor",
+        "field",
+        "attractor",
+        { attractor: [Math.round(w / 2), Math.round(h / 2)], strength: +(9.8 * m * (0.3 * w) ** 2).toPrecision(1), soften: 20 },
+      ],
+    ].filter(Boolean);
+  }
+  function list() {
+    const group = (kind, names, about) =>
+      names.length
+        ? [
+            heading({ object: "Objects", boundary: "Boundaries", force: "Pushes", joint: "Joints", field: "Fields" }[kind]),
+            element(
+              "ul.list",
+              {},
+              ...names.map((name) => {
+                const thing = { kind, name };
+                return element(
+                  "li",
+                  {},
+                  element(
+                    "button",
+                    {
+                      type: "button",
+                      "aria-pressed": same(editor.selected, thing),
+                      on: {
+                        click: () => editor.choose(thing),
+                        pointerenter: () => editor.stage.hover(thing),
+                        pointerleave: () => editor.stage.hover(null),
+                        focus: () => editor.stage.hover(thing),
+                        blur: () => editor.stage.hover(null),
+                      },
+                    },
+                    isolated(kind === "force" ? `on ${scene().forces[name].object}` : name),
+                    element("small", {}, about(name) || ""),
+                  ),
+                );
+              }),
+            ),
+          ]
+        : [];
+    const all = scene();
+    return [
+      element("p.about", {}, "Choose a thing on the photo or here. Drag from an object to push it."),
+      ...group("object", Object.keys(all.objects || {}), (n) => all.objects[n].label),
+      ...group("boundary", Object.keys(all.boundaries || {}), (n) =>
+        all.boundaries[n].segment ? "one wall" : all.boundaries[n].polyline ? "chain" : "mask",
+      ),
+      ...group(
+        "force",
+        (all.forces || []).map((_, k) => k),
+        (k) => ["impulse", "force", "torque"].find((key) => all.forces[k][key] != null),
+      ),
+      ...group("joint", Object.keys(all.joints || {}), (n) => HOLDS.find((k) => all.joints[n][k])),
+      ...group("field", Object.keys(all.fields || {}), (n) => (all.fields[n].wind ? "wind" : "attractor")),
+      heading("Add"),
+      deeds(
+        ...starters().map(([words, kind, wanted, value]) =>
+          button(words, () => {
+            const sections = { boundary: "boundaries", joint: "joints", field: "fields" },
+              name = editor.freeName(sections[kind], wanted);
+            editor
+              .edit([{ add: [sections[kind], name], value }], `${name} made`)
+              .then(() => editor.choose({ kind, name }))
+              .catch(() => {});
+          }),
+        ),
+      ),
+    ];
+  }
+  editor.on("select", (thing) => {
+    if (thing && editor.panel === "world") editor.showPanel("object");
+  });
+  loadSchema().then(() => {
+    for (const event of ["state", "select"]) editor.on(event, show);
+    if (editor.state) show();
+  });
+}

@@ -1,0 +1,143 @@
+// The scene as a video: which variants, in which format, refined or not; progress, stop, the result, and the command that does the same.
+
+import { element, isolated } from "./elements.js";
+
+const FORMATS = { mp4: "Video (mp4)", gif: "GIF", webp: "WebP", png: "Frames (png)" };
+const EVERY = 400; // ms between looks at a run whose events do not come
+
+export function start(editor) {
+  const which = element("div", { class: "render-which" });
+  const format = element("select", { id: "render-format" }, ...Object.entries(FORMATS).map(([value, words]) => element("option", { value }, words)));
+  const refine = element("input", { type: "checkbox", id: "render-refine" });
+  const refined = element("span", { class: "note", id: "render-refined" });
+  refine.setAttribute("aria-describedby", refined.id);
+  const go = element("button", { type: "submit", class: "act main" }, "Render");
+  const stop = element("button", { type: "button", class: "act", hidden: true, on: { click: halt } }, "Stop");
+  const meter = element("progress", { max: 1, value: 0, "aria-label": "Progress of the render" });
+  const stage = element("p", { class: "render-stage", role: "status" });
+  const running = element("div", { class: "render-running", hidden: true }, meter, stage);
+  const lines = element("pre", { class: "render-lines", tabindex: "0", "aria-label": "What the run said" });
+  const log = element("details", { class: "render-log", hidden: true }, element("summary", {}, "What the run said"), lines);
+  const failed = element("p", { class: "render-failed", role: "alert", hidden: true });
+  const results = element("div", { class: "render-results" });
+  const command = element("code", { class: "render-command", "data-part": "command" });
+  const form = element("form", { class: "render sheet", on: { submit: (event) => { event.preventDefault(); begin(); } } },
+    element("fieldset", {}, element("legend", {}, "What"), which),
+    element("p", { class: "render-row" }, element("label", { for: "render-format" }, "As"), format),
+    element("p", { class: "render-row" }, element("label", { class: "render-check" }, refine, " Refine with a video model"), refined),
+    element("p", { class: "render-row" }, go, stop),
+    running, failed, results, log,
+    element("h3", {}, "The same on the command line"),
+    element("p", { class: "render-command-row" }, command, element("button", { type: "button", class: "act", on: { click: () => editor.copy(command.textContent) } }, "Copy")));
+  const panel = editor.addPanel({ id: "render", title: "Render", element: form, order: 50 });
+  let busy = false, looking = 0, wanted = 0, first = true, marked = null;
+
+  const BASE = "";
+  const picked = () => [...which.querySelectorAll("input:checked")].map((box) => (box.value === BASE ? null : box.value));
+
+  editor.on("state", ({ state, before }) => {
+    const names = state.variants ?? [];
+    const had = marked === null ? [state.variant ?? BASE] : [...which.querySelectorAll("input:checked")].map((box) => box.value);
+    if (marked !== JSON.stringify(names)) {
+      marked = JSON.stringify(names);
+      which.replaceChildren(...[BASE, ...names].map((name) => element("label", { class: "render-check" },
+        element("input", { type: "checkbox", value: name, checked: had.includes(name), on: { change: told } }), " ", name === BASE ? "the scene" : isolated(name))));
+      if (!picked().length) which.querySelector("input").checked = true;
+    } else if (before && (before.variant ?? null) !== (state.variant ?? null)) for (const box of which.querySelectorAll("input")) box.checked = box.value === (state.variant ?? BASE);
+    const backend = state.scene?.refine?.backend ?? state.scene?.render?.refine ?? null;
+    refine.disabled = !backend || backend === "none";
+    refined.textContent = refine.disabled ? "The file names none: set refine.backend in it first. The command physgen backends lists them." : `By ${backend}.`;
+    told();
+    if (first) { first = false; look(); }
+  });
+  format.addEventListener("change", told);
+  refine.addEventListener("change", told);
+  editor.on("panel", (id) => { if (id === "render") { told(); look(); } });
+
+  // the form -> whether it may be sent, and the command that does the same
+  async function told() {
+    const errors = editor.state?.problems?.some((problem) => problem.severity === "error");
+    go.disabled = busy || errors || !picked().length;
+    go.title = errors ? "Mend the errors of the file first" : picked().length ? "" : "Choose what to render";
+    if (panel.panel.hidden || !editor.state) return;
+    const mine = (wanted += 1), chosen = picked();
+    const line = (variant) => editor.request("GET", `/api/command?${new URLSearchParams({ format: format.value, refine: String(refine.checked), ...(variant === null ? {} : { variant }) })}`);
+    try {
+      const found = await Promise.all(chosen.map(line));
+      if (mine === wanted) command.textContent = found.map((one) => one.command).join(" && ");
+    } catch (refused) {
+      if (mine === wanted) command.textContent = refused.status ? refused.message : "";
+    }
+  }
+
+  async function begin() {
+    await editor.flush?.();
+    failed.hidden = true;
+    results.replaceChildren();
+    go.disabled = true;
+    try {
+      const all = picked();
+      await editor.request("POST", "/api/render", { variants: all, format: format.value, refine: refine.checked });
+      busy = true;
+      shown({ running: true, stage: "starting", done: 0, total: 0, lines: [] });
+      await editor.refresh(); // it was saved
+      look();
+    } catch (refused) {
+      if (refused.body?.conflict) editor.saving?.(); else wrong(refused.message);
+      told();
+    }
+  }
+
+  async function halt() {
+    stop.disabled = true;
+    stage.textContent = "Stopping …";
+    try { await editor.request("POST", "/api/render/stop", {}); } catch (refused) { wrong(refused.message); }
+    look();
+  }
+
+  function wrong(words) {
+    failed.hidden = !words;
+    failed.textContent = words ?? "";
+  }
+
+  async function look() {
+    clearTimeout(looking);
+    try { shown(await editor.request("GET", "/api/render")); } catch { /* the banner tells of a lost server */ }
+    if (busy) looking = setTimeout(look, EVERY);
+  }
+  editor.on("server", (event) => { if (event.type === "render") look(); });
+
+  function shown(run) {
+    const was = busy;
+    busy = Boolean(run.running);
+    running.hidden = stop.hidden = !busy;
+    if (busy) {
+      if (run.total) { meter.max = run.total; meter.value = run.done; } else meter.removeAttribute("value");
+      const words = [run.stage, run.total ? `${Math.floor((100 * run.done) / run.total)} %` : ""].filter(Boolean).join(", ");
+      if (stop.disabled && was) stage.textContent = "Stopping …"; else stage.textContent = words ? `${words[0].toUpperCase()}${words.slice(1)}` : "Working …";
+    } else stop.disabled = false;
+    panel.badge?.(busy ? (run.total ? `${Math.floor((100 * run.done) / run.total)} %` : "…") : null);
+    const said = (run.lines ?? []).join("\n");
+    if (lines.textContent !== said) { lines.textContent = said; lines.scrollTop = lines.scrollHeight; }
+    log.hidden = !said;
+    if (!busy && run.error) { wrong([run.error.message, run.error.fix].filter(Boolean).join("; ")); log.open = true; }
+    if (!busy && run.result) came(run.result);
+    if (was && !busy) editor.say(run.result?.length ? "Rendered: see the Render panel" : run.state === "stopped" ? "Stopped" : run.error?.message ?? "Stopped");
+    if (was !== busy) told();
+  }
+
+  // the videos, each with its report
+  function came(found) {
+    const key = JSON.stringify(found);
+    if (results.dataset.key === key && results.childElementCount) return;
+    results.dataset.key = key;
+    results.replaceChildren(...found.map(({ variant, folder, video, report }) => {
+      const name = variant ?? "the scene", address = (file) => folder + file;
+      const film = !video ? null : /\.(gif|webp|png)$/.test(video) ? element("img", { src: address(video), alt: `Rendered: ${name}` })
+        : element("video", { src: address(video), controls: true, loop: true, muted: true, playsinline: true, preload: "metadata", "aria-label": `Rendered: ${name}` });
+      return element("figure", { class: "render-result" }, film, element("figcaption", {}, isolated(name), " ",
+        report ? element("a", { href: address(report), target: "_blank", rel: "noopener" }, "Report") : null, " ",
+        video ? element("a", { href: address(video), download: `${variant ?? "scene"}-${video}` }, "Download") : null));
+    }));
+  }
+}

@@ -1,0 +1,263 @@
+// What the panel shows of a thing, by its kind: rows for its keys, and what can be done to it.
+
+import { button, element } from "./elements.js";
+import { named, pathOf } from "./app.js";
+import { written } from "./dragging.js";
+import { makeMaterials } from "./materials.js";
+
+export const HOLDS = ["pivot", "spring", "weld", "motor"];
+
+// `kit` makes rows, titles and deeds
+export function makePanels(editor, { row, title, heading, deeds, erase, renamed, odd, si }) {
+  const scene = () => editor.state?.scene,
+    derived = (name) => editor.state?.derived?.objects?.[name],
+    meter = () => editor.state?.derived?.pixels_per_meter;
+  const { madeOf, current } = makeMaterials(editor);
+  const roundMass = (name, by) => +((derived(name)?.mass || 1) * by * (meter() || 100)).toPrecision(1);
+
+  return {
+    object(thing) {
+      const { name } = thing,
+        path = pathOf(thing),
+        item = named(thing),
+        still = typeof item.motion === "string" && item.motion === "static";
+      const top = scene().world?.view === "top",
+        pushes = (scene().forces || []).map((f, k) => ({ ...f, k })).filter((f) => f.object === name);
+      return [
+        ...title("object", name, item.label || "object"),
+        deeds(
+          button(still ? "Unpin" : "Pin", () => editor.acts.pin(name), { "aria-pressed": still, title: "Pinned: it never moves (x)" }),
+          button("Throw again", () => editor.player.again(), { title: "Play from the beginning (r)" }),
+          erase(thing),
+        ),
+        odd(name),
+        heading("What it is"),
+        renamed(thing),
+        row([...path, "label"], "label"),
+        editor.materials.length
+          ? row([...path, "(material)"], "material", {
+              spec: {},
+              kind: "choice",
+              choices: editor.materials.map((m) => m.name),
+              none: "as the numbers say",
+              get: () => current(name),
+              required: true,
+              told: `${name} material`,
+              edits: (value) => madeOf(name, value),
+            })
+          : null,
+        row([...path, "mass"], "mass", {
+          fallback: () => null,
+          placeholder: () => +(derived(name)?.mass ?? 0).toPrecision(4),
+          says: () =>
+            derived(name)
+              ? `${si(derived(name).mass / 1000, "kg")}${item.mass == null ? (written(editor, [...path, "density"]) ? ", by its density" : ", for density 1") : ""}`
+              : "",
+        }),
+        row([...path, "density"], "density", { fallback: () => null }),
+        row([...path, "solid"], "solid", { none: derived(name)?.radius ? "disc, by its shape" : "plate, by its shape" }),
+        heading("Surface"),
+        row([...path, "friction"], "friction"),
+        row([...path, "elasticity"], "elasticity"),
+        row([...path, "rolling"], "rolling"),
+        heading("Motion"),
+        row(
+          [...path, "motion"],
+          "motion",
+          item.motion?.path
+            ? {
+                kind: "choice",
+                choices: ["dynamic", "static", { value: "path", name: "along a path" }],
+                get: () => "path",
+                told: `${name} motion`,
+                edits: (v) => (v === "path" ? [] : [{ set: [...path, "motion"], value: v }]),
+              }
+            : { kind: "choice", choices: ["dynamic", "static"] },
+        ),
+        ...(still || item.motion?.path
+          ? []
+          : [
+              row([...path, "velocity"], "velocity", { says: (v) => (v && meter() ? si(Math.hypot(...v) / meter(), "m/s") : "") }),
+              row([...path, "spin"], "spin", { step: 45, says: (v) => (v ? si((v * Math.PI) / 180, "rad/s") : "") }),
+              top && item.solid === "sphere" && typeof (item.roll ?? "natural") === "string"
+                ? row([...path, "roll"], "roll", { kind: "choice", choices: ["natural", "none"] })
+                : null,
+            ]),
+        row([...path, "layer"], "layer"),
+        ...(still
+          ? []
+          : [
+              heading("Pushes"),
+              pushes.length
+                ? element(
+                    "ul.list",
+                    {},
+                    ...pushes.map((f) =>
+                      element(
+                        "li",
+                        {},
+                        element(
+                          "button",
+                          { type: "button", on: { click: () => editor.choose({ kind: "force", name: f.k }) } },
+                          element("span", {}, f.impulse ? "impulse" : f.force ? "force" : "torque"),
+                          element(
+                            "small",
+                            {},
+                            f.impulse || f.force ? `${(f.impulse || f.force).map((v) => +v.toPrecision(3)).join(", ")}` : String(f.torque),
+                          ),
+                        ),
+                      ),
+                    ),
+                  )
+                : element("p.empty", {}, "None: drag from the object with the tool Push."),
+              deeds(
+                ...[
+                  ["impulse", { impulse: [roundMass(name, 1), 0] }],
+                  ["force", { force: [roundMass(name, 5), 0], duration: 0.2 }],
+                  ["torque", { torque: roundMass(name, 50), duration: 0.2 }],
+                ].map(([kind, value]) =>
+                  button(`Add ${kind}`, () =>
+                    editor
+                      .edit([{ add: ["forces"], value: { object: name, ...value } }], `${kind} on ${name}`)
+                      .then(() => editor.choose({ kind: "force", name: scene().forces.length - 1 }))
+                      .catch(() => {}),
+                  ),
+                ),
+              ),
+            ]),
+      ].filter(Boolean);
+    },
+    boundary(thing) {
+      const path = pathOf(thing),
+        item = named(thing),
+        points = item.segment || item.polyline;
+      return [
+        ...title(
+          "boundary",
+          thing.name,
+          points ? `boundary of ${points.length} points; drag them with the tool Move` : "boundary along the outlines of a mask",
+        ),
+        deeds(erase(thing)),
+        heading("What it is"),
+        renamed(thing),
+        ...(item.segment
+          ? [0, 1].map((k) =>
+              row([...path, "segment", k], k ? "to" : "from", {
+                spec: { prefixItems: [{}, {}], "x-unit": "px" },
+                required: true,
+                told: `${thing.name} end`,
+                edits: (value) => [{ set: [...path, "segment"], value: item.segment.map((p, n) => (n === k ? value : named(thing).segment[n])) }],
+              }),
+            )
+          : []),
+        heading("Surface"),
+        row([...path, "friction"], "friction"),
+        row([...path, "elasticity"], "elasticity"),
+      ];
+    },
+    force(thing) {
+      const path = pathOf(thing),
+        item = named(thing),
+        kind = ["impulse", "force", "torque"].find((k) => item[k] != null);
+      const unit = (v) =>
+        kind === "torque" ? si(v / 1000 / meter() ** 2, "N·m") : si(Math.hypot(...v) / 1000 / meter(), kind === "impulse" ? "N·s" : "N");
+      return [
+        ...title("push", `${kind} on ${item.object}`, "push"),
+        deeds(
+          button("Its object", () => editor.select(item.object)),
+          erase(thing),
+        ),
+        heading("What it gives"),
+        row([...path, "object"], "object", { kind: "choice", choices: Object.keys(scene().objects), required: true }),
+        row([...path, kind], kind, { required: true, says: (v) => (v != null && meter() ? unit(v) : "") }),
+        kind === "torque" ? null : row([...path, "at"], "acts at", { says: (v) => (v ? "" : "the centre of mass") }),
+        heading("When"),
+        row([...path, "start"], "starts", { step: 0.05 }),
+        kind === "impulse" ? null : row([...path, "duration"], "lasts", { step: 0.05, says: (v) => (v == null ? "to the end" : "") }),
+      ].filter(Boolean);
+    },
+    joint(thing) {
+      const path = pathOf(thing),
+        item = named(thing),
+        kind = HOLDS.find((k) => item[k]),
+        names = Object.keys(scene().objects);
+      const at =
+        kind === "spring"
+          ? [0, 1].map((k) =>
+              row([...path, "spring", k], k ? "to" : "from", {
+                spec: { prefixItems: [{}, {}], "x-unit": "px" },
+                required: true,
+                edits: (value) => [{ set: [...path, "spring"], value: named(thing).spring.map((p, n) => (n === k ? value : p)) }],
+              }),
+            )
+          : [row([...path, kind], "at", { required: true })];
+      const holds = (k) =>
+        row([...path, "objects", k], k ? "to" : "holds", {
+          spec: {},
+          kind: "choice",
+          choices: names,
+          none: k ? "the world" : undefined,
+          required: !k,
+          get: () => named(thing).objects[k] ?? null,
+          told: `${thing.name} holds`,
+          edits: (value) => [
+            { set: [...path, "objects"], value: k ? [named(thing).objects[0], value].filter(Boolean) : [value, ...named(thing).objects.slice(1)] },
+          ],
+        });
+      return [
+        ...title(
+          "joint",
+          thing.name,
+          {
+            pivot: "pin: both sides turn freely about it",
+            spring: "spring with a damper",
+            weld: "weld: neither moves against the other",
+            motor: "motor: it turns the first",
+          }[kind],
+        ),
+        deeds(erase(thing)),
+        heading("What it holds"),
+        renamed(thing),
+        holds(0),
+        holds(1),
+        ...at,
+        heading("How"),
+        ...(kind === "spring"
+          ? [
+              row([...path, "stiffness"], "stiffness", { required: true }),
+              row([...path, "damping"], "damping"),
+              row([...path, "length"], "length", { says: (v) => (v == null ? "as at the start" : "") }),
+            ]
+          : []),
+        ...(kind === "motor"
+          ? [
+              row([...path, "speed"], "speed", { required: true, step: 45 }),
+              row([...path, "limit"], "limit", { says: (v) => (v == null ? "as much as it takes" : "") }),
+            ]
+          : []),
+        row([...path, "collide"], "bump", { spec: { type: "boolean", description: "Whether the two objects also bump into each other." } }),
+      ];
+    },
+    field(thing) {
+      const path = pathOf(thing),
+        item = named(thing);
+      return [
+        ...title("field", thing.name, item.wind ? "wind" : "point that attracts; negative strength repels"),
+        deeds(erase(thing)),
+        heading("What it does"),
+        renamed(thing),
+        ...(item.wind
+          ? [
+              row([...path, "wind"], "wind", { required: true, says: (v) => (v && meter() ? si(Math.hypot(...v) / meter(), "m/s") : "") }),
+              row([...path, "drag"], "drag", { required: true }),
+            ]
+          : [
+              row([...path, "attractor"], "at", { required: true }),
+              row([...path, "strength"], "strength", { required: true }),
+              row([...path, "soften"], "soften"),
+            ]),
+        element("p.about", {}, item.objects ? `on ${item.objects.join(", ")}` : "on everything that moves freely"),
+      ];
+    },
+  };
+}

@@ -1,0 +1,93 @@
+// What is wrong, odd or doubtful in the scene, worst first: each leads to its object, and its fix is a button.
+
+import { element, isolated } from "./elements.js";
+
+const SAID = { error: "Error", lint: "Odd", doubt: "Unsure" };
+const STEP = 40; // shown at once
+const PERHAPS = "rgb(255 220 90)";
+
+export function start(editor) {
+  const sums = element("p", { class: "todo-sums", role: "status" });
+  const list = element("ul", { class: "todo", "aria-label": "To do" });
+  const more = element("button", { type: "button", class: "act", hidden: true, on: { click: () => { shown += STEP; drawn(); } } }, "Show more");
+  const body = element("div", { class: "todo-panel sheet" }, sums, list, more);
+  const panel = editor.addPanel({ id: "todo", title: "To do", element: body, order: 30 });
+  let items = [], shown = STEP, counted = null;
+
+  const key = (item) => `${item.kind} ${item.object ?? ""} ${item.path ?? ""} ${item.text}`;
+
+  editor.on("state", ({ state }) => {
+    items = state.todo ?? [];
+    const focused = list.contains(document.activeElement) ? [...list.querySelectorAll("button")].indexOf(document.activeElement) : -1;
+    drawn();
+    if (focused >= 0) { // the next thing to do takes the place of the one that is done
+      const buttons = [...list.querySelectorAll("button")];
+      (buttons[Math.min(focused, buttons.length - 1)] ?? panel.tab).focus({ preventScroll: true });
+    }
+    if (counted !== null && items.length < counted && panel.panel.hidden === false) editor.say(items.length ? `${items.length} left to do` : "Nothing is left to do");
+    counted = items.length;
+  });
+
+  function drawn() {
+    panel.badge?.(items.length ? String(items.length) : null);
+    const tally = Object.entries(SAID).map(([kind, word]) => [items.filter((item) => item.kind === kind).length, word.toLowerCase()]).filter(([count]) => count);
+    sums.textContent = items.length ? tally.map(([count, word]) => `${count} ${word}`).join(", ") : editor.state?.scene ? "Nothing is doubtful: everything was set by hand or is sure enough." : "The file cannot be read yet: see YAML.";
+    list.replaceChildren(...items.slice(0, shown).map(made));
+    more.hidden = items.length <= shown;
+    marked();
+  }
+
+  function made(item) {
+    const thing = meant(item), perhaps = item.mask?.polygon;
+    const named = () => { if (perhaps) point(item); else if (thing) editor.choose(thing); };
+    const choose = () => {
+      named();
+      if (item.line && (item.kind === "error" || !thing) && !perhaps) editor.goToLine?.(item.line);
+    };
+    const fix = async () => {
+      named();
+      try { await (item.mask ? editor.maskOp(item.mask) : editor.edit(item.ops, item.fix)); } catch { /* told by the editor */ }
+    };
+    const shows = { pointerenter: () => point(item), focusin: () => point(item), pointerleave: () => point(null), focusout: () => point(null) };
+    return element("li", { class: `todo-item ${item.kind}`, "data-object": item.object ?? "", "data-key": key(item), on: perhaps ? shows : {} },
+      element("button", { type: "button", class: "todo-what", on: { click: choose } },
+        element("span", { class: "todo-kind" }, SAID[item.kind] ?? item.kind),
+        thing ? element("b", {}, isolated(String(thing.name))) : null,
+        element("span", { class: "todo-text" }, item.text)),
+      element("div", { class: "todo-acts" },
+        item.fix ? (item.ops || item.mask ? element("button", { type: "button", class: "act", on: { click: fix } }, upper(item.fix)) : element("span", { class: "todo-hint" }, upper(item.fix))) : null,
+        item.line ? element("button", { type: "button", class: "link", "aria-label": `Line ${item.line} of the file`, on: { click: () => editor.goToLine?.(item.line) } }, `line ${item.line}`) : null));
+  }
+
+  // where a thing is that is none yet
+  let pointed = null;
+  function point(item) {
+    pointed = item;
+    editor.redraw();
+  }
+  editor.overlay((context, pen) => {
+    if (!pointed || panel.panel.hidden || !items.includes(pointed)) return;
+    const path = new Path2D();
+    for (const [x, y] of pointed.mask.polygon) path.lineTo(x, y);
+    path.closePath();
+    pen.fill(path, PERHAPS, 0.2);
+    pen.stroke(path, PERHAPS, 2, 1, [6, 4]);
+  });
+
+  function marked() {
+    const name = editor.selected?.kind === "object" ? editor.selected.name : null;
+    for (const row of list.children) row.classList.toggle("chosen", Boolean(name) && row.dataset.object === name);
+  }
+  editor.on("select", marked);
+}
+
+// what a row is about: the object that it names, or what its path leads to
+const KINDS = { objects: "object", boundaries: "boundary", joints: "joint", fields: "field" };
+function meant({ object, path }) {
+  if (object) return { kind: "object", name: object };
+  const [section, name] = Array.isArray(path) ? path : String(path ?? "").split(".");
+  if (section === "light") return { kind: "light", name: "light" };
+  return KINDS[section] && name ? { kind: KINDS[section], name } : null;
+}
+
+const upper = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);

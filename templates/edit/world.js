@@ -1,0 +1,118 @@
+// The panel of the world: gravity, the view and the photo's scale, time, and the light's numbers.
+
+import { button, element, part } from "./elements.js";
+import { makeGravity } from "./dial.js";
+import { loadSchema, makeRow } from "./fields.js";
+
+const PLANETS = [
+  ["Earth", 9.8],
+  ["Moon", 1.62],
+  ["Mars", 3.72],
+  ["none", 0],
+];
+
+export function start(editor) {
+  const body = element("div.sheet", {});
+  let rows = [],
+    shown = "",
+    dial = null;
+  editor.addPanel({ id: "world", title: "World", element: body, order: 20 });
+  const world = () => editor.state?.scene?.world || {},
+    meter = () => editor.state?.derived?.pixels_per_meter || 100;
+  const gravity = () => world().gravity || (world().view === "top" ? [0, 0] : [0, 9.8 * meter()]);
+  const pull = makeGravity(editor, gravity, meter);
+  const row = (path, name, options) => {
+    const made = makeRow(editor, path, name, options);
+    rows.push(made);
+    return made.row;
+  };
+
+  const form = () => (editor.state?.scene ? `${world().view} ${Boolean(editor.state.scene.light)}` : "none");
+  function show() {
+    if (form() === shown) {
+      dial?.fill();
+      rows.forEach((made) => made.fill());
+      return;
+    }
+    shown = form();
+    rows = [];
+    if (!editor.state?.scene) {
+      body.replaceChildren(element("p.empty", {}, "The scene cannot be read as it stands."));
+      return;
+    }
+    dial = pull.makeDial();
+    dial.fill();
+    const top = world().view === "top",
+      heading = (text) => element("h3", {}, text),
+      light = editor.state.scene.light;
+    body.replaceChildren(
+      element("h2", {}, "World"),
+      heading("Gravity"),
+      element(
+        "div.dial",
+        {},
+        dial.svg,
+        element(
+          "div.deeds",
+          {},
+          ...PLANETS.map(([name, g]) =>
+            button(
+              name,
+              () => {
+                const [x, y] = gravity(),
+                  size = Math.hypot(x, y),
+                  down = size ? [x / size, y / size] : [0, 1];
+                pull.set(down.map((v) => v * g * meter()));
+              },
+              { title: `${g} m/s²` },
+            ),
+          ),
+        ),
+      ),
+      row(["world", "gravity"], "x, y", { get: gravity, told: "gravity", says: (v) => `${+(Math.hypot(...v) / meter()).toPrecision(3)} m/s²` }),
+      heading("View and scale"),
+      row(["world", "view"], "view", {
+        kind: "choice",
+        choices: [
+          { value: "side", name: "from the side" },
+          { value: "top", name: "from above" },
+        ],
+      }),
+      ...(top
+        ? [row(["world", "table", "friction"], "table friction")]
+        : [row(["world", "tilt"], "tilt", { step: 1 }), row(["world", "backdrop"], "backdrop")]),
+      row(["world", "pixels_per_meter"], "scale", { says: () => `the photo is ${+(editor.stage.size()[0] / meter()).toPrecision(3)} m wide` }),
+      element(
+        "div.deeds",
+        {},
+        button("Draw a known length", () => {
+          editor.useTool("measure");
+          part("over").focus();
+        }),
+      ),
+      heading("Time"),
+      row(["world", "duration"], "duration", { step: 0.1 }),
+      row(["world", "combine"], "pairs", {
+        kind: "choice",
+        choices: [
+          { value: "geometric", name: "geometric mean" },
+          { value: "multiply", name: "product" },
+        ],
+      }),
+      row(["world", "steps_per_second"], "steps"),
+      heading("Light"),
+      ...(light
+        ? [
+            row(["light", "direction"], "direction", { required: true }),
+            row(["light", "intensity"], "intensity", { step: 0.05 }),
+            row(["light", "ambient"], "ambient", { step: 0.05 }),
+            row(["light", "softness"], "softness", { step: 1 }),
+          ]
+        : [element("p.empty", {}, "None is known. Drag the sphere on the photo to set one.")]),
+    );
+  }
+  loadSchema().then(() => {
+    editor.on("state", show);
+    if (editor.state) show();
+  });
+}

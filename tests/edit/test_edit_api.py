@@ -1,0 +1,377 @@
+"""The interface keeps to its own OpenAPI, whatever is sent, and the doors of a session do what they say."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from schemathesis.checks import not_a_server_error
+from schemathesis.generation.modes import GenerationMode
+from schemathesis.specs.openapi import checks as told
+from served import Served
+
+from physgen.edit.motion import unpacked
+from physgen.edit.server.events import Windows
+from physgen.edit.server.openapi import document
+from physgen.materials import materials
+
+CHECKS = [
+    not_a_server_error,
+    told.status_code_conformance,
+    told.content_type_conformance,
+    told.response_headers_conformance,
+    told.response_schema_conformance,
+    told.negative_data_rejection,
+]
+STEADY = settings(
+    max_examples=20,
+    phases=[Phase.generate],
+    suppress_health_check=list(HealthCheck),
+    deadline=None,
+    derandomize=True,
+    database=None,
+)
+Serve = Callable[..., Served]
+
+
+def stranger(address: str) -> Any:
+    """Who knows the interface by its OpenAPI alone; the token is tried elsewhere."""
+    schema = json.loads(json.dumps(document()))
+    del schema["security"], schema["components"]["securitySchemes"]
+    asks = schemathesis.openapi.from_dict(schema)
+    asks.config.update(base_url=address.partition("/?")[0])
+    return asks
+
+
+OPERATIONS = [(path, method) for path, ways in document()["paths"].items() for method in ways]
+BODIED = [(path, method) for path, method in OPERATIONS if "requestBody" in document()["paths"][path][method]]
+
+
+@pytest.mark.parametrize(("path", "method"), OPERATIONS, ids=map(" ".join, OPERATIONS))
+def test_what_it_says_it_takes_is_answered_as_it_says(path, method, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    present = served.look()["version"]
+
+    @STEADY
+    @given(stranger(served.address)[path][method].as_strategy(generation_mode=GenerationMode.POSITIVE))
+    def asked(case: Any) -> None:
+        nonlocal present
+        if isinstance(case.body, dict) and "version" in case.body:
+            case.body["version"] = present
+            case.body.pop("id", None)
+        answer = case.call(headers={"X-Physgen-Token": served.token})
+        case.validate_response(answer, checks=CHECKS)
+        assert answer.status_code in (200, 409, 422)
+        if answer.headers["content-type"] == ["application/json"] and isinstance(answer.json(), dict):
+            present = answer.json().get("version", present)
+
+    asked()
+    assert served.editor is not None
+    served.editor.rendering.stop()
+
+
+REFUSABLE = [
+    pair for pair in OPERATIONS if pair in BODIED or document()["paths"][pair[0]][pair[1]].get("parameters")
+]
+
+
+@pytest.mark.parametrize(("path", "method"), REFUSABLE, ids=map(" ".join, REFUSABLE))
+def test_what_it_says_it_does_not_take_is_refused(path, method, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+
+    @STEADY
+    @given(stranger(served.address)[path][method].as_strategy(generation_mode=GenerationMode.NEGATIVE))
+    def asked(case: Any) -> None:
+        answer = case.call(headers={"X-Physgen-Token": served.token})
+        case.validate_response(answer, checks=CHECKS)
+
+    before = served.look()["version"]
+    asked()
+    assert served.look()["version"] == before
+
+
+def test_every_schema_of_the_openapi_is_one(serving: Serve) -> None:
+    whole = serving("physics/05-slide").get("/api/openapi.json")
+    for schema in whole["components"]["schemas"].values():
+        jsonschema.Draft202012Validator.check_schema(schema)
+
+
+KEYS = st.sampled_from(
+    [
+        "objects",
+        "block",
+        "forces",
+        "world",
+        "gravity",
+        0,
+        1,
+        "velocity",
+        "variants",
+        "x",
+        "shape",
+        "*",
+        "a.b",
+        "",
+    ]
+)
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+OPS = st.one_of(
+    st.fixed_dictionaries({"set": st.lists(KEYS, min_size=1, max_size=4), "value": VALUES}),
+    st.fixed_dictionaries({"add": st.lists(KEYS, min_size=1, max_size=4), "value": VALUES}),
+    st.fixed_dictionaries({"unset": st.lists(KEYS, min_size=1, max_size=4)}),
+    st.fixed_dictionaries({"remove": st.lists(KEYS, min_size=1, max_size=3)}),
+    st.fixed_dictionaries({"rename": st.lists(KEYS, min_size=1, max_size=3), "to": st.text(max_size=5)}),
+)
+
+
+def test_any_operation_on_a_scene_is_made_or_refused_and_can_be_undone(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    first = served.look()["text"]
+    validator = jsonschema.Draft202012Validator({**document(), "$ref": "#/components/schemas/State"})
+
+    @settings(STEADY, max_examples=50)
+    @given(st.lists(OPS, min_size=1, max_size=3))
+    def asked(ops: list[dict[str, Any]]) -> None:
+        answer = served.send("/api/edit", ops=ops)
+        if answer.status_code == 200 and served.state["text"] != first:
+            validator.validate(served.state)
+            assert served.send("/api/undo").status_code == 200
+            assert served.state["text"] == first
+        assert answer.status_code in (200, 422), answer.text
+        if answer.status_code == 422:
+            assert answer.json()["error"]["fix"]
+
+    asked()
+
+
+# What the doors do
+
+
+def body(state: dict[str, Any], name: str) -> dict[str, Any]:
+    (found,) = [body for body in state["motion"]["bodies"] if body["name"] == name]
+    return found
+
+
+def test_an_edit_is_seen_undone_and_done_again(serving: Serve) -> None:
+    served = serving("billiards")
+    first = served.look()
+    edited = served.edit(
+        {"set": ["objects", "cue-ball", "velocity"], "value": [100, 0]}, what="push cue-ball"
+    )
+    assert edited["scene"]["objects"]["cue-ball"]["velocity"] == [100, 0]
+    assert (edited["undo"], edited["redo"], edited["file"]["saved"]) == ("push cue-ball", None, False)
+    assert edited["version"] > first["version"]
+    moved = body(edited, "cue-ball")
+    assert (unpacked(moved["x"])[0], unpacked(moved["vx"])[0]) == (227.5, 100)
+    assert served.send("/api/undo").status_code == 200
+    assert served.state["text"] == first["text"]
+    assert served.state["redo"] == "push cue-ball"
+    assert served.state["file"]["saved"]
+    assert served.send("/api/redo").status_code == 200
+    assert served.state["text"] == edited["text"]
+
+
+def test_edits_of_one_tag_are_one_step(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    first = served.look()["text"]
+    for speed in (10, 20, 30):
+        served.edit({"set": ["world", "duration"], "value": speed / 100}, tag="drag 1")
+    served.edit({"set": ["world", "duration"], "value": 0.5}, tag="drag 2")
+    served.send("/api/undo")
+    assert "duration: 0.3" in served.state["text"]
+    served.send("/api/undo")
+    assert served.state["text"] == first
+    assert served.state["undo"] is None
+
+
+def test_an_edit_that_is_sent_again_is_made_once(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    version = served.look()["version"]
+    op = {
+        "add": ["forces"],
+        "value": {"object": next(iter(served.state["scene"]["objects"])), "impulse": [1, 0]},
+    }
+    once = served.send("/api/edit", ops=[op], id="a", version=version)
+    again = served.send("/api/edit", ops=[op], id="a", version=version)
+    assert (once.status_code, again.status_code) == (200, 200)
+    assert once.json()["text"] == again.json()["text"]
+    assert again.json()["id"] == "a"
+
+
+def test_of_an_old_version_nothing_is_edited(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    old = served.look()["version"]
+    new = served.edit({"set": ["world", "duration"], "value": 0.5})
+    answer = served.send("/api/edit", version=old, ops=[{"unset": ["world", "duration"]}])
+    assert answer.status_code == 409
+    assert answer.json()["version"] == new["version"]
+    assert served.look()["text"] == new["text"]
+
+
+def test_a_text_with_errors_is_kept_and_they_are_told_at_their_lines(serving: Serve) -> None:
+    served = serving("billiards")
+    text = served.look()["text"]
+    wrong = text.replace("mass: 170", "mass: heavy", 1)
+    line = wrong[: wrong.index("mass: heavy")].count("\n") + 1
+    served.send("/api/text", "PUT", text=wrong)
+    assert served.state["text"] == wrong
+    assert served.state["motion"] is None
+    (problem,) = [problem for problem in served.state["problems"] if problem["severity"] == "error"]
+    assert (problem["line"], problem["object"]) == (line, "cue-ball")
+    served.send("/api/text", "PUT", text="a: 1\nb: 2: 3\n")
+    assert served.state["problems"][0]["line"] == 2
+    assert served.send("/api/edit", ops=[{"set": ["a"], "value": 1}]).status_code == 422
+    served.send("/api/undo")
+    served.send("/api/undo")
+    assert served.state["text"] == text
+    assert served.state["motion"] is not None
+
+
+def test_line_ends_and_the_first_mark_of_a_file_stay(serving: Serve, copied) -> None:
+    path = copied("physics/05-slide")
+    data = b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n")
+    path.write_bytes(data)
+    served = serving(path)
+    text = served.look()["text"]
+    served.send(
+        "/api/text", "PUT", text=text.replace("\r\n", "\n").replace("physgen: 1", "physgen: 1  # one")
+    )
+    served.send("/api/save")
+    assert path.read_bytes() == data.replace(b"physgen: 1", b"physgen: 1  # one")
+
+
+def test_a_preview_changes_nothing(serving: Serve) -> None:
+    served = serving("billiards")
+    before = served.look()
+    answer = served.send("/api/preview", ops=[{"set": ["objects", "cue-ball", "velocity"], "value": [0, 0]}])
+    rest, moved = (unpacked(body(told, "cue-ball")["vx"])[0] for told in (answer.json(), before))
+    assert (rest, moved) == (0, 4200)
+    assert served.look()["text"] == before["text"]
+    assert served.state["version"] == before["version"]
+    old = {"version": before["version"], "ops": [{"unset": ["objects", "cue-ball", "velocity"]}]}
+    served.edit({"set": ["objects", "cue-ball", "velocity"], "value": [1, 1]})
+    assert served.client.post("/api/preview", json=old).status_code == 409
+    page = served.client.post("/api/preview", json=old, headers={"X-Physgen-Window": "a"})
+    assert (page.status_code, page.json()["overtaken"], page.json()["motion"]) == (200, True, None)
+
+
+def test_a_variant_is_seen_and_edited_beside_the_file(serving: Serve) -> None:
+    served = serving("billiards")
+    name = served.look()["variants"][0]
+    path = ["objects", "cue-ball", "friction"]
+    seen = served.send("/api/edit", variant=name, ops=[{"set": path, "value": 0.77}]).json()
+    assert seen["scene"]["objects"]["cue-ball"]["friction"] == 0.77
+    assert served.look()["scene"]["objects"]["cue-ball"]["friction"] == 0.06
+
+
+def test_pictures_of_the_photo(serving: Serve) -> None:
+    served = serving("billiards")
+    state = served.look()
+    photo = served.client.get("/api/photo")
+    assert photo.content.startswith(b"\x89PNG")
+    mask = served.client.get("/api/mask", params={"object": "cue-ball"})
+    assert mask.content.startswith(b"\x89PNG")
+    assert served.client.get("/api/mask", params={"object": "nobody"}).status_code == 422
+    assert served.get(f"/api/picture/{state['picture']}")["names"]
+    assert served.client.get("/api/picture/none").status_code == 409
+    assert {row["name"] for row in served.get("/api/materials")} == {row.name for row in materials()}
+
+
+def test_windows_are_counted_and_hear_of_edits(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    first = served.get("/api/events", window="a")
+    served.get("/api/events", window="b")
+    assert served.look()["windows"] == 2
+    told = served.get("/api/events", window="a", run=first["run"], since=first["next"])
+    assert [event["windows"] for event in told["events"] if event["type"] == "windows"][-1] == 2
+    served.edit({"set": ["world", "duration"], "value": 0.5})
+    for window in "ab":
+        news = served.get("/api/events", window=window, run=told["run"], since=told["next"])
+        versions = [event["version"] for event in news["events"] if event["type"] == "version"]
+        assert versions == [served.state["version"]]
+    served.get("/api/events", window="b", leaves="true")
+    assert served.look()["windows"] == 1
+    anew = served.get("/api/events", window="a", run="another", since=0)
+    assert anew["events"] == [{"type": "windows", "windows": 1}]
+
+
+def test_more_windows_than_a_browser_has_connections(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    for k in range(20):
+        served.get("/api/events", window=str(k))
+    assert served.look()["windows"] == 20
+
+
+def test_a_window_that_asks_no_more_is_gone() -> None:
+    now = [0.0]
+    windows, heard = Windows(clock=lambda: now[0]), list[int]()
+    windows.counted(heard.append)
+    windows.ask("seen", "", 0)
+    windows.ask("hidden", "", 0, hidden=True)
+    now[0] = 60.0  # a browser lets hidden pages ask once a minute
+    windows.ask("other", "", 0)
+    assert windows.count() == 2
+    now[0] = 500.0
+    assert [event["windows"] for event in windows.ask("other", windows.run, 0)["events"]][-1] == 1
+    assert heard[-1] == 1
+    for k in range(3000):
+        windows.tell({"type": "version", "version": k})
+    assert windows.ask("other", windows.run, 1)["events"][-1]["version"] == 2999
+
+
+def test_the_loop_stays_free_while_a_scene_is_looked_at(serving: Serve, monkeypatch) -> None:
+    served = serving("physics/05-slide")
+    served.look()
+    assert served.editor is not None
+    begun, go_on = threading.Event(), threading.Event()
+    live = served.editor.session.live
+    look = live.look
+
+    def slow(*arguments: Any, **named: Any) -> Any:
+        begun.set()
+        assert go_on.wait(30)
+        return look(*arguments, **named)
+
+    monkeypatch.setattr(live, "look", slow)
+    thread = threading.Thread(target=served.client.get, args=("/api/state",))
+    thread.start()
+    assert begun.wait(30)
+    assert served.client.get("/api/openapi.json").status_code == 200  # answered while the other is not
+    go_on.set()
+    thread.join(30)
+
+
+def test_a_render_saves_and_its_result_is_had_by_its_address(serving: Serve, copied, tmp_path: Path) -> None:
+    path = copied("physics/05-slide")
+    served = serving(path, output=tmp_path / "out")
+    edits = [("render", "frames", 4), ("render", "size", [64, 48])]
+    served.look()
+    served.edit(*({"set": [*keys], "value": value} for *keys, value in edits))
+    assert served.client.post("/api/render", json={"format": "gif"}).status_code == 200
+    assert "frames: 4" in path.read_text()
+    assert served.editor is not None
+    assert served.editor.rendering.wait(120)["state"] == "done"
+    (row,) = served.get("/api/render")["result"]
+    with_token = served.client.get(row["folder"] + row["video"])
+    assert with_token.content.startswith(b"GIF8")
+    without = served.client.get(row["folder"] + row["video"], headers={"X-Physgen-Token": ""})
+    assert without.content == with_token.content  # a link carries no header: its address is the key
+    assert "sandbox" in without.headers["content-security-policy"]
+    key = row["folder"].split("/")[2]
+    for wrong in (key[::-1], "x", key + "x"):
+        assert served.client.get(row["folder"].replace(key, wrong) + row["video"]).status_code == 404
+    for out in ("../../scene.yaml", "..%2f..%2fscene.yaml", "%2e%2e/%2e%2e/scene.yaml", "//etc/passwd"):
+        assert served.client.get(row["folder"] + out).status_code == 404
+    assert served.get("/api/command")["command"].startswith("physgen render ")

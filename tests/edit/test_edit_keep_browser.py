@@ -1,0 +1,326 @@
+"""Nothing is lost, in a real browser: a server killed, a page closed, a second window, a file written elsewhere."""
+
+from __future__ import annotations
+
+import signal
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from desk import NARROW, Desk, seated
+
+from physgen.pipeline import load
+
+SCENE = """\
+# a scene with remarks
+physgen: 1
+size: [320, 240]
+world:
+  duration: 0.5   # short
+objects:
+  # the one that flies
+  ball:
+    shape: {circle: {center: [60, 50], radius: 18}}
+    mass: 50    # spaces as somebody likes them
+  box:
+    shape: {box: {center: [220, 200], size: [40, 40]}}
+    mass: 200
+boundaries: {floor: {segment: [[0, 220], [320, 220]]}}   # kept in one line
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    return tmp_path / "scene.yaml"
+
+
+def edit(desk: Desk, path: str, value: object, *, wait: bool = True) -> None:
+    """An edit as the page's panels make it."""
+    desk.page.evaluate(
+        "([path, value]) => { window.editor.edit([{set: path.split('.'), value}], `set ${path}`); }",
+        [path, value],
+    )
+    if wait:
+        desk.settled()
+
+
+def banner(desk: Desk, name: str) -> str:
+    desk.page.wait_for_selector(f"[data-banner={name}]")
+    return str(desk.page.inner_text(f"[data-banner={name}] p"))
+
+
+def gone(desk: Desk, name: str) -> None:
+    desk.page.wait_for_selector(f"[data-banner={name}]", state="detached")
+
+
+def until(desk: Desk, what: str) -> None:
+    """Wait for what is said of the State `s`."""
+    desk.page.wait_for_function(f"() => {{ const s = window.editor.state; return {what}; }}")
+
+
+def words(desk: Desk, said: str) -> None:
+    """Wait for what stands beside the file's name."""
+    desk.page.wait_for_function(
+        "said => document.querySelector('[data-part=saved]').textContent === said", arg=said
+    )
+
+
+def answer(desk: Desk, value: str) -> None:
+    """To the dialog that is open."""
+    desk.page.click(f"dialog[open] [data-value={value}]")
+
+
+def test_a_killed_server_comes_back_with_all_that_was_done(
+    browser: Any, killable: Callable[..., Any], scene: Path
+) -> None:
+    served = killable(scene)
+    with seated(browser, served.address) as desk:
+        edit(desk, "objects.ball.velocity", [100, 0])
+        served.kill()
+        assert "physgen edit" in banner(desk, "link")
+        edit(desk, "objects.box.mass", 300, wait=False)  # nobody is there to hear it
+        edit(desk, "objects.box.friction", 0.25, wait=False)
+        desk.page.wait_for_selector("text=2 edits wait here")
+        assert scene.read_text(encoding="utf-8") == SCENE
+        again = killable(scene)
+        assert again.address == served.address, "the page that is open finds it"
+        gone(desk, "link")
+        desk.settled()
+        text = again.look()["text"]
+        assert text == desk.state["text"]
+        (scene.parent / "now.yaml").write_text(text, encoding="utf-8")
+        ball, box = load(scene.parent / "now.yaml").objects
+        assert (tuple(ball.velocity), box.mass, box.friction) == ((100, 0), 300, 0.25)
+        for _ in range(3):  # and back, past the day that the server died
+            desk.page.click("[data-part=undo]")
+            desk.settled()
+        assert desk.state["text"] == SCENE
+        assert desk.state["undo"] is None
+        assert desk.errors == []
+
+
+def test_a_page_that_was_closed_while_nobody_answered(
+    browser: Any, killable: Callable[..., Any], scene: Path
+) -> None:
+    """What waited in it is kept by the browser, and asked about when it is opened again."""
+    served = killable(scene)
+    with seated(browser, served.address) as desk:
+        edit(desk, "objects.ball.mass", 75)
+        served.kill()
+        banner(desk, "link")
+        edit(desk, "objects.box.mass", 300, wait=False)
+        desk.page.wait_for_selector("text=1 edit waits here")
+        context = desk.page.context
+        desk.page.close()
+        again = killable(scene)
+        assert "mass: 75 " in again.look()["text"], "the draft"
+        other = Desk(context.new_page())
+        other.page.goto(again.address)
+        other.ready()
+        answer(other, "true")
+        until(other, "s.text.includes('mass: 300')")
+        assert "not saved" in banner(other, "recovered")
+        other.page.click("[data-banner=recovered] >> text=Back to the saved file")
+        until(other, "s.file.saved")
+        assert other.state["text"] == SCENE
+
+
+def test_an_editor_that_was_ended_and_started_anew(
+    browser: Any, killable: Callable[..., Any], scene: Path
+) -> None:
+    """It has another token: the old page is a stranger, and what waited there is not lost."""
+    served = killable(scene)
+    port = served.address.rpartition(":")[2].partition("/")[0]
+    with seated(browser, served.address) as desk:
+        served.client.close()
+        served.process.send_signal(signal.SIGINT)  # all is saved: no draft stays
+        served.process.wait(30)
+        assert f"--port {port}" in banner(desk, "link")
+        edit(desk, "objects.ball.mass", 75, wait=False)
+        desk.page.wait_for_selector("text=1 edit waits here")
+        again = killable(scene, "--port", port)
+        desk.page.wait_for_selector("text=started anew")
+        desk.page.wait_for_timeout(600)
+        other = Desk(desk.page.context.new_page())
+        other.page.goto(again.address)
+        other.ready()
+        answer(other, "true")
+        until(other, "s.scene.objects.ball.mass === 75")
+
+
+def test_leaving_with_work_that_is_not_saved_asks(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        asked: list[str] = []
+        desk.page.on("dialog", lambda d: (asked.append(d.type), d.dismiss()))
+        desk.page.click("#tab-yaml")
+        edit(desk, "objects.ball.mass", 75)
+        words(desk, "draft kept, not saved")
+        desk.page.close(run_before_unload=True)
+        desk.page.wait_for_timeout(200)
+        assert asked == ["beforeunload"]
+        desk.page.keyboard.press("Control+s")
+        until(desk, "s.file.saved")
+        words(desk, "saved")
+        with desk.page.expect_event("close"):
+            desk.page.close(run_before_unload=True)
+        assert asked == ["beforeunload"]
+
+
+def test_saving_touches_one_line_and_keeps_the_files_mode(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    scene.chmod(0o640)
+    with seated(browser, serving(scene).address) as desk:
+        assert desk.page.is_disabled("[data-part=save]")
+        edit(desk, "objects.ball.mass", 75)
+        desk.page.click("[data-part=save]")
+        until(desk, "s.file.saved")
+        assert scene.read_text(encoding="utf-8") == SCENE.replace("mass: 50 ", "mass: 75 ")
+        assert stat.S_IMODE(scene.stat().st_mode) == 0o640
+        assert not list(scene.parent.glob("*~")), "nothing is left beside it"
+
+
+def test_a_second_window_is_told_and_sees_what_the_first_does(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    served = serving(scene)
+    with seated(browser, served.address) as one:
+        assert one.page.locator("[data-banner=windows]").count() == 0
+        with seated(browser, served.address, color_scheme="dark") as two:
+            assert "open in 2 windows" in banner(one, "windows")
+            assert "open in 2 windows" in banner(two, "windows")
+            assert two.grave(".banners") == []
+            edit(one, "objects.ball.mass", 75)
+            until(two, "s.scene.objects.ball.mass === 75")
+            edit(two, "objects.box.mass", 300)
+            until(one, "s.scene.objects.box.mass === 300")
+            assert one.state["text"] == two.state["text"]
+            two.page.click("[data-part=undo]")
+            until(one, "s.scene.objects.box.mass === 200")
+        gone(one, "windows")
+        assert one.errors == []
+
+
+def test_what_another_program_writes_is_merged_or_asked_about(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        # nothing was done here: it is taken as it is
+        scene.write_text(SCENE.replace("duration: 0.5", "duration: 0.7"), encoding="utf-8")
+        assert "this is its text now" in banner(desk, "merged")
+        until(desk, "s.scene.world.duration === 0.7 && s.file.saved")
+        # other lines: both stand
+        edit(desk, "objects.ball.mass", 75)
+        scene.write_text(SCENE.replace("duration: 0.5", "duration: 0.9"), encoding="utf-8")
+        until(desk, "s.scene.world.duration === 0.9 && s.scene.objects.ball.mass === 75")
+        desk.page.wait_for_selector("text=its changes are put into yours")
+        desk.page.keyboard.press("Control+s")
+        until(desk, "s.file.saved")
+        both = SCENE.replace("duration: 0.5", "duration: 0.9").replace("mass: 50 ", "mass: 75 ")
+        assert scene.read_text(encoding="utf-8") == both
+        # the same line: asked, both texts shown, and the one that was not taken stays in the history
+        edit(desk, "objects.box.mass", 300)
+        scene.write_text(both.replace("mass: 200", "mass: 250"), encoding="utf-8")
+        assert "where you changed it, too" in banner(desk, "outside")
+        desk.page.click("text=Look at both")
+        desk.page.wait_for_selector("dialog[open] .differs")
+        assert desk.page.eval_on_selector_all(
+            "dialog .differs td", "all => all.map(cell => cell.textContent.trim())"
+        ) == ["mass: 300", "mass: 250"]
+        assert desk.grave("dialog") == []
+        desk.page.keyboard.press("Escape")  # not now
+        assert "mass: 250" in scene.read_text(encoding="utf-8")
+        desk.page.click("text=Look at both")
+        answer(desk, "theirs")
+        until(desk, "s.scene.objects.box.mass === 250 && s.file.outside === null")
+        desk.page.click("[data-part=undo]")
+        until(desk, "s.scene.objects.box.mass === 300")
+        desk.page.keyboard.press("Control+s")
+        until(desk, "s.file.saved")
+        assert "mass: 300" in scene.read_text(encoding="utf-8")
+        # gone altogether
+        scene.unlink()
+        assert "no longer in its folder" in banner(desk, "outside")
+        desk.page.click('[data-banner=outside] button:text-is("Save")')
+        until(desk, "s.file.saved && s.file.outside === null")
+        assert "mass: 300" in scene.read_text(encoding="utf-8")
+        assert desk.errors == []
+
+
+def test_variants_are_tabs(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
+    """What is done in one is written there, and the scene itself stays."""
+
+    def named(text: str) -> None:
+        desk.page.fill("dialog[open] input", text)
+        desk.page.keyboard.press("Enter")
+
+    def tabs() -> list[str]:
+        return list(desk.page.eval_on_selector_all(".variant-tab", "all => all.map(t => t.textContent)"))
+
+    served = serving(scene)
+    with seated(browser, served.address) as desk:
+        desk.page.click("[aria-label='New variant']")
+        assert desk.grave("dialog") == []
+        named("2 much")
+        assert "starts with a letter" in desk.page.inner_text("dialog [role=alert]")
+        named("heavy")
+        until(desk, "s.variant === 'heavy'")
+        desk.settled()
+        edit(desk, "objects.ball.mass", 500)
+        assert "variants:\n  heavy" in desk.state["text"]
+        assert "mass: 50 " in desk.state["text"]
+        assert desk.state["scene"]["objects"]["ball"]["mass"] == 500
+        desk.page.click("[aria-label='This variant']")
+        desk.page.click("text=Duplicate …")
+        named("heavier")
+        until(desk, "s.variant === 'heavier'")
+        desk.settled()
+        edit(desk, "objects.ball.mass", 900)
+        desk.page.keyboard.press("Control+s")
+        until(desk, "s.file.saved")
+        desk.settled()
+        assert desk.state["variant"] == "heavier", "saving does not leave it"
+        desk.page.focus(".variant-tab[aria-selected=true]")
+        desk.page.keyboard.press("F2")
+        named("lead")
+        until(desk, "s.variant === 'lead'")
+        assert tabs() == ["scene", "heavy", "lead"]
+        desk.page.focus(".variant-tab[aria-selected=true]")
+        for want in ("heavy", None):
+            desk.page.keyboard.press("ArrowLeft")
+            desk.page.wait_for_function("want => window.editor.variant === want", arg=want)
+        until(desk, "s.scene.objects.ball.mass === 50")
+        desk.page.keyboard.press("End")
+        desk.page.wait_for_function("() => window.editor.variant === 'lead'")
+        desk.page.keyboard.press("Delete")
+        answer(desk, "true")
+        desk.page.wait_for_function("() => window.editor.state.variants.join() === 'heavy'")
+        desk.settled()
+        desk.page.keyboard.press("Control+s")
+        until(desk, "s.file.saved")
+        assert desk.errors == []
+    assert load(scene, variant="heavy").objects[0].mass == 500
+    assert load(scene).objects[0].mass == 50
+    assert scene.read_text(encoding="utf-8").startswith(SCENE)
+
+
+def test_the_first_time_there_are_three_steps(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
+    served = serving(scene)
+    for how in ({}, {"viewport": NARROW, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}):
+        with seated(browser, served.address, hint=True, **how) as desk:
+            for step in ("1 of 3", "2 of 3", "3 of 3"):
+                assert step in desk.page.inner_text("[data-part=hint]")
+                assert step[0] != "2" or desk.grave("[data-part=hint]") == []
+                desk.page.click("[data-part=hint] .main")
+            assert desk.page.locator("[data-part=hint]").count() == 0
+            desk.page.reload()
+            desk.ready()
+            assert desk.page.locator("[data-part=hint]").count() == 0, "gone for good"
+            desk.page.evaluate("() => window.editor.showHint()")
+            desk.page.wait_for_selector("[data-part=hint]")
+            assert desk.page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")

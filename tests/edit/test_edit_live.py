@@ -1,0 +1,210 @@
+"""What a text is seen to be: the motion of `physgen simulate`, however it is asked for; problems where they lie."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from physgen.cli import main
+from physgen.edit.live import Live, Look
+from physgen.edit.motion import COLUMNS, Film, unpacked
+from physgen.edit.ops import edited
+from physgen.simulate.trajectory import Trajectory, read_trajectory
+
+Copy = Callable[[str], Path]
+FREE = """\
+physgen: 1
+size: [400, 300]
+world: {gravity: [0, 0], duration: 0.8}
+objects:
+  ball: {shape: {circle: {center: [60, 150], radius: 10}}, mass: 20%s}
+  box: {shape: {box: {center: [300, 60], size: [20, 20]}}}
+"""
+
+
+def scene(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    return path
+
+
+def parts(live: Live, look: Look) -> tuple[np.ndarray, list[int]]:
+    """All samples (T, N, 6) of a look's motion, and the numbers of those that are frames."""
+    part: Any = look.motion
+    assert part is not None
+    frames, total, found = part["frames"], part["total"], []
+    while True:
+        assert part["from"] == sum(map(len, found))
+        columns = [[unpacked(body[name]) for name in COLUMNS] for body in part["bodies"]]
+        found.append(np.moveaxis(np.array(columns), 2, 0))
+        if part["done"]:
+            break
+        part = live.more(part["key"], part["upto"])
+        assert part is not None
+        assert part["upto"] > part["from"], "every answer brings something"
+    every = np.concatenate(found)
+    assert len(every) == total
+    return every, frames
+
+
+def simulated(path: Path, *flags: str) -> Trajectory:
+    """As the command line does it, of the file as it is saved."""
+    out = path.with_suffix(".npz")
+    assert main(["simulate", str(path), "-o", str(out), *flags]) == 0
+    return read_trajectory(out)
+
+
+@pytest.mark.parametrize(
+    ("name", "ops", "variant"),
+    [
+        ("wall-ball", [], None),
+        ("wall-ball", [], "beach-ball"),
+        ("billiards", [{"set": ["objects", "cue-ball", "velocity"], "value": [-700, 40]}], None),
+        ("seesaw", [{"set": ["world", "gravity"], "value": [30, 600]}], None),
+        ("dominoes", [{"set": ["objects", "domino-3", "place"], "value": [300, 200, 20]}], None),
+        ("physics/04-bounces", [{"set": ["world", "duration"], "value": 0.7}], None),
+    ],
+)
+def test_poses_are_those_of_simulate_to_the_bit(
+    copied: Copy, name: str, ops: list[dict[str, Any]], variant: str | None
+) -> None:
+    """After an edit, of the file as it is saved: no pose and no velocity differs in its last place."""
+    path = copied(name)
+    text = edited(path.read_text(), ops, None, path, False).text if ops else path.read_text()
+    live = Live(path)
+    every, frames = parts(live, live.look(text, variant=variant))
+    path.write_text(text)
+    run = simulated(path, *([] if variant is None else ["--variant", variant]))
+    assert np.array_equal(every[frames][:, :, :3], run.poses)
+    assert np.array_equal(every[frames][:, :, 3:], run.velocities)
+
+
+def test_a_push_is_seen_as_newton_has_it(tmp_path: Path) -> None:
+    """Without gravity: x = v t after a velocity, v = J / m after an impulse, x = F t² / 2 m under a force."""
+    live = Live(scene(tmp_path, FREE % ""))
+    t: np.ndarray | None = None
+    for text, way in (
+        (FREE % ", velocity: [250, -50]", lambda t: (250 * t, -50 * t)),
+        (FREE % "" + "forces:\n  - {object: ball, impulse: [3000, 0]}\n", lambda t: (150 * t, 0 * t)),
+        (FREE % "" + "forces:\n  - {object: ball, force: [0, 8000]}\n", lambda t: (0 * t, 400 * t**2 / 2)),
+    ):
+        look = live.look(text)
+        every, _ = parts(live, look)
+        assert look.motion is not None
+        t = unpacked(look.motion["times"])
+        ball = [body["name"] for body in look.motion["bodies"]].index("ball")
+        x, y = way(t)
+        np.testing.assert_allclose(every[:, ball, 0], 60 + x, atol=1e-6)
+        np.testing.assert_allclose(every[:, ball, 1], 150 + y, atol=1e-6)
+    assert t is not None
+    assert t[0] == 0
+
+
+def test_what_leaves_the_world_alone_keeps_its_motion(tmp_path: Path) -> None:
+    """A label does not move anything: the page need not ask again. A mass does."""
+    live = Live(scene(tmp_path, FREE % ""))
+    plain, called, heavy = (
+        live.look(FREE % more).motion for more in ("", ", label: puck", ", friction: 0.9")
+    )
+    assert plain is not None
+    assert called is not None
+    assert heavy is not None
+    assert plain["key"] == called["key"] != heavy["key"]
+    assert called["bodies"][0]["label"] == "puck"
+
+
+def test_motions_that_others_replaced_are_gone(tmp_path: Path) -> None:
+    live = Live(scene(tmp_path, FREE % ""))
+    first = live.look(FREE % "").motion
+    assert first is not None
+    for speed in range(10):
+        live.preview(FREE % f", velocity: [{speed}, 0]")
+    assert live.more(first["key"], 0) is None
+    assert live.more("none", 0) is None
+
+
+def test_an_error_has_a_line_an_object_and_no_motion(tmp_path: Path) -> None:
+    live = Live(scene(tmp_path, FREE % ""))
+    look = live.look(FREE % ", friction: rough")
+    assert look.motion is None
+    assert look.scene is None
+    (problem,) = look.problems
+    assert (problem["severity"], problem["line"], problem["object"]) == ("error", 5, "ball")
+    assert FREE.split("\n")[4][problem["column"] - 1 :].startswith("%s") or problem["column"] > 60
+    assert live.look("objects: [").problems[0]["severity"] == "error"
+    assert live.look("physgen: 1\n" + "# " + "x" * 9_000_000).problems[0]["expected"] == "larger than 8 MiB"
+
+
+def test_lints_are_told_at_the_object_that_they_mean(tmp_path: Path) -> None:
+    """Its own key, or a force on it; the line is where the key stands."""
+    text = FREE % ", rolling: 0.1" + "forces:\n  - {object: box, force: [1, 0], start: 7}\n"
+    text = text.replace("size: [20, 20]}}}", "size: [20, 20]}}, rolling: 0.2}")
+    look = Live(scene(tmp_path, text)).look(text)
+    wrong = Live(scene(tmp_path, text)).look(text.replace("start: 7", "start: soon"))
+    assert [(p["object"], p["line"]) for p in wrong.problems] == [("box", 8)]
+    told = {(p["path"], p["object"], p["line"]) for p in look.problems}
+    assert ("objects.box.rolling", "box", 6) in told
+    assert ("forces[0].start", "box", 8) in told
+    assert look.motion is not None
+
+
+def test_a_run_that_leaves_all_numbers_ends_there_and_says_so(tmp_path: Path) -> None:
+    """What was simulated until then is shown; nobody is asked to wait for more."""
+    text = FREE % "" + "forces:\n  - {object: ball, force: [1.0e12, 0], start: 0.2}\n"
+    sight = Live(scene(tmp_path, text)).state(text)
+    light = tuple(replace(body, mass=1e-300, moment=1e-300) for body in sight.compiled.world.bodies)
+    film = Film("motion", sight.scene, replace(sight.compiled.world, bodies=light))
+    part = film.part(0, time.perf_counter() + 60)
+    assert part["done"]
+    assert part["upto"] < part["total"]
+    (problem,) = film.problems()
+    assert problem.path == "objects.ball"
+    assert "leaves all numbers by t = 0.2" in str(problem)
+    assert unpacked(part["bodies"][0]["x"]).tolist() == [60.0] * part["upto"]
+
+
+def test_a_file_that_it_extends_is_read_again(tmp_path: Path) -> None:
+    base = tmp_path / "base.yaml"
+    base.write_text(FREE % "")
+    text = "extends: base.yaml\nobjects: {ball: {mass: 30}}\n"
+    live = Live(scene(tmp_path, text))
+    assert live.look(text).derived["objects"]["ball"]["centre"] == [60, 150]  # type: ignore[index]
+    base.write_text((FREE % "").replace("[60, 150]", "[90, 150]"))
+    assert live.look(text).derived["objects"]["ball"]["centre"] == [90, 150]  # type: ignore[index]
+
+
+def test_maps_of_a_draft_stand_in_for_the_assets(copied: Copy, tmp_path: Path) -> None:
+    """Pixels that a draft gives to nobody are nobody's; the file's own maps stay what they were."""
+    import cv2
+
+    path = copied("dominoes")
+    draft = tmp_path / "maps-1"
+    shutil.copytree(path.parent / "photo.assets", draft)
+    masks = cv2.imread(str(draft / "masks.png"), cv2.IMREAD_UNCHANGED)
+    identity = int(masks[masks > 0].min())
+    masks[: masks.shape[0] // 2 + 40][masks[: masks.shape[0] // 2 + 40] == identity] = 0
+    cv2.imwrite(str(draft / "masks.png"), masks)
+    live, text = Live(path), path.read_text()
+    own, drafted = (live.state(text, maps).compiled.labels for maps in (None, draft))
+    assert 0 < np.count_nonzero(drafted) < np.count_nonzero(own)
+    assert np.array_equal(drafted[drafted > 0], own[drafted > 0])
+
+
+def test_centres_masses_and_outlines_are_those_of_the_engine(tmp_path: Path) -> None:
+    """A box of density 2 weighs what its area says; its outline is where it is put, turned by a quarter."""
+    text = (FREE % "").replace("size: [20, 20]}}}", "size: [40, 20]}}, density: 2, place: [200, 100, 90]}")
+    derived = Live(scene(tmp_path, text)).look(text).derived
+    assert derived is not None
+    box = derived["objects"]["box"]
+    assert box["mass"] == pytest.approx(2 * 40 * 20)
+    assert box["moment"] == pytest.approx(1600 * (40**2 + 20**2) / 12)
+    assert np.ptp(np.array(box["ring"]), axis=0).tolist() == pytest.approx([20, 40])
+    assert np.array(box["ring"]).mean(axis=0).tolist() == pytest.approx([200, 100])
+    assert derived["objects"]["ball"]["speed_si"] == 0

@@ -1,0 +1,474 @@
+"""Masks corrected on a photo whose truth is known: what follows from them follows, and every other byte stays."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from physgen.cli import main
+from physgen.edit.correct import Corrected, correct, mask_png
+from physgen.edit.live import Live
+from physgen.edit.ops import edited
+from physgen.edit.reasons import forgotten
+from physgen.edit.refusing import EditError
+from physgen.edit.tools import stroke
+from physgen.percepts.maps import read_percepts
+
+W, H = 240, 160
+Y, X = np.mgrid[:H, :W]
+DISC = (X - 70) ** 2 + (Y - 60) ** 2 <= 24**2
+BLOCK = (np.abs(X - 170) <= 25) & (np.abs(Y - 100) <= 18)
+
+
+def painted() -> tuple[np.ndarray, np.ndarray]:
+    """A smooth background with fine grain, and the photo with a red disc and a blue block before it, RGB."""
+    grain = np.random.default_rng(3).normal(0, 1.2, (H, W, 1))
+    ground = np.stack([150 + 0.2 * X, 160 - 0.1 * Y, 140 + 0.1 * X], axis=2) + grain
+    photo = ground.copy()
+    photo[DISC] = (190, 40, 40)
+    photo[BLOCK] = (40, 60, 180)
+    return (np.clip(np.rint(part), 0, 255).astype(np.uint8) for part in (ground, photo))  # type: ignore[return-value]
+
+
+@pytest.fixture(scope="module")
+def perceived(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The photo perceived with masks of which one misses a quarter of its object."""
+    folder = tmp_path_factory.mktemp("perceived")
+    _, photo = painted()
+    cv2.imwrite(str(folder / "photo.png"), photo[:, :, ::-1])
+    masks = np.where(DISC & ~((X > 70) & (Y < 60)), 1, np.where(BLOCK, 2, 0)).astype(np.uint8)
+    cv2.imwrite(str(folder / "given.png"), masks)
+    flags = ["--masks", str(folder / "given.png"), "-o", str(folder / "scene.yaml")]
+    assert main(["perceive", str(folder / "photo.png"), *flags]) == 0
+    os.unlink(folder / "given.png")
+    return folder
+
+
+class Desk:
+    """A scene under correction: its text and its maps, and what they were."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.path = folder, folder / "scene.yaml"
+        self.live, self.text = Live(self.path), self.path.read_text()
+        self.maps: Path | None = None
+        self.before = self.text
+        self.count = 0
+
+    def do(self, **op: Any) -> Corrected:
+        self.count += 1
+        out = self.folder / f"maps-{self.count}"
+        made = correct(self.live, self.text, self.maps, None, op, out)
+        self.before, self.text = self.text, made.text
+        if out.is_dir():
+            self.maps = out
+        return made
+
+    @property
+    def names(self) -> list[str]:
+        return list(yaml.safe_load(self.text)["objects"])
+
+    def entry(self, name: str) -> dict[str, Any]:
+        return yaml.safe_load(self.text)["objects"][name]
+
+    def mask(self, name: str) -> np.ndarray:
+        data = mask_png(self.live, self.text, self.maps, name)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) == 255
+
+    def map(self, name: str) -> np.ndarray:
+        folder = self.maps or self.folder / "scene.assets"
+        return cv2.imread(str(folder / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+
+    def changed_lines(self) -> list[str]:
+        lines = difflib.unified_diff(self.before.split("\n"), self.text.split("\n"), n=0, lineterm="")
+        return [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
+
+
+@pytest.fixture
+def desk(perceived: Path, tmp_path: Path) -> Desk:
+    return Desk(Path(shutil.copytree(perceived, tmp_path / "scene")))
+
+
+def by_place(desk: Desk) -> tuple[str, str]:
+    """The disc's and the block's names."""
+    first, second = desk.names
+    return (first, second) if desk.mask(first)[70, 60] else (second, first)
+
+
+def iou(one: np.ndarray, other: np.ndarray) -> float:
+    return float((one & other).sum() / (one | other).sum())
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in sorted(folder.iterdir()) if file.is_file()}
+
+
+def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
+    """Mask, shape, mass, coverage, what is behind, normals: of the disc, and of nothing else."""
+    disc, block = by_place(desk)
+    ground, _ = painted()
+    assets = bytes_of(desk.folder / "scene.assets")
+    old, was = (
+        {
+            name: desk.map(name)
+            for name in ("background", "clean", "coverage", "masks", "normals")
+            if desk.map(name) is not None
+        },
+        desk.entry(disc),
+    )
+    missing = DISC & (X > 72) & (Y < 58)
+    off = np.abs(old["background"][:, :, ::-1].astype(int) - ground)
+    assert off[missing].mean() > 40, "the quarter that the mask misses still shows in the background"
+
+    made = desk.do(kind="box", box=[44, 34, 53, 53], object=None)
+
+    assert disc in made.what
+    assert made.made is None
+    assert iou(desk.mask(disc), DISC) > 0.96
+    assert np.array_equal(desk.mask(block), BLOCK)
+    off = np.abs(desk.map("background")[:, :, ::-1].astype(int) - ground)
+    assert off[DISC].mean() < 4, "nothing of it shows behind it any more"
+    assert desk.map("coverage")[missing].min() > 127, "soft at the border, and never more than half open"
+    now = desk.entry(disc)
+    circle = now["shape"]["circle"]
+    assert circle["center"] == pytest.approx([70, 60], abs=0.5)
+    assert circle["radius"] == pytest.approx(24, abs=0.6)
+    assert now["mass"] > was["mass"]
+    assert now["prompt"] == {"box": [44, 34, 53, 53]}
+    assert now["from"]["mask"].startswith("pointed at")
+    normals = desk.map("normals")[:, :, ::-1].astype(float) - 128
+    y, x = 60 - 12, 70 + 12
+    assert normals[y, x, 0] > 25, "a ball looks to the right on its right"
+    assert normals[y, x, 1] < -25
+    assert np.abs(np.hypot(np.hypot(normals[..., 0], normals[..., 1]), normals[..., 2]) - 127).max() < 3
+
+    far = np.ones((H, W), bool)
+    far[60 - 40 : 60 + 41, 70 - 40 : 70 + 41] = False
+    for name, before in old.items():
+        assert np.array_equal(desk.map(name)[far], before[far]), name
+    assert bytes_of(desk.folder / "scene.assets") == assets, "the scene's own maps stay until it is saved"
+    lines = desk.text.split("\n")
+    block_at = next(k for k, line in enumerate(lines) if line.startswith(f"  {block}:"))
+    assert all(
+        line[1:] not in lines[block_at : block_at + 3] for line in desk.changed_lines() if line[0] == "+"
+    )
+    assert desk.entry(block) == yaml.safe_load(desk.before)["objects"][block]
+
+
+def test_what_is_at_hand_is_what_the_files_hold(desk: Desk) -> None:
+    """After each kind of correction: every map as it is read anew from the folder, to the bit."""
+    disc, block = by_place(desk)
+    for op in (
+        {"kind": "brush", "object": disc, "strokes": [[80, 45]], "radius": 9},
+        {"kind": "split", "object": block, "line": [[170, 0], [170, 9]]},
+        {"kind": "merge", "objects": [disc, block]},
+    ):
+        desk.do(**op)
+        sight = desk.live.state(desk.text, desk.maps)
+        read = read_percepts(sight.scene.image, desk.maps, sight.scene.maps)
+        assert read is not None
+        for one in fields(read):
+            held = getattr(sight.percepts, one.name)
+            told = getattr(read, one.name)
+            assert (held is None) == (told is None), one.name
+            assert held is None or np.array_equal(held, told), one.name
+
+
+def test_a_point_finds_what_was_not_found(desk: Desk) -> None:
+    """The block is forgotten; a point on it makes an object of it again, with a name, a mass and a mask of its own."""
+    _, block = by_place(desk)
+    start = desk.text.index(f"  {block}:")
+    lines = desk.text[start:].split("\n")
+    end = next(k for k, line in enumerate(lines[1:], 1) if line and not line.startswith("   "))
+    desk.text = desk.text[:start] + "\n".join(lines[end:])
+    assert len(desk.names) == 1
+    made = desk.do(kind="point", point=[170, 100], object=None)
+    assert made.made is not None
+    assert desk.names[-1] == made.made
+    assert iou(desk.mask(made.made), BLOCK) > 0.95
+    entry = desk.entry(made.made)
+    assert entry["mass"] > 0
+    assert entry["prompt"] == {"point": [170, 100]}
+    assert desk.live.look(desk.text, desk.maps).motion is not None
+
+
+def test_brush_and_eraser_paint_exactly_what_they_touch(desk: Desk) -> None:
+    """Pixels whose centre is within the radius of the line, by the distance to each of its points."""
+    disc, block = by_place(desk)
+    before = desk.mask(disc)
+    desk.do(kind="brush", object=disc, strokes=[[75, 40], [90, 55]], radius=6)
+    exact = np.hypot(*np.moveaxis(np.stack([X, Y], -1) - nearest((75, 40), (90, 55)), -1, 0)) <= 6
+    assert np.array_equal(desk.mask(disc), before | exact)
+    shape = desk.entry(disc)["shape"]
+    desk.do(kind="eraser", object=disc, strokes=[[75, 40], [90, 55]], radius=6)
+    assert np.array_equal(desk.mask(disc), before & ~exact)
+    assert desk.entry(disc)["shape"] != shape
+    assert "mask" not in desk.entry(disc).get("from", {}), "what a person drew, nobody guessed"
+    assert "prompt" not in desk.entry(disc)
+    assert np.array_equal(desk.mask(block), BLOCK)
+    assert desk.map("masks")[exact].max() == 0
+
+
+def nearest(a: tuple[float, float], b: tuple[float, float]) -> np.ndarray:
+    """(H, W, 2): the nearest point of a segment to each pixel, found by trying ten thousand."""
+    best = np.full((H, W), np.inf)
+    found = np.zeros((H, W, 2))
+    for t in np.linspace(0, 1, 2001):
+        point = np.array(a) + t * (np.array(b) - a)
+        away = (X - point[0]) ** 2 + (Y - point[1]) ** 2
+        nearer = away < best - 1e-12
+        best[nearer], found[nearer] = away[nearer], point
+    return found
+
+
+def test_a_mask_that_is_painted_over_another_takes_its_pixels(desk: Desk) -> None:
+    disc, block = by_place(desk)
+    desk.do(kind="brush", object=disc, strokes=[[150, 100]], radius=10)
+    over = stroke([(150, 100)], 10, (W, H))
+    assert not (desk.mask(block) & over).any()
+    assert np.array_equal(desk.mask(block), BLOCK & ~over)
+    with pytest.raises(EditError, match=f"nothing would be left of {block}"):
+        desk.do(kind="brush", object=disc, strokes=[[150, 100], [190, 100]], radius=60)
+
+
+def hand_set(desk: Desk, name: str, mass: float) -> None:
+    """A person's own number: `from` says nothing of it."""
+    entry = desk.entry(name)
+    start = desk.text.index(f"  {name}:")
+    text = desk.text[start:]
+    text = text.replace(f"mass: {entry['mass']}", f"mass: {mass}", 1)
+    said = f"      mass: {entry['from']['mass']}\n"
+    assert said in text
+    desk.text = desk.text[:start] + text.replace(said, "", 1)
+    assert desk.entry(name)["mass"] == mass
+
+
+def test_merged_is_the_union_and_weighs_the_sum(desk: Desk) -> None:
+    """Forces on the one that goes act on the other from now on; nothing is left that names it."""
+    disc, block = by_place(desk)
+    hand_set(desk, disc, 30)
+    hand_set(desk, block, 12)
+    union = desk.mask(disc) | desk.mask(block)
+    push = f"forces:\n  - {{object: {block}, impulse: [100, 0]}}"
+    desk.text = desk.text.replace("forces: []", push)
+    assert push in desk.text
+    coverage = desk.map("coverage")
+    desk.do(kind="merge", objects=[disc, block])
+    assert desk.names == [disc]
+    assert np.array_equal(desk.mask(disc), union)
+    assert desk.entry(disc)["mass"] == 42
+    assert yaml.safe_load(desk.text)["forces"] == [{"object": disc, "impulse": [100, 0]}]
+    assert block not in desk.text
+    assert np.array_equal(desk.map("coverage"), coverage)
+
+
+def test_what_named_the_one_names_the_other_once_they_are_merged(desk: Desk) -> None:
+    """Wind, joints, the camera, and what variants say; the joint of the two with each other cannot be, and is told."""
+    disc, block = by_place(desk)
+    more = {
+        "fields": {"wind": {"wind": [30, 0], "drag": 2, "objects": [block]},
+                   "both": {"wind": [3, 0], "drag": 2, "objects": [disc, block]}},
+        "joints": {"pin": {"objects": [block], "pivot": [170, 100]},
+                   "rod": {"objects": [disc, block], "pivot": [120, 80]}},
+        "render": {"camera": {"follow": block, "zoom": 2}},
+        "variants": {"fast": {f"objects.{block}.velocity": [90, 0], f"objects.{block}.mass": 3,
+                              "forces": [{"object": block, "impulse": [1, 0]}]},
+                     "held": {f"objects.{block}.motion": "static", f"objects.{disc}.motion": "dynamic"},
+                     "blown": {"fields.wind.objects": [block, disc]}},
+    }  # fmt: skip
+    desk.text += yaml.safe_dump(more)
+    made = desk.do(kind="merge", objects=[disc, block])
+    data = yaml.safe_load(desk.text)
+    assert {name: told["objects"] for name, told in data["fields"].items()} == {
+        "wind": [disc],
+        "both": [disc],
+    }
+    assert {name: told["objects"] for name, told in data["joints"].items()} == {"pin": [disc]}
+    assert data["render"]["camera"]["follow"] == disc
+    assert data["variants"] == {
+        "fast": {f"objects.{disc}.velocity": [90, 0], "forces": [{"object": disc, "impulse": [1, 0]}]},
+        "held": {f"objects.{disc}.motion": "dynamic"},
+        "blown": {"fields.wind.objects": [disc]},
+    }
+    for left in ("joint rod", f"objects.{block}.mass of fast", f"objects.{block}.motion of held"):
+        assert left in made.what
+    assert desk.live.look(desk.text, desk.maps, "fast").motion is not None
+
+
+def test_split_halves_sum_to_the_whole(desk: Desk) -> None:
+    """Pixels, area and mass; each half on its side of the line; the background behind does not change."""
+    _, block = by_place(desk)
+    hand_set(desk, block, 20)
+    behind = (desk.folder / "scene.assets" / "background.png").read_bytes()
+    made = desk.do(kind="split", object=block, line=[[160, 0], [160, 10]])
+    assert made.made == f"{block}-2"
+    right, left = desk.mask(block), desk.mask(made.made)
+    assert not (right & left).any()
+    assert np.array_equal(right | left, BLOCK)
+    assert X[left].max() <= 160 < X[right].min() + 1
+    masses = [desk.entry(name)["mass"] for name in (block, made.made)]
+    assert sum(masses) == pytest.approx(20, rel=1e-3)
+    assert masses[1] / 20 == pytest.approx(left.sum() / BLOCK.sum(), rel=1e-3)
+    assert desk.maps is not None
+    assert (desk.maps / "background.png").read_bytes() == behind
+    assert os.path.samefile(desk.maps / "background.png", desk.folder / "scene.assets" / "background.png")
+    with pytest.raises(EditError, match="fewer than"):
+        desk.do(kind="split", object=block, line=[[230, 0], [230, 9]])
+
+
+def test_a_label_that_is_typed_sets_the_numbers_that_nobody_set(desk: Desk) -> None:
+    """As `perceive --refresh` does; a mass that a person set stays, and so does every map."""
+    disc, block = by_place(desk)
+    hand_set(desk, disc, 33)
+    before = desk.entry(block)
+    desk.do(kind="relabel", object=block, label="steel block")
+    now = desk.entry(block)
+    assert now["label"] == "steel block"
+    assert now["mass"] > 3 * before["mass"]
+    assert "steel" in desk.text
+    desk.do(kind="relabel", object=disc, label="steel ball")
+    assert desk.entry(disc)["mass"] == 33
+    assert desk.entry(disc)["label"] == "steel ball"
+    assert "label" not in desk.entry(disc)["from"]
+    assert desk.maps is None
+
+
+def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk) -> None:
+    """Its remark behind the mass and above the friction and the scale; every other line, and a person's own, stays."""
+    disc, _ = by_place(desk)
+    before = desk.text.split("\n")
+    said = [line for line in before if "# g: " in line]
+    assert len(said) == 2
+    assert any(line.startswith("  # 1 px = 1 cm") for line in before)
+    ops = [
+        {"set": ["objects", disc, "mass"], "value": 33},
+        {"set": ["objects", disc, "friction"], "value": 0.11},
+        {"set": ["world", "pixels_per_meter"], "value": 555},
+    ]
+    made = edited(desk.text, ops, None, desk.path, False).text
+    after = forgotten(made, [op["set"] for op in ops]).split("\n")
+    diff = [line for line in difflib.ndiff(made.split("\n"), after) if line[:2] in ("- ", "+ ")]
+    added = [line[2:] for line in diff if line[0] == "+"]
+    assert added == ["    mass: 33", "    friction: 0.11"]
+    gone = [line[2:].strip() for line in diff if line[0] == "-"]
+    for start in ("mass: 33  # g: ", "friction: 0.11  # ", "# 1 px = 1 cm", "# A larger number makes"):
+        assert [line for line in gone if line.startswith(start)], start
+    assert len(gone) == 4
+    mine = "\n".join(after).replace("    mass: 33", "    mass: 33  # weighed it")
+    assert forgotten(mine, [["objects", disc, "mass"]]) == mine
+
+
+def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) -> None:
+    """A scene of polygons without assets: it gets a folder of its own; who is not painted keeps the polygon."""
+    _, photo = painted()
+    cv2.imwrite(str(tmp_path / "photo.png"), photo[:, :, ::-1])
+    (tmp_path / "scene.yaml").write_text(
+        "physgen: 1\nimage: photo.png\nobjects:\n"
+        "  disc: {mask: {polygon: [[50, 40], [90, 40], [90, 80], [50, 80]]}, density: 2}  # by hand\n"
+        "  block: {mask: {polygon: [[146, 83], [194, 83], [194, 117], [146, 117]]}, mass: 5}\n"
+    )
+    desk = Desk(tmp_path)
+    before = desk.mask("disc")
+    area = desk.live.look(desk.text).derived["objects"]["disc"]["mass"] / 2  # type: ignore[index]
+    desk.do(kind="brush", object="disc", strokes=[[90, 60]], radius=15)
+    painted_ = stroke([(90, 60)], 15, (W, H))
+    assert np.array_equal(desk.mask("disc"), before | painted_)
+    data = yaml.safe_load(desk.text)
+    assert data["assets"] == "scene.assets"
+    assert data["objects"]["disc"] == {"mask": 1, "density": 2}
+    assert "# by hand" in desk.text
+    assert "polygon: [[146, 83]" in desk.text
+    assert desk.maps is not None
+    assert sorted(bytes_of(desk.maps)) == ["masks.png"]
+    mass = desk.live.look(desk.text, desk.maps).derived["objects"]["disc"]["mass"]  # type: ignore[index]
+    assert mass / 2 - area == pytest.approx((painted_ & ~before).sum(), rel=0.05), "mass follows area"
+    desk.do(kind="eraser", object="block", strokes=[[146, 100]], radius=9)
+    assert desk.map("masks").max() == 2
+    assert yaml.safe_load(desk.text)["assets"] == "scene.assets"
+
+
+def test_maps_of_another_scene_are_left_to_it(desk: Desk) -> None:
+    """A file that extends another gets maps of its own when one is corrected."""
+    disc, _ = by_place(desk)
+    desk.path = desk.folder / "mine.yaml"
+    desk.path.write_text(f"extends: scene.yaml\nobjects: {{{disc}: {{friction: 0.3}}}}\n")
+    desk.live, desk.text = Live(desk.path), desk.path.read_text()
+    assets = bytes_of(desk.folder / "scene.assets")
+    desk.do(kind="brush", object=disc, strokes=[[85, 45]], radius=8)
+    data = yaml.safe_load(desk.text)
+    assert data["assets"] == "mine.assets"
+    assert data["extends"] == "scene.yaml"
+    assert data["objects"][disc]["friction"] == 0.3
+    assert desk.mask(disc)[45, 85]
+    assert bytes_of(desk.folder / "scene.assets") == assets
+
+
+def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
+    disc, _ = by_place(desk)
+    x, y = desk.live.look(desk.text).derived["objects"][disc]["centre"]  # type: ignore[index]
+    start = desk.text.index(f"  {disc}:")
+    knots = f"    motion: {{path: [[0, {x:.2f}, {y:.2f}], [1, {x + 40:.2f}, {y:.2f}]]}}\n"
+    at = desk.text.index("    mask:", start)
+    desk.text = desk.text[:at] + knots + desk.text[at:]
+    desk.do(kind="box", box=[44, 34, 53, 53], object=disc)
+    path = desk.entry(disc)["motion"]["path"]
+    assert path[0][1:] == pytest.approx([70, 60], abs=0.6)
+    assert path[1][1] - path[0][1] == pytest.approx(40, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("op", "why"),
+    [
+        ({"kind": "melt"}, "none that is known"),
+        ({}, "none that is known"),
+        ({"kind": "box", "box": [1, 2, 3]}, "not 4 numbers"),
+        ({"kind": "box", "box": [1, 2, float("nan"), 4]}, "not 4 numbers"),
+        ({"kind": "box", "box": [500, 500, 20, 20]}, "leaves under 4 px"),
+        ({"kind": "point", "point": [1e9, 3]}, "not 2 numbers"),
+        ({"kind": "point", "point": [-5, 3]}, "off the 240 x 160 photo"),
+        ({"kind": "polygon", "polygon": [[1, 1], [2, 2]]}, "3 points"),
+        ({"kind": "polygon", "polygon": [[300, 1], [302, 2], [301, 5]]}, "fewer than 12 px"),
+        ({"kind": "brush", "object": "nobody", "strokes": [[1, 1]], "radius": 3}, "no object is called"),
+        ({"kind": "brush", "object": ["x"], "strokes": [[1, 1]], "radius": 3}, "no object is called"),
+        ({"kind": "brush", "object": "DISC", "strokes": [], "radius": 3}, "1 points or more"),
+        ({"kind": "brush", "object": "DISC", "strokes": [[1, 1]], "radius": 0}, "not a length"),
+        ({"kind": "brush", "object": "DISC", "strokes": [[60, 70]], "radius": 2}, "changes nothing"),
+        ({"kind": "eraser", "object": "DISC", "strokes": [[70, 60]], "radius": 90}, "fewer than 12 px"),
+        ({"kind": "merge", "objects": ["DISC", "DISC"]}, "not two names"),
+        ({"kind": "merge", "objects": "DISC"}, "not two names"),
+        ({"kind": "split", "object": "DISC", "line": [[1, 1], [1, 1]]}, "is a point"),
+        ({"kind": "relabel", "object": "DISC", "label": " "}, "not a text"),
+    ],
+)
+def test_what_cannot_be_done_leaves_nothing_behind(desk: Desk, op: dict[str, Any], why: str) -> None:
+    disc, _ = by_place(desk)
+    named = {key: disc if value == "DISC" else value for key, value in op.items()}
+    named |= {
+        key: [disc if v == "DISC" else v for v in value]
+        for key, value in op.items()
+        if key == "objects" and isinstance(value, list)
+    }
+    files = sorted(desk.folder.iterdir())
+    with pytest.raises(EditError, match=why) as told:
+        desk.do(**named)
+    assert told.value.fix
+    assert sorted(desk.folder.iterdir()) == files
+
+
+def test_a_scene_without_a_photo_has_nothing_to_mask(copied: Callable[[str], Path]) -> None:
+    path = copied("physics/11-head-on")
+    desk = Desk(path.parent)
+    with pytest.raises(EditError, match="no photo"):
+        desk.do(kind="box", box=[1, 1, 50, 50], object=None)
+    desk.text = "physgen: [\n"
+    with pytest.raises(EditError, match="has an error"):
+        desk.do(kind="box", box=[1, 1, 50, 50], object=None)

@@ -1,0 +1,133 @@
+"""What the page draws of a photo: put together it is the photo again, and no motion changes it."""
+
+from __future__ import annotations
+
+from base64 import b64decode
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from physgen import pipeline
+from physgen.edit.live import Live
+from physgen.edit.picture import Pictures, photo_png
+
+Copy = Callable[[str], Path]
+
+
+def opened(uri: str) -> np.ndarray:
+    """Pixels of a data URI, (h, w, 3 or 4)."""
+    return np.asarray(Image.open(BytesIO(b64decode(uri.partition(",")[2]))))
+
+
+def over(canvas: np.ndarray, row: dict[str, Any]) -> None:
+    """Lay a picture on a canvas (H, W, 3) as browsers do: coverage times colour codes."""
+    picture = Image.open(BytesIO(b64decode(row["src"].partition(",")[2]))).convert("RGBA")
+    left, top, wide, high = (round(v + e) for v, e in zip(row["box"], (0.5, 0.5, 0, 0), strict=True))
+    drawn = np.asarray(picture.resize((wide, high), Image.Resampling.BILINEAR), np.float32)
+    y0, x0, y1, x1 = (
+        max(top, 0),
+        max(left, 0),
+        min(top + high, len(canvas)),
+        min(left + wide, canvas.shape[1]),
+    )
+    part = drawn[y0 - top : y1 - top, x0 - left : x1 - left]
+    alpha = part[..., 3:] / 255
+    canvas[y0:y1, x0:x1] = alpha * part[..., :3] + (1 - alpha) * canvas[y0:y1, x0:x1]
+
+
+def test_background_shadows_and_objects_are_the_photo_again(copied: Copy) -> None:
+    """Read by another decoder and put together by hand, at t = 0: within a few levels of the photo, everywhere."""
+    path = copied("kitchen")
+    live = Live(path)
+    pictures, look = Pictures(live), live.look(path.read_text())
+    assert look.picture is not None
+    assert look.motion is not None
+    seen, thrown = pictures.look(look.picture), pictures.shadows(look.picture, look.motion["key"])
+    assert seen is not None
+    assert thrown is not None
+    photo = np.asarray(Image.open(path.parent / "photo.png").convert("RGB"), np.float32)
+    canvas = opened(seen["background"])[..., :3].astype(np.float32)
+    assert canvas.shape == photo.shape
+    bare = canvas.copy()
+    for row in thrown["shadows"]:
+        first = row["keys"][0]
+        if "src" in first:
+            over(canvas, first)
+    shaded = canvas.copy()
+    for row in seen["sprites"]:
+        over(canvas, row)
+    assert np.abs(canvas - photo).mean() < 2.5
+    assert np.abs(shaded - photo).mean() > 4 * np.abs(canvas - photo).mean(), (
+        "objects are pictures of their own"
+    )
+    assert np.abs(bare - shaded).max() > 25, "shadows are, too"
+    assert [seen["names"][row["body"]] for row in seen["sprites"]] != []
+    assert sorted(seen["names"]) == sorted(look.scene["objects"])  # type: ignore[index]
+
+
+def test_the_picture_outlasts_edits_of_what_moves_it(copied: Copy) -> None:
+    """A push, gravity, a mass, another place: the same picture, and it is not worked out again. A light: another."""
+    path = copied("wall-ball")
+    live = Live(path)
+    pictures, text = Pictures(live), path.read_text()
+    base = live.look(text).picture
+    assert base is not None
+    first = pictures.look(base)
+    for edit in ("objects.ball.velocity=[10, 10]", "world.gravity=[0, 100]", "objects.ball.mass=7",
+                 "objects.ball.place=[200, 100]", "objects.old-ball.friction=0.1"):  # fmt: skip
+        look = live.look(text, overrides=[edit])
+        assert look.picture == base, edit
+        assert pictures.look(base) is first
+    other = live.look(text, overrides=["light.direction=[0.5, -0.6, 0.6]"]).picture
+    assert other != base
+
+
+def test_an_object_put_elsewhere_says_where_its_picture_is_from(copied: Copy) -> None:
+    """`rest` is its centre in the photo, turned back by as much as it was turned."""
+    path = copied("wall-ball")
+    live, text = Live(path), path.read_text()
+    centre = live.look(text).derived["objects"]["old-ball"]["centre"]  # type: ignore[index]
+    look = live.look(text, overrides=["objects.old-ball.place=[200, 100, 90]"])
+    assert look.motion is not None
+    rests = {body["name"]: body.get("rest") for body in look.motion["bodies"]}
+    assert rests["ball"] is None
+    np.testing.assert_allclose(rests["old-ball"], [*centre, -np.pi / 2], atol=1e-3)
+
+
+def test_shadows_go_with_the_motion_that_throws_them(copied: Copy) -> None:
+    """The shadow of a ball lies where its sample says; of one that was put elsewhere, there."""
+    path = copied("billiards")
+    live, text = Live(path), path.read_text()
+    pictures = Pictures(live)
+    middle = {}
+    for x in (300, 340):
+        look = live.look(
+            text, overrides=[f"objects.cue-ball.place=[{x}, 500]", "objects.cue-ball.velocity=[0, 0]"]
+        )
+        assert look.picture is not None
+        assert look.motion is not None
+        told = pictures.shadows(look.picture, look.motion["key"])
+        assert told is not None
+        names = pictures.look(look.picture)["names"]  # type: ignore[index]
+        (row,) = (row for row in told["shadows"] if names[row["body"]] == "cue-ball")
+        middle[x] = row["keys"][0]["at"]
+        assert told["motion"] == look.motion["key"]
+    # its picture slides with the ball from where the photo has it
+    assert middle[300] == middle[340]
+    assert pictures.shadows("gone", "gone") is None
+
+
+def test_a_scene_without_a_photo_is_drawn_flat(copied: Copy) -> None:
+    path = copied("physics/11-head-on")
+    live, text = Live(path), path.read_text()
+    look = live.look(text)
+    seen = Pictures(live).look(look.picture or "")
+    assert seen is not None
+    assert len(seen["sprites"]) == len(seen["names"]) > 1
+    paper = np.asarray(Image.open(BytesIO(photo_png(live.state(text)))))
+    scene = pipeline.load(path)
+    assert paper.shape == (scene.size[1], scene.size[0], 3)

@@ -1,0 +1,258 @@
+"""Push it and watch, in a real browser: what is dragged is written, and the motion is that of `physgen simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from desk import Desk, seated
+
+from physgen.cli import main
+from physgen.simulate.trajectory import read_trajectory
+
+G = 400.0
+SCENE = f"""\
+# thrown by hand
+physgen: 1
+size: [480, 320]
+world: {{pixels_per_meter: 100, gravity: [0, {G:g}], duration: 1.0}}
+objects:
+  ball:  # it falls
+    shape: {{circle: {{center: [120, 80], radius: 20}}}}
+    mass: 50
+    elasticity: 0.7
+    from: {{mass: table 0.4, velocity: guess 0.2}}
+  block:
+    shape: {{box: {{center: [360, 270], size: [40, 60]}}}}
+    mass: 200
+boundaries:
+  floor: {{segment: [[-500, 300], [980, 300]], friction: 0.4}}
+forces:
+  - {{object: block, impulse: [-2000, 0]}}
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    return tmp_path / "scene.yaml"
+
+
+def poses(desk: Desk) -> dict[str, np.ndarray]:
+    """(T, 3) px, px, rad of each body at the video's frames, as the page has them."""
+    desk.page.evaluate("() => window.editor.watched")
+    found = desk.page.evaluate(
+        "() => { const { data } = window.editor.player.own;"
+        " return data.bodies.map(b => [b.name, data.frames.map(k => [b.x[k], b.y[k], b.a[k]])]); }"
+    )
+    return {name: np.array(rows) for name, rows in found}
+
+
+def saved(desk: Desk, scene: Path) -> dict[str, Any]:
+    """The file, after Save."""
+    desk.settled()
+    desk.page.click("[data-part=save]")
+    desk.page.wait_for_function("() => window.editor.state.file.saved && !window.editor.pending")
+    return dict(yaml.safe_load(scene.read_text(encoding="utf-8")))
+
+
+def simulated(scene: Path, folder: Path) -> dict[str, np.ndarray]:
+    """What the command says of the file."""
+    out = folder / "said.npz"
+    assert main(["simulate", str(scene), "-o", str(out)]) == 0
+    said = read_trajectory(out)
+    return {name: said.poses[:, k] for k, name in enumerate(said.names)}
+
+
+def test_a_dragged_arrow_is_the_velocity_and_the_page_shows_the_true_motion(
+    browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        desk.drag((120, 80), (160, 60), (200, 40))
+        desk.settled()
+        vx, vy = desk.state["scene"]["objects"]["ball"]["velocity"]
+        # as the arrow: as far right as it was dragged for each pixel as far up
+        assert vx > 0
+        assert vy == pytest.approx(-vx / 2, rel=0.06)
+        file = saved(desk, scene)
+        assert file["objects"]["ball"]["velocity"] == [vx, vy]
+        assert file["objects"]["ball"]["from"] == {"mass": "table 0.4"}  # a hand edit says nothing
+        assert "# it falls" in scene.read_text()
+        assert "# thrown by hand" in scene.read_text()
+        shown, said = poses(desk), simulated(scene, tmp_path)
+        assert shown.keys() == said.keys()
+        for name, way in said.items():
+            np.testing.assert_array_equal(shown[name], way)
+        # before it lands, a parabola
+        t = np.arange(4) / 30
+        np.testing.assert_allclose(shown["ball"][:4, 0], 120 + vx * t, atol=1e-6)
+        np.testing.assert_allclose(shown["ball"][:4, 1], 80 + vy * t + G * t**2 / 2, atol=0.2)
+        assert desk.errors == []
+
+
+def test_while_it_is_dragged_the_motion_is_shown_and_nothing_is_kept(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        before = desk.state["version"]
+        desk.page.mouse.move(*desk.at((120, 80)))
+        desk.page.mouse.down()
+        desk.page.mouse.move(*desk.at((180, 80)), steps=8)
+        desk.page.wait_for_function("() => window.editor.player.trying")
+        tried = desk.page.evaluate("() => window.editor.player.run.data.bodies[0].vx[0]")
+        assert tried > 0
+        assert desk.state["version"] == before
+        desk.page.keyboard.press("Escape")
+        desk.page.wait_for_function("() => !window.editor.player.trying")
+        desk.page.mouse.up()
+        desk.settled()
+        assert desk.state["version"] == before
+        assert desk.page.evaluate("() => window.editor.player.run.data.bodies[0].vx[0]") == 0
+
+
+def test_impulse_force_and_spin(
+    browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        desk.drag((120, 80), (170, 80), held="Shift")
+        desk.settled()
+        impulse = desk.state["scene"]["forces"][1]
+        assert impulse["object"] == "ball"
+        assert impulse["impulse"][0] > 0
+        assert impulse["impulse"][1] == 0
+        assert "at" not in impulse  # pressed at its centre
+        desk.drag((360, 250), (360, 200), held="Alt")
+        desk.settled()
+        force = desk.state["scene"]["forces"][2]
+        assert force["object"] == "block"
+        assert force["force"][1] < 0
+        assert force["duration"] == 0.2
+        assert force["at"] == pytest.approx([360, 250], abs=1.5)
+        x, y = desk.page.evaluate(
+            "() => { const p = window.editor.stage.poseOf('block', 0);"
+            " return [p.x, p.y - window.editor.state.derived.objects.block.reach - 26 * window.editor.stage.unit]; }"
+        )
+        desk.drag((x, y), (x + 30, y + 8), (x + 45, y + 30))
+        desk.settled()
+        assert desk.state["scene"]["objects"]["block"]["spin"] > 0  # +x towards +y
+        # the impulse that the file had is replaced, not joined by another
+        desk.drag((360, 270), (320, 270), held="Shift")
+        desk.settled()
+        forces = desk.state["scene"]["forces"]
+        assert len(forces) == 3
+        assert forces[0]["impulse"][0] != -2000
+        saved(desk, scene)
+        shown, said = poses(desk), simulated(scene, tmp_path)
+        for name, way in said.items():
+            np.testing.assert_array_equal(shown[name], way)
+
+
+def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        text = desk.state["text"]
+        desk.drag((120, 80), (180, 80), steps=12)
+        desk.settled()
+        first = desk.state["scene"]["objects"]["ball"]["velocity"]
+        desk.drag((180, 80), (180, 110))  # the tip is where the pointer let go
+        desk.settled()
+        second = desk.state["scene"]["objects"]["ball"]["velocity"]
+        assert second[0] == pytest.approx(first[0], rel=0.05)
+        assert second[1] > 0
+        desk.page.keyboard.press("Control+z")
+        desk.settled()
+        assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
+        desk.page.keyboard.press("Control+z")
+        desk.settled()
+        assert desk.state["text"] == text
+        assert desk.state["undo"] is None
+        desk.page.keyboard.press("Control+y")
+        desk.settled()
+        assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
+
+
+def test_the_run_before_stays_in_sight_and_time_can_be_scrubbed(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        desk.drag((120, 80), (180, 60))
+        desk.settled()
+        was, now = desk.page.evaluate(
+            "() => [window.editor.player.before, window.editor.player.run].map(r => r.data.bodies[0].vx[0])"
+        )
+        assert was == 0
+        assert now > 0
+        desk.page.evaluate("() => window.editor.watched")
+        desk.page.evaluate(
+            "() => { const s = document.querySelector('[data-part=seek]'); s.value = 0.5;"
+            " s.dispatchEvent(new Event('input', {bubbles: true})); }"
+        )
+        assert float(desk.page.evaluate("() => document.body.dataset.time")) == pytest.approx(0.5, abs=1e-3)
+        desk.page.keyboard.press("r")  # reduced motion: to the beginning, and nothing plays
+        assert float(desk.page.evaluate("() => document.body.dataset.time")) == 0
+        desk.page.click("[data-part=play]")
+        desk.page.wait_for_function("() => +document.body.dataset.time > 0.05")
+        assert desk.errors == []
+
+
+def test_what_is_pinned_is_not_pushed_and_what_is_deleted_comes_back(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        desk.click((360, 270))
+        desk.page.keyboard.press("x")
+        desk.settled()
+        assert desk.state["scene"]["objects"]["block"]["motion"] == "static"
+        version = desk.state["version"]
+        desk.drag((360, 270), (400, 270))
+        desk.settled()
+        assert desk.state["version"] == version
+        desk.page.keyboard.press("Delete")
+        desk.settled()
+        found = desk.state["scene"]
+        assert list(found["objects"]) == ["ball"]
+        assert not found["forces"]
+        desk.page.click("[data-part=undo]")
+        desk.settled()
+        assert list(desk.state["scene"]["objects"]) == ["ball", "block"]
+
+
+def test_what_was_meant_for_another_state_is_not_made(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    """Another window takes the first push away: an edit of the first push is not one of the next."""
+    with seated(browser, serving(scene).address) as desk:
+        desk.drag((120, 80), (170, 80), held="Shift")
+        desk.settled()
+        late = """async ops => {
+            const { editor } = window, before = editor.state;
+            const ops_ = [{remove: ["forces", 0]}], other = { version: before.version, variant: null, ops: ops_ };
+            await editor.request("POST", "/api/edit", { ...other, tag: null, what: "other" });
+            editor.state = before;
+            const made = ops ? editor.edit(ops, "late") : editor.undo();
+            return made.then(state => (state ? "made" : "refused"), () => "refused");
+        }"""
+        push = [{"set": ["forces", 0, "impulse"], "value": [7, 7]}]
+        assert desk.page.evaluate(late, push) == "refused"
+        desk.settled()
+        (left,) = desk.state["scene"]["forces"]
+        assert left["object"] == "ball"
+        assert left["impulse"] != [7, 7]
+        desk.page.keyboard.press("Control+z")
+        desk.settled()
+        assert len(desk.state["scene"]["forces"]) == 2
+        assert (
+            desk.page.evaluate(late, None) == "refused"
+        )  # nor is another's edit undone in place of one's own
+        desk.settled()
+        assert len(desk.state["scene"]["forces"]) == 1
+        # what means the same is made
+        mass = [{"set": ["objects", "ball", "mass"], "value": 77}]
+        assert desk.page.evaluate(late, mass) == "made"
+        desk.settled()
+        assert desk.state["scene"]["objects"]["ball"]["mass"] == 77

@@ -1,0 +1,125 @@
+"""A render beside the editor is the one of the command line; stopped, it leaves nothing half-made."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from physgen.cli import main
+from physgen.edit.refusing import EditError
+from physgen.edit.rendering import Rendering
+
+Copy = Callable[[str], Path]
+
+
+def hashes(folder: Path) -> dict[str, Any]:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    return {"samples": manifest["samples"], "frames": manifest["frames"], "mark": manifest["mark"]}
+
+
+def short(path: Path) -> Path:
+    """Few frames: what is tested is not the drawing."""
+    path.write_text(path.read_text() + "\n", encoding="utf-8")
+    text = path.read_text()
+    assert "frames: 60" in text
+    path.write_text(text.replace("frames: 60", "frames: 6"))
+    return path
+
+
+def test_it_makes_what_its_command_makes(copied: Copy, tmp_path: Path) -> None:
+    """The line that it shows is typed by hand, into another folder: the same frames by their hashes."""
+    path = short(copied("wall-ball"))
+    events: list[dict[str, Any]] = []
+    job = Rendering(path, tmp_path / "out put", tell=events.append)
+    name = job.start([None, "beach-ball"])
+    with pytest.raises(EditError, match="under way"):
+        job.start()
+    status = job.wait(120)
+    assert (status["job"], status["state"], status["error"]) == (name, "done", None)
+    assert status["done"] == status["total"] == 200
+    assert [row["variant"] for row in status["result"]] == [None, "beach-ball"]
+    for row in status["result"]:
+        assert job.file(f"{row['folder']}/{row['video']}").read_bytes()[4:8] == b"ftyp"  # type: ignore[union-attr]
+        assert job.file(f"{row['folder']}/report.html") is not None
+    told = [event["done"] for event in events]
+    assert told == sorted(told)
+    assert {event["type"] for event in events} == {"render"}
+    assert {"simulating", "drawing frames"} & {event["stage"] for event in events}
+    assert events[-1]["state"] == "done"
+    command = job.command("beach-ball")
+    assert command in status["command"]
+    typed = shlex.split(command)
+    assert typed[0] == "physgen"
+    typed[typed.index("-o") + 1] = str(tmp_path / "typed")
+    assert main(typed[1:]) == 0
+    folder = status["result"][1]["folder"]
+    one, other = hashes(tmp_path / "out put" / folder), hashes(tmp_path / "typed" / folder)
+    assert one == other
+    assert len(one["frames"]) == 6
+
+
+def test_files_of_its_results_alone_are_given(copied: Copy, tmp_path: Path) -> None:
+    path = short(copied("wall-ball"))
+    out = tmp_path / "out"
+    (out / "other").mkdir(parents=True)
+    (out / "other" / "video.mp4").write_bytes(b"mine")
+    (tmp_path / "secret").write_text("x")
+    job = Rendering(path, out)
+    assert job.file("other/video.mp4") is None
+    job.start(format="gif")
+    (row,) = job.wait(120)["result"]
+    assert row["video"] == "video.gif"
+    folder = row["folder"]
+    (out / folder / "way").symlink_to(tmp_path)
+    below = [f"{folder}/../other/video.mp4", f"{folder}/way/secret", f"{folder}/none", f"{folder}/\0", folder]
+    for name in ("other/video.mp4", "../secret", "/etc/passwd", "", *below):
+        assert job.file(name) is None, name
+    assert job.file(f"{folder}/video.gif") is not None
+
+
+def test_stopped_it_leaves_nothing_half_made(copied: Copy, tmp_path: Path) -> None:
+    """In the middle of drawing: the folder holds no partial file, and the next run begins from there."""
+    path = copied("kitchen")
+    job = Rendering(path, tmp_path / "out")
+    job.start()
+    deadline = time.monotonic() + 60
+    while job.status()["stage"] != "drawing frames":
+        assert time.monotonic() < deadline
+        assert job.status()["running"]
+        time.sleep(0.02)
+    job.stop()
+    status = job.status()
+    assert (status["state"], status["running"], status["result"]) == ("stopped", False, None)
+    assert [file for file in (tmp_path / "out").rglob("*") if file.is_file()] == []
+    job.stop()
+    assert job.status()["state"] == "stopped"
+
+
+def test_what_goes_wrong_is_told(copied: Copy, tmp_path: Path) -> None:
+    path = copied("wall-ball")
+    path.write_text(path.read_text().replace("physgen: 1", "physgen: 7"))
+    job = Rendering(path, tmp_path / "out")
+    job.start()
+    status = job.wait(60)
+    assert status["state"] == "failed"
+    assert "is not a version" in status["error"]["message"]
+    assert status["error"]["fix"]
+    with pytest.raises(EditError, match="format"):
+        job.start(format="avi")
+    with pytest.raises(EditError, match="no variant"):
+        job.start([])
+
+
+def test_the_command_is_quoted_for_a_shell(tmp_path: Path) -> None:
+    job = Rendering(tmp_path / "my scene.yaml", tmp_path / "o'ut", allow_outside=True)
+    line = job.command("b; rm -rf ~", "mp4,gif")
+    assert shlex.split(line) == [
+        "physgen", "render", str(tmp_path / "my scene.yaml"), "-o", str(tmp_path / "o'ut"),
+        "--variant", "b; rm -rf ~", "--format", "mp4,gif", "--allow-outside",
+    ]  # fmt: skip

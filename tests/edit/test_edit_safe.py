@@ -1,0 +1,395 @@
+"""What others try: pages of other sites, other names for this machine, wrong tokens, paths that lead out."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import re
+import socket
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from served import Served
+
+from physgen.edit.server.app import part
+from physgen.edit.server.guard import BODY, Guard
+from physgen.edit.server.openapi import document
+from physgen.edit.server.serving import invited
+from physgen.resources import resource
+
+Serve = Callable[..., Served]
+GUARDED = [(path, method) for path, ways in document()["paths"].items() for method in ways]
+
+
+def port(served: Served) -> int:
+    assert served.editor is not None
+    return served.editor.port
+
+
+def raw(served: Served, request: bytes) -> bytes:
+    """Bytes as they are; the answer."""
+    with socket.create_connection(("127.0.0.1", port(served)), timeout=30) as wire:
+        wire.sendall(request)
+        answer = b""
+        while b"\r\n\r\n" not in answer and (chunk := wire.recv(65536)):
+            answer += chunk
+    return answer
+
+
+def asked(served: Served, method: str, path: str, **headers: str) -> tuple[int, bytes]:
+    """By http.client, which sends a path as it is."""
+    wire = http.client.HTTPConnection("127.0.0.1", port(served), timeout=30)
+    wire.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+    told = {"Host": f"127.0.0.1:{port(served)}", "X-Physgen-Token": served.token}
+    told |= {key.replace("_", "-"): value for key, value in headers.items()}
+    for key, value in told.items():
+        wire.putheader(key, value)
+    wire.endheaders()
+    answer = wire.getresponse()
+    return answer.status, answer.read()
+
+
+@pytest.mark.parametrize(("path", "method"), GUARDED, ids=map(" ".join, GUARDED))
+def test_nothing_is_told_or_done_without_the_token(path, method, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    for token in ("", "x", served.token[:-1], served.token + "x", served.token.swapcase(), "ü"):
+        headers = {"X-Physgen-Token": token.encode(), "Content-Type": "application/json"}
+        answer = served.client.request(method, path.replace("{key}", "x"), headers=headers, content=b"{}")
+        assert answer.status_code == 401
+        assert answer.json()["error"]["fix"]
+    query = served.client.request(
+        method, path.replace("{key}", "x"), params={"token": served.token}, headers={"X-Physgen-Token": ""}
+    )
+    assert query.status_code == 401  # an address may be seen by others; only the page's own takes it
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["evil.example", "evil.example:{port}", "127.0.0.1:1", "127.0.0.1", "localhost.evil.example:{port}", "", "[::1",
+     "127.0.0.1:{port}@evil.example", "127.0.0.2:{port}", "0.0.0.0:{port}", "localhost:{port}x"],
+)  # fmt: skip
+def test_another_name_for_this_machine_is_refused(host, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    for path in ("/", "/api/state", "/static/page.css"):
+        status, _ = asked(served, "GET", path, Host=host.format(port=port(served)))
+        assert status in (400, 403)
+
+
+def test_the_names_of_this_machine_are_served(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    for name in ("127.0.0.1", "localhost", "LOCALHOST", "[::1]"):
+        assert asked(served, "GET", "/api/state", Host=f"{name}:{port(served)}")[0] == 200
+
+
+def test_two_hosts_or_none_are_refused(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    good = f"Host: 127.0.0.1:{port(served)}\r\n"
+    rest = f"X-Physgen-Token: {served.token}\r\nConnection: close\r\n\r\n"
+    for hosts in ("", good + "Host: evil.example\r\n", "Host: evil.example\r\n" + good):
+        assert raw(served, f"GET /api/state HTTP/1.1\r\n{hosts}{rest}".encode())[9:12] in (b"400", b"403")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("Origin", "http://evil.example"),
+        ("Origin", "null"),
+        ("Origin", "https://127.0.0.1:{port}"),
+        ("Origin", "http://127.0.0.1"),
+        ("Origin", "http://localhost:{port}"),  # ours by another name is another origin
+        ("Sec-Fetch-Site", "cross-site"),
+        ("Sec-Fetch-Site", "same-site"),
+    ],
+)
+def test_a_page_of_another_site_is_refused(key, value, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    headers = {key.replace("-", "_"): value.format(port=port(served))}
+    for path in ("/api/state", "/static/page.css"):
+        status, body = asked(served, "GET", path, **headers)
+        assert status == 403
+        assert json.loads(body)["error"]["fix"]
+    assert asked(served, "POST", "/api/save", **headers)[0] == 403
+
+
+def test_our_own_page_is_answered(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    own = {"Origin": f"http://127.0.0.1:{port(served)}", "Sec_Fetch_Site": "same-origin"}
+    assert asked(served, "GET", "/api/state", **own)[0] == 200
+    assert asked(served, "GET", "/", Sec_Fetch_Site="cross-site")[0] == 200  # a link that was followed
+
+
+def test_no_site_is_told_that_it_may_read(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    answer = served.client.options("/api/state", headers={"Origin": "http://evil.example"})
+    assert answer.status_code == 403
+    for path in ("/", "/api/state", "/static/page.css", "/nowhere"):
+        headers = served.client.get(path).headers
+        assert not [key for key in headers if key.startswith("access-control")]
+        assert "default-src 'none'" in headers["content-security-policy"]
+        assert "unsafe" not in headers["content-security-policy"]
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["referrer-policy"] == "no-referrer"
+        assert headers["cache-control"] == "no-store"
+        assert headers["x-frame-options"] == "DENY"
+
+
+def test_the_page_holds_nothing_of_the_scene_and_nothing_from_elsewhere(serving: Serve) -> None:
+    served = serving("billiards")
+    page = served.client.get("/", headers={"X-Physgen-Token": ""})
+    assert page.status_code == 200
+    assert served.token not in page.text
+    assert "billiard" not in page.text
+    assert str(served.scene.parent) not in page.text
+    addresses = re.findall(r'(?:src|href)="([^"]+)"', page.text)
+    assert addresses
+    assert all(address.startswith(("/static/", "#", "data:,")) for address in addresses)
+    for address in addresses:
+        if address.startswith("/static/"):
+            found = served.client.get(address, headers={"X-Physgen-Token": ""})
+            assert found.status_code == 200
+            assert found.headers["content-type"].partition(";")[0] in ("text/css", "text/javascript")
+
+
+def test_a_browser_is_started_with_an_address_that_is_good_once(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    assert served.editor is not None
+    for once in (served.editor.once(), invited(served.address)):
+        assert served.token not in once  # the list of processes shows it to everybody
+        query = once.partition("?")[2]
+        first = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
+        assert (first.status_code, first.headers["location"]) == (303, f"/?token={served.token}")
+        again = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
+        assert again.status_code == 200
+        assert served.token not in again.text
+    assert served.client.get("/?once=").status_code == 200
+    assert invited("http://127.0.0.1:9/?token=x") == "http://127.0.0.1:9/?token=x"
+
+
+OUT = [
+    "../edit.html.j2", "../../pyproject.toml", "edit/../edit.html.j2", "edit/../../pyproject.toml", "/etc/passwd",
+    "//etc/passwd", "edit//etc/passwd", "edit/%2e%2e/edit.html.j2", "%2e%2e/%2e%2e/pyproject.toml",
+    "..%2f..%2fpyproject.toml", "edit/..%5c..%5cpyproject.toml", "edit/app.js%00.css", "edit/.js", "edit/APP.JS",
+    "edit/app.js/", "report.html.j2", "player/motion.js", "edit/app", "%252e%252e/pyproject.toml", "", "edit/", ".",
+    "C:/windows", "edit/" + "a" * 5000 + ".js",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OUT, ids=lambda name: name[:40])
+def test_only_the_parts_of_the_page_are_served(name, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    status, body = asked(served, "GET", f"/static/{name}")
+    assert status == 404
+    assert json.loads(body)["error"]["fix"]
+
+
+def test_parts_are_files_of_the_package() -> None:
+    folder = resource("templates", "edit")
+    for file in folder.iterdir():
+        if file.suffix in (".js", ".css"):
+            assert part(f"edit/{file.name}") == file.read_bytes()
+    assert part("player.js") is not None
+
+
+def test_a_scene_reads_nothing_outside_its_folder(serving: Serve, tmp_path: Path) -> None:
+    secret = tmp_path / "secret.png"
+    secret.write_bytes((resource("schemas").parent / "scenes/billiards/photo.png").read_bytes())
+    served = serving("billiards")
+    folder = served.scene.parent
+    (folder / "link.png").symlink_to(secret)
+    text = served.look()["text"]
+    for image in ("../secret.png", str(secret), "link.png", "photo.assets/../../secret.png", "a\0.png"):
+        answer = served.send("/api/edit", ops=[{"set": ["image"], "value": image}])
+        if answer.status_code == 200:
+            assert [p for p in served.state["problems"] if p["severity"] == "error"], image
+            assert (served.state["scene"], served.state["motion"], served.state["picture"]) == (None,) * 3
+            assert served.client.get("/api/photo").status_code == 422
+            served.send("/api/undo")
+        assert served.state["text"] == text
+    for base in ("../../secret.yaml", "/etc/passwd", str(tmp_path.parent / "x.yaml")):
+        answer = served.send("/api/edit", ops=[{"set": ["extends"], "value": base}])
+        assert answer.status_code == 200
+        assert served.state["scene"] is None
+        served.send("/api/undo")
+
+
+@pytest.mark.parametrize("path", ["/api/edit", "/api/text", "/api/save", "/api/mask", "/api/undo"])
+def test_giant_bodies_are_refused(path, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    method = "PUT" if path == "/api/text" else "POST"
+    most = BODY
+    for length, said in ((most + 1, b"413"), (10**18, b"413"), (10**30, b"400")):  # told, never sent
+        head = (
+            f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{port(served)}\r\nX-Physgen-Token: {served.token}\r\n"
+            f"Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
+        )
+        assert raw(served, head.encode())[9:12] == said
+
+    def chunks():
+        for _ in range(most // 2**20 + 2):
+            yield b" " * 2**20
+
+    answer = served.client.request(
+        method, path, content=chunks(), headers={"Content-Type": "application/json"}
+    )
+    assert answer.status_code == 413
+    assert served.look()["version"] == 1
+
+
+BODIES = {
+    "nothing": b"",
+    "no JSON": b"{",
+    "a list": b"[]",
+    "a text": b'"x"',
+    "null": b"null",
+    "a number that is none": b'{"version": NaN}',
+    "endless": b'{"version": 1e999}',
+    "many digits": b'{"version": ' + b"9" * 5000 + b"}",
+    "twice": b'{"version": 1, "version": 1}',
+    "deep": b'{"ops":' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+    "half a pair": b'{"version": 1, "ops": [], "what": "\\ud800"}',
+    "not UTF-8": b'{"version": 1, "what": "\xff"}',
+    "UTF-16": '{"version": 1}'.encode("utf-16"),
+    "more": b'{"version": 1, "ops": [], "admin": true}',
+    "true for one": b'{"version": true, "ops": []}',
+    "below": b'{"version": -1, "ops": []}',
+    "ops that are none": b'{"version": 1, "ops": {"set": ["a"]}}',
+    "an op that is none": b'{"version": 1, "ops": ["set"]}',
+    "words that are none": b'{"version": 1, "ops": [], "what": 3}',
+    "too many words": b'{"version": 1, "ops": [], "what": "' + b"x" * 300 + b'"}',
+    "too many ops": b'{"version": 1, "ops": [' + b'{"unset": ["a"]},' * 1000 + b'{"unset": ["a"]}]}',
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_malformed_bodies_are_told_of(name, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    headers = {"Content-Type": "application/json"}
+    answer = served.client.post("/api/edit", content=BODIES[name], headers=headers)
+    assert answer.status_code == 400
+    assert answer.json()["error"]["fix"]
+    assert served.look()["version"] == 1
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["", "text/plain", "application/x-www-form-urlencoded", "multipart/form-data", "application/jsonx"],
+)
+def test_bodies_that_a_form_could_send_are_refused(kind, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    body = b'{"version": 1, "ops": []}'
+    answer = served.client.post("/api/edit", content=body, headers={"Content-Type": kind} if kind else {})
+    assert answer.status_code == 415
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: " + "[" * 20_000,
+        "a: " + "{b: " * 5_000,
+        "\n".join("  " * n + "a:" for n in range(2_000)),
+        "a: &a [1]\nb: [*a, *a]\n",
+        "!!python/object/apply:os.system ['true']\n",
+        "\0",
+        "%YAML 9.9\n---\na: 1\n",
+        "a: 1\n---\nb: 2\n",
+        "? " * 1000,
+        "\u2028",
+    ],
+    ids=lambda text: repr(text[:24]),
+)  # fmt: skip
+def test_yaml_that_means_harm_is_a_problem_at_its_line(text, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    first = served.look()["text"]
+    assert served.send("/api/text", "PUT", text=text).status_code == 200
+    assert [problem for problem in served.state["problems"] if problem["severity"] == "error"]
+    assert served.state["scene"] is None
+    assert served.send("/api/edit", ops=[{"set": ["a"], "value": 1}]).status_code == 422
+    assert served.send("/api/undo").status_code == 200
+    assert served.state["text"] == first
+
+
+def test_a_file_beyond_its_limit_is_refused(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    served.look()
+    answer = served.send("/api/text", "PUT", text="# " + "ü" * (4 * 2**20))
+    assert answer.status_code == 413
+    assert served.look()["version"] == 1
+
+
+@pytest.mark.parametrize("value", ["[" * 60 + "]" * 60, '{"a":' * 45 + "1" + "}" * 45])
+def test_deep_values_are_refused(value, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    body = f'{{"version": 1, "ops": [{{"set": ["x"], "value": {value}}}]}}'
+    answer = served.client.post("/api/edit", content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code in (400, 422)
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/nowhere", 404),
+        ("GET", "/api", 404),
+        ("GET", "/api/", 404),
+        ("GET", "/api/state/", 404),
+        ("GET", "/api//state", 404),
+        ("GET", "/API/state", 404),
+        ("POST", "/api/state", 405),
+        ("GET", "/api/edit", 405),
+        ("DELETE", "/api/text", 405),
+        ("TRACE", "/api/state", 405),
+        ("GET", "/api/motion/..%2f..", 404),
+        ("GET", "/docs", 404),
+        ("GET", "/.git/config", 404),
+    ],
+)
+def test_other_addresses_and_ways_are_told_apart(method, path, status, serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    got, body = asked(served, method, path)
+    assert got == status
+    assert json.loads(body)["error"]["message"]
+
+
+def test_a_broken_look_is_told_and_hides_its_insides(serving: Serve, monkeypatch) -> None:
+    served = serving("physics/05-slide")
+    assert served.editor is not None
+
+    def broken(*arguments: object) -> None:
+        raise RuntimeError("/secret/path")
+
+    monkeypatch.setattr(served.editor.session.live, "look", broken)
+    answer = served.client.get("/api/state")
+    assert answer.status_code == 500
+    assert "/secret" not in answer.text
+    assert "Traceback" not in answer.text
+    assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+def test_the_draft_is_its_owners_alone(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    folder = served.scene.with_name(".scene.yaml.editing")
+    assert stat.S_IMODE(os.stat(folder).st_mode) == 0o700
+    assert stat.S_IMODE(os.stat(folder / "server.json").st_mode) == 0o600
+
+
+@pytest.mark.parametrize(
+    ("host", "name", "served"),
+    [
+        ("127.0.0.1", "192.168.1.5:80", False),
+        ("0.0.0.0", "192.168.1.5:80", True),
+        ("0.0.0.0", "localhost:80", True),
+        ("0.0.0.0", "localhost", True),
+        ("0.0.0.0", "evil.example:80", False),
+        ("0.0.0.0", "192.168.1.5:81", False),
+        ("::", "[fe80::1]:80", True),
+        ("::", "[fe80::1]", True),
+        ("desk", "desk:80", True),
+        ("desk", "desk.evil.example:80", False),
+    ],
+)
+def test_names_that_are_served(host, name, served) -> None:
+    async def nothing(scope, receive, send) -> None: ...
+
+    assert Guard(nothing, "token", host, 80).is_ours(name) is served

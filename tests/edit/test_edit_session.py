@@ -1,0 +1,498 @@
+"""One file and whoever else writes it: taken in, merged or asked about, saved whole with its rights."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import stat
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from served import Killable, Served
+
+from physgen.cli import main
+from physgen.cli.editing import edit as _edit  # noqa: F401 the command imports without the server
+from physgen.edit import document
+from physgen.edit.others import Watch
+
+Serve = Callable[..., Served]
+
+
+@contextmanager
+def hearing(served: Served, kind: str) -> Iterator[Callable[[], dict[str, Any]]]:
+    """The next event of a kind, waited for."""
+    found: list[dict[str, Any]] = []
+    listens, came = threading.Event(), threading.Event()
+
+    def listen() -> None:
+        news: dict[str, Any] = {"run": "", "next": 0}
+        while not came.wait(0.05):
+            news = served.get("/api/events", run=news["run"], since=news["next"])
+            found.extend(event for event in news["events"] if event["type"] == kind)
+            listens.set()
+            if found:
+                came.set()
+
+    thread = threading.Thread(target=listen)
+    thread.start()
+    assert listens.wait(30)
+
+    def next_one() -> dict[str, Any]:
+        assert came.wait(30)
+        return found[-1]
+
+    yield next_one
+    thread.join(30)
+
+
+def mass(text: str, grams: int, which: int = 0) -> str:
+    """Another mass of one of the things."""
+    found = list(re.finditer(r"mass: [\d.]+", text))[which]
+    return text[: found.start()] + f"mass: {grams}" + text[found.end() :]
+
+
+def test_what_another_program_writes_is_taken_in(serving: Serve) -> None:
+    served = serving("billiards")
+    theirs = mass(served.look()["text"], 55)
+    with hearing(served, "file") as next_one:
+        served.scene.write_text(theirs)
+        assert next_one()["outcome"] == "taken"
+    assert served.look()["text"] == theirs
+    assert served.state["file"] == served.state["file"] | {"saved": True, "outside": None}
+    assert served.state["undo"] == "changed by another program"
+    served.send("/api/undo")
+    assert served.state["text"] != theirs
+
+
+def test_what_does_not_clash_is_merged(serving: Serve) -> None:
+    served = serving("billiards")
+    text = served.look()["text"]
+    served.edit({"set": ["objects", "cue-ball", "mass"], "value": 99})
+    with hearing(served, "file") as next_one:
+        served.scene.write_text(mass(text, 55, 5))
+        assert next_one()["outcome"] == "merged"
+    assert served.look()["text"] == mass(mass(text, 99), 55, 5)
+    assert not served.state["file"]["saved"]
+    served.send("/api/save")
+    assert served.scene.read_text() == served.state["text"]
+
+
+@pytest.mark.parametrize("resolve", ["mine", "theirs"])
+def test_what_clashes_is_asked_about_and_neither_is_lost(resolve, serving: Serve) -> None:
+    served = serving("billiards")
+    text = served.look()["text"]
+    mine = served.edit({"set": ["objects", "cue-ball", "mass"], "value": 99})["text"]
+    theirs = mass(text, 55)
+    with hearing(served, "file") as next_one:
+        served.scene.write_text(theirs)
+        assert next_one()["outcome"] == "clash"
+    assert served.look()["file"]["outside"] == "changed"
+    answer = served.send("/api/save")
+    assert answer.status_code == 409
+    conflict = answer.json()["conflict"]
+    assert conflict["theirs"] == theirs
+    (clash,) = conflict["clashes"]
+    assert ("55" in clash["theirs"], "99" in clash["mine"], "170" in clash["base"]) == (True,) * 3
+    assert mine.splitlines()[clash["line"] - 1] == clash["mine"].splitlines()[0]
+    assert served.scene.read_text() == theirs  # nothing was written over
+    assert served.send("/api/save", resolve="merge").status_code == 409
+    assert served.send("/api/save", resolve=resolve).status_code == 200
+    kept = {"mine": mine, "theirs": theirs}[resolve]
+    assert served.state["text"] == served.scene.read_text() == kept
+    assert served.state["file"] == served.state["file"] | {"saved": True, "outside": None}
+    served.send("/api/undo")
+    assert served.state["text"] == {"mine": theirs, "theirs": mine}[resolve]
+
+
+def test_a_file_that_is_gone_is_told_of_and_written_again(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    text = served.look()["text"]
+    with hearing(served, "file") as next_one:
+        served.scene.unlink()
+        assert next_one()["outcome"] == "gone"
+    assert served.look()["file"] == served.state["file"] | {"saved": False, "outside": "gone"}
+    assert served.send("/api/save").status_code == 200
+    assert served.scene.read_text() == text
+    assert served.state["file"]["outside"] is None
+
+
+def test_what_is_no_text_is_not_taken_for_the_scene(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    text = served.look()["text"]
+    with hearing(served, "file") as next_one:
+        served.scene.write_bytes(b"\xff\xfe\0")
+        assert next_one()["outcome"] == "clash"
+    assert served.look()["text"] == text
+    assert served.send("/api/save").status_code == 409
+    assert served.scene.read_bytes() == b"\xff\xfe\0"
+    assert served.send("/api/save", resolve="mine").status_code == 200
+    assert served.scene.read_text() == text
+
+
+def test_a_save_is_not_taken_for_another_program(serving: Serve) -> None:
+    served = serving("physics/05-slide")
+    served.look()
+    name = next(iter(served.state["scene"]["objects"]))
+    served.edit({"set": ["objects", name, "mass"], "value": 12})
+    served.send("/api/save")
+    version = served.state["version"]
+    with hearing(served, "file") as next_one:
+        served.scene.write_text(served.state["text"] + "# theirs\n")
+        assert next_one()["version"] == version + 1  # theirs is the first that was noticed
+
+
+def test_a_change_is_noticed_once_it_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text("a")
+    seen: list[str] = []
+    came = threading.Event()
+
+    def changed() -> None:
+        seen.append(path.read_text() if path.exists() else "gone")
+        came.set()
+
+    watch = Watch(path, changed)
+    watch.start()
+    for what in ("bb", "ccc"):
+        path.write_text(what)
+        assert came.wait(30)
+        came.clear()
+        assert seen[-1] == what
+    path.unlink()
+    assert came.wait(30)
+    assert seen[-1] == "gone"
+    watch.end()
+    path.write_text("d")
+    assert seen[-1] == "gone"
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o644, 0o664])
+def test_a_save_keeps_the_rights_of_the_file_and_the_link_to_it(mode, serving: Serve, copied) -> None:
+    path = copied("physics/05-slide")
+    path.chmod(mode)
+    link = path.with_name("link.yaml")
+    link.symlink_to("scene.yaml")
+    served = serving(link)
+    text = served.look()["text"]
+    served.send("/api/text", "PUT", text=text + "# more\n")
+    served.send("/api/save")
+    assert link.is_symlink()
+    assert path.read_text() == text + "# more\n"
+    assert stat.S_IMODE(path.stat().st_mode) == mode
+    assert sorted(os.listdir(path.parent)) == [".scene.yaml.editing", "link.yaml", "scene.yaml"]
+
+
+def test_a_save_that_fails_leaves_the_old_file(serving: Serve, monkeypatch) -> None:
+    served = serving("physics/05-slide")
+    text = served.look()["text"]
+    served.send("/api/text", "PUT", text=text + "# more\n")
+    replace = Path.replace
+
+    def full(self: Path, target: Path) -> Path:
+        if target.name == "scene.yaml":
+            raise OSError(28, "No space left on device", str(target))
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", full)
+    answer = served.send("/api/save")
+    assert answer.status_code == 507
+    assert "no space left" in answer.json()["error"]["message"]
+    assert served.scene.read_text() == text
+    assert sorted(os.listdir(served.scene.parent)) == [".scene.yaml.editing", "scene.yaml"]
+    monkeypatch.undo()
+    assert served.send("/api/save").status_code == 200
+    assert served.scene.read_text() == text + "# more\n"
+
+
+@pytest.fixture
+def disc(tmp_path: Path) -> Path:
+    """A small photo of a disc, with its mask: corrections of it take no time."""
+    folder = tmp_path / "disc"
+    assets = folder / "photo.assets"
+    assets.mkdir(parents=True)
+    photo = np.random.default_rng(1).normal(200, 2, (72, 96, 3)).clip(0, 255).astype(np.uint8)
+    masks = np.zeros((72, 96), np.uint16)
+    cv2.circle(photo, (40, 30), 14, (40, 60, 160), -1)
+    cv2.circle(masks, (40, 30), 14, 1, -1)  # type: ignore[call-overload]
+    cv2.imwrite(str(folder / "photo.png"), photo)
+    cv2.imwrite(str(assets / "masks.png"), masks)
+    scene = folder / "scene.yaml"
+    scene.write_text(
+        "physgen: 1\nimage: photo.png\nassets: photo.assets\n"
+        "objects:\n  disc: {mask: 1, shape: {circle: {center: [40, 30], radius: 14}}, mass: 20}\n"
+        "boundaries:\n  floor: {segment: [[0, 60], [96, 60]]}\n"
+    )
+    return scene
+
+
+def erased(served: Served, higher: float = 0) -> dict[str, Any]:
+    """A mask that was corrected, in its middle or some px above."""
+    name, thing = next(iter(served.look()["derived"]["objects"].items()))
+    x, y = thing["centre"]
+    strokes = [[x - 3, y - higher], [x + 3, y - higher]]
+    op = {"kind": "eraser", "object": name, "strokes": strokes, "radius": 4}
+    answer = served.send("/api/mask", op=op)
+    assert answer.status_code == 200, answer.text
+    return served.state
+
+
+def maps_of(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+
+def test_maps_are_saved_with_the_text_and_an_undo_brings_them_back(serving: Serve, disc: Path) -> None:
+    served = serving(disc)
+    assets = served.scene.with_name("photo.assets")
+    before = maps_of(assets)
+    text = served.look()["text"]
+    erased(served)
+    assert maps_of(assets) == before  # the draft alone has it
+    assert served.send("/api/save").status_code == 200
+    after = maps_of(assets)
+    assert after["masks.png"] != before["masks.png"]
+    served.send("/api/undo")
+    assert served.state["text"] == text
+    assert not served.state["file"]["saved"]
+    served.send("/api/save")
+    assert maps_of(assets) == before
+    served.send("/api/redo")
+    served.send("/api/save")
+    assert maps_of(assets) == after
+
+
+def test_maps_are_written_where_the_scene_may_read_them_and_over_no_others(
+    serving: Serve, disc: Path, tmp_path: Path
+) -> None:
+    served = serving(disc)
+    home = served.scene.parent
+    for victim in (tmp_path / "victim.assets", home / "other.assets"):
+        shutil.copytree(home / "photo.assets", victim)
+    (home / "link.assets").symlink_to(tmp_path / "victim.assets")
+    kept = {
+        folder: maps_of(folder)
+        for folder in (tmp_path / "victim.assets", home / "other.assets", home / "photo.assets")
+    }
+    erased(served)
+    for name in ("../victim.assets", str(tmp_path / "victim.assets"), "link.assets", "other.assets"):
+        text = served.state["text"].replace("assets: photo.assets", f"assets: {name}")
+        assert served.send("/api/text", "PUT", text=text).status_code == 200
+        answer = served.send("/api/save")
+        assert answer.status_code == 422
+        assert answer.json()["error"]["fix"]
+        assert {folder: maps_of(folder) for folder in kept} == kept
+        served.send("/api/undo")
+    (home / "photo.assets" / "masks.png").unlink()
+    (home / "photo.assets" / "masks.png").symlink_to(tmp_path / "victim.assets" / "masks.png")
+    served.send("/api/save")
+    assert served.send("/api/save").status_code == 422
+    assert maps_of(tmp_path / "victim.assets") == kept[tmp_path / "victim.assets"]
+
+
+def test_of_a_scene_behind_a_link_the_maps_beside_the_link_are_written(
+    serving: Serve, disc: Path, tmp_path: Path
+) -> None:
+    path = disc
+    seat = tmp_path / "seat"
+    shutil.copytree(path.parent, seat)
+    (seat / "scene.yaml").unlink()
+    (seat / "scene.yaml").symlink_to(path)
+    before = maps_of(seat / "photo.assets")
+    served = serving(seat / "scene.yaml")
+    erased(served)
+    assert served.send("/api/save").status_code == 200
+    assert maps_of(path.with_name("photo.assets")) == before
+    assert maps_of(seat / "photo.assets") != before
+    assert path.read_text() == served.state["text"]
+
+
+def test_maps_that_another_program_painted_are_seen_and_asked_about(serving: Serve, disc: Path) -> None:
+    served = serving(disc)
+    masks = served.scene.with_name("photo.assets") / "masks.png"
+    erased(served)
+    assert served.send("/api/save").status_code == 200
+    picture = served.state["picture"]
+    labels = cv2.imread(str(masks), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(masks), np.where(np.arange(len(labels))[:, None] > 40, 0, labels))
+    painted = masks.read_bytes()
+    served.look()  # after a save the scene's own folder is what is seen
+    erased(served, 8)
+    assert served.state["picture"] != picture
+    masks.write_bytes(painted + b"\n")  # once more, since
+    answer = served.send("/api/save")
+    assert answer.status_code == 409
+    assert "another program changed the scene's maps" in answer.json()["error"]["message"]
+    assert masks.read_bytes() == painted + b"\n"
+    assert served.send("/api/save").status_code == 200  # who saves again means it
+    assert masks.read_bytes() != painted + b"\n"
+    served.send("/api/undo")
+    assert served.send("/api/save").status_code == 200
+    assert masks.read_bytes() == painted + b"\n"  # theirs was one step back
+
+
+def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, monkeypatch) -> None:
+    served = serving(disc)
+    assets, text = served.scene.with_name("photo.assets"), served.scene.read_text()
+    before = maps_of(assets)
+    erased(served)
+    replace = Path.replace
+
+    def full(self: Path, target: Path) -> Path:
+        if target.name == "scene.yaml":
+            raise OSError(28, "No space left on device", str(target))
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", full)
+    assert served.send("/api/save").status_code == 507
+    assert (maps_of(assets), served.scene.read_text()) == (before, text)
+    monkeypatch.undo()
+    assert served.send("/api/save").status_code == 200
+    assert maps_of(assets) != before
+
+
+def test_killed_between_maps_and_text_the_two_fit_when_it_is_opened_again(
+    serving: Serve, disc: Path, monkeypatch
+) -> None:
+    path = disc
+    assets, text = path.with_name("photo.assets"), path.read_text()
+    before = maps_of(assets)
+    first = serving(path)
+    erased(first)
+    mine = first.state["text"]
+    draft = path.with_name(".scene.yaml.editing")
+
+    def cut(*arguments: object) -> None:
+        shutil.copytree(path.parent, path.parent.with_name("after"), symlinks=True)
+        raise OSError(5, "cut")
+
+    monkeypatch.setattr(document, "write_durably", cut)
+    first.send("/api/save")
+    monkeypatch.undo()
+    after = path.parent.with_name("after")
+    assert maps_of(after / "photo.assets") != before  # as the power left it: new maps, old text
+    assert (after / "scene.yaml").read_text() == text
+    number = (after / draft.name).stat().st_ino
+    (after / draft.name / "owner").write_text(str(number))
+    again = serving(after / "scene.yaml")
+    assert again.look()["text"] == mine
+    assert maps_of(after / "photo.assets") == before  # what the file says and what its maps show go together
+    assert again.send("/api/save", resolve="theirs").status_code == 200
+    assert again.state["text"] == text
+    assert again.state["file"]["saved"]
+
+
+# The command
+
+
+def test_help_shows_an_example(capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["edit", "--help"])
+    assert stop.value.code == 0
+    assert "example: physgen edit scene.yaml" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere.yaml"], "nowhere.yaml: no such file"),
+        (["."], "a folder; name a scene file in it"),
+        (["scene.yaml", "--port", "99999"], "99999 is not a port"),
+        (["scene.yaml", "--port", "x"], "x is not a port"),
+        (
+            ["scene.yaml", "--host", "no.such.host.example"],
+            "--host no.such.host.example: cannot be listened on",
+        ),
+        (["scene.physgen"], "physgen unpack it"),
+        (["broken.png"], "broken.png"),
+        (["junk.txt"], "junk.txt: is neither a scene nor a photo"),
+        (["text.png"], "text.png: is neither a scene nor a photo"),
+        (["list.yaml"], "list.yaml: is neither a scene nor a photo"),
+        (["photo.yaml"], "is a picture, not a scene file"),
+    ],
+)
+def test_what_is_wrong_is_told_in_a_line(arguments, said, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("scene.yaml").write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
+    Path("scene.physgen").write_bytes(b"PK\x03\x04\x14\0\xff\xfe")
+    Path("broken.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    Path("junk.txt").write_text("buy milk\nat 10:30\n")
+    Path("text.png").write_text("not a picture")
+    Path("list.yaml").write_text("- physgen\n- 1\n")
+    Path("photo.yaml").write_bytes(b"\x89PNG\r\n\x1a\n\xff")
+    try:
+        code = main(["edit", *arguments, "--no-browser"])
+    except SystemExit as stop:
+        code = int(str(stop.code))
+    err = capsys.readouterr().err
+    assert code == 2
+    assert said in err
+    assert "Traceback" not in err
+    assert not list(Path().glob(".*.editing"))
+
+
+@pytest.mark.parametrize(
+    "text", ["physgen: 1\nobjects: [\n", "{'physgen': 1, size: [9, 9", "objects:\n\tball: 1\n"]
+)
+def test_a_scene_with_errors_in_it_can_be_mended(text, tmp_path, killable) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(text)
+    told = killable(scene).look()
+    assert told["text"] == text
+    assert told["problems"]
+
+
+def test_a_port_that_is_taken_is_told_of(serving: Serve, tmp_path, capsys) -> None:
+    served = serving("physics/05-slide")
+    other = tmp_path / "other.yaml"
+    other.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
+    assert served.editor is not None
+    assert main(["edit", str(other), "--no-browser", "--port", str(served.editor.port)]) == 2
+    assert "cannot be listened on: address already in use" in capsys.readouterr().err
+
+
+def test_without_the_extra_one_line_says_how_to_get_it(tmp_path, monkeypatch, capsys) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
+    monkeypatch.setattr("physgen.cli.editing.find_spec", lambda name: None)
+    assert main(["edit", str(scene), "--no-browser"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert 'pip install "physgen[edit]"' in err
+
+
+def test_the_same_scene_again_shows_the_editor_that_has_it(serving: Serve, capsys) -> None:
+    served = serving("physics/05-slide")
+    assert main(["edit", str(served.scene), "--no-browser"]) == 0
+    said = capsys.readouterr()
+    assert said.out.strip() == served.address
+    assert "is open in an editor already" in said.err
+
+
+def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(killable, disc: Path) -> None:
+    photo = disc.with_name("photo.png")
+    first: Killable = killable(photo)
+    scene = photo.with_name("photo.yaml")
+    state = first.look()
+    assert state["file"]["name"] == "photo.yaml"
+    assert state["scene"]["objects"]
+    text = scene.read_text()
+    first.client.close()
+    first.process.terminate()
+    assert first.process.wait(60) == 0
+    again: Killable = killable(photo)
+    assert again.look()["text"] == scene.read_text() == text
+
+
+def test_ctrl_c_ends_it_though_windows_listen(killable: Callable[..., Killable]) -> None:
+    served = killable("physics/05-slide")
+    assert served.get("/api/events", window="a")["run"]
+    assert served.look()["windows"] == 1
+    served.process.send_signal(2)
+    assert served.process.wait(60) == 0
+    assert not served.scene.with_name(".scene.yaml.editing").exists()

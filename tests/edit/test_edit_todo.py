@@ -1,0 +1,112 @@
+"""What a person is asked to look at: every row is true, and what it offers settles it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from physgen.edit.correct import correct
+from physgen.edit.live import Live
+from physgen.edit.ops import edited
+
+SCENE = """\
+physgen: 1
+image: photo.png
+objects:
+  # perhaps objects, too: to have one, take the # and the space behind it away
+  # maybe-1: {mask: {polygon: [[150, 20], [190, 20], [190, 50], [150, 50]]}, from: {mask: learned 0.27}}
+  # maybe-2: {mask: {polygon: [[20, 20], [60, 20], [60, 60], [20, 60]]}, from: {mask: learned 0.41}}
+  # maybe-3: {mask: nonsense}
+  ball:
+    shape: {circle: {center: [40, 40], radius: 20}}
+    mass: 20
+    friction: 0.5
+    elasticity: 0.4
+    from: {mass: table 0.4, friction: table 0.35, elasticity: vlm 0.9}
+  crate:
+    shape: {box: {center: [120, 70], size: [30, 30]}}
+    rolling: 0.1
+    mass: 30
+    from: {mass: table 0.2}
+boundaries:
+  floor: {segment: [[0, 100], [200, 100]], from: lines 0.5}
+forces:
+  - {object: ball, force: [1, 0], start: 9}
+variants:
+  heavy: {objects.ball.mass: 90}
+"""
+
+
+def photographed(folder: Path, text: str = SCENE) -> tuple[Live, str]:
+    picture = np.full((120, 200, 3), 180, np.uint8)
+    picture[20:51, 150:191] = (30, 60, 160)
+    cv2.imwrite(str(folder / "photo.png"), picture)
+    (folder / "scene.yaml").write_text(text)
+    return Live(folder / "scene.yaml"), text
+
+
+def test_doubts_come_first_the_least_sure_of_all_at_the_top(tmp_path: Path) -> None:
+    """Below 0.6 alone; what an object hides already, and what a person set in a variant, is no doubt."""
+    live, text = photographed(tmp_path)
+    rows = live.look(text).todo
+    told = [(row["kind"], row["object"], row["path"], row["line"]) for row in rows]
+    assert told[:4] == [
+        ("doubt", "crate", "objects.crate.mass", 17),
+        ("doubt", "ball", "objects.ball.friction", 11),
+        ("doubt", None, "boundaries.floor", 20),
+        ("doubt", None, "objects.maybe-1", 5),
+    ]
+    assert {row["kind"] for row in rows[4:]} == {"lint"}
+    assert "friction (table, 35%); mass (table, 40%)" in rows[1]["text"]
+    assert "elasticity" not in rows[1]["text"]
+    assert rows[2]["text"] == "floor (lines, 50%)"
+
+
+def test_what_a_row_offers_settles_it(tmp_path: Path) -> None:
+    """Its operations are made, one row after the other, and it does not come again."""
+    live, text = photographed(tmp_path)
+    offered = 0
+    while True:
+        rows = [row for row in live.look(text).todo if row["ops"]]
+        if not rows:
+            break
+        made = edited(text, rows[0]["ops"], None, tmp_path / "scene.yaml", False).text
+        left = live.look(made)
+        assert left.scene is not None
+        assert key(rows[0]) not in {key(row) for row in left.todo}
+        text, offered = made, offered + 1
+    assert offered >= 4
+    data = yaml.safe_load(text)
+    assert "from" not in data["objects"]["crate"]
+    assert data["objects"]["ball"]["from"] == {"elasticity": "vlm 0.9"}
+    assert "rolling" not in data["objects"]["crate"]
+    assert data["objects"]["ball"]["mass"] == 20
+
+
+def key(row: dict[str, Any]) -> tuple[Any, ...]:
+    return row["kind"], row["path"], row["text"]
+
+
+def test_what_may_be_an_object_becomes_one(tmp_path: Path) -> None:
+    """The polygon of the remark, as pixels; then nobody asks again, though the remark is still there."""
+    live, text = photographed(tmp_path)
+    (row,) = (row for row in live.look(text).todo if row["mask"])
+    assert (row["ops"], row["fix"]) == (None, "add it")
+    made = correct(live, text, None, None, row["mask"], tmp_path / "maps-1")
+    look = live.look(made.text, tmp_path / "maps-1")
+    assert made.made in look.scene["objects"]  # type: ignore[index]
+    ring = np.array(look.derived["objects"][made.made]["ring"])  # type: ignore[index]
+    np.testing.assert_allclose([ring.min(axis=0), ring.max(axis=0)], [[150, 20], [190, 50]], atol=1.1)
+    assert "# maybe-1" in made.text
+    assert not [row for row in look.todo if row["mask"]]
+
+
+def test_errors_come_before_all_else(tmp_path: Path) -> None:
+    live, text = photographed(tmp_path)
+    rows = live.look(text.replace("mass: 30", "mass: heavy")).todo
+    assert [(row["kind"], row["object"], row["line"]) for row in rows] == [("error", "crate", 17)]
+    assert live.look(text, variant="heavy").todo[0]["kind"] == "doubt"
