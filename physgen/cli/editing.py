@@ -90,9 +90,20 @@ def _check_scene(path: Path) -> None:
 
     if draft_folder(path).exists():
         return  # what was made of it before is there
-    if SIGNS.search(decode(scene_bytes(path, str(path)), str(path))) is None:
+    text = decode(scene_bytes(path, str(path)), str(path))
+    if SIGNS.search(text) is None or (path.suffix.lower() not in SCENES and not _is_mapping(text)):
         fix = "name a scene, which has `physgen: 1` in it, or a photo to make one of"
         raise InputError.of(str(path), "", "is neither a scene nor a photo", fix)
+
+
+def _is_mapping(text: str) -> bool:
+    """Whether it is YAML of keys and values; a page that shows a scene is not."""
+    import yaml
+
+    try:
+        return isinstance(yaml.compose(text, Loader=yaml.SafeLoader), yaml.MappingNode)
+    except (yaml.YAMLError, RecursionError):
+        return False
 
 
 def _is_picture(path: Path) -> bool:

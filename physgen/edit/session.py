@@ -45,6 +45,8 @@ class Session:
         self._edits = threading.RLock()
         self._windows = 0
         self._names: list[str] = []
+        self._unread = False
+        """Whether another program changed the file, and that could not be taken in yet."""
         self.document = Document(path, allow_outside)
         self.live = Live(path, allow_outside)
         self.pictures = Pictures(self.live)
@@ -90,7 +92,7 @@ class Session:
                 "name": self.path.name,
                 "folder": str(self.path.absolute().parent),
                 "saved": self.document.is_saved,
-                "outside": self.document.outside,
+                "outside": "unread" if self._unread else self.document.outside,
                 "recovered": self.document.recovered,
             },
             "windows": self._windows,
@@ -242,7 +244,15 @@ class Session:
 
     def _look_outside(self) -> None:
         with self._edits:
-            outcome = self.document.look_outside()
+            before, self._unread = self._unread, True
             version = self.document.history.version
-        if outcome is not None:
-            self._tell({"type": "file", "outcome": outcome, "version": version})
+            try:
+                outcome = self.document.look_outside()
+            except Exception:
+                if not before:
+                    self._tell({"type": "file", "outcome": "failed", "version": version})
+                raise
+            self._unread = False
+            version = self.document.history.version
+        if outcome is not None or before:
+            self._tell({"type": "file", "outcome": outcome or "read", "version": version})

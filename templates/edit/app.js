@@ -29,7 +29,7 @@ export const editor = {
     if (variant !== null && !state.variants.includes(variant)) return editor.useVariant(null); // it was taken back
     editor.state = state;
     editor.variant = variant;
-    if (editor.selected && !named(editor.selected)) editor.choose(null);
+    if (editor.selected && !named(editor.selected)) editor.choose(renamed(editor.selected));
     editor.tried = null;
     editor.emit("state", { state, before });
     return state;
@@ -140,6 +140,12 @@ export function named({ kind, name }) {
   const { scene } = editor.state || {};
   if (!scene) return null;
   return kind === "light" ? scene.light : scene[PLACES[kind]]?.[name] ?? null;
+}
+// a thing that an edit on its way gives another name stays chosen, whichever answer tells of it first
+function renamed(thing) {
+  const { to } = editor.waiting.flatMap(({ body }) => body.ops || []).find((op) => `${op.rename}` === `${pathOf(thing)}`) || {};
+  const now = { ...thing, name: to };
+  return to !== undefined && named(now) ? now : null;
 }
 export const pathOf = ({ kind, name }) => (kind === "light" ? ["light"] : [PLACES[kind], name]);
 

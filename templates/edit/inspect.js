@@ -61,17 +61,8 @@ export function start(editor) {
       required: true,
       get: () => thing.name,
       told: thing.name,
-      edits: (value) => {
-        editor.renaming = { ...thing, name: value };
-        return [{ rename: pathOf(thing), to: value }];
-      },
+      edits: (value) => [{ rename: pathOf(thing), to: value }],
     });
-  editor.on("state", () => {
-    // a thing that was renamed stays chosen
-    const thing = editor.renaming;
-    editor.renaming = null;
-    if (thing && named(thing)) editor.choose(thing);
-  });
 
   const oddities = (name) =>
     (editor.state.problems || [])

@@ -89,6 +89,7 @@ export function start(editor) {
     const { file } = editor.state;
     if (file.outside === "changed") banner("outside", `Another program changed ${file.name} where you changed it, too.`, [["Look at both …", () => saving()]], { kind: "warn", closes: false });
     else if (file.outside === "gone") banner("outside", `${file.name} is no longer in its folder. What you see is kept; Save writes the file again.`, [["Save", () => saving()]], { kind: "warn", closes: false });
+    else if (file.outside === "unread") banner("outside", `Another program changed ${file.name}, and that could not be taken in: the disk is full, or refuses. It is tried again and again; where physgen edit runs, the reason is told.`, [], { kind: "bad", closes: false });
     else banner("outside", null);
   };
 

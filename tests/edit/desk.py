@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from browser import launched
 
 __all__ = ["GRAVE", "Desk", "launched", "seated"]
@@ -50,6 +51,16 @@ class Desk:
         self.page.evaluate(
             "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
+
+    def way(self, name: str) -> np.ndarray:
+        """(T, 3) px, px, s of a body's centre, as the page shows it once all is simulated."""
+        self.page.evaluate("() => window.editor.watched")
+        rows = self.page.evaluate(
+            "name => { const { run } = window.editor.player, b = run.motion.bodies[run.index.get(name)];"
+            " return [...run.motion.times].map((t, k) => [b.x[k], b.y[k], t]); }",
+            name,
+        )
+        return np.array(rows)
 
     def at(self, point: Point) -> tuple[float, float]:
         """A point of the photo -> one of the window."""

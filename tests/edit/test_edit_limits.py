@@ -7,6 +7,7 @@ import logging
 import subprocess
 import sys
 import threading
+import time
 import tracemalloc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -35,6 +36,13 @@ variants:
 """
 MEMORY = 200 * 2**20
 """Bytes that one body may take at most."""
+
+
+def until(met: Callable[[], bool], patience: float = 30) -> None:
+    end = time.monotonic() + patience
+    while not met():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def peak(work: Callable[[], Any]) -> int:
@@ -224,9 +232,10 @@ def test_an_editor_goes_on_with_other_programs_after_a_full_disk(serving: Serve,
     assert served.editor is not None
     document = served.editor.session.document
     look, failed, taken = document.look_outside, threading.Event(), threading.Event()
+    room = threading.Event()
 
     def full() -> str | None:
-        if not failed.is_set():
+        if not room.is_set():
             failed.set()
             raise OSError(28, "No space left on device")
         outcome = look()
@@ -237,8 +246,14 @@ def test_an_editor_goes_on_with_other_programs_after_a_full_disk(serving: Serve,
     text = served.look()["text"] + "# theirs\n"
     served.scene.write_text(text)
     assert failed.wait(30)
+    until(lambda: served.look()["file"]["outside"] == "unread")  # and the page says so
+    room.set()
     assert taken.wait(30)
+    until(lambda: served.look()["file"]["outside"] is None)
     assert served.look()["text"] == text
+    events = served.editor.windows.ask("w", served.editor.windows.run, 0)["events"]
+    outcomes = [event["outcome"] for event in events if event["type"] == "file"]
+    assert outcomes == ["failed", "taken"]
 
 
 def test_a_change_that_cannot_be_taken_in_is_told_on_stderr(tmp_path: Path) -> None:

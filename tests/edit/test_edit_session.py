@@ -412,6 +412,7 @@ def test_help_shows_an_example(capsys) -> None:
         (["broken.png"], "broken.png"),
         (["junk.txt"], "junk.txt: is neither a scene nor a photo"),
         (["text.png"], "text.png: is neither a scene nor a photo"),
+        (["page.md"], "page.md: is neither a scene nor a photo"),
         (["list.yaml"], "list.yaml: is neither a scene nor a photo"),
         (["photo.yaml"], "is a picture, not a scene file"),
     ],
@@ -423,6 +424,7 @@ def test_what_is_wrong_is_told_in_a_line(arguments, said, tmp_path, monkeypatch,
     Path("broken.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     Path("junk.txt").write_text("buy milk\nat 10:30\n")
     Path("text.png").write_text("not a picture")
+    Path("page.md").write_text("# A scene\n\nSave this:\n\n```yaml\nphysgen: 1\nobjects: {}\n```\n")
     Path("list.yaml").write_text("- physgen\n- 1\n")
     Path("photo.yaml").write_bytes(b"\x89PNG\r\n\x1a\n\xff")
     try:

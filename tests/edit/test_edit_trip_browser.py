@@ -72,9 +72,11 @@ def test_from_a_photo_to_a_saved_scene(
 
 
 def whole(desk: Any) -> Any:
-    """The motion of the state that the page shows, all of it."""
-    found = desk.page.evaluate(
-        "async () => { const key = window.editor.state.motion.key;"
-        " return window.editor.request('GET', `/api/motion/${key}?from=0`); }"
-    )
+    """The motion of the state that the page shows, once all of it is simulated."""
+    found = {"done": False}
+    while not found["done"]:
+        found = desk.page.evaluate(
+            "async () => { const key = window.editor.state.motion.key;"
+            " return window.editor.request('GET', `/api/motion/${key}?from=0`); }"
+        )
     return found

@@ -37,22 +37,11 @@ def scene(tmp_path: Path) -> Path:
     return tmp_path / "scene.yaml"
 
 
-def path(desk: Desk, name: str) -> np.ndarray:
-    """(T, 3) px, px, s of a body's centre."""
-    desk.page.evaluate("() => window.editor.watched")
-    rows = desk.page.evaluate(
-        "name => { const { run } = window.editor.player, b = run.motion.bodies[run.index.get(name)];"
-        " return [...run.motion.times].map((t, k) => [b.x[k], b.y[k], t]); }",
-        name,
-    )
-    return np.array(rows)
-
-
 def test_what_falls_lands_on_a_floor_that_was_drawn(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
     with seated(browser, serving(scene).address) as desk:
-        assert path(desk, "ball")[-1, 1] > 900  # nothing holds it
+        assert desk.way("ball")[-1, 1] > 900  # nothing holds it
         desk.tool("wall")
         desk.drag((30, 281), (200, 280), (450, 280))
         desk.settled()
@@ -60,13 +49,13 @@ def test_what_falls_lands_on_a_floor_that_was_drawn(
         (x0, y0), (_x1, y1) = floor["segment"]
         assert name == "floor"
         assert y0 == y1 == pytest.approx(281, abs=1)
-        assert path(desk, "ball")[-1, 1] == pytest.approx(y0 - 20, abs=0.5)
+        assert desk.way("ball")[-1, 1] == pytest.approx(y0 - 20, abs=0.5)
         # dragged by an end it becomes a slope, and the ball rolls down it
         desk.tool("move")
         desk.drag((x0, y0), (x0, y0 - 60))
         desk.settled()
         assert desk.state["scene"]["boundaries"]["floor"]["segment"][0][1] == pytest.approx(y0 - 60, abs=1)
-        assert path(desk, "ball")[-1, 0] > 200
+        assert desk.way("ball")[-1, 0] > 200
         # all of it, by its middle
         desk.drag((430, 278), (430, 298))
         desk.settled()
@@ -104,7 +93,7 @@ def test_things_are_picked_up_turned_and_put_elsewhere(
         desk.settled()
         objects = desk.state["scene"]["objects"]
         assert objects["ball"]["shape"]["circle"]["center"] == pytest.approx([180, 150], abs=1)
-        assert path(desk, "ball")[0, :2] == pytest.approx([180, 150], abs=1)
+        assert desk.way("ball")[0, :2] == pytest.approx([180, 150], abs=1)
         desk.drag((240, 90), (240, 190))
         desk.settled()
         np.testing.assert_allclose(
@@ -175,7 +164,7 @@ def test_a_spring_holds_and_a_wind_blows(browser: Any, serving: Callable[..., An
         spring = desk.state["scene"]["joints"]["spring"]
         assert spring["objects"] == ["ball"]
         assert spring["spring"][1] == pytest.approx([120, 30], abs=1)
-        seen = path(desk, "ball")
+        seen = desk.way("ball")
         assert seen[:, 1].max() < 200  # it hangs
         # about where its weight stretches it by m g / k
         sag = 50 * 980 / spring["stiffness"]
@@ -184,7 +173,7 @@ def test_a_spring_holds_and_a_wind_blows(browser: Any, serving: Callable[..., An
         desk.click((360, 110))
         desk.settled()
         assert desk.state["scene"]["joints"]["pin"]["pivot"] == pytest.approx([360, 110], abs=1)
-        assert path(desk, "block")[:, 1].max() < 170
+        assert desk.way("block")[:, 1].max() < 170
         desk.tool("field")
         desk.drag((60, 200), (160, 200))
         desk.settled()
@@ -192,7 +181,7 @@ def test_a_spring_holds_and_a_wind_blows(browser: Any, serving: Callable[..., An
         assert wind["wind"][0] > 0
         assert wind["wind"][1] == 0
         assert wind["drag"] > 0
-        assert path(desk, "wedge")[-1, 0] > path(desk, "wedge")[0, 0] + 20
+        assert desk.way("wedge")[-1, 0] > desk.way("wedge")[0, 0] + 20
         desk.page.locator('[data-row="joints.spring.stiffness"]').wait_for(state="detached")
         desk.page.evaluate("() => window.editor.choose({kind: 'joint', name: 'spring'})")
         desk.page.locator('[data-row="joints.spring.stiffness"] input').fill("5000")
@@ -240,7 +229,7 @@ boundaries:
         held, far = joints["line"]["spring"]
         assert held == pytest.approx([160 + shift, 263.37], abs=0.011)
         assert far == [400, 200]
-        assert path(desk, "rear")[-1, 1] == pytest.approx(281.13, abs=0.2)  # on the floor, as it was
+        assert desk.way("rear")[-1, 1] == pytest.approx(281.13, abs=0.2)  # on the floor, as it was
         desk.page.keyboard.press("ArrowLeft")
         desk.settled()
         assert desk.state["scene"]["objects"]["rear"]["shape"]["circle"]["center"][1] == 281.13

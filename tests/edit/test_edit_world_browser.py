@@ -45,17 +45,6 @@ def fill(desk: Desk, path: str, *values: str) -> None:
     desk.settled()
 
 
-def way(desk: Desk, name: str) -> np.ndarray:
-    """(T, 2) px of a body's centre, and the times beside it, s."""
-    desk.page.evaluate("() => window.editor.watched")
-    rows = desk.page.evaluate(
-        "name => { const { run } = window.editor.player, b = run.motion.bodies[run.index.get(name)];"
-        " return [...run.motion.times].map((t, k) => [b.x[k], b.y[k], t]); }",
-        name,
-    )
-    return np.array(rows)
-
-
 def test_the_dial_turns_gravity_and_things_fall_that_way(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
@@ -70,8 +59,8 @@ def test_the_dial_turns_gravity_and_things_fall_that_way(
         desk.page.mouse.up()
         desk.settled()
         assert desk.state["scene"]["world"]["gravity"] == [-980, 0]
-        x0, y0, _ = way(desk, "ball")[0]
-        seen = way(desk, "ball")
+        x0, y0, _ = desk.way("ball")[0]
+        seen = desk.way("ball")
         early = seen[seen[:, 2] < 0.3]
         np.testing.assert_allclose(early[:, 0], x0 - 980 * early[:, 2] ** 2 / 2, atol=0.6)
         np.testing.assert_allclose(early[:, 1], y0, atol=1e-6)
@@ -145,7 +134,7 @@ def test_the_scale_by_a_length_drawn_on_the_photo(
         desk.settled()
         assert desk.state["scene"]["world"]["pixels_per_meter"] == pytest.approx(60 / 0.24, rel=0.02)
         # gravity was not written, so it follows: 9.8 m/s²
-        seen = way(desk, "ball")
+        seen = desk.way("ball")
         scale = desk.state["scene"]["world"]["pixels_per_meter"]
         early = seen[seen[:, 2] < 0.2]
         np.testing.assert_allclose(early[:, 1], 80 + 9.8 * scale * early[:, 2] ** 2 / 2, atol=1.5)

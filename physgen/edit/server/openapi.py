@@ -77,7 +77,7 @@ SCHEMAS: Part = {
             "name": TEXT,
             "folder": TEXT,
             "saved": {"type": "boolean"},
-            "outside": {"enum": [None, "changed", "gone"]},
+            "outside": {"enum": [None, "changed", "gone", "unread"]},
             "recovered": {"type": "boolean"},
         }
     ),
