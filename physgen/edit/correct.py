@@ -15,20 +15,22 @@ from numpy.typing import NDArray
 from physgen.compile.standing import standing
 from physgen.edit import following
 from physgen.edit.following import Data
+from physgen.edit.ground import Ground
 from physgen.edit.live import Live
 from physgen.edit.masking import KINDS, Op, Work, begun, count, write
 from physgen.edit.nearby import fitted
 from physgen.edit.ops import edited
 from physgen.edit.patched import Change, write_patched
-from physgen.edit.reasons import reasoned
+from physgen.edit.reasons import forgotten, reasoned
 from physgen.edit.refusing import impossible
+from physgen.outline.outline import Outline
 from physgen.perceive.found import SMALLEST
 from physgen.perceive.roles import Thing
 from physgen.perceive.words import source
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError
 from physgen.scene.files import MAPS
-from physgen.scene.model import MaskId
+from physgen.scene.model import MaskId, Scene
 
 U16 = NDArray[np.uint16]
 
@@ -69,7 +71,7 @@ def _corrected(live: Live, text: str, maps: Path | None, op: Op, out: Path) -> C
     if work.masks or work.fresh:
         _linked(work.scene.assets, out)
         made = _finish(work, out)
-    new = edited(text, work.ops, None, live.path, live.allow_outside).text
+    new = edited(work.text, work.ops, None, live.path, live.allow_outside).text
     folder = maps
     if work.masks or work.fresh:
         folder = out
@@ -127,16 +129,15 @@ def _finish(work: Work, into: Path) -> Percepts:
         after[mask] = ids[name]
     _check_others(work, after)
     stored, change = _stored(work, after, ids)
-    sides = [ids[name] for name in (*work.masks, *work.fresh)]
-    fits = fitted(after, sides)
-    stood = standing(scene, tuple(fits[side] for side in sides), [True] * len(sides))
-    outlines = dict(zip(sides, stood, strict=True))
+    walls = work.known.document.get("boundaries") or {}
+    laid = work.live.layer.follow(work.maps.rgb, labels, after, scene.world.view, walls)
+    outlines = _outlines(scene, after, [ids[name] for name in (*work.masks, *work.fresh)], laid)
     things = []
     for name in (*work.masks, *work.fresh):
-        label = work.entries[name]["label"] if name in work.entries else _label(work, name)
-        one = following.thing(ids[name], outlines[ids[name]], label, scene.size)
+        one = following.thing(ids[name], outlines[ids[name]], _label(work, name), scene.size)
         things.append(one)
         made = _numbers(work, name, one, after)
+        _held(work, name, made, laid, one.id)
         _found_by(work, name, made)
         made["mask"] = stored[name]
         if name in work.fresh:
@@ -145,12 +146,35 @@ def _finish(work: Work, into: Path) -> Percepts:
             write(work, name, made)
     for name in stored.keys() - {*work.masks, *work.fresh}:
         work.ops.append({"set": ["objects", name, "mask"], "value": stored[name]})
+    work.ops += laid.ops
     _assets(work)
     return write_patched(work.maps, into, change, things, after, scene.world.view)
 
 
+def _outlines(scene: Scene, after: U16, sides: list[int], laid: Ground) -> dict[int, Outline]:
+    """Of these ids, on what holds them."""
+    fits = fitted(after, sides)
+    if not laid.ops:  # the lines are as they were
+        stood = standing(scene, tuple(fits[side] for side in sides), [True] * len(sides))
+        fits = dict(zip(sides, stood, strict=True))
+    return {side: laid.outlines.get(side, fits[side]) for side in sides}
+
+
+def _held(work: Work, name: str, made: Data, laid: Ground, id_: int) -> None:
+    """What nothing keeps from falling is held, and no longer where something does: until a person says so."""
+    if id_ in laid.held:
+        made.setdefault("motion", "static")
+    elif id_ in laid.freed and made.get("motion") == "static":
+        text = forgotten(work.text, [["objects", name, "motion"]])
+        if text != work.text:  # perception said so
+            work.text = text
+            del made["motion"]
+
+
 def _label(work: Work, name: str) -> str:
     """What an object, or the one that a new one was cut from, is called."""
+    if name in work.entries:
+        return str(work.entries[name]["label"])
     source = name if name in work.masks else next(iter(work.masks))
     return work.scene.objects[work.index(source)].label
 

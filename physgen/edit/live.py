@@ -18,6 +18,7 @@ from physgen.compile.assemble import Compiled
 from physgen.compile.looks import looks
 from physgen.compile.stored import unlike_photo
 from physgen.compile.world import World
+from physgen.edit.ground import Layer
 from physgen.edit.motion import Film
 from physgen.edit.told import derived_data, problem_data, scene_data
 from physgen.edit.tools import Finder
@@ -89,6 +90,7 @@ class Live:
     def __init__(self, path: Path, allow_outside: bool = False) -> None:
         self.path, self.allow_outside = path, allow_outside
         self.finder = Finder()
+        self.layer = Layer()
         self._lock = RLock()
         self._warm = Warm(Keep.EDITING)
         self._opened: Recent[Opened] = Recent(6)

@@ -46,12 +46,16 @@ def made_for(boundaries: Mapping[str, Any], settings: Sequence[Setting]) -> Sett
 
 
 def _same(was: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    alike = all(abs(was.get(key, -1) - now.get(key, -1)) < 1e-6 for key in ("friction", "elasticity"))
+    return alike and apart(was, now) <= NEAR
+
+
+def apart(was: Mapping[str, Any], now: Mapping[str, Any]) -> float:
+    """px from one wall to the farthest point of another; infinity where one of them is no line."""
     one, other = _points(was), _points(now)
     if one is None or other is None:
-        return False
-    alike = all(abs(was.get(key, -1) - now.get(key, -1)) < 1e-6 for key in ("friction", "elasticity"))
-    apart = max(float(distances_to_line(a, b, False).max()) for a, b in ((one, other), (other, one)))
-    return alike and apart <= NEAR
+        return float("inf")
+    return max(float(distances_to_line(a, b, False).max()) for a, b in ((one, other), (other, one)))
 
 
 def _points(wall: Mapping[str, Any]) -> Array | None:
