@@ -28,6 +28,8 @@ def edit(options: argparse.Namespace) -> int:
             f"needs {' and '.join(missing)}, not installed here",
             'pip install "physgen[edit]"',
         )
+    if options.output.exists() and not options.output.is_dir():
+        raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
     scene = _scene(options)
     from physgen.edit.server.serving import Editor, Place, invited, running_at
 

@@ -14,9 +14,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from physgen.edit.durable import write_durably
+from physgen.edit.ends import Ends
 from physgen.edit.history import History, State
 from physgen.edit.journal import Draft, draft_folder
-from physgen.edit.marked import marked
+from physgen.edit.marked import readable
 from physgen.edit.merging import Merged, merged
 from physgen.edit.own_maps import folder_of, has_maps, install, same, set_aside, stamps
 from physgen.edit.refusing import EditError, Why, impossible
@@ -226,7 +227,7 @@ class Document:
     def _merge(self, theirs: str) -> Merged:
         """Both changes; where what comes of it is no YAML and both were, they clash after all."""
         made = merged(self.saved.text, self.now.text, theirs)
-        if made.text is None or not _is_yaml(self.now.text) or not _is_yaml(theirs) or _is_yaml(made.text):
+        if made.text is None or not readable(self.now.text) or not readable(theirs) or readable(made.text):
             return made
         return Merged(None)
 
@@ -250,7 +251,7 @@ class Document:
 
     def _write_text(self, theirs: str | None) -> None:
         if theirs != self.now.text:
-            write_durably(self.real, self.encoded(self.now.text))
+            write_durably(self.real, self.ends.encoded(self.now.text))
 
     def _write_maps(self, folder: Path, theirs: str | None) -> None:
         """What was there is kept aside, for an undo, and is put back where not all could be written."""
@@ -280,22 +281,12 @@ class Document:
             self._stamps = stamps(folder)
             raise
 
-    def encoded(self, text: str) -> bytes:
-        """The bytes of the file that holds a text."""
-        return (codecs.BOM_UTF8 if self._bom else b"") + text.encode("utf-8")
-
-    def adapted(self, text: str) -> str:
-        """A text from a page, whose fields have no carriage returns, with the line ends of the file."""
-        text = text.removeprefix("\ufeff")
-        return text.replace("\n", "\r\n") if self._crlf and "\r" not in text else text
-
     def _opened(self) -> str:
         """The file's text, at the beginning. Raises InputError."""
         gone = not self.real.exists() and (draft_folder(self.path) / "journal.jsonl").is_file()
         data = b"" if gone else scene_bytes(self.path, str(self.path))  # what is gone, the draft still holds
-        self._bom = data.startswith(codecs.BOM_UTF8)
         text = decode(data, str(self.path))
-        self._crlf = "\r\n" in text
+        self.ends = Ends(data.startswith(codecs.BOM_UTF8), "\r\n" in text)
         return text
 
     def _theirs(self) -> str | None:
@@ -308,10 +299,3 @@ class Document:
         except (InputError, OSError):
             message = "another program wrote something that is no scene into the file"
             raise EditError(Why.STALE, message, "put the file right, then save") from None
-
-
-def _is_yaml(text: str) -> bool:
-    with suppress(EditError):
-        marked(text)
-        return True
-    return False

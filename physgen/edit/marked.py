@@ -5,6 +5,7 @@ Read by the same parser and the same scalars as a scene, so that what stands at 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -14,7 +15,7 @@ from typing import Any
 import yaml
 from yaml.events import MappingEndEvent, MappingStartEvent, ScalarEvent, SequenceEndEvent, SequenceStartEvent
 
-from physgen.edit.refusing import impossible
+from physgen.edit.refusing import EditError, impossible
 from physgen.problems import InputError
 from physgen.scene.document import read
 from physgen.scene.node import Source
@@ -98,6 +99,14 @@ def marked(text: str) -> Marked:
         said = f"{problem.found} {problem.expected}".strip()
         raise impossible(f"the file cannot be read{where}: {said}", "mend the YAML, or undo") from None
     return _tree(text)
+
+
+def readable(text: str) -> bool:
+    """Whether it is YAML as scenes are."""
+    with suppress(EditError):
+        marked(text)
+        return True
+    return False
 
 
 def _tree(text: str) -> Marked:

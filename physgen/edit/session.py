@@ -154,7 +154,9 @@ class Session:
         with self._edits:
             if self._is_new(asked):
                 now = self._current(asked)
-                self._push(asked, State(self.document.adapted(text), now.maps, asked.what or "edit the YAML"))
+                self._push(
+                    asked, State(self.document.ends.adapted(text), now.maps, asked.what or "edit the YAML")
+                )
         return self._answer(asked)
 
     def correct(self, asked: Asked, op: Mapping[str, Any]) -> Data:

@@ -7,11 +7,11 @@ back: one that does not hold what was meant is never given out.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from difflib import SequenceMatcher
 from typing import Any
 
 from physgen.edit.marked import Kind, Marked, marked
+from physgen.edit.patching import checked, find, parent_of, reach, same, take
 from physgen.edit.places import (
     BREAK,
     Patch,
@@ -25,7 +25,7 @@ from physgen.edit.places import (
     line_end,
     newline,
 )
-from physgen.edit.refusing import EditError, impossible
+from physgen.edit.refusing import impossible
 from physgen.scene.words import Path, dotted
 from physgen.scene.write import entry_lines, flow_text, key_text, schema_at
 
@@ -46,7 +46,7 @@ def put(text: str, path: Path, value: Any) -> str:
 
 def drop(text: str, path: Path) -> str:
     """Without the key or the item at a path, which is there. Raises EditError."""
-    parent, at = _parent(text, path)
+    parent, at = parent_of(text, path)
     if len(parent.children) == 1:
         return _emptied(text, path[:-1])
     begin = entry(text, parent, at)
@@ -61,7 +61,7 @@ def drop(text: str, path: Path) -> str:
         ):  # the last line has no end: nor has the new last one
             first = line_before(text, first)
         patch = (first, stop, "")
-    return _checked(text, [patch], lambda data: _take(data, path))
+    return checked(text, [patch], lambda data: take(data, path))
 
 
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
@@ -90,45 +90,23 @@ def insert(text: str, path: Path, value: Any) -> str:
     assert isinstance(at, int)
     if not node.children:
         return _replaced(text, where, [value])
-    return _checked(
-        text, [_item(text, node, where, at, value)], lambda data: _reach(data, where).insert(at, value)
+    return checked(
+        text, [_item(text, node, where, at, value)], lambda data: reach(data, where).insert(at, value)
     )
 
 
 def rename(text: str, path: Path, to: str) -> str:
     """Another name for a key. Raises EditError."""
-    parent, at = _parent(text, path)
+    parent, at = parent_of(text, path)
     _, begin, end = parent.keys[at]
 
     def meant(data: Any) -> None:
-        above = _reach(data, path[:-1])
+        above = reach(data, path[:-1])
         pairs = [(to if key == path[-1] else key, value) for key, value in above.items()]
         above.clear()
         above.update(pairs)
 
-    return _checked(text, [(begin, end, key_text(to))], meant)
-
-
-def find(text: str, path: Path) -> Marked:
-    """The value at a path, which is there."""
-    node = marked(text)
-    for key in path:
-        child = node.child(key)
-        if child is None:
-            raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
-        node = child
-    return node
-
-
-def same(one: Any, other: Any) -> bool:
-    """Whether two values are equal, true and 1 not being the same."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, bool) or isinstance(other, bool):
-        return one is other
-    return bool(one == other)
+    return checked(text, [(begin, end, key_text(to))], meant)
 
 
 # Making and replacing
@@ -151,7 +129,7 @@ def _made(text: str, path: Path, depth: int, value: Any) -> str:
         return _replaced(text, where, {key: value})
 
     def meant(data: Any) -> None:
-        _reach(data, where)[key] = value
+        reach(data, where)[key] = value
 
     after = node.children[_before(node, where, key)]
     if node.is_flow:
@@ -161,7 +139,7 @@ def _made(text: str, path: Path, depth: int, value: Any) -> str:
         indent = " " * node.column
         lines = entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", (*where, key))
         patch = below(text, after.end, lines)
-    return _checked(text, [patch], meant)
+    return checked(text, [patch], meant)
 
 
 def _before(node: Marked, path: Path, key: str) -> int:
@@ -190,7 +168,7 @@ def _replaced(text: str, path: Path, value: Any) -> str:
     def meant(data: Any) -> Any:
         if not path:
             return value
-        _reach(data, path[:-1])[path[-1]] = value
+        reach(data, path[:-1])[path[-1]] = value
         return None
 
     patches = _differences(node, value, path) if node.is_flow else None
@@ -199,7 +177,7 @@ def _replaced(text: str, path: Path, value: Any) -> str:
         patches = patches or [(node.begin, node.end, newline(text).join(lines) or "{}")]
     if patches is None:
         patches = _rewritten(text, path, value)
-    return _checked(text, patches, meant)
+    return checked(text, patches, meant)
 
 
 def _replaced_key(text: str, path: Path, key: str, value: dict[str, Any]) -> str:
@@ -256,7 +234,7 @@ def _inside(node: Marked, value: Any, path: Path) -> Patch:
 
 def _rewritten(text: str, path: Path, value: Any) -> list[Patch]:
     """Patches that write the value of a key or of an item anew; what is said at the line's end stays."""
-    parent, at = _parent(text, path)
+    parent, at = parent_of(text, path)
     node = parent.children[at]
     if parent.is_flow:
         return [_inside(node, value, path)]
@@ -279,12 +257,12 @@ def _emptied(text: str, path: Path) -> str:
     node = find(text, path)
     empty: Any = {} if node.is_map else []
     if not path:
-        return _checked(text, [(node.begin, node.end, "{}")], lambda data: empty)
+        return checked(text, [(node.begin, node.end, "{}")], lambda data: empty)
 
     def meant(data: Any) -> None:
-        _reach(data, path[:-1])[path[-1]] = empty
+        reach(data, path[:-1])[path[-1]] = empty
 
-    return _checked(text, _rewritten(text, path, empty), meant)
+    return checked(text, _rewritten(text, path, empty), meant)
 
 
 def _item(text: str, node: Marked, path: Path, at: int, value: Any) -> Patch:
@@ -302,44 +280,3 @@ def _item(text: str, node: Marked, path: Path, at: int, value: Any) -> Patch:
         return below(text, node.children[at - 1].end, lines)
     begin = entry(text, node, 0)
     return begin, begin, (newline(text).join(lines) + newline(text) + indent)[node.column :]
-
-
-# Places in the text
-
-
-def _parent(text: str, path: Path) -> tuple[Marked, int]:
-    """The collection that holds what is at a path, and which of its children that is."""
-    parent = find(text, path[:-1])
-    at = parent.place(path[-1])
-    if at is None:
-        raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
-    return parent, at
-
-
-# What was meant
-
-
-def _checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str:
-    """The text with its patches, read back; `meant` makes the same change of the data."""
-    made = text
-    for begin, end, new in sorted(patches, reverse=True):
-        made = made[:begin] + new + made[end:]
-    data = marked(text).data()
-    whole = meant(data)
-    data = data if whole is None else whole
-    try:
-        if same(marked(made).data(), data):
-            return made
-    except EditError:
-        pass
-    raise impossible("the YAML is written in a way that this cannot be written into", "edit the YAML beside")
-
-
-def _reach(data: Any, path: Path) -> Any:
-    for key in path:
-        data = data[key]
-    return data
-
-
-def _take(data: Any, path: Path) -> None:
-    del _reach(data, path[:-1])[path[-1]]

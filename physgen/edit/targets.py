@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from physgen.edit import surgery
 from physgen.edit.marked import marked
+from physgen.edit.patching import same
 from physgen.edit.refusing import impossible
 from physgen.problems import InputError
 from physgen.scene.document import read
@@ -169,10 +170,10 @@ class InVariant:
         else:
             self._forget(path, but=key)
             self._file.put(("variants", self._name, key), value)
-        if not surgery.same(reach(self.data(), path), value):  # a later key says otherwise: be the last
+        if not same(reach(self.data(), path), value):  # a later key says otherwise: be the last
             self._forget(path, but=None)
             self._file.put(("variants", self._name, key), value)
-        if not surgery.same(reach(self.data(), path), value):
+        if not same(reach(self.data(), path), value):
             raise impossible(
                 f"variant {self._name} cannot say that of {dotted(path)}", "edit the file itself"
             )

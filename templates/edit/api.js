@@ -46,24 +46,30 @@ export async function picture(path) {
 // What happens, asked for again and again as long as the page is open; `lost` and `found` when the server goes and comes
 // back. Not a stream that is held open: of those a browser has six for all windows together.
 const EVERY = 300, HIDDEN = 2000; // ms
-export async function listen(told) {
-  let there = true, run = "", since = 0;
+const news = (run, since) => ask("GET", `/api/events?run=${run}&since=${since}${document.visibilityState === "hidden" ? "&hidden=true" : ""}`);
+
+// Where the news begin: what comes after this is told to the listener that it gives, what came before is in the state.
+export async function beginning() {
+  let { run, next: since, events } = await news("", 0), there = true;
   addEventListener("pagehide", () => fetch("/api/events?leaves=true", { headers, keepalive: true }).catch(() => {}));
-  for (;;) {
-    try {
-      const hidden = document.visibilityState === "hidden";
-      const news = await ask("GET", `/api/events?run=${run}&since=${since}${hidden ? "&hidden=true" : ""}`);
-      if (!there) { there = true; told({ type: "found" }); }
-      ({ run, next: since } = news);
-      news.events.forEach(told);
-    } catch (refused) {
-      if (refused.status === 401) { told({ type: "stranger", message: refused.message }); return; }
-      if (refused.status === undefined) throw refused;
-      if (there) { there = false; told({ type: "lost" }); }
+  return async function listen(told) {
+    events.forEach(told);
+    for (;;) {
+      await new Promise((done) => {
+        const soon = setTimeout(done, document.visibilityState === "hidden" ? HIDDEN : EVERY);
+        document.addEventListener("visibilitychange", () => { clearTimeout(soon); done(); }, { once: true });
+      });
+      try {
+        const found = await news(run, since), anew = found.run !== run;
+        if (there && anew) told({ type: "lost" }); // another server, whose events before this nobody heard
+        if (!there || anew) told({ type: "found" });
+        [there, run, since] = [true, found.run, found.next];
+        found.events.forEach(told);
+      } catch (refused) {
+        if (refused.status === 401) { told({ type: "stranger", message: refused.message }); return; }
+        if (refused.status === undefined) throw refused;
+        if (there) { there = false; told({ type: "lost" }); }
+      }
     }
-    await new Promise((done) => {
-      const soon = setTimeout(done, document.visibilityState === "hidden" ? HIDDEN : EVERY);
-      document.addEventListener("visibilitychange", () => { clearTimeout(soon); done(); }, { once: true });
-    });
-  }
+  };
 }

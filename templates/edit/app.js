@@ -1,10 +1,10 @@
 // The editor of one scene: its state, what is chosen, its tools and panels; everything else is a module that is given it.
 
-import { Refused, ask, listen, own } from "./api.js";
+import { Refused, ask, beginning, own } from "./api.js";
 import { element, icon, part } from "./elements.js";
 
 const listeners = new Map(), tools = new Map(), panels = [];
-let queue = Promise.resolve(), wanted = null, asking = false, dragged = 0, count = 0;
+let queue = Promise.resolve(), wanted = null, asking = false, dragged = 0, count = 0, late = false;
 
 export const editor = {
   state: null,     // as the server knows it
@@ -35,6 +35,11 @@ export const editor = {
     return state;
   },
   async refresh() { return editor.take(await ask("GET", `/api/state${inVariant()}`)); },
+  // something happened elsewhere: asked for at once, or once the answers that are on their way have come
+  catchUp() {
+    late = Boolean(editor.pending);
+    if (!late) editor.refresh().catch(() => {});
+  },
   async useVariant(name) {
     editor.variant = name;
     return editor.take(await ask("GET", `/api/state${inVariant()}`));
@@ -193,7 +198,9 @@ function queued(path, body) {
     }
   }).finally(() => {
     editor.waiting.splice(editor.waiting.indexOf(job), 1);
-    if (!editor.pending) part("undo").disabled = !editor.state.undo;
+    if (editor.pending) return;
+    part("undo").disabled = !editor.state.undo;
+    if (late) editor.catchUp();
   });
   queue = done.catch(() => {});
   return done;
@@ -288,7 +295,9 @@ async function begin() {
       console.warn(`${name}: ${error.message}`);
     }
   }
+  let listen;
   try {
+    listen = await beginning();
     editor.materials = await ask("GET", "/api/materials");
     await editor.refresh();
   } catch (refused) {
@@ -299,7 +308,8 @@ async function begin() {
   listen((event) => {
     if (event.type === "lost" || event.type === "found") link(event.type === "found");
     else {
-      if (event.type === "version" && event.version !== editor.state.version && !editor.pending) editor.refresh().catch(() => {});
+      const { version, file } = editor.state;
+      if (event.type === "version" && (event.version > version || (event.version === version && event.saved !== file.saved))) editor.catchUp();
       editor.emit("server", event);
     }
   });

@@ -100,7 +100,7 @@ export function start(editor) {
       const { name } = editor.state.file;
       if (event.outcome === "taken") banner("merged", `Another program changed ${name}: this is its text now. Undo goes back.`);
       if (event.outcome === "merged") banner("merged", `Another program changed ${name}: its changes are put into yours. Undo takes them out.`);
-      if (!editor.pending) editor.refresh().catch(() => {});
+      editor.catchUp();
     }
     if (event.type === "stranger") { stranger = true; up = false; lost(); }
   });

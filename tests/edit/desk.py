@@ -118,9 +118,16 @@ class Desk:
 
 
 @contextmanager
-def seated(browser: Any, address: str, *, hint: bool = False, **how: Any) -> Iterator[Desk]:
-    """The page at an address with its token, in a fresh context, ready; nothing moves by itself."""
+def seated(
+    browser: Any, address: str, *, hint: bool = False, held: tuple[str, Any] | None = None, **how: Any
+) -> Iterator[Desk]:
+    """The page at an address with its token, in a fresh context, ready; nothing moves by itself.
+
+    `held`: requests to such an address go through a function, which may let them wait.
+    """
     context = browser.new_context(**{"viewport": WIDE, "reduced_motion": "reduce", **how})
+    if held is not None:
+        context.route(*held)
     if not hint:
         context.add_init_script("localStorage.setItem('physgen-edit-hint', 'seen')")
     context.set_default_timeout(15_000)

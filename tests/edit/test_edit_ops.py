@@ -15,6 +15,7 @@ from ruamel.yaml import YAML
 from physgen.edit import surgery
 from physgen.edit.marked import marked
 from physgen.edit.ops import edited
+from physgen.edit.patching import same
 from physgen.edit.refusing import EditError
 from physgen.scene.build import Opened
 from physgen.scene.document import read
@@ -337,7 +338,7 @@ def test_every_style_of_yaml_takes_every_change(document, draw) -> None:
             new = surgery.put(text, (*path, "new"), value)
         else:
             return
-    assert surgery.same(data(new), want)
+    assert same(data(new), want)
     head, _, _ = changed(text, new)
     kept = text.splitlines()[: first - 1] + text.splitlines()[last_of(text, root, path, last) :]
     assert said("\n".join(kept)) <= said(new)

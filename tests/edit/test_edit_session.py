@@ -409,6 +409,7 @@ def test_help_shows_an_example(capsys) -> None:
             "--host no.such.host.example: cannot be listened on",
         ),
         (["scene.physgen"], "physgen unpack it"),
+        (["scene.yaml", "-o", "junk.txt"], "junk.txt: is a file; name a folder with -o"),
         (["broken.png"], "broken.png"),
         (["junk.txt"], "junk.txt: is neither a scene nor a photo"),
         (["text.png"], "text.png: is neither a scene nor a photo"),

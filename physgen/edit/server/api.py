@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import secrets
-import threading
-from collections.abc import Callable
 from dataclasses import asdict
 from functools import cache
 from typing import Any, TypeVar
@@ -22,6 +20,7 @@ from physgen.edit.server.events import Windows
 from physgen.edit.server.keys import Keys
 from physgen.edit.server.limits import MAX_WORDS, RESOLVED
 from physgen.edit.server.openapi import document
+from physgen.edit.server.turns import Turns, overtaken
 from physgen.edit.session import Asked, Session
 
 T = TypeVar("T")
@@ -35,35 +34,6 @@ class Answer(JSONResponse):
     def render(self, content: Any) -> bytes:
         """Bytes of the body."""
         return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8")
-
-
-class Turns:
-    """Which preview of a window is its newest: one that was overtaken is not worked out."""
-
-    def __init__(self) -> None:
-        self._newest: dict[str, int] = {}
-        self._lock = threading.Lock()
-        self._working = threading.Lock()
-
-    def take(self, window: str) -> int:
-        """A turn."""
-        with self._lock:
-            while window not in self._newest and len(self._newest) > 100:
-                del self._newest[next(iter(self._newest))]
-            self._newest[window] = turn = self._newest.get(window, 0) + 1
-            return turn
-
-    def when_newest(self, window: str, turn: int, work: Callable[[], T]) -> T:
-        """The work done, or EditError where a newer turn was taken meanwhile."""
-        with self._working:
-            if self._newest.get(window) != turn:
-                raise overtaken()
-            return work()
-
-
-def overtaken() -> EditError:
-    """A newer request of the same window took its place."""
-    return EditError(Why.STALE, "a newer request overtook this one", "wait for that one", {"overtaken": True})
 
 
 class Api:
