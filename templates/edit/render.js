@@ -78,6 +78,7 @@ export function start(editor) {
     try {
       const all = picked();
       await editor.request("POST", "/api/render", { variants: all, format: format.value, refine: refine.checked });
+      asked += 1;
       busy = true;
       shown({ running: true, stage: "starting", done: 0, total: 0, lines: [] });
       await editor.refresh(); // it was saved
@@ -100,10 +101,16 @@ export function start(editor) {
     failed.textContent = words ?? "";
   }
 
+  let asked = 0; // an answer that another question overtook tells of what was
   async function look() {
     clearTimeout(looking);
-    try { shown(await editor.request("GET", "/api/render")); } catch { /* the banner tells of a lost server */ }
-    if (busy) looking = setTimeout(look, EVERY);
+    const mine = (asked += 1);
+    try {
+      const run = await editor.request("GET", "/api/render");
+      if (mine !== asked) return;
+      shown(run);
+    } catch { /* the banner tells of a lost server */ }
+    if (busy && mine === asked) looking = setTimeout(look, EVERY);
   }
   editor.on("server", (event) => { if (event.type === "render") look(); });
 
