@@ -36,7 +36,7 @@ export function makePictures(editor, changed) {
     prepare();
     shaded(editor.player.own);
   }
-  // shadows are those of one whole motion; what rests as it did then keeps its own in any other
+  // shadows are those of one whole motion; what slides under its thing is the same in any, and what rests as it did then keeps its own
   async function shaded(run) {
     if (!pictures || !run?.data.done || pictures.cast?.motion === run.data.key) return;
     const mine = pictures;
@@ -95,7 +95,7 @@ export function makePictures(editor, changed) {
     cast?.rows.forEach((row, k) => {
       const body = run.index.get(cast.names[row.body]),
         known = cast.motion === run.data.key;
-      if (body === undefined || !(known || resting(run.motion.bodies[body], cast.starts.get(cast.names[row.body])))) return;
+      if (body === undefined || !(known || row.slides || resting(run.motion.bodies[body], cast.starts.get(cast.names[row.body])))) return;
       shadows.push({ ...row, body, keys: known ? row.keys : row.keys.slice(0, 1) });
       images.shadows.push(known ? cast.images[k] : cast.images[k].slice(0, 1));
     });
