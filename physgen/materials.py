@@ -87,6 +87,8 @@ class Kind:
     """g of the ordinary thing, None where there is none."""
     wall: float | None
     """mm of a hollow ball's wall, where its size decides how much of it is filled."""
+    core: tuple[float, float] | None
+    """mm across below which such a ball has a core and no room in it, and how much of it is filled then."""
     share: float
     """Share of what its form fits into (a box, a cylinder, an ellipsoid) that the ordinary thing takes up."""
     source: str
@@ -111,11 +113,15 @@ class Kind:
         return self.size[0], self.size[1], self.size[2]
 
     def hollowed(self, diameter: float) -> Kind:
-        """A ball of that many mm across, as its wall has it filled; anything else as it is.
+        """A ball of that many mm across, as its wall or its core has it filled; anything else as it is.
 
         >>> round(kind("plastic ball").hollowed(70).filled, 3), kind("steel ball").hollowed(70).filled
         (0.083, 1.0)
+        >>> [round(kind("leather ball").hollowed(diameter).filled, 2) for diameter in (70, 200)]
+        [0.73, 0.14]
         """
+        if self.core is not None and diameter < self.core[0]:
+            return replace(self, filled=self.core[1])
         if self.wall is None:
             return self
         return replace(self, filled=1 - max(1 - 2 * self.wall / diameter, 0) ** 3)
@@ -186,7 +192,7 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     )
     share = float(row.get("share", COVERS.get(form, 1.0)))
     filled = row.get("filled", 1.0)
-    plain = Kind(noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, share, "")
+    plain = Kind(noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, None, share, "")
     if mass is not None and plain.box is not None and "filled" not in row:
         # walls, grain and gaps: whatever makes the ordinary thing weigh what it weighs
         filled = max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density) / own.density
@@ -197,8 +203,10 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     elif not other and mass is not None:
         filled /= ratio
     source = row["source"] if noun and not other else material.source
-    wall = None if other else row.get("wall")
-    return replace(plain, filled=filled, holds=holds, mass=None if other else mass, wall=wall, source=source)
+    if other:
+        return replace(plain, filled=filled, holds=holds, mass=None, source=source)
+    core = tuple(row["core"]) if "core" in row else None
+    return replace(plain, filled=filled, holds=holds, wall=row.get("wall"), core=core, source=source)
 
 
 def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
