@@ -192,7 +192,9 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
     )
     share = float(row.get("share", COVERS.get(form, 1.0)))
     filled = row.get("filled", 1.0)
-    plain = Kind(noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, None, share, "")
+    plain = Kind(
+        noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, None, share, ""
+    )
     if mass is not None and plain.box is not None and "filled" not in row:
         # walls, grain and gaps: whatever makes the ordinary thing weigh what it weighs
         filled = max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density) / own.density

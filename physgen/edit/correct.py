@@ -12,25 +12,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.standing import standing
-from physgen.edit import following
-from physgen.edit.following import Data
+from physgen.edit.consequences import Painted, held_by_perception, text, things
 from physgen.edit.ground import Ground
 from physgen.edit.live import Live
-from physgen.edit.masking import KINDS, Op, Work, begun, count, write
-from physgen.edit.nearby import fitted
+from physgen.edit.masking import KINDS, Op, Work, begun, count
 from physgen.edit.ops import edited
 from physgen.edit.patched import Change, write_patched
-from physgen.edit.reasons import forgotten, reasoned
-from physgen.edit.refusing import impossible
-from physgen.outline.outline import Outline
+from physgen.edit.reasons import reasoned
+from physgen.edit.refusing import EditError, impossible
+from physgen.edit.stillness import STILL, depth, drift
 from physgen.perceive.found import SMALLEST
-from physgen.perceive.roles import Thing
-from physgen.perceive.words import source
-from physgen.percepts.maps import Percepts
 from physgen.problems import InputError
 from physgen.scene.files import MAPS
-from physgen.scene.model import MaskId, Scene
+from physgen.scene.model import MaskId
 
 U16 = NDArray[np.uint16]
 
@@ -68,17 +62,15 @@ def _corrected(live: Live, text: str, maps: Path | None, op: Op, out: Path) -> C
         raise impossible("a correction is none that is known", f"send one of {', '.join(KINDS)}")
     work = begun(live, text, maps)
     what = KINDS[kind](work, op)
-    if work.masks or work.fresh:
-        _linked(work.scene.assets, out)
-        made = _finish(work, out)
-    new = edited(work.text, work.ops, None, live.path, live.allow_outside).text
     folder = maps
-    if work.masks or work.fresh:
-        folder = out
-        live.hand_over(replace(work.scene, assets=out.resolve()), made)
     try:
+        if work.masks or work.fresh:
+            _linked(work.scene.assets, out)
+            new, folder = _finish(work, out), out
+        else:
+            new = edited(work.text, work.ops, None, live.path, live.allow_outside).text
         scene = live.state(new, folder).scene
-        told = reasoned(new, scene, str(live.path), work.known.reasons)
+        told = reasoned(new, scene, str(live.path), work.known.reasons, work.fresh)
         if told != new:
             new, _ = told, live.state(told, folder)
     except InputError as error:
@@ -117,8 +109,8 @@ def mask_png(live: Live, text: str, maps: Path | None, name: str, variant: str |
 # What follows
 
 
-def _finish(work: Work, into: Path) -> Percepts:
-    """Label map, outlines, maps and entries; the maps as they are written."""
+def _finish(work: Work, into: Path) -> str:
+    """Label map, outlines and maps, which are written, and the text with the entries."""
     scene, labels = work.scene, work.sight.compiled.labels
     count = len(scene.objects)
     ids = {item.name: k + 1 for k, item in enumerate(scene.objects)}
@@ -129,83 +121,58 @@ def _finish(work: Work, into: Path) -> Percepts:
         after[mask] = ids[name]
     _check_others(work, after)
     stored, change = _stored(work, after, ids)
-    walls = work.known.document.get("boundaries") or {}
-    laid = work.live.layer.follow(work.maps.rgb, labels, after, scene.world.view, walls)
-    outlines = _outlines(scene, after, [ids[name] for name in (*work.masks, *work.fresh)], laid)
-    things = []
-    for name in (*work.masks, *work.fresh):
-        one = following.thing(ids[name], outlines[ids[name]], _label(work, name), scene.size)
-        things.append(one)
-        made = _numbers(work, name, one, after)
-        _held(work, name, made, laid, one.id)
-        _found_by(work, name, made)
-        made["mask"] = stored[name]
-        if name in work.fresh:
-            work.ops.append({"add": ["objects", name], "value": _ordered(made)})
-        else:
-            write(work, name, made)
-    for name in stored.keys() - {*work.masks, *work.fresh}:
-        work.ops.append({"set": ["objects", name, "mask"], "value": stored[name]})
-    work.ops += laid.ops
     _assets(work)
-    return write_patched(work.maps, into, change, things, after, scene.world.view)
+    painted = Painted(after, ids, stored)
+    corrected = things(work, painted, Ground())
+    made = write_patched(work.maps, into, change, corrected, after, scene.world.view)
+    work.live.hand_over(replace(scene, assets=into.resolve()), made)
+    return _grounded(work, painted, text(work, painted, Ground(), corrected), into)
 
 
-def _outlines(scene: Scene, after: U16, sides: list[int], laid: Ground) -> dict[int, Outline]:
-    """Of these ids, on what holds them."""
-    fits = fitted(after, sides)
-    if not laid.ops:  # the lines are as they were
-        stood = standing(scene, tuple(fits[side] for side in sides), [True] * len(sides))
-        fits = dict(zip(sides, stood, strict=True))
-    return {side: laid.outlines.get(side, fits[side]) for side in sides}
+def _grounded(work: Work, painted: Painted, plain: str, maps: Path) -> str:
+    """The text with the ground as it was, or with the one that follows where things stand still on that alone."""
+    walls = work.known.document.get("boundaries") or {}
+    if not any(isinstance((wall or {}).get("from"), str) for wall in walls.values()):
+        return plain
+    names = painted.sides(work)
+    freed = any(held_by_perception(work, name) for name in work.masks)
+    moved, deep = _drift(work, plain, maps), _depth(work, plain, maps, names)
+    if not freed and max(deep, *moved.values(), 0.0) <= STILL:
+        return plain
+    before = _drift(work, work.text, work.folder)
+    stood = {name for name in moved if before.get(name, 0.0) <= STILL}  # what fell before may fall
+    bad = max(deep, *(moved[name] for name in stood), 0.0)
+    if not freed and bad <= STILL:
+        return plain
+    view, was = work.scene.world.view, work.sight.compiled.labels
+    ground = work.live.layer.follow(work.maps.rgb, was, painted.after, view, walls)
+    if ground is None:
+        return plain
+    try:
+        other = text(work, painted, ground, things(work, painted, ground))
+        then = _drift(work, other, maps)
+        left = max(_depth(work, other, maps, names), *(then.get(name, 0.0) for name in {*stood, *names}), 0.0)
+    except (EditError, InputError):
+        return plain
+    return other if left < bad or (freed and left <= STILL) else plain
 
 
-def _held(work: Work, name: str, made: Data, laid: Ground, id_: int) -> None:
-    """What nothing keeps from falling is held, and no longer where something does: until a person says so."""
-    if id_ in laid.held:
-        made.setdefault("motion", "static")
-    elif id_ in laid.freed and made.get("motion") == "static":
-        text = forgotten(work.text, [["objects", name, "motion"]])
-        if text != work.text:  # perception said so
-            work.text = text
-            del made["motion"]
+def _drift(work: Work, text: str, maps: Path | None) -> dict[str, float]:
+    """px by which things move though nobody pushes them. Raises InputError."""
+    return drift(work.live.state(text, maps).compiled.world)
 
 
-def _label(work: Work, name: str) -> str:
-    """What an object, or the one that a new one was cut from, is called."""
-    if name in work.entries:
-        return str(work.entries[name]["label"])
-    source = name if name in work.masks else next(iter(work.masks))
-    return work.scene.objects[work.index(source)].label
-
-
-def _numbers(work: Work, name: str, one: Thing, after: U16) -> Data:
-    """The entry of an object with the numbers that follow."""
-    known = work.known
-    if name in work.entries:
-        return dict(work.entries[name])
-    if work.gone is not None:
-        return following.joined(known, name, work.gone, one, after)
-    if work.fresh and not work.entries:  # halves
-        (source,) = work.masks
-        whole = count(work.mask(source))
-        part = count(after == one.id) / max(whole, 1)
-        return following.shared(known, source, part, one, after)
-    return following.changed(known, name, one, after)
-
-
-def _found_by(work: Work, name: str, made: Data) -> None:
-    """`from` and `prompt` say who found the mask; of one that a person drew nothing is said."""
-    said = {key: value for key, value in (made.get("from") or {}).items() if key != "mask"}
-    made.pop("prompt", None)
-    if name in work.found:
-        sure, prompt = work.found[name]
-        said = {"mask": source("pointed at", sure), **said}
-        made["prompt"] = prompt
-    if said or made.get("from"):
-        made["from"] = said
-    if not made.get("from", True):
-        del made["from"]
+def _depth(work: Work, text: str, maps: Path, names: list[str]) -> float:
+    """px by which walls of perception's lie within things. Raises InputError."""
+    sight = work.live.state(text, maps)
+    ours = work.live.document(text, maps).get("boundaries") or {}
+    walls = [
+        np.array(wall.points, np.float64).reshape(-1, 2)
+        for wall in sight.scene.boundaries
+        if wall.points and isinstance(ours[wall.name].get("from"), str)
+    ]
+    outlines = zip(sight.scene.objects, sight.compiled.shapes.outlines, strict=True)
+    return depth((outline for item, outline in outlines if item.name in names), walls)
 
 
 def _check_others(work: Work, after: U16) -> None:
@@ -266,11 +233,3 @@ def _assets(work: Work) -> None:
         number += 1
         name = f"{path.stem}-{number}.assets"
     work.ops.append({"set": ["assets"], "value": name})
-
-
-def _ordered(made: Data) -> Data:
-    """As perception writes it: what it is, numbers, then who said so."""
-    first = [key for key in ("label", "mask", "shape") if key in made]
-    last = [key for key in ("from", "prompt") if key in made]
-    middle = [key for key in made if key not in (*first, *last)]
-    return {key: made[key] for key in (*first, *middle, *last)}

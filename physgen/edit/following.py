@@ -127,7 +127,8 @@ def changed(known: Before, name: str, one: Thing, labels: U16, label: str | None
     fresh = entry(known, labels, one, name, None, Found(labels, "", {}, {}))
     result = anew(was, fresh, ours, label)
     if "mass" in was and "mass" not in ours and "mass" in was.get("from", {}):
-        result["mass"] = short(was["mass"] * (_area(one) / _area(old)) ** SOLID)
+        grown = was["mass"] * (_area(one) / _area(old)) ** SOLID
+        _weighed(known, name, result, grown, "g: as it was guessed before, by the size of its mask now")
     return reshaped(known, name, result, one, old)
 
 
@@ -154,14 +155,20 @@ def reshaped(known: Before, name: str, was: Data, one: Thing, old: Thing) -> Dat
     return result
 
 
-def shared(known: Before, name: str, part: float, one: Thing, labels: U16) -> Data:
-    """An object's entry when only a part (0..1) of its area is left to it: a mass that was set is shared out."""
-    was = known.was(name)
-    ours = known.ours.keys.get(name, frozenset())
+def shared(known: Before, source: str, name: str, part: float, one: Thing, labels: U16) -> Data:
+    """The entry of a half that has a part (0..1) of an object's area: a mass that was set is shared out."""
+    was = known.was(source)
+    ours = known.ours.keys.get(source, frozenset())
     result = anew(was, entry(known, labels, one, name, None, Found(labels, "", {}, {})), ours, None)
     if "mass" in was and "mass" not in ours:
-        result["mass"] = short(was["mass"] * part)
-    return reshaped(known, name, result, one, known.thing(name))
+        _weighed(known, name, result, was["mass"] * part, "g: its share of the whole, by area")
+    return reshaped(known, source, result, one, known.thing(source))
+
+
+def _weighed(known: Before, name: str, made: Data, mass: float, reason: str) -> None:
+    """A mass that is not the table's, and so not told as the table's."""
+    made["mass"] = short(mass)
+    known.reasons[f"objects.{name}.mass"] = reason
 
 
 def joined(known: Before, kept: str, other: str, one: Thing, labels: U16) -> Data:
@@ -171,7 +178,7 @@ def joined(known: Before, kept: str, other: str, one: Thing, labels: U16) -> Dat
     result = anew(was, entry(known, labels, one, kept, None, Found(labels, "", {}, {})), ours, None)
     if "mass" in was and "mass" not in ours:
         mass = more.get("mass", float(more.get("density", 1.0)) * _area(known.thing(other)))
-        result["mass"] = short(was["mass"] + mass)
+        _weighed(known, kept, result, was["mass"] + mass, "g: of both that it was made of")
     return reshaped(known, kept, result, one, known.thing(kept))
 
 

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import backends
-from physgen.outline.outline import Outline
+from physgen.outline.outline import Disc, Outline
+from physgen.outline.simplify import distances_to_line
 from physgen.perceive import words
 from physgen.perceive.found import Found
-from physgen.perceive.relaid import apart
-from physgen.perceive.roles import Rgb, Setting
+from physgen.perceive.relaid import apart, beside, free_name
+from physgen.perceive.roles import Rgb, Setting, Wall
 from physgen.perceive.scene import outlined
 from physgen.pipeline.warm import Recent
 from physgen.scene.model import View
@@ -34,16 +35,32 @@ ITSELF = 4.0
 
 @dataclass(frozen=True)
 class Ground:
-    """What follows."""
+    """What follows; ids are those of the masks."""
 
     ops: list[Data] = field(default_factory=list)
     """Operations on the scene's boundaries."""
+    changed: frozenset[str] = frozenset()
+    """Names of the scene's boundaries that go, or get other points."""
+    remarks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """What perception says of each of them: before, and now."""
     outlines: Mapping[int, Outline] = field(default_factory=dict)
-    """By id, of things that stand better than their masks tell."""
+    """Things that stand better than their masks tell."""
+    moved: Mapping[int, tuple[Outline, Outline]] = field(default_factory=dict)
+    """Things with other outlines than before, for what holds them is another."""
+    grip: Mapping[int, float] = field(default_factory=dict)
+    """The least friction of things that lie still on a slope."""
     held: frozenset[int] = frozenset()
-    """Ids of things that nothing seen keeps from falling now, and that something did before, or that are new."""
+    """Things that nothing seen keeps from falling now, and that something did before, or that are new."""
     freed: frozenset[int] = frozenset()
-    """Ids of those that something keeps from falling now."""
+    """Things that something keeps from falling now, or that are no longer there."""
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """The role's answer, and the outlines that things have then."""
+
+    setting: Setting
+    outlines: Mapping[int, Outline]
 
 
 class Layer:
@@ -51,51 +68,125 @@ class Layer:
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._laid: Recent[Setting] = Recent(2)
+        self._laid: Recent[_Laid] = Recent(2)
 
-    def follow(self, rgb: Rgb, was: U16, now: U16, view: View, walls: Mapping[str, Data]) -> Ground:
-        """`was`, `now`: (H, W) ids; `walls`: the scene's boundaries, as they are written."""
+    def follow(self, rgb: Rgb, was: U16, now: U16, view: View, walls: Mapping[str, Data]) -> Ground | None:
+        """`was`, `now`: (H, W) ids; `walls`: the scene's boundaries, as they are written.
+
+        None where the scene's ground is not perception's, or not this role's.
+        """
         ours = {name: wall for name, wall in walls.items() if isinstance((wall or {}).get("from"), str)}
         if not ours:
-            return Ground()
-        before, after = (self._setting(rgb, labels, view) for labels in (was, now))
-        fresh = frozenset(np.unique(now).tolist()) - frozenset(np.unique(was).tolist())
-        held = after.held - before.held | (after.held & fresh)
-        return Ground(_ops(before, after, ours, set(walls)), after.outlines, held, before.held - after.held)
+            return None
+        before, after = (self._lay(rgb, labels, view) for labels in (was, now))
+        files = _paired(ours, before.setting.walls)
+        if len(before.setting.walls) > 1 and not set(files) - {"frame"}:
+            return None
+        ops, remarks = _ops(before.setting.walls, after.setting.walls, files, walls)
+        there, old = set(np.unique(now).tolist()), set(np.unique(was).tolist())
+        held, held_before = after.setting.held, before.setting.held
+        return Ground(
+            ops,
+            frozenset(path[1] for op in ops for key, path in op.items() if key in ("set", "unset", "remove")),
+            remarks,
+            after.setting.outlines,
+            {
+                i: (one, after.outlines[i])
+                for i, one in before.outlines.items()
+                if i in after.outlines
+                and (was == i).sum() == (now == i).sum()
+                and off(one, after.outlines[i]) > 0.01
+            },
+            after.setting.grip,
+            frozenset(held - held_before | (held & (there - old))),
+            frozenset(held_before - held),
+        )
 
-    def _setting(self, rgb: Rgb, labels: U16, view: View) -> Setting:
+    def _lay(self, rgb: Rgb, labels: U16, view: View) -> _Laid:
         read = blake2b(rgb.tobytes() + labels.tobytes()).digest(), view
 
-        def lay() -> Setting:
+        def lay() -> _Laid:
             things, _ = outlined(rgb, Found(labels, "kept", {}, {}))
             setting: Setting = backends.make("boundary")(rgb, labels, things, view)
-            return setting
+            return _Laid(setting, {one.id: setting.outlines.get(one.id, one.outline) for one in things})
 
         with self._lock:
             return self._laid.of(read, lay)
 
 
-def _ops(before: Setting, after: Setting, ours: Mapping[str, Data], taken: set[str]) -> list[Data]:
-    """What makes of the scene's walls those after, as far as they are the ones before."""
-    old = {wall.name: words.wall(wall) for wall in before.walls}
-    new = {wall.name: words.wall(wall) for wall in after.walls}
-    files = _paired(ours, old)  # perception's name for a wall -> the file's
-    ops: list[Data] = [{"remove": ["boundaries", files[name]]} for name in files if name not in new]
-    for name, now in new.items():
-        if name in old and apart(old[name], now) == 0:
+def off(one: Outline, other: Outline) -> float:
+    """px from one outline to the farthest corner of the other, either way; infinity for a disc and a region."""
+    if isinstance(one, Disc) and isinstance(other, Disc):
+        return float(np.hypot(*(one.center - other.center)) + abs(one.radius - other.radius))
+    if isinstance(one, Disc) or isinstance(other, Disc):
+        return float("inf")
+    a, b = (
+        [np.concatenate([ring.outer, ring.outer[:1]]) for ring in outline.rings] for outline in (one, other)
+    )
+    return max(
+        float(np.min([distances_to_line(ring, mate, False) for mate in mates], axis=0).max())
+        for rings, mates in ((a, b), (b, a))
+        for ring in rings
+    )
+
+
+def _ops(
+    old: Sequence[Wall], new: Sequence[Wall], files: Mapping[str, str], walls: Mapping[str, Data]
+) -> tuple[list[Data], dict[str, tuple[str, str]]]:
+    """What makes of the scene's walls those after, as far as they are the ones before; and remarks by name."""
+    pairs = _mates(old, new)
+    ops: list[Data] = []
+    remarks: dict[str, tuple[str, str]] = {}
+    for wall in old:
+        name = files.get(wall.name)
+        if name is None:  # a person took it out, or moved it
             continue
-        if name in files:
-            ops += _changed(["boundaries", files[name]], ours[files[name]], now)
-        elif name not in old:  # what the file had in place of an old one, a person took out or moved
-            free = _free(name, taken)
-            taken.add(free)
-            ops.append({"add": ["boundaries", free], "value": now})
-    return ops
+        mate = pairs.get(wall.name)
+        if mate is None:
+            ops.append({"remove": ["boundaries", name]})
+        elif mate.points != wall.points:
+            ops += _changed(["boundaries", name], walls[name], words.wall(mate))
+            remarks[name] = wall.reason, mate.reason
+    taken = set(walls)
+    own = [wall for name, wall in walls.items() if name not in files.values()]
+    for wall in new:
+        said = words.wall(wall)
+        if wall in pairs.values() or any(beside(one or {}, said) <= ITSELF for one in own):
+            continue
+        free = free_name(wall.name, taken)
+        taken.add(free)
+        ops.append({"add": ["boundaries", free], "value": said})
+        remarks[free] = "", wall.reason
+    return ops, remarks
 
 
-def _paired(ours: Mapping[str, Data], laid: Mapping[str, Data]) -> dict[str, str]:
+def _mates(old: Sequence[Wall], new: Sequence[Wall]) -> dict[str, Wall]:
+    """For each wall of before the one that it became: itself, else one of its kind, the nearest first.
+
+    Names tell little: ledges are counted from the lowest up, so that one more gives all above it other names.
+    """
+    far = sorted(
+        (apart(words.wall(one), words.wall(other)), k, n)
+        for k, one in enumerate(old)
+        for n, other in enumerate(new)
+        if _kind(one) == _kind(other)
+    )
+    found: dict[int, int] = {}
+    for _, k, n in far:
+        if k not in found and n not in found.values():
+            found[k] = n
+    return {old[k].name: new[n] for k, n in found.items()}
+
+
+def _kind(wall: Wall) -> str:
+    return wall.name.rstrip("-0123456789")
+
+
+def _paired(ours: Mapping[str, Data], laid: Sequence[Wall]) -> dict[str, str]:
     """For each wall that is laid, the one of the file that is it."""
-    pairs = sorted((apart(was, now), name, own) for name, now in laid.items() for own, was in ours.items())
+    pairs = sorted(
+        (apart(was, words.wall(wall)), wall.name, own) for wall in laid for own, was in ours.items()
+    )
     found: dict[str, str] = {}
     for far, name, own in pairs:
         if far <= ITSELF and name not in found and own not in found.values():
@@ -110,10 +201,3 @@ def _changed(path: Sequence[str], was: Data, now: Data) -> list[Data]:
     return [
         {"set": [*path, key], "value": now[key]} for key in keys if key in now and was.get(key) != now[key]
     ] + gone
-
-
-def _free(name: str, taken: set[str]) -> str:
-    free, k = name, 2
-    while free in taken:
-        free, k = f"{name}-{k}", k + 1
-    return free

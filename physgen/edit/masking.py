@@ -40,6 +40,8 @@ class Work:
 
     live: Live
     text: str
+    folder: Path | None
+    """That stands in for the scene's assets, None for its own."""
     sight: Sight
     maps: Percepts
     known: Before
@@ -82,7 +84,7 @@ def begun(live: Live, text: str, maps: Path | None) -> Work:
     if percepts is None:
         raise impossible("the scene has no photo, so there is nothing to mask", "draw the object's shape")
     known = following.before(sight.scene, document, sight.compiled, percepts.rgb)
-    return Work(live, text, sight, percepts, known)
+    return Work(live, text, maps, sight, percepts, known)
 
 
 # What is drawn or pointed at
@@ -206,19 +208,21 @@ def _relabel(work: Work, op: Op) -> str:
     one = Thing(old.id, old.outline, label, old.cut)
     made = following.changed(work.known, name, one, work.sight.compiled.labels, label)
     made["label"] = label
-    write(work, name, made)
+    work.ops += written(work, name, made)
     return f"call {work.scene.objects[k].name} {label}"
 
 
-def write(work: Work, name: str, made: Data) -> None:
-    """What differs from the entry as it is written."""
+def written(work: Work, name: str, made: Data) -> list[Data]:
+    """Operations for what differs from the entry as it is written."""
     was = work.known.was(name)
-    for key, value in made.items():
-        if key not in was or was[key] != value:
-            work.ops.append({"set": ["objects", name, key], "value": value})
-    for key in was.keys() - made.keys():
-        if key != "density" or "mass" not in made:  # setting one drops the other
-            work.ops.append({"unset": ["objects", name, key]})
+    path = ["objects", name]
+    ops = [
+        {"set": [*path, key], "value": value}
+        for key, value in made.items()
+        if key not in was or was[key] != value
+    ]
+    gone = [key for key in was if key not in made and (key != "density" or "mass" not in made)]
+    return ops + [{"unset": [*path, key]} for key in gone]  # setting a mass drops the density
 
 
 def count(mask: Mask) -> int:

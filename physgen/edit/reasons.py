@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from physgen.edit.marked import Marked, marked
 from physgen.edit.refusing import EditError
@@ -27,8 +27,13 @@ GUESSED = {
 """The same of all that a person may set in their place."""
 
 
-def reasoned(text: str, scene: Scene, file: str, reasons: Mapping[str, str]) -> str:
-    """`reasons` by dotted path; `scene` is that of the text, which is in `file`. Comments of others stay."""
+def reasoned(
+    text: str, scene: Scene, file: str, reasons: Mapping[str, str], fresh: Collection[str] = ()
+) -> str:
+    """`reasons` by dotted path; `scene` is that of the text, which is in `file`. Comments of others stay.
+
+    Objects that are `fresh` get comments where they have none.
+    """
     lines = text.split("\n")
     for path, reason in sorted(reasons.items(), key=lambda item: -_line(scene, file, item[0])):
         at, starts = _line(scene, file, path), OURS.get(path.rpartition(".")[2])
@@ -39,6 +44,10 @@ def reasoned(text: str, scene: Scene, file: str, reasons: Mapping[str, str]) -> 
         if behind is not None:
             lines[at - 1] = f"{line[: behind.start()]}  # {' '.join(reason.split())}"
             continue
+        _, name, key = path.split(".", 2)
+        if name in fresh and re.fullmatch(rf"\s+{key}: [^#{{]*", line):
+            lines[at - 1] = f"{line}  # {' '.join(reason.split())}"
+            continue
         first = at - 1
         while first and lines[first - 1].lstrip().startswith("#"):
             first -= 1
@@ -48,6 +57,22 @@ def reasoned(text: str, scene: Scene, file: str, reasons: Mapping[str, str]) -> 
                 f"{indent}# {part}" for part in textwrap.wrap(reason, WIDTH - len(indent))
             ]
     return "\n".join(lines)
+
+
+def said_of_walls(text: str, remarks: Mapping[str, tuple[str, str]]) -> str:
+    """What perception said of walls, by name, and says now, behind each one's name; other remarks stay.
+
+    >>> said_of_walls("boundaries:\\n  floor:  # below 3\\n    x: 1\\n", {"floor": ("below 3", "below 4")})
+    'boundaries:\\n  floor:  # below 4\\n    x: 1\\n'
+    """
+    head, key, walls = text.partition("\nboundaries:") if "\nboundaries:" in text else ("", "", text)
+    for name, (before, now) in remarks.items():
+        old = rf"  # {re.escape(before)}" if before else ""
+        said = f"  # {' '.join(now.split())}" if now else ""
+        found = re.search(rf"(?m)^  {re.escape(name)}:(?P<old>{old})$", walls)
+        if found is not None:
+            walls = walls[: found.start("old")] + said + walls[found.end("old") :]
+    return head + key + walls
 
 
 def forgotten(text: str, paths: Sequence[Sequence[str | int]]) -> str:

@@ -6,7 +6,7 @@ them can be laid again, for either view: a wall of the file that is one of those
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,11 +31,8 @@ def relaid(boundaries: Mapping[str, Any], ours: set[str], new: Mapping[str, Any]
     kept = {name: was for name, was in boundaries.items() if name not in ours}
     fresh: dict[str, Any] = {}
     for name, now in new.items():
-        free, k = name, 2
-        while free in kept or free in fresh:
-            free, k = f"{name}-{k}", k + 1
         if not any(_same(was, now) for was in kept.values()):
-            fresh[free] = now
+            fresh[free_name(name, {*kept, *fresh})] = now
     return {**fresh, **kept}
 
 
@@ -52,10 +49,21 @@ def _same(was: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
 
 def apart(was: Mapping[str, Any], now: Mapping[str, Any]) -> float:
     """px from one wall to the farthest point of another; infinity where one of them is no line."""
+    return max(beside(was, now), beside(now, was))
+
+
+def beside(was: Mapping[str, Any], now: Mapping[str, Any]) -> float:
+    """px from one wall to the farthest point of another that may be a part of it; infinity where one is no line."""
     one, other = _points(was), _points(now)
-    if one is None or other is None:
-        return float("inf")
-    return max(float(distances_to_line(a, b, False).max()) for a, b in ((one, other), (other, one)))
+    return float("inf") if one is None or other is None else float(distances_to_line(other, one, False).max())
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """The name, or the first of `name-2`, `name-3`, ... that is not taken."""
+    free, k = name, 2
+    while free in taken:
+        free, k = f"{name}-{k}", k + 1
+    return free
 
 
 def _points(wall: Mapping[str, Any]) -> Array | None:
