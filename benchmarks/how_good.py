@@ -143,7 +143,7 @@ def fid(rows: Any) -> list[Row]:
     found = (
         f"Image-FID and Motion-FID by an extractor of our own, on one scene: {told('estimated')} as estimated; "
         f"{low[0]:.3f} to {high[0]:.3f} and {low[1]:.2f} to {high[1]:.2f} with random physics: **nearer, so "
-        f"the paper's order does not come out**, as two masses are far off; "
+        f"the paper's order does not come out**, as masses are off; "
         f"{told('masses told')} with true masses told: it does"
     )
     said = "105.70 and 30.20 as estimated, 111.01 and 36.60 with random physics"
