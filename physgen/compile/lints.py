@@ -36,6 +36,8 @@ FASTEST = 100_000
 """steps_per_second at most, as in the schema."""
 FAR = 4.0
 """px outside an object that the end of a joint may lie, however small the object is."""
+LEAPS = 4
+"""Times its size that a body may move in a step before anyone is told: a few shorter steps cost nothing."""
 
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
@@ -131,7 +133,7 @@ def _too_fast(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     rate = scene.world.steps_per_second
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         step = float(np.hypot(*body.velocity)) / rate
-        if step > body.size:
+        if step > LEAPS * body.size:
             expected = (
                 f"moves {step:.0f} px a step, over its size of {body.size:.0f} px: "
                 "steps are divided where it could pass through something, which takes time"

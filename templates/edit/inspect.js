@@ -22,7 +22,7 @@ export function start(editor) {
       return `list ${JSON.stringify(scene() && [Object.entries(scene().objects || {}).map(([n, o]) => [n, o.label, o.motion]), Object.keys(scene().boundaries || {}), (scene().forces || []).map((f) => Object.keys(f).concat(f.object)), Object.keys(scene().joints || {}), Object.keys(scene().fields || {})])}`;
     const pushes =
       thing.kind === "object" ? (scene().forces || []).map((f, k) => (f.object === thing.name ? `${k}${Object.keys(f)}` : "")).join() : "";
-    return `${thing.kind} ${thing.name} ${Object.keys(item).filter((key) => [...HOLDS, "impulse", "force", "torque", "wind", "attractor", "segment", "polyline", "mask"].includes(key) && item[key] != null)} ${JSON.stringify(item.motion)} ${scene().world?.view} ${pushes} ${editor.materials.length} ${Object.keys(scene().objects || {})} ${thing.kind === "object" ? oddities(thing.name) : ""}`;
+    return `${thing.kind} ${thing.name} ${item.label ?? ""} ${Object.keys(item).filter((key) => [...HOLDS, "impulse", "force", "torque", "wind", "attractor", "segment", "polyline", "mask"].includes(key) && item[key] != null)} ${JSON.stringify(item.motion)} ${scene().world?.view} ${pushes} ${editor.materials.length} ${Object.keys(scene().objects || {})} ${thing.kind === "object" ? oddities(thing.name) : ""}`;
   };
   function show() {
     const thing = editor.selected && named(editor.selected) ? editor.selected : null,

@@ -117,7 +117,7 @@ export function start(editor) {
       const state = await editor.maskOp(op);
       const found = state?.made ?? Object.keys(state?.scene?.objects ?? {}).find((name) => !before.has(name));
       if (found && op.kind !== "relabel") { editor.select(found); editor.say(`${found} is new: say what it is`); }
-      else editor.say(then ?? "Corrected");
+      else editor.say(typeof then === "function" ? then(state) : then ?? "Corrected");
     } catch { /* told by the editor */ } finally {
       busy -= 1;
     }
@@ -166,7 +166,9 @@ export function start(editor) {
     } else {
       const [left, top] = [0, 1].map((k) => Math.min(made[0][k], made[1][k])), [w, h] = [0, 1].map((k) => Math.abs(made[0][k] - made[1][k]));
       if (w >= 3 && h >= 3) ask({ kind: way.name, box: [...short([left, top]), ...short([w, h])], object: way.name === "new" ? null : name });
-      else if (!name || way.name === "new") editor.say("Draw a larger box");
+      else if (way.name === "new") editor.say("Draw a larger box");
+      else if (under(point)?.kind === "object") editor.select(under(point).name); // a click chooses
+      else if (!name) editor.say("Draw a larger box");
     }
     editor.redraw();
   }
@@ -194,7 +196,10 @@ export function start(editor) {
 
   async function named() {
     const name = chosen(), text = label.value.trim();
-    if (name && text !== (editor.state.scene.objects[name].label ?? "")) await ask({ kind: "relabel", object: name, label: text }, `${name} is a ${text}: its numbers follow`);
+    stage.focus({ preventScroll: true }); // keys are the tools' again
+    if (!name || text === (editor.state.scene.objects[name].label ?? "")) return;
+    const numbers = ({ scene }) => JSON.stringify(["mass", "density", "friction", "elasticity", "rolling"].map((key) => scene?.objects[name]?.[key])), before = numbers(editor.state);
+    await ask({ kind: "relabel", object: name, label: text }, (state) => (numbers(state) === before ? `${name} is a ${text}: its numbers stay as they are` : `${name} is a ${text}: its numbers follow`));
   }
 
   function cancel() {

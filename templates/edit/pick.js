@@ -217,7 +217,7 @@ export function start(editor) {
       if (!name) return;
       const now = object(name).motion === "static";
       editor
-        .edit(setting(editor, ["objects", name, "motion"], now ? "dynamic" : "static"), now ? `${name} unpinned` : `${name} pinned`)
+        .edit(now && !editor.variant ? [{ unset: ["objects", name, "motion"] }] : setting(editor, ["objects", name, "motion"], now ? "dynamic" : "static"), now ? `${name} unpinned` : `${name} pinned`)
         .then(() => editor.say(now ? `${name} moves again` : `${name} is pinned: it never moves`))
         .catch(() => {});
     },

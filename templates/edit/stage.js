@@ -269,6 +269,10 @@ export function start(editor) {
       return;
     }
     if (event.button !== 0 || !editor.state) return;
+    if (!editor.state.scene) {
+      editor.say("What is shown is the scene as it was: mend its text first, see YAML");
+      return;
+    }
     const point = api.point(event);
     held = event.pointerId;
     editor.tool?.down?.(point, event, grabbed(point, { finger: event.pointerType === "touch" }));

@@ -200,6 +200,19 @@ def test_the_run_before_stays_in_sight_and_time_can_be_scrubbed(
         assert desk.errors == []
 
 
+def test_a_push_on_a_scene_that_cannot_be_read_says_why_nothing_happens(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        desk.page.evaluate("() => window.editor.putText(window.editor.state.text + 'objects: [')")
+        desk.settled()
+        text = desk.state["text"]
+        desk.drag((120, 80), (180, 60))
+        assert "mend its text first" in desk.page.inner_text("[data-part=said]")
+        desk.settled()
+        assert desk.state["text"] == text
+
+
 def test_what_is_pinned_is_not_pushed_and_what_is_deleted_comes_back(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
@@ -212,6 +225,9 @@ def test_what_is_pinned_is_not_pushed_and_what_is_deleted_comes_back(
         desk.drag((360, 270), (400, 270))
         desk.settled()
         assert desk.state["version"] == version
+        desk.page.keyboard.press("x")
+        desk.settled()
+        assert "motion" not in desk.state["text"], "as it was"
         desk.page.keyboard.press("Delete")
         desk.settled()
         found = desk.state["scene"]
