@@ -27,6 +27,8 @@ Point = tuple[float, float]
 
 MOST_POINTS = 20_000
 """Of a stroke or a polygon."""
+MOST_LOOKED = 10**9
+"""Pixels that are looked at for one stroke: about half a minute."""
 FAR = 1e6
 """px beyond which no place is meant."""
 WIDEST = 2000.0
@@ -72,7 +74,7 @@ def _told() -> Iterator[None]:
 
 
 def stroke(points: Sequence[Point], radius: float, size: tuple[int, int]) -> Mask:
-    """(H, W): pixels whose centre is within a radius of a line; `size` is width, height.
+    """(H, W): pixels whose centre is within a radius of a line; `size` is width, height. Raises EditError for too many.
 
     >>> int(stroke([(2, 2)], 1.0, (5, 5)).sum())
     5
@@ -80,12 +82,16 @@ def stroke(points: Sequence[Point], radius: float, size: tuple[int, int]) -> Mas
     width, height = size
     near = np.zeros((height, width), np.bool_)
     line = np.array(points, np.float64)
+    looked = 0
     for a, b in zip(line[: max(len(line) - 1, 1)], line[1:] if len(line) > 1 else line, strict=True):
         x0, y0 = np.floor(np.minimum(a, b) - radius).astype(int)
         x1, y1 = np.ceil(np.maximum(a, b) + radius).astype(int) + 1
         x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
-        if x1 <= x0 or y1 <= y0:
+        if x1 <= x0 or y1 <= y0 or near[y0:y1, x0:x1].all():
             continue
+        looked += int((x1 - x0) * (y1 - y0))
+        if looked > MOST_LOOKED:
+            raise impossible("the stroke is too long for its width", "paint it in parts")
         y, x = np.mgrid[y0:y1, x0:x1]
         along, (dx, dy) = b - a, (x - a[0], y - a[1])
         length = float(along @ along)
@@ -146,5 +152,4 @@ def too_small(what: str) -> EditError:
 
 
 def _number(value: Any) -> bool:
-    good = isinstance(value, int | float) and not isinstance(value, bool)
-    return good and bool(np.isfinite(value)) and abs(value) <= FAR
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= FAR

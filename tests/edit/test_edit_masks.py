@@ -164,6 +164,14 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     assert desk.entry(block) == yaml.safe_load(desk.before)["objects"][block]
 
 
+def test_a_stroke_without_end_is_refused_and_one_over_what_is_painted_costs_nothing(monkeypatch) -> None:
+    far = [[float(x), 0.0] for x in range(20_000)]
+    assert stroke(far, 2000.0, (64, 64)).all()
+    monkeypatch.setattr("physgen.edit.tools.MOST_LOOKED", 10_000)
+    with pytest.raises(EditError, match="too long for its width"):
+        stroke([[-35.0, -35.0]] * 200, 60.0, (64, 64))
+
+
 def test_what_is_at_hand_is_what_the_files_hold(desk: Desk) -> None:
     """After each kind of correction: every map as it is read anew from the folder, to the bit."""
     disc, block = by_place(desk)
@@ -432,6 +440,8 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
         ({}, "none that is known"),
         ({"kind": "box", "box": [1, 2, 3]}, "not 4 numbers"),
         ({"kind": "box", "box": [1, 2, float("nan"), 4]}, "not 4 numbers"),
+        ({"kind": "box", "box": [1, 2, 10**400, 4]}, "not 4 numbers"),
+        ({"kind": "brush", "object": "DISC", "strokes": [[1, 1]], "radius": 10**400}, "not a length"),
         ({"kind": "box", "box": [500, 500, 20, 20]}, "leaves under 4 px"),
         ({"kind": "point", "point": [1e9, 3]}, "not 2 numbers"),
         ({"kind": "point", "point": [-5, 3]}, "off the 240 x 160 photo"),
