@@ -89,7 +89,12 @@ class Document:
     @property
     def is_saved(self) -> bool:
         """Whether the file holds the present state."""
-        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps) and self.outside != "gone"
+        return self._nothing_made and self.outside != "gone"
+
+    @property
+    def _nothing_made(self) -> bool:
+        """Whether the present state is that which the file held when it was read or written last."""
+        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps)
 
     def maps(self, state: State) -> Path | None:
         """The folder of a state's maps; None: the scene's own, which another program may change."""
@@ -181,7 +186,7 @@ class Document:
         if theirs == self.saved.text:
             before, self.outside = self.outside, None
             return "taken" if before is not None else None
-        if self.now.text == self.saved.text and self.outside is None:
+        if self._nothing_made and self.outside is None:
             self._take(theirs)
             return "taken"
         if self._merge(theirs).text is not None:
@@ -206,7 +211,7 @@ class Document:
 
     def _settle(self, theirs: str, resolve: str | None) -> bool:
         """Take in what another program wrote. True where nothing is left to be written. Raises EditError."""
-        if self.now.text == self.saved.text and resolve is None:
+        if self._nothing_made and resolve is None:
             self._take(theirs)
             return True
         mine, made = self.now, self._merge(theirs)
