@@ -116,7 +116,7 @@ class Document:
     def push(self, state: State) -> None:
         """A new state: on the disk first. Raises OSError."""
         self._fits(state.text)
-        self._there()
+        self.there()
         state = replace(state, time=time.time())
         self.draft.push(self.now, state, self.history.version + 1)
         self.history.push(state)
@@ -131,7 +131,7 @@ class Document:
         if not self.history.can(by):
             word = "undo" if by < 0 else "redo"
             raise EditError(Why.IMPOSSIBLE, f"there is nothing to {word}", "edit something first")
-        self._there()
+        self.there()
         self.draft.step(by, self.history.version + 1, said)
         self.history.step(by)
         if said:
@@ -139,11 +139,11 @@ class Document:
 
     def settle(self) -> None:
         """All is on the disk when this returns. Raises OSError: asked again, it is written anew."""
-        self._there()
+        self.there()
         self.draft.settle()
 
-    def _there(self) -> None:
-        """The draft is, though somebody may have removed it."""
+    def there(self) -> None:
+        """The draft is, though somebody may have removed it. Raises OSError."""
         if self.draft.is_gone():
             self.draft.renew(self.history, self.saved)
             self.history.mend(self._has, self.saved.maps)
@@ -237,7 +237,7 @@ class Document:
         return Merged(None)
 
     def _base(self, saved: State) -> None:
-        self._there()
+        self.there()
         self.draft.base(self.now, saved, self.history.version)
         self.history.end_step()
         self.saved, self.outside = saved, None

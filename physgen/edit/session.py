@@ -166,14 +166,23 @@ class Session:
         with self._edits:
             if not self._is_new(asked):
                 return self._answer(asked)
-            now, draft = self._current(asked), self.document.draft
+            self._current(asked)
+            self.document.there()
+            now, draft = self.document.now, self.document.draft
             self.document.note_maps()
             number, maps = draft.new_maps(), self.document.maps(now)
         out = draft.maps(number)
-        made = correct(self.live, now.text, maps, asked.variant, op, out)  # which may take seconds
+        try:
+            made = correct(self.live, now.text, maps, asked.variant, op, out)  # which may take seconds
+        except Exception:
+            with self._edits:
+                self._current(asked)  # of a state that is gone the maps may be, too
+            raise
         with self._edits:
             try:
                 self._current(asked)
+                if draft.is_gone():
+                    raise EditError(Why.STALE, "the draft was removed meanwhile", "do it again")
                 if out.is_dir():
                     draft.keep_maps(out)
                 kept = number if out.is_dir() else now.maps

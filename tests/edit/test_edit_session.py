@@ -19,8 +19,9 @@ from served import Killable, Served
 
 from physgen.cli import main
 from physgen.cli.editing import edit as _edit  # noqa: F401 the command imports without the server
-from physgen.edit import document
+from physgen.edit import correct, document
 from physgen.edit.others import Watch
+from physgen.edit.session import Asked
 
 Serve = Callable[..., Served]
 
@@ -232,13 +233,17 @@ def disc(tmp_path: Path) -> Path:
     return scene
 
 
-def erased(served: Served, higher: float = 0) -> dict[str, Any]:
-    """A mask that was corrected, in its middle or some px above."""
+def eraser(served: Served, higher: float = 0) -> dict[str, Any]:
+    """In the middle of a thing, or some px above."""
     name, thing = next(iter(served.look()["derived"]["objects"].items()))
     x, y = thing["centre"]
     strokes = [[x - 3, y - higher], [x + 3, y - higher]]
-    op = {"kind": "eraser", "object": name, "strokes": strokes, "radius": 4}
-    answer = served.send("/api/mask", op=op)
+    return {"kind": "eraser", "object": name, "strokes": strokes, "radius": 4}
+
+
+def erased(served: Served, higher: float = 0) -> dict[str, Any]:
+    """A mask that was corrected."""
+    answer = served.send("/api/mask", op=eraser(served, higher))
     assert answer.status_code == 200, answer.text
     return served.state
 
@@ -334,6 +339,54 @@ def test_maps_that_another_program_painted_are_seen_and_asked_about(serving: Ser
     served.send("/api/undo")
     assert served.send("/api/save").status_code == 200
     assert masks.read_bytes() == painted + b"\n"  # theirs was one step back
+
+
+def test_of_two_corrections_at_once_the_second_is_asked_for_again(
+    serving: Serve, disc: Path, monkeypatch
+) -> None:
+    served = serving(disc)
+    assert served.editor is not None
+    session, real = served.editor.session, correct.write_patched
+    served.look()
+
+    def overtaken(*arguments: Any) -> Any:
+        """Another window's correction is made while this one is written."""
+        monkeypatch.setattr(correct, "write_patched", real)
+        session.correct(Asked(1), eraser(served, 8))
+        return real(*arguments)
+
+    monkeypatch.setattr(correct, "write_patched", overtaken)
+    answer = served.send("/api/mask", op=eraser(served))
+    assert (answer.status_code, answer.json()["version"]) == (409, 2)
+    erased(served)
+    assert served.state["version"] == 3
+    assert served.send("/api/save").status_code == 200
+
+
+def test_a_correction_after_somebody_removed_the_draft(serving: Serve, disc: Path) -> None:
+    served = serving(disc)
+    served.edit({"set": ["objects", "disc", "mass"], "value": 30})
+    shutil.rmtree(served.scene.with_name(".scene.yaml.editing"))
+    erased(served)
+    assert served.send("/api/save").status_code == 200
+    assert "mass: 30" in served.scene.read_text()
+
+
+def test_a_draft_that_is_removed_during_a_correction(serving: Serve, disc: Path, monkeypatch) -> None:
+    served = serving(disc)
+    real = correct.correct
+
+    def slow(*arguments: Any) -> Any:
+        made = real(*arguments)
+        shutil.rmtree(served.scene.with_name(".scene.yaml.editing"))
+        monkeypatch.undo()
+        return made
+
+    served.look()
+    monkeypatch.setattr(correct, "correct", slow)
+    assert served.send("/api/mask", op=eraser(served)).status_code == 409
+    erased(served)
+    assert served.send("/api/save").status_code == 200
 
 
 def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, monkeypatch) -> None:
