@@ -171,7 +171,7 @@ class Document:
         differs = theirs is not None and theirs != self.saved.text
         if theirs is not None and differs and self._settle(theirs, resolve):
             return
-        self._write(theirs)
+        self._write(theirs, over=resolve == "mine" and not differs)
 
     def look_outside(self) -> str | None:
         """What another program did, taken in where it can be: `taken`, `merged`, `clash`, `gone`, None for nothing."""
@@ -241,34 +241,33 @@ class Document:
         self.draft.base(self.now, saved, self.history.version)
         self.history.end_step()
         self.saved, self.outside = saved, None
-        self._stamps = stamps(self._own(saved.text))
+        self.note_maps()
 
-    def _write(self, theirs: str | None) -> None:
-        """Maps first, then the text that names them; both or neither."""
+    def _write(self, theirs: str | None, over: bool) -> None:
+        """Maps first, then the text that names them; both or neither. `over`: also over another program's maps."""
         if self.now.maps == self.saved.maps:
             self._write_text(theirs)
         else:
             folder = folder_of(self.now.text, self.path.absolute().parent, self.allow_outside)
             if folder is None:
                 raise impossible("the text names no folder for its maps", "write assets: and a folder's name")
-            self._write_maps(folder, theirs)
+            self._write_maps(folder, theirs, over)
         self._base(State(self.now.text, self.now.maps))
 
     def _write_text(self, theirs: str | None) -> None:
         if theirs != self.now.text:
             write_durably(self.real, self.ends.encoded(self.now.text))
 
-    def _write_maps(self, folder: Path, theirs: str | None) -> None:
+    def _write_maps(self, folder: Path, theirs: str | None, over: bool) -> None:
         """What was there is kept aside, for an undo, and is put back where not all could be written."""
         own, kept = self._own(self.saved.text), self.draft.maps(self.saved.maps)
         if folder != own and has_maps(folder):
             fix = "name a folder that is not there yet, or that which the scene had"
             raise impossible(f"assets: {folder.name} holds maps of something else", fix)
-        if folder == own and stamps(folder) != self._stamps:
-            self._stamps = stamps(folder)  # who saves again means it
+        if folder == own and stamps(folder) != self._stamps and not over:
             message = "another program changed the scene's maps since yours were made"
-            fix = "save again to write yours over them; theirs stay one step back"
-            raise EditError(Why.STALE, message, fix)
+            fix = "choose mine to write yours over them; theirs stay one step back"
+            raise EditError(Why.STALE, message, fix, {"maps": True})
         set_aside(own, kept)
         if own is not None and not same(kept, own):  # painted by another program: within reach, too
             number, mine = self.draft.new_maps(), self.now

@@ -205,8 +205,7 @@ class Session:
         """Write the file. Raises EditError where another program wrote it, too, and `resolve` does not settle it."""
         with self._edits:
             self._current(asked)
-            self.document.save(resolve)
-            self._changed()
+            self._save(resolve)
         return self._answer(asked)
 
     def save_for_rendering(self, version: int | None) -> None:
@@ -215,8 +214,13 @@ class Session:
             if version is not None:
                 self._current(Asked(version))
             if not self.document.is_saved:
-                self.document.save(None)
-                self._changed()
+                self._save(None)
+
+    def _save(self, resolve: str | None) -> None:
+        try:
+            self.document.save(resolve)
+        finally:
+            self._changed()  # what another program wrote may be taken in though the file is not written
 
     def _answer(self, asked: Asked) -> Data:
         """The state after an edit, given out when the edit is on the disk. Raises OSError."""

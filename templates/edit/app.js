@@ -188,10 +188,10 @@ function queued(path, body) {
       } catch (refused) {
         const { status, body: why } = refused;
         if (status === 0 || status === 401) { link(false); await found(); await editor.refresh().catch(() => {}); }
-        else if (status === 409 && !why.conflict && !why.elsewhere && tries < 4) await editor.refresh();
+        else if (status === 409 && !why.conflict && !why.maps && !why.elsewhere && tries < 4) await editor.refresh();
         else {
           if (why?.conflict) editor.emit("conflict", why.conflict);
-          else editor.say(refused.message, "error");
+          else if (!why?.maps) editor.say(refused.message, "error");
           throw refused;
         }
       }

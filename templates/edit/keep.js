@@ -53,7 +53,7 @@ export function start(editor) {
     } catch (refused) {
       const conflict = refused.body?.conflict;
       if (conflict) return clash(conflict);
-      return null;
+      return refused.body?.maps ? painted() : null;
     }
   }
   editor.saving = saving;
@@ -83,6 +83,18 @@ export function start(editor) {
     });
     asking = false;
     return answer === null ? null : saving(answer);
+  }
+
+  async function painted() {
+    if (asking) return null;
+    asking = true;
+    const mine = await ask({
+      title: "Another program changed the masks",
+      body: `It wrote the maps of ${editor.state.file.name} since yours were made. Write yours over them? Theirs stay in the history: Undo brings them back.`,
+      choices: [{ value: "mine", label: "Write mine", main: true }, { value: null, label: "Not now" }],
+    });
+    asking = false;
+    return mine === null ? null : saving(mine);
   }
 
   const outside = () => {

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from desk import NARROW, Desk, seated
 
@@ -291,6 +293,41 @@ def test_what_another_program_writes_is_merged_or_asked_about(
         desk.page.click('[data-banner=outside] button:text-is("Save")')
         until(desk, "s.file.saved && s.file.outside === null")
         assert "mass: 300" in scene.read_text(encoding="utf-8")
+        assert desk.errors == []
+
+
+def test_maps_that_another_program_painted_are_asked_about(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    masks = scene.parent / "scene.assets" / "masks.png"
+    masks.parent.mkdir()
+    pixels = np.zeros((240, 320), np.uint16)
+    pixels[32:68, 42:78] = 1
+    cv2.imwrite(str(masks), pixels)
+    cv2.imwrite(str(scene.parent / "photo.png"), np.full((240, 320, 3), 200, np.uint8))
+    text = SCENE.replace("size: [320, 240]\n", "image: photo.png\nassets: scene.assets\n")
+    scene.write_text(text.replace("  ball:\n", "  ball:\n    mask: 1\n"), encoding="utf-8")
+    with seated(browser, serving(scene).address) as desk:
+        desk.page.evaluate(
+            "() => window.editor.maskOp({kind: 'eraser', object: 'ball', strokes: [[60, 50]], radius: 6})"
+        )
+        desk.settled()
+        pixels[:5, :5] = 1
+        cv2.imwrite(str(masks), pixels)
+        theirs = masks.read_bytes()
+        for value in ("null", "mine"):
+            desk.page.click("[data-part=save]")
+            assert "changed the masks" in desk.page.inner_text("dialog[open] h2")
+            assert masks.read_bytes() == theirs
+            answer(desk, value)
+            desk.page.wait_for_selector("dialog", state="detached")
+        until(desk, "s.file.saved")
+        assert masks.read_bytes() != theirs
+        desk.page.click("[data-part=undo]")
+        desk.settled()
+        desk.page.keyboard.press("Control+s")
+        until(desk, "s.file.saved")
+        assert masks.read_bytes() == theirs
         assert desk.errors == []
 
 

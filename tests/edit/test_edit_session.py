@@ -330,15 +330,39 @@ def test_maps_that_another_program_painted_are_seen_and_asked_about(serving: Ser
     erased(served, 8)
     assert served.state["picture"] != picture
     masks.write_bytes(painted + b"\n")  # once more, since
-    answer = served.send("/api/save")
-    assert answer.status_code == 409
-    assert "another program changed the scene's maps" in answer.json()["error"]["message"]
-    assert masks.read_bytes() == painted + b"\n"
-    assert served.send("/api/save").status_code == 200  # who saves again means it
+    for _ in range(2):  # until it is answered
+        answer = served.send("/api/save")
+        assert (answer.status_code, answer.json()["maps"]) == (409, True)
+        assert "another program changed the scene's maps" in answer.json()["error"]["message"]
+        assert masks.read_bytes() == painted + b"\n"
+    assert served.send("/api/save", resolve="mine").status_code == 200
     assert masks.read_bytes() != painted + b"\n"
     served.send("/api/undo")
     assert served.send("/api/save").status_code == 200
     assert masks.read_bytes() == painted + b"\n"  # theirs was one step back
+
+
+def test_maps_and_text_that_another_program_wrote_are_asked_about_one_by_one(
+    serving: Serve, disc: Path
+) -> None:
+    served = serving(disc)
+    masks = served.scene.with_name("photo.assets") / "masks.png"
+    erased(served)
+    mine = served.edit({"set": ["objects", "disc", "mass"], "value": 30})["text"]
+    painted = masks.read_bytes() + b"\n"
+    masks.write_bytes(painted)
+    with hearing(served, "file") as next_one:
+        served.scene.write_text(served.scene.read_text().replace("mass: 20", "mass: 25"))
+        assert next_one()["outcome"] == "clash"
+    served.look()
+    assert "conflict" in served.send("/api/save").json()
+    answer = served.send("/api/save", resolve="mine")
+    assert (answer.status_code, answer.json()["maps"]) == (409, True)
+    assert masks.read_bytes() == painted
+    served.look()
+    assert served.send("/api/save", resolve="mine").status_code == 200
+    assert masks.read_bytes() != painted
+    assert served.scene.read_text() == mine
 
 
 def test_of_two_corrections_at_once_the_second_is_asked_for_again(
