@@ -154,6 +154,31 @@ def test_an_editor_that_was_ended_and_started_anew(
         until(other, "s.scene.objects.ball.mass === 75")
 
 
+def test_what_waits_is_sent_once_the_state_is_known(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    away, ill = [False], [0]
+
+    def asked(route: Any) -> None:
+        if away[0]:
+            route.abort()
+        elif ill[0] and "/api/state" in route.request.url:
+            ill[0] -= 1
+            route.fulfill(status=500, json={"error": {"message": "it failed", "fix": ""}, "problems": []})
+        else:
+            route.continue_()
+
+    with seated(browser, serving(scene).address, held=("**/api/**", asked)) as desk:
+        away[0] = True
+        banner(desk, "link")
+        edit(desk, "objects.ball.mass", 75, wait=False)
+        desk.page.wait_for_selector("text=1 edit waits here")
+        away[0], ill[0] = False, 3
+        until(desk, "s.scene.objects.ball.mass === 75")
+        assert ill == [0]
+        desk.settled()
+
+
 def test_leaving_with_work_that_is_not_saved_asks(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
