@@ -58,6 +58,8 @@ export const editor = {
   async undo() { return editor.state?.undo || editor.pending ? told("Undone: ", "redo", queued("/api/undo", {})) : editor.say("Nothing to undo"); },
   async redo() { return editor.state?.redo || editor.pending ? told("Done again: ", "undo", queued("/api/redo", {})) : editor.say("Nothing to redo"); },
   save(resolve = null) { return queued("/api/save", { resolve }); },
+  // what waited in another window, under its own id: one that was made there is not made twice
+  again({ path, body, id, variant }) { return queued(path, body, { id, variant }); },
 
   // what the scene would do; only the newest is asked for
   preview(ops) {
@@ -171,8 +173,8 @@ async function found() {
 }
 
 // Each carries an id, by which one whose answer was lost is known to have been made.
-function queued(path, body) {
-  const job = { id: `${own}-${(count += 1)}`, path, variant: editor.variant, body };
+function queued(path, body, { id = `${own}-${(count += 1)}`, variant = editor.variant } = {}) {
+  const job = { id, path, variant, body };
   if (linked && editor.waiting.some((other) => other.path === "/api/mask")) editor.say(`${DEEDS[path]} once the picture has followed`);
   if (path !== "/api/save") part("undo").disabled = false; // it can be asked for behind what waits
   editor.waiting.push(job);

@@ -154,6 +154,78 @@ def test_an_editor_that_was_ended_and_started_anew(
         until(other, "s.scene.objects.ball.mass === 75")
 
 
+def opened(desk: Desk, address: str) -> Desk:
+    """Another window of the same browser."""
+    other = Desk(desk.page.context.new_page())
+    other.page.goto(address)
+    other.ready()
+    return other
+
+
+def shelves(desk: Desk) -> int:
+    """How many windows left something in the browser's store."""
+    kept = "Object.keys(localStorage).filter(key => key.startsWith('physgen-edit '))"
+    return int(desk.page.evaluate(f"() => {kept}.length"))
+
+
+def test_what_waited_in_one_window_is_not_cleared_by_another(
+    browser: Any, killable: Callable[..., Any], scene: Path
+) -> None:
+    served = killable(scene)
+    with seated(browser, served.address) as one:
+        two = opened(one, served.address)
+        edit(one, "objects.ball.mass", 75)
+        served.kill()
+        for desk, thing in ((one, "box"), (two, "ball")):
+            banner(desk, "link")
+            edit(desk, f"objects.{thing}.friction", 0.25, wait=False)
+            desk.page.wait_for_selector("text=1 edit waits here")
+        assert shelves(two) == 2
+        two.page.close()
+        again = killable(scene)
+        gone(one, "link")
+        until(one, "s.scene.objects.box.friction === 0.25")
+        for value in (None, "true"):  # asked about until it is answered, and only what nobody sends by itself
+            three = opened(one, again.address)
+            assert three.page.inner_text("dialog[open] h2") == "1 edit waited in a window that was closed"
+            if value is None:
+                three.page.keyboard.press("Escape")
+                three.page.close()
+            else:
+                answer(three, value)
+        until(one, "s.scene.objects.ball.friction === 0.25")
+        one.page.wait_for_function(
+            "() => !Object.keys(localStorage).some(key => key.startsWith('physgen-edit '))"
+        )
+
+
+def test_what_waited_and_was_made_is_not_made_twice(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    served = serving(scene)
+    with seated(browser, served.address) as desk:
+        for mass in (60, 70):
+            edit(desk, "objects.ball.mass", mass)
+        served.look()
+        served.send("/api/undo", id="gone-1")  # its answer was lost, and the window
+        served.edit({"set": ["objects", "box", "mass"], "value": 300}, id="other-1")
+        desk.page.evaluate(
+            "file => localStorage.setItem(`physgen-edit ${file} gone`, JSON.stringify({time: 1, jobs:"
+            " [{id: 'gone-1', path: '/api/undo', variant: null, body: {}},"
+            "  {id: 'gone-2', path: '/api/edit', variant: null,"
+            "   body: {ops: [{set: ['world', 'duration'], value: 0.7}]}}]}))",
+            str(scene),
+        )
+        other = opened(desk, served.address)
+        answer(other, "true")
+        until(desk, "s.scene.world.duration === 0.7")
+        assert served.look()["scene"]["objects"]["ball"]["mass"] == 60
+        other.page.wait_for_function("() => !window.editor.pending")
+        desk.page.wait_for_function(
+            "() => !Object.keys(localStorage).some(key => key.startsWith('physgen-edit '))"
+        )
+
+
 def test_what_waits_is_sent_once_the_state_is_known(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
