@@ -41,13 +41,13 @@ export function start(editor) {
     if (saved.textContent !== words) saved.textContent = words;
     saved.className = `kept ${kind}`;
     saved.title = { draft: `Every edit is kept beside ${file.name} as it is made; Save writes the file itself`, saved: `${file.name} is as you see it` }[kind] ?? "";
-    save.disabled = !up || (file.saved && file.outside === null);
+    save.disabled = !up || (file.saved && file.outside === null && !editor.pending && !editor.typing?.());
     save.title = "Write the file (Ctrl S)";
   }
   const edits = (count) => `${count} ${count === 1 ? "edit" : "edits"}`;
 
   async function saving(resolve = null) {
-    await editor.flush?.();
+    if ((await editor.flush?.()) === false) return null; // it would not be what is seen
     try {
       const state = await editor.save(resolve);
       if (state.file.saved) editor.say(resolve === "theirs" ? `As ${state.file.name} is on disk` : `Saved ${state.file.name}`);
@@ -64,7 +64,7 @@ export function start(editor) {
     if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "s" || event.altKey) return;
     event.preventDefault();
     event.stopImmediatePropagation();
-    if (!save.disabled || editor.typing?.()) saving(); else editor.say("Saved already");
+    if (!save.disabled || editor.pending || editor.typing?.()) saving(); else editor.say("Saved already");
   }, true);
 
   // ---- another program changed the file
