@@ -58,6 +58,8 @@ export const editor = {
   async undo() { return editor.state?.undo || editor.pending ? told("Undone: ", "redo", queued("/api/undo", {})) : editor.say("Nothing to undo"); },
   async redo() { return editor.state?.redo || editor.pending ? told("Done again: ", "undo", queued("/api/redo", {})) : editor.say("Nothing to redo"); },
   save(resolve = null) { return queued("/api/save", { resolve }); },
+  // all that waits is answered
+  async idle() { while (editor.pending) await queue; },
   // what waited in another window, under its own id: one that was made there is not made twice
   again({ path, body, id, variant }) { return queued(path, body, { id, variant }); },
 
