@@ -89,7 +89,12 @@ class Document:
     @property
     def is_saved(self) -> bool:
         """Whether the file holds the present state."""
-        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps) and self.outside != "gone"
+        return self._nothing_made and self.outside != "gone"
+
+    @property
+    def _nothing_made(self) -> bool:
+        """Whether the present state is that which the file held when it was read or written last."""
+        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps)
 
     def maps(self, state: State) -> Path | None:
         """The folder of a state's maps; None: the scene's own, which another program may change."""
@@ -111,7 +116,7 @@ class Document:
     def push(self, state: State) -> None:
         """A new state: on the disk first. Raises OSError."""
         self._fits(state.text)
-        self._there()
+        self.there()
         state = replace(state, time=time.time())
         self.draft.push(self.now, state, self.history.version + 1)
         self.history.push(state)
@@ -126,7 +131,7 @@ class Document:
         if not self.history.can(by):
             word = "undo" if by < 0 else "redo"
             raise EditError(Why.IMPOSSIBLE, f"there is nothing to {word}", "edit something first")
-        self._there()
+        self.there()
         self.draft.step(by, self.history.version + 1, said)
         self.history.step(by)
         if said:
@@ -134,11 +139,11 @@ class Document:
 
     def settle(self) -> None:
         """All is on the disk when this returns. Raises OSError: asked again, it is written anew."""
-        self._there()
+        self.there()
         self.draft.settle()
 
-    def _there(self) -> None:
-        """The draft is, though somebody may have removed it."""
+    def there(self) -> None:
+        """The draft is, though somebody may have removed it. Raises OSError."""
         if self.draft.is_gone():
             self.draft.renew(self.history, self.saved)
             self.history.mend(self._has, self.saved.maps)
@@ -166,7 +171,7 @@ class Document:
         differs = theirs is not None and theirs != self.saved.text
         if theirs is not None and differs and self._settle(theirs, resolve):
             return
-        self._write(theirs)
+        self._write(theirs, over=resolve == "mine" and not differs)
 
     def look_outside(self) -> str | None:
         """What another program did, taken in where it can be: `taken`, `merged`, `clash`, `gone`, None for nothing."""
@@ -181,7 +186,7 @@ class Document:
         if theirs == self.saved.text:
             before, self.outside = self.outside, None
             return "taken" if before is not None else None
-        if self.now.text == self.saved.text and self.outside is None:
+        if self._nothing_made and self.outside is None:
             self._take(theirs)
             return "taken"
         if self._merge(theirs).text is not None:
@@ -206,7 +211,7 @@ class Document:
 
     def _settle(self, theirs: str, resolve: str | None) -> bool:
         """Take in what another program wrote. True where nothing is left to be written. Raises EditError."""
-        if self.now.text == self.saved.text and resolve is None:
+        if self._nothing_made and resolve is None:
             self._take(theirs)
             return True
         mine, made = self.now, self._merge(theirs)
@@ -232,38 +237,37 @@ class Document:
         return Merged(None)
 
     def _base(self, saved: State) -> None:
-        self._there()
+        self.there()
         self.draft.base(self.now, saved, self.history.version)
         self.history.end_step()
         self.saved, self.outside = saved, None
-        self._stamps = stamps(self._own(saved.text))
+        self.note_maps()
 
-    def _write(self, theirs: str | None) -> None:
-        """Maps first, then the text that names them; both or neither."""
+    def _write(self, theirs: str | None, over: bool) -> None:
+        """Maps first, then the text that names them; both or neither. `over`: also over another program's maps."""
         if self.now.maps == self.saved.maps:
             self._write_text(theirs)
         else:
             folder = folder_of(self.now.text, self.path.absolute().parent, self.allow_outside)
             if folder is None:
                 raise impossible("the text names no folder for its maps", "write assets: and a folder's name")
-            self._write_maps(folder, theirs)
+            self._write_maps(folder, theirs, over)
         self._base(State(self.now.text, self.now.maps))
 
     def _write_text(self, theirs: str | None) -> None:
         if theirs != self.now.text:
             write_durably(self.real, self.ends.encoded(self.now.text))
 
-    def _write_maps(self, folder: Path, theirs: str | None) -> None:
+    def _write_maps(self, folder: Path, theirs: str | None, over: bool) -> None:
         """What was there is kept aside, for an undo, and is put back where not all could be written."""
         own, kept = self._own(self.saved.text), self.draft.maps(self.saved.maps)
         if folder != own and has_maps(folder):
             fix = "name a folder that is not there yet, or that which the scene had"
             raise impossible(f"assets: {folder.name} holds maps of something else", fix)
-        if folder == own and stamps(folder) != self._stamps:
-            self._stamps = stamps(folder)  # who saves again means it
+        if folder == own and stamps(folder) != self._stamps and not over:
             message = "another program changed the scene's maps since yours were made"
-            fix = "save again to write yours over them; theirs stay one step back"
-            raise EditError(Why.STALE, message, fix)
+            fix = "choose mine to write yours over them; theirs stay one step back"
+            raise EditError(Why.STALE, message, fix, {"maps": True})
         set_aside(own, kept)
         if own is not None and not same(kept, own):  # painted by another program: within reach, too
             number, mine = self.draft.new_maps(), self.now

@@ -166,14 +166,23 @@ class Session:
         with self._edits:
             if not self._is_new(asked):
                 return self._answer(asked)
-            now, draft = self._current(asked), self.document.draft
+            self._current(asked)
+            self.document.there()
+            now, draft = self.document.now, self.document.draft
             self.document.note_maps()
             number, maps = draft.new_maps(), self.document.maps(now)
         out = draft.maps(number)
-        made = correct(self.live, now.text, maps, asked.variant, op, out)  # which may take seconds
+        try:
+            made = correct(self.live, now.text, maps, asked.variant, op, out)  # which may take seconds
+        except Exception:
+            with self._edits:
+                self._current(asked)  # of a state that is gone the maps may be, too
+            raise
         with self._edits:
             try:
                 self._current(asked)
+                if draft.is_gone():
+                    raise EditError(Why.STALE, "the draft was removed meanwhile", "do it again")
                 if out.is_dir():
                     draft.keep_maps(out)
                 kept = number if out.is_dir() else now.maps
@@ -196,8 +205,7 @@ class Session:
         """Write the file. Raises EditError where another program wrote it, too, and `resolve` does not settle it."""
         with self._edits:
             self._current(asked)
-            self.document.save(resolve)
-            self._changed()
+            self._save(resolve)
         return self._answer(asked)
 
     def save_for_rendering(self, version: int | None) -> None:
@@ -206,8 +214,13 @@ class Session:
             if version is not None:
                 self._current(Asked(version))
             if not self.document.is_saved:
-                self.document.save(None)
-                self._changed()
+                self._save(None)
+
+    def _save(self, resolve: str | None) -> None:
+        try:
+            self.document.save(resolve)
+        finally:
+            self._changed()  # what another program wrote may be taken in though the file is not written
 
     def _answer(self, asked: Asked) -> Data:
         """The state after an edit, given out when the edit is on the disk. Raises OSError."""

@@ -4,7 +4,7 @@ import { Refused, ask, beginning, own } from "./api.js";
 import { element, icon, part } from "./elements.js";
 
 const listeners = new Map(), tools = new Map(), panels = [];
-let queue = Promise.resolve(), wanted = null, asking = false, dragged = 0, count = 0, late = false;
+let queue = Promise.resolve(), wanted = null, asking = false, dragged = 0, count = 0, late = false, anew = false;
 
 export const editor = {
   state: null,     // as the server knows it
@@ -23,12 +23,11 @@ export const editor = {
 
   // a state from the server -> everywhere
   take(state) {
-    if (!state || (editor.state && state.version < editor.state.version)) return editor.state;
+    if (!state || (editor.state && state.version < editor.state.version && !anew)) return editor.state;
     const before = editor.state, variant = state.variant ?? null;
     if (before && variant !== (editor.variant ?? null)) return editor.refresh(); // of a tab that was left meanwhile
     if (variant !== null && !state.variants.includes(variant)) return editor.useVariant(null); // it was taken back
-    editor.state = state;
-    editor.variant = variant;
+    [editor.state, editor.variant, anew] = [state, variant, false];
     if (editor.selected && !named(editor.selected)) editor.choose(renamed(editor.selected));
     editor.tried = null;
     editor.emit("state", { state, before });
@@ -59,6 +58,10 @@ export const editor = {
   async undo() { return editor.state?.undo || editor.pending ? told("Undone: ", "redo", queued("/api/undo", {})) : editor.say("Nothing to undo"); },
   async redo() { return editor.state?.redo || editor.pending ? told("Done again: ", "undo", queued("/api/redo", {})) : editor.say("Nothing to redo"); },
   save(resolve = null) { return queued("/api/save", { resolve }); },
+  // all that waits is answered
+  async idle() { while (editor.pending) await queue; },
+  // what waited in another window, under its own id: one that was made there is not made twice
+  again({ path, body, id, variant }) { return queued(path, body, { id, variant }); },
 
   // what the scene would do; only the newest is asked for
   preview(ops) {
@@ -159,26 +162,28 @@ let linked = true;
 function link(up) {
   if (up === linked) return;
   linked = up;
-  if (up && editor.state) editor.state.version = -1; // a server that began anew may count from the beginning
+  if (up) anew = true; // a server that began anew may count from the beginning
   editor.emit("link", { up });
 }
-// the server answers again
+// the server answers again, and has told its state
 async function found() {
-  while (!linked) {
+  while (!linked || anew) {
+    if (linked && await editor.refresh().catch(() => null)) return;
     await new Promise((done) => setTimeout(done, 400));
-    await ask("GET", "/api/render").then(() => link(true), ({ status }) => { if (status && status !== 401) link(true); });
+    if (!linked) await ask("GET", "/api/render").then(() => link(true), ({ status }) => { if (status && status !== 401) link(true); });
   }
 }
 
 // Each carries an id, by which one whose answer was lost is known to have been made.
-function queued(path, body) {
-  const job = { id: `${own}-${(count += 1)}`, path, variant: editor.variant, body };
+function queued(path, body, { id = `${own}-${(count += 1)}`, variant = editor.variant } = {}) {
+  const job = { id, path, variant, body };
   if (linked && editor.waiting.some((other) => other.path === "/api/mask")) editor.say(`${DEEDS[path]} once the picture has followed`);
   if (path !== "/api/save") part("undo").disabled = false; // it can be asked for behind what waits
   editor.waiting.push(job);
   meant.set(job, editor.state);
   const done = queue.then(async () => {
     for (let tries = 0; ; tries += 1) {
+      if (anew) await found();
       try {
         if (editor.state.id !== job.id && !stillMeant(job, meant.get(job), editor.state)) throw new Refused(409, ELSEWHERE);
         const state = editor.state.id === job.id ? editor.state : await sent(job);
@@ -187,11 +192,11 @@ function queued(path, body) {
         return editor.take(state);
       } catch (refused) {
         const { status, body: why } = refused;
-        if (status === 0 || status === 401) { link(false); await found(); await editor.refresh().catch(() => {}); }
-        else if (status === 409 && !why.conflict && !why.elsewhere && tries < 4) await editor.refresh();
+        if (status === 0 || status === 401) { link(false); await found(); }
+        else if (status === 409 && !why.conflict && !why.maps && !why.elsewhere && tries < 4) await editor.refresh().catch(() => { anew = true; });
         else {
           if (why?.conflict) editor.emit("conflict", why.conflict);
-          else editor.say(refused.message, "error");
+          else if (!why?.maps) editor.say(refused.message, "error");
           throw refused;
         }
       }

@@ -1,10 +1,12 @@
 // Nothing is lost: what is saved and what is kept only as a draft, a server that went away, a file that another program
 // changed, a second window. Told in words under the bar; asked only where both sides changed the same lines.
 
+import { own } from "./api.js";
 import { ask } from "./dialogs.js";
 import { element, part } from "./elements.js";
 import { plainEnds } from "./marks.js";
 
+const PATIENCE = 500; // ms in which a window that lives says so
 const RECALL = 2000; // differing lines beyond which two texts are shown without marks
 
 export function start(editor) {
@@ -39,13 +41,13 @@ export function start(editor) {
     if (saved.textContent !== words) saved.textContent = words;
     saved.className = `kept ${kind}`;
     saved.title = { draft: `Every edit is kept beside ${file.name} as it is made; Save writes the file itself`, saved: `${file.name} is as you see it` }[kind] ?? "";
-    save.disabled = !up || (file.saved && file.outside === null);
+    save.disabled = !up || (file.saved && file.outside === null && !editor.pending && !editor.typing?.());
     save.title = "Write the file (Ctrl S)";
   }
   const edits = (count) => `${count} ${count === 1 ? "edit" : "edits"}`;
 
   async function saving(resolve = null) {
-    await editor.flush?.();
+    if ((await editor.flush?.()) === false) return null; // it would not be what is seen
     try {
       const state = await editor.save(resolve);
       if (state.file.saved) editor.say(resolve === "theirs" ? `As ${state.file.name} is on disk` : `Saved ${state.file.name}`);
@@ -53,7 +55,7 @@ export function start(editor) {
     } catch (refused) {
       const conflict = refused.body?.conflict;
       if (conflict) return clash(conflict);
-      return null;
+      return refused.body?.maps ? painted() : null;
     }
   }
   editor.saving = saving;
@@ -62,7 +64,7 @@ export function start(editor) {
     if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "s" || event.altKey) return;
     event.preventDefault();
     event.stopImmediatePropagation();
-    if (!save.disabled || editor.typing?.()) saving(); else editor.say("Saved already");
+    if (!save.disabled || editor.pending || editor.typing?.()) saving(); else editor.say("Saved already");
   }, true);
 
   // ---- another program changed the file
@@ -85,6 +87,18 @@ export function start(editor) {
     return answer === null ? null : saving(answer);
   }
 
+  async function painted() {
+    if (asking) return null;
+    asking = true;
+    const mine = await ask({
+      title: "Another program changed the masks",
+      body: `It wrote the maps of ${editor.state.file.name} since yours were made. Write yours over them? Theirs stay in the history: Undo brings them back.`,
+      choices: [{ value: "mine", label: "Write mine", main: true }, { value: null, label: "Not now" }],
+    });
+    asking = false;
+    return mine === null ? null : saving(mine);
+  }
+
   const outside = () => {
     const { file } = editor.state;
     if (file.outside === "changed") banner("outside", `Another program changed ${file.name} where you changed it, too.`, [["Look at both …", () => saving()]], { kind: "warn", closes: false });
@@ -102,7 +116,7 @@ export function start(editor) {
       if (event.outcome === "merged") banner("merged", `Another program changed ${name}: its changes are put into yours. Undo takes them out.`);
       editor.catchUp();
     }
-    if (event.type === "stranger") { stranger = true; up = false; lost(); }
+    if (event.type === "stranger") { stranger = true; up = false; lost(); others?.postMessage({ left: true }); }
   });
 
   function windows(count) {
@@ -116,11 +130,10 @@ export function start(editor) {
       if (state.file.recovered && !state.file.saved) banner("recovered", "These are the edits of last time, which were not saved. Undo goes back through them.",
         [["Back to the saved file", async () => { banner("recovered", null); await saving("theirs"); }]]);
       if (state.windows !== undefined) windows(state.windows);
-      resend(state);
+      resend();
     } else if (state.file.saved) banner("recovered", null);
     outside();
-    setTimeout(told); // once the edit that brought it counts as answered
-    store();
+    setTimeout(() => { told(); store(); }); // once the edit that brought it counts as answered
   });
   setInterval(told, 250);
 
@@ -151,33 +164,48 @@ export function start(editor) {
   }
   setInterval(() => { if (!up) lost(); }, 500);
 
-  const shelf = () => `physgen-edit ${editor.state.file.folder}/${editor.state.file.name}`;
+  // each window has a shelf of its own there, and clears no other's
+  const shelf = () => `physgen-edit ${editor.state.file.folder}/${editor.state.file.name} `;
+  let shelved = ""; // not put there again: a stranger's may have been made elsewhere
   function store() {
+    const jobs = up ? [] : editor.waiting.map(whole).filter(({ path }) => path !== "/api/save"), now = JSON.stringify(jobs);
+    if (now === shelved || (!jobs.length && editor.pending)) return;
     try {
-      if (!up && editor.pending) localStorage.setItem(shelf(), JSON.stringify({ version: editor.state.version, jobs: editor.waiting.map(whole).filter(({ path }) => path !== "/api/save") }));
-      else if (up && !editor.pending) localStorage.removeItem(shelf());
+      if (jobs.length) localStorage.setItem(shelf() + own, JSON.stringify({ time: Date.now(), jobs }));
+      else localStorage.removeItem(shelf() + own);
+      shelved = now;
     } catch { /* a browser that keeps nothing: the page asks before it is left */ }
   }
   const whole = ({ body, ...job }) => ({ ...job, body: Object.fromEntries(Object.entries(body).map(([key, value]) => [key, typeof value === "function" ? value() : value])) });
 
-  // edits that waited in a page that was closed
-  async function resend(state) {
-    let kept = null;
-    try { kept = JSON.parse(localStorage.getItem(shelf()) ?? "null"); } catch { /* nothing kept */ }
-    if (!kept?.jobs?.length) return;
-    localStorage.removeItem(shelf());
-    const jobs = kept.jobs.filter(({ id }) => id !== state.id);
-    if (!jobs.length || !(await ask({ title: `${edits(jobs.length)} waited in this window`, body: "The server was gone when they were made. Make them now?", choices: [{ value: true, label: "Make them", main: true }, { value: null, label: "Leave them out" }] }))) return;
-    for (const { path, body, variant } of jobs) {
-      try {
-        if ((editor.variant ?? null) !== (variant ?? null)) await editor.useVariant(variant ?? null);
-        if (path === "/api/edit") await editor.edit(body.ops, body.what, body.tag);
-        else if (path === "/api/mask") await editor.maskOp(body.op);
-        else if (path === "/api/text") await editor.putText(body.text);
-        else if (path === "/api/undo") await editor.undo();
-        else if (path === "/api/redo") await editor.redo();
-      } catch { /* told by the editor; the next may still fit */ }
-    }
+  // windows tell one another that they live, and send what waits in them; a stranger cannot any more
+  const others = globalThis.BroadcastChannel && new BroadcastChannel("physgen-edit"), alive = new Set();
+  others?.addEventListener("message", ({ data }) => {
+    if (data.who && !stranger) others.postMessage({ lives: own });
+    if (data.lives) alive.add(data.lives);
+    if (data.left && up && editor.state) resend();
+  });
+  function left() {
+    const windows = Object.keys(localStorage).filter((key) => key.startsWith(shelf())).map((key) => key.slice(shelf().length));
+    return windows.filter((name) => /^\w+$/.test(name) && name !== own && !alive.has(name)).map((name) => shelf() + name);
+  }
+
+  // edits that waited in windows that were closed; their shelves are cleared once that is settled
+  let recalled = Promise.resolve();
+  const resend = () => (recalled = recalled.then(recall));
+  async function recall() {
+    try {
+      alive.clear();
+      if (!left().length) return;
+      others?.postMessage({ who: true });
+      await new Promise((done) => setTimeout(done, PATIENCE));
+      const shelves = left(), kept = shelves.map((key) => JSON.parse(localStorage.getItem(key))).sort((one, other) => one.time - other.time);
+      const notMade = ({ jobs: all }) => all.slice(1 + all.findIndex(({ id }) => id === editor.state.id));
+      const jobs = [...new Map(kept.flatMap(notMade).map((job) => [job.id, job])).values()];
+      const make = jobs.length > 0 && await ask({ title: `${edits(jobs.length)} waited in a window that was closed`, body: "The server was gone when they were made. Make them now?", choices: [{ value: true, label: "Make them", main: true }, { value: false, label: "Leave them out" }] });
+      if (make) await Promise.allSettled(jobs.map(editor.again)); // one that is refused is told by the editor; the next may still fit
+      if (make !== null) for (const key of shelves) localStorage.removeItem(key);
+    } catch { /* nothing kept */ }
   }
 
   addEventListener("beforeunload", (event) => {

@@ -30,7 +30,7 @@ export function start(editor) {
     element("h3", {}, "The same on the command line"),
     element("p", { class: "render-command-row" }, command, element("button", { type: "button", class: "act", on: { click: () => editor.copy(command.textContent) } }, "Copy")));
   const panel = editor.addPanel({ id: "render", title: "Render", element: form, order: 50 });
-  let busy = false, looking = 0, wanted = 0, first = true, marked = null;
+  let busy = false, ordering = false, looking = 0, wanted = 0, first = true, marked = null;
 
   const BASE = "";
   const picked = () => [...which.querySelectorAll("input:checked")].map((box) => (box.value === BASE ? null : box.value));
@@ -57,7 +57,7 @@ export function start(editor) {
   // the form -> whether it may be sent, and the command that does the same
   async function told() {
     const errors = editor.state?.problems?.some((problem) => problem.severity === "error");
-    go.disabled = busy || errors || !picked().length;
+    go.disabled = busy || ordering || errors || !picked().length;
     go.title = errors ? "Mend the errors of the file first" : picked().length ? "" : "Choose what to render";
     if (panel.panel.hidden || !editor.state) return;
     const mine = (wanted += 1), chosen = picked();
@@ -70,21 +70,36 @@ export function start(editor) {
     }
   }
 
+  // what is rendered is what is seen, and all that was done is
+  async function order() {
+    for (let tries = 0; ; tries += 1) {
+      await editor.idle();
+      try {
+        return await editor.request("POST", "/api/render", { version: editor.state.version, variants: picked(), format: format.value, refine: refine.checked });
+      } catch (refused) {
+        if (refused.body?.version === undefined || tries === 4) throw refused;
+        await editor.refresh();
+      }
+    }
+  }
+
   async function begin() {
-    await editor.flush?.();
+    if (ordering) return;
     failed.hidden = true;
     results.replaceChildren();
-    go.disabled = true;
+    ordering = go.disabled = true;
     try {
-      const all = picked();
-      await editor.request("POST", "/api/render", { variants: all, format: format.value, refine: refine.checked });
+      if ((await editor.flush?.()) === false) return;
+      await order();
       asked += 1;
       busy = true;
       shown({ running: true, stage: "starting", done: 0, total: 0, lines: [] });
       await editor.refresh(); // it was saved
       look();
     } catch (refused) {
-      if (refused.body?.conflict) editor.saving?.(); else wrong(refused.message);
+      if (refused.body?.conflict || refused.body?.maps) editor.saving?.(); else wrong(refused.message);
+    } finally {
+      ordering = false;
       told();
     }
   }

@@ -25,26 +25,35 @@ export function start(editor) {
   let known = null;        // the text as the server has it, with plain line ends
   let raw = "";            // the same with its own
   let sent = null;         // what is on its way
-  let timer = 0, lines = [""], blocks = {}, chosen = null, problems = [], told = 0, height = 20, pad = 8, ink = null;
+  let inflight = null;     // whether that is taken, once it is known
+  let refused = null;      // what will not be taken as it is
+  let timer, lines = [""], blocks = {}, chosen = null, problems = [], told = 0, height = 20, pad = 8, ink = null;
 
   const dirty = () => known !== null && field.value !== known;
   editor.typing = dirty;
 
   // ---- text to and fro
-  async function send() {
-    clearTimeout(timer);
-    timer = 0;
-    if (!dirty() || sent !== null) return;
+  async function sending() {
     sent = field.value;
     try {
       await editor.putText(() => withEnds(raw, (sent = field.value)));
-    } catch { /* told by the editor; the text stays here */ } finally {
-      sent = null;
+      return true;
+    } catch ({ status }) { // told by the editor; the text stays here
+      refused = [0, 409, 507].includes(status) ? null : sent;
+      return false;
+    } finally {
+      [sent, inflight] = [null, null];
+      if (dirty()) later();
     }
-    if (dirty()) later();
   }
-  const later = () => { clearTimeout(timer); timer = setTimeout(send, PAUSE); };
-  editor.flush = async () => { if (dirty()) await send(); };
+  const send = () => { clearTimeout(timer); return (inflight ??= sending()); };
+  const due = () => { if (dirty() && field.value !== refused) send(); };
+  const later = () => { clearTimeout(timer); timer = setTimeout(due, PAUSE); };
+  // -> whether all that was typed is taken
+  editor.flush = async () => {
+    while (dirty() || inflight) if (!(await send())) return false;
+    return true;
+  };
 
   // the field's text, with its caret, its place and (where nothing differs) its own undo left alone
   function put(text) {
@@ -58,9 +67,8 @@ export function start(editor) {
   editor.on("state", ({ state, before }) => {
     const text = plainEnds(state.text);
     raw = state.text;
-    if (!dirty() || text === sent || text === field.value) {
-      if (!dirty()) put(text);
-    } else {
+    if (!dirty() && text !== sent) put(text);
+    else if (text !== sent && text !== field.value) {
       const both = joined(known, field.value, text); // somebody else changed other lines while these were typed
       if (both !== null) put(both);
       later();
@@ -207,7 +215,7 @@ export function start(editor) {
   // ---- hands
   field.addEventListener("input", () => { read(); paint(); later(); });
   field.addEventListener("scroll", paint);
-  field.addEventListener("blur", send);
+  field.addEventListener("blur", due);
   field.addEventListener("click", chooseByCaret);
   field.addEventListener("keyup", (event) => { if (/^(Arrow|Page|Home|End)/.test(event.key)) chooseByCaret(); });
   field.addEventListener("keydown", (event) => {
@@ -215,8 +223,7 @@ export function start(editor) {
     const key = event.key.toLowerCase(), held = event.ctrlKey || event.metaKey;
     const run = (task) => { event.preventDefault(); task(); };
     if (event.isComposing) return;
-    if (held && key === "s") run(async () => { await editor.flush(); editor.save(); });
-    else if (held && key === "z" && !event.shiftKey && !dirty()) run(() => editor.undo());
+    if (held && key === "z" && !event.shiftKey && !dirty()) run(() => editor.undo());
     else if (held && (key === "y" || (key === "z" && event.shiftKey)) && !dirty()) run(() => editor.redo());
     else if (held && key === "/") run(remark);
     else if (event.key === "F8") run(nextProblem);

@@ -183,6 +183,21 @@ def test_maps_that_no_state_has_any_more_are_in_nobodys_way(scene) -> None:
     assert (again.history.undo, again.history.version) == ("last", document.history.version)
 
 
+@pytest.mark.parametrize("saves", [False, True])
+def test_maps_that_alone_were_corrected_stay_when_another_program_writes_the_text(saves, scene) -> None:
+    scene.write_text(TEXT + "assets: scene.assets\n")
+    document = Document(scene)
+    document.push(State(document.now.text, with_maps(document), "correct"))
+    theirs = document.now.text + "# theirs\n"
+    scene.write_text(theirs)
+    if not saves:
+        assert document.look_outside() == "merged"
+        assert (document.now.text, document.now.maps, document.is_saved) == (theirs, 1, False)
+    document.save(None)
+    assert (scene.with_name("scene.assets") / "masks.png").read_bytes() == b"masks"
+    assert (scene.read_text(), document.is_saved) == (theirs, True)
+
+
 @pytest.mark.parametrize(
     "line", [b'{"do": "fly"}\n', b'{"do": "push"}\n', b"[]\n", b"{\n", b'{"do": "step", "by": 7}\n']
 )

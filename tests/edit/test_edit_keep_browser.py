@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from desk import NARROW, Desk, seated
 
@@ -152,6 +154,103 @@ def test_an_editor_that_was_ended_and_started_anew(
         until(other, "s.scene.objects.ball.mass === 75")
 
 
+def opened(desk: Desk, address: str) -> Desk:
+    """Another window of the same browser."""
+    other = Desk(desk.page.context.new_page())
+    other.page.goto(address)
+    other.ready()
+    return other
+
+
+def shelves(desk: Desk) -> int:
+    """How many windows left something in the browser's store."""
+    kept = "Object.keys(localStorage).filter(key => key.startsWith('physgen-edit '))"
+    return int(desk.page.evaluate(f"() => {kept}.length"))
+
+
+def test_what_waited_in_one_window_is_not_cleared_by_another(
+    browser: Any, killable: Callable[..., Any], scene: Path
+) -> None:
+    served = killable(scene)
+    with seated(browser, served.address) as one:
+        two = opened(one, served.address)
+        edit(one, "objects.ball.mass", 75)
+        served.kill()
+        for desk, thing in ((one, "box"), (two, "ball")):
+            banner(desk, "link")
+            edit(desk, f"objects.{thing}.friction", 0.25, wait=False)
+            desk.page.wait_for_selector("text=1 edit waits here")
+        assert shelves(two) == 2
+        two.page.close()
+        again = killable(scene)
+        gone(one, "link")
+        until(one, "s.scene.objects.box.friction === 0.25")
+        for value in (None, "true"):  # asked about until it is answered, and only what nobody sends by itself
+            three = opened(one, again.address)
+            assert three.page.inner_text("dialog[open] h2") == "1 edit waited in a window that was closed"
+            if value is None:
+                three.page.keyboard.press("Escape")
+                three.page.close()
+            else:
+                answer(three, value)
+        until(one, "s.scene.objects.ball.friction === 0.25")
+        one.page.wait_for_function(
+            "() => !Object.keys(localStorage).some(key => key.startsWith('physgen-edit '))"
+        )
+
+
+def test_what_waited_and_was_made_is_not_made_twice(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    served = serving(scene)
+    with seated(browser, served.address) as desk:
+        for mass in (60, 70):
+            edit(desk, "objects.ball.mass", mass)
+        served.look()
+        served.send("/api/undo", id="gone-1")  # its answer was lost, and the window
+        served.edit({"set": ["objects", "box", "mass"], "value": 300}, id="other-1")
+        desk.page.evaluate(
+            "file => localStorage.setItem(`physgen-edit ${file} gone`, JSON.stringify({time: 1, jobs:"
+            " [{id: 'gone-1', path: '/api/undo', variant: null, body: {}},"
+            "  {id: 'gone-2', path: '/api/edit', variant: null,"
+            "   body: {ops: [{set: ['world', 'duration'], value: 0.7}]}}]}))",
+            str(scene),
+        )
+        other = opened(desk, served.address)
+        answer(other, "true")
+        until(desk, "s.scene.world.duration === 0.7")
+        assert served.look()["scene"]["objects"]["ball"]["mass"] == 60
+        other.page.wait_for_function("() => !window.editor.pending")
+        desk.page.wait_for_function(
+            "() => !Object.keys(localStorage).some(key => key.startsWith('physgen-edit '))"
+        )
+
+
+def test_what_waits_is_sent_once_the_state_is_known(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    away, ill = [False], [0]
+
+    def asked(route: Any) -> None:
+        if away[0]:
+            route.abort()
+        elif ill[0] and "/api/state" in route.request.url:
+            ill[0] -= 1
+            route.fulfill(status=500, json={"error": {"message": "it failed", "fix": ""}, "problems": []})
+        else:
+            route.continue_()
+
+    with seated(browser, serving(scene).address, held=("**/api/**", asked)) as desk:
+        away[0] = True
+        banner(desk, "link")
+        edit(desk, "objects.ball.mass", 75, wait=False)
+        desk.page.wait_for_selector("text=1 edit waits here")
+        away[0], ill[0] = False, 3
+        until(desk, "s.scene.objects.ball.mass === 75")
+        assert ill == [0]
+        desk.settled()
+
+
 def test_leaving_with_work_that_is_not_saved_asks(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
@@ -291,6 +390,41 @@ def test_what_another_program_writes_is_merged_or_asked_about(
         desk.page.click('[data-banner=outside] button:text-is("Save")')
         until(desk, "s.file.saved && s.file.outside === null")
         assert "mass: 300" in scene.read_text(encoding="utf-8")
+        assert desk.errors == []
+
+
+def test_maps_that_another_program_painted_are_asked_about(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    masks = scene.parent / "scene.assets" / "masks.png"
+    masks.parent.mkdir()
+    pixels = np.zeros((240, 320), np.uint16)
+    pixels[32:68, 42:78] = 1
+    cv2.imwrite(str(masks), pixels)
+    cv2.imwrite(str(scene.parent / "photo.png"), np.full((240, 320, 3), 200, np.uint8))
+    text = SCENE.replace("size: [320, 240]\n", "image: photo.png\nassets: scene.assets\n")
+    scene.write_text(text.replace("  ball:\n", "  ball:\n    mask: 1\n"), encoding="utf-8")
+    with seated(browser, serving(scene).address) as desk:
+        desk.page.evaluate(
+            "() => window.editor.maskOp({kind: 'eraser', object: 'ball', strokes: [[60, 50]], radius: 6})"
+        )
+        desk.settled()
+        pixels[:5, :5] = 1
+        cv2.imwrite(str(masks), pixels)
+        theirs = masks.read_bytes()
+        for value in ("null", "mine"):
+            desk.page.click("[data-part=save]")
+            assert "changed the masks" in desk.page.inner_text("dialog[open] h2")
+            assert masks.read_bytes() == theirs
+            answer(desk, value)
+            desk.page.wait_for_selector("dialog", state="detached")
+        until(desk, "s.file.saved")
+        assert masks.read_bytes() != theirs
+        desk.page.click("[data-part=undo]")
+        desk.settled()
+        desk.page.keyboard.press("Control+s")
+        until(desk, "s.file.saved")
+        assert masks.read_bytes() == theirs
         assert desk.errors == []
 
 

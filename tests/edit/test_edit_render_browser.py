@@ -72,6 +72,41 @@ def test_a_variant_is_rendered_and_the_copied_command_makes_the_same(
     assert next((tmp_path / "told").rglob("video.mp4")).read_bytes() == made
 
 
+def test_what_is_rendered_waits_for_what_was_done(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    edits: list[Any] = []
+    orders: list[dict[str, Any]] = []
+
+    def asked(route: Any) -> None:
+        if route.request.url.endswith("/api/edit"):
+            edits.append(route)
+        elif route.request.url.endswith("/api/render") and route.request.method == "POST":
+            orders.append(route.request.post_data_json)
+            stale = {"version": 9} if len(orders) == 1 else {}  # somebody else was quicker
+            told = {"error": {"message": "not today", "fix": ""}, "problems": [], **stale}
+            route.fulfill(status=409, json=told)
+        else:
+            route.continue_()
+
+    with seated(browser, serving(scene).address, held=("**/api/**", asked)) as desk:
+        desk.panel("render")
+        desk.page.evaluate(
+            "() => { window.editor.edit([{set: ['objects', 'ball', 'mass'], value: 75}], 'heavier'); }"
+        )
+        while not edits:
+            desk.page.wait_for_timeout(20)
+        desk.page.click(".render .main")
+        desk.page.wait_for_timeout(300)
+        assert desk.page.is_disabled(".render .main")
+        assert orders == []
+        edits[0].continue_()
+        desk.page.wait_for_selector("text=not today")
+        assert [order["version"] for order in orders] == [2, 2]
+        assert desk.state["version"] == 2
+        assert desk.page.is_enabled(".render .main")
+
+
 def test_a_long_render_tells_how_far_it_is_and_is_stopped(
     browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path
 ) -> None:

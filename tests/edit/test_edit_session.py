@@ -19,8 +19,9 @@ from served import Killable, Served
 
 from physgen.cli import main
 from physgen.cli.editing import edit as _edit  # noqa: F401 the command imports without the server
-from physgen.edit import document
+from physgen.edit import correct, document
 from physgen.edit.others import Watch
+from physgen.edit.session import Asked
 
 Serve = Callable[..., Served]
 
@@ -232,13 +233,17 @@ def disc(tmp_path: Path) -> Path:
     return scene
 
 
-def erased(served: Served, higher: float = 0) -> dict[str, Any]:
-    """A mask that was corrected, in its middle or some px above."""
+def eraser(served: Served, higher: float = 0) -> dict[str, Any]:
+    """In the middle of a thing, or some px above."""
     name, thing = next(iter(served.look()["derived"]["objects"].items()))
     x, y = thing["centre"]
     strokes = [[x - 3, y - higher], [x + 3, y - higher]]
-    op = {"kind": "eraser", "object": name, "strokes": strokes, "radius": 4}
-    answer = served.send("/api/mask", op=op)
+    return {"kind": "eraser", "object": name, "strokes": strokes, "radius": 4}
+
+
+def erased(served: Served, higher: float = 0) -> dict[str, Any]:
+    """A mask that was corrected."""
+    answer = served.send("/api/mask", op=eraser(served, higher))
     assert answer.status_code == 200, answer.text
     return served.state
 
@@ -325,15 +330,87 @@ def test_maps_that_another_program_painted_are_seen_and_asked_about(serving: Ser
     erased(served, 8)
     assert served.state["picture"] != picture
     masks.write_bytes(painted + b"\n")  # once more, since
-    answer = served.send("/api/save")
-    assert answer.status_code == 409
-    assert "another program changed the scene's maps" in answer.json()["error"]["message"]
-    assert masks.read_bytes() == painted + b"\n"
-    assert served.send("/api/save").status_code == 200  # who saves again means it
+    for _ in range(2):  # until it is answered
+        answer = served.send("/api/save")
+        assert (answer.status_code, answer.json()["maps"]) == (409, True)
+        assert "another program changed the scene's maps" in answer.json()["error"]["message"]
+        assert masks.read_bytes() == painted + b"\n"
+    assert served.send("/api/save", resolve="mine").status_code == 200
     assert masks.read_bytes() != painted + b"\n"
     served.send("/api/undo")
     assert served.send("/api/save").status_code == 200
     assert masks.read_bytes() == painted + b"\n"  # theirs was one step back
+
+
+def test_maps_and_text_that_another_program_wrote_are_asked_about_one_by_one(
+    serving: Serve, disc: Path
+) -> None:
+    served = serving(disc)
+    masks = served.scene.with_name("photo.assets") / "masks.png"
+    erased(served)
+    mine = served.edit({"set": ["objects", "disc", "mass"], "value": 30})["text"]
+    painted = masks.read_bytes() + b"\n"
+    masks.write_bytes(painted)
+    with hearing(served, "file") as next_one:
+        served.scene.write_text(served.scene.read_text().replace("mass: 20", "mass: 25"))
+        assert next_one()["outcome"] == "clash"
+    served.look()
+    assert "conflict" in served.send("/api/save").json()
+    answer = served.send("/api/save", resolve="mine")
+    assert (answer.status_code, answer.json()["maps"]) == (409, True)
+    assert masks.read_bytes() == painted
+    served.look()
+    assert served.send("/api/save", resolve="mine").status_code == 200
+    assert masks.read_bytes() != painted
+    assert served.scene.read_text() == mine
+
+
+def test_of_two_corrections_at_once_the_second_is_asked_for_again(
+    serving: Serve, disc: Path, monkeypatch
+) -> None:
+    served = serving(disc)
+    assert served.editor is not None
+    session, real = served.editor.session, correct.write_patched
+    served.look()
+
+    def overtaken(*arguments: Any) -> Any:
+        """Another window's correction is made while this one is written."""
+        monkeypatch.setattr(correct, "write_patched", real)
+        session.correct(Asked(1), eraser(served, 8))
+        return real(*arguments)
+
+    monkeypatch.setattr(correct, "write_patched", overtaken)
+    answer = served.send("/api/mask", op=eraser(served))
+    assert (answer.status_code, answer.json()["version"]) == (409, 2)
+    erased(served)
+    assert served.state["version"] == 3
+    assert served.send("/api/save").status_code == 200
+
+
+def test_a_correction_after_somebody_removed_the_draft(serving: Serve, disc: Path) -> None:
+    served = serving(disc)
+    served.edit({"set": ["objects", "disc", "mass"], "value": 30})
+    shutil.rmtree(served.scene.with_name(".scene.yaml.editing"))
+    erased(served)
+    assert served.send("/api/save").status_code == 200
+    assert "mass: 30" in served.scene.read_text()
+
+
+def test_a_draft_that_is_removed_during_a_correction(serving: Serve, disc: Path, monkeypatch) -> None:
+    served = serving(disc)
+    real = correct.correct
+
+    def slow(*arguments: Any) -> Any:
+        made = real(*arguments)
+        shutil.rmtree(served.scene.with_name(".scene.yaml.editing"))
+        monkeypatch.undo()
+        return made
+
+    served.look()
+    monkeypatch.setattr(correct, "correct", slow)
+    assert served.send("/api/mask", op=eraser(served)).status_code == 409
+    erased(served)
+    assert served.send("/api/save").status_code == 200
 
 
 def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, monkeypatch) -> None:

@@ -124,6 +124,74 @@ def test_undo_in_the_text_is_the_editors_when_nothing_waits(
         assert desk.errors == []
 
 
+def kept(desk: Desk, held: list[Any], letters: str) -> None:
+    """Letters are typed, and on their way once this returns: `held` has their request."""
+    desk.page.keyboard.type(letters)
+    while not held:
+        desk.page.wait_for_timeout(20)
+
+
+def test_what_is_saved_is_what_was_typed(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
+    held: list[Any] = []
+
+    def first(route: Any) -> None:
+        if held:
+            route.continue_()
+        held.append(route)
+
+    with seated(browser, serving(scene).address, held=("**/api/text", first)) as desk:
+        desk.panel("yaml")
+        desk.put_caret("mass: 50", after=len("mass: 50"))
+        kept(desk, held, "1")
+        desk.page.keyboard.type("23")
+        desk.page.keyboard.press("Control+s")
+        held[0].continue_()
+        desk.page.wait_for_function(
+            "() => document.querySelector('[data-part=said]').textContent.startsWith('Saved')"
+        )
+        assert scene.read_text() == desk.text == SCENE.replace("mass: 50\n", "mass: 50123\n")
+        # and what is taken back while it is on its way stays taken back
+        held.clear()
+        kept(desk, held, "4")
+        desk.page.keyboard.press("Backspace")
+        desk.page.keyboard.press("Control+s")
+        held[0].continue_()
+        desk.settled()
+        desk.page.wait_for_function("() => window.editor.state.file.saved")
+        assert scene.read_text() == desk.text == SCENE.replace("mass: 50\n", "mass: 50123\n")
+        assert desk.errors == []
+
+
+def test_a_text_that_is_refused_is_not_sent_again_and_again(
+    browser: Any, serving: Callable[..., Any], scene: Path
+) -> None:
+    asked: list[str] = []
+
+    def refuse(route: Any) -> None:
+        asked.append(route.request.post_data_json["text"])
+        if "large" in asked[-1]:
+            told = {"error": {"message": "the file would be larger", "fix": ""}, "problems": []}
+            route.fulfill(status=413, json=told)
+        else:
+            route.continue_()
+
+    with seated(browser, serving(scene).address, held=("**/api/text", refuse)) as desk:
+        desk.panel("yaml")
+        desk.put_caret("mass: 50", after=len("mass: 50"))
+        desk.page.keyboard.insert_text("  # large")
+        desk.page.wait_for_selector("text=the file would be larger")
+        desk.page.wait_for_timeout(1000)
+        assert len(asked) == 1
+        desk.page.keyboard.press("Control+s")  # somebody asks for it
+        desk.page.wait_for_function("() => !window.editor.pending")
+        assert len(asked) == 2
+        assert desk.page.inner_text("[data-part=said]") == ""
+        for _ in "large":
+            desk.page.keyboard.press("Backspace")
+        desk.settled()
+        assert desk.state["text"] == SCENE.replace("mass: 50\n", "mass: 50  # \n")
+
+
 def test_edits_from_elsewhere_come_into_the_text_and_leave_what_is_typed(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:

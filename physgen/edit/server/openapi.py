@@ -62,7 +62,12 @@ SCHEMAS: Part = {
     "Problem": record(SAID, {"line": LINE, "column": LINE, "object": {"type": ["string", "null"]}}),
     "Error": record(
         {"error": record({"message": TEXT, "fix": TEXT}), "problems": listed(ANY)},
-        {"version": WHOLE, "overtaken": {"type": "boolean"}, "conflict": ref("Conflict")},
+        {
+            "version": WHOLE,
+            "overtaken": {"type": "boolean"},
+            "maps": {"type": "boolean"},
+            "conflict": ref("Conflict"),
+        },
     ),
     "Conflict": record(
         {"theirs": TEXT, "merged": {"type": ["string", "null"]}, "clashes": listed(ref("Clash"))}
