@@ -40,8 +40,14 @@ export const editor = {
     if (!late) editor.refresh().catch(() => {});
   },
   async useVariant(name) {
+    const was = editor.variant;
     editor.variant = name;
-    return editor.take(await ask("GET", `/api/state${inVariant()}`));
+    try {
+      return editor.take(await ask("GET", `/api/state${inVariant()}`));
+    } catch (refused) {
+      if (editor.variant === name) editor.variant = was; // what is shown is what is edited
+      throw refused;
+    }
   },
 
   // edits wait for one another; one that comes too late is made again on what is there now
@@ -97,7 +103,10 @@ export const editor = {
 
   addPanel({ id, title, element: body, order = 50 }) {
     const tab = element("button", { type: "button", role: "tab", id: `tab-${id}`, "aria-controls": `panel-${id}`, "aria-selected": false, tabindex: -1,
-      on: { click: () => editor.showPanel(id) } }, title);
+      on: { click: () => {
+        editor.showPanel(id);
+        if (matchMedia("(max-width: 900px)").matches) part("tabs").scrollIntoView({ block: "start" }); // the panel is below the photo
+      } } }, title);
     const panel = element("div", { class: "panel", role: "tabpanel", id: `panel-${id}`, "aria-labelledby": `tab-${id}`, tabindex: 0, hidden: true }, body);
     panels.push({ id, tab, panel, order });
     panels.sort((one, other) => one.order - other.order);

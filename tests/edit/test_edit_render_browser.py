@@ -137,5 +137,7 @@ def test_a_file_with_an_error_is_not_rendered(browser: Any, serving: Callable[..
         assert "errors" in str(desk.page.get_attribute(".render .main", "title"))
         assert desk.page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
         desk.panel("todo")
+        top = "() => document.querySelector('#panel-todo').getBoundingClientRect().top < 0.6 * innerHeight"
+        assert desk.page.evaluate(top), "below the photo, and brought up"
         desk.page.click(".todo-item.error .todo-what")
         assert desk.page.evaluate("() => window.editor.panel") == "yaml", "it leads to its line"
