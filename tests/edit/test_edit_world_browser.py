@@ -228,6 +228,7 @@ def test_a_narrow_window_holds_it_all(browser: Any, serving: Callable[..., Any],
             )
             assert small == [], "\n".join(small)
         # a finger pushes
+        desk.page.evaluate("() => scrollTo(0, 0)")  # the panels are below the photo
         x, y = desk.at((120, 80))
         cdp = desk.page.context.new_cdp_session(desk.page)
         touch = lambda kind, *points: cdp.send(  # noqa: E731
