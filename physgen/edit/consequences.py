@@ -85,10 +85,9 @@ def text(work: Work, painted: Painted, ground: Ground, corrected: list[Thing]) -
 
 def held_by_perception(work: Work, name: str) -> bool:
     """Whether a thing is static since perception saw nothing under it, and nobody said so since."""
-    return (
-        work.text != forgotten(work.text, [["objects", name, "motion"]])
-        and work.known.was(name).get("motion") == Motion.STATIC.value
-    )
+    if work.known.document["objects"].get(name, {}).get("motion") != Motion.STATIC.value:
+        return False
+    return work.text != forgotten(work.text, [["objects", name, "motion"]])
 
 
 def _rest(work: Work, name: str, made: Data, ground: Ground, id_: int, held: bool) -> None:

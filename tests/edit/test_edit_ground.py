@@ -179,9 +179,9 @@ def test_what_was_held_is_let_go_once_something_holds_it(
         small = {one.id for one in things if 0 < (mask & (labels == one.id)).sum() < 0.95 * mask.sum()}
         return replace(real(rgb, labels, things, view), held=frozenset(small))
 
-    monkeypatch.setattr("physgen.backends.make", lambda role: said if role == "boundary" else make(role))
     mask = truth(bundled, "ramp") == 1
-    folder = Path(shutil.copytree(perceive("ramp", 1), tmp_path / "scene"))
+    folder = Path(shutil.copytree(perceive("ramp", 1), tmp_path / "scene"))  # as it is really perceived
+    monkeypatch.setattr("physgen.backends.make", lambda role: said if role == "boundary" else make(role))
 
     def edit(text: str) -> str:
         return re.sub(r"(?=\n    from:\n      mask)", f"\n    motion: static  # {remark}", text)
