@@ -42,9 +42,11 @@ function makeScene(data, motion, pictures) {
     const [t0, t1] = ends.map((end) => motion.times[samples[end]]);
     const part = t1 > t0 ? clamp((time - t0) / (t1 - t0), 0, 1) : 0;
     const straight = (column) => column[samples[ends[0]]] + part * (column[samples[ends[1]]] - column[samples[ends[0]]]);
-    const dx = pose.x - straight(body.x), dy = data.top ? pose.y - straight(body.y) : 0;
     const known = ends.filter((end) => images[end]);
     if (!known.length) return;
+    // where it is known at one of the two moments only, it goes from there
+    const along = (column) => (known.length < ends.length ? column[samples[known[0]]] : straight(column));
+    const dx = pose.x - along(body.x), dy = data.top ? pose.y - along(body.y) : 0;
     const [a, b] = [known[0], known[known.length - 1]].map((end) => row.keys[end].at);
     const at = [a[0] + part * (b[0] - a[0]) + dx, a[1] + part * (b[1] - a[1]) + dy];
     ends.forEach((end, n) => {
