@@ -211,7 +211,7 @@ def test_faults_and_oddities_are_told_by_the_name_of_the_pack(lesson: Path, caps
                     if "physgen: " in line
                 ]
             assert set(places) == {f"{name}: base/base.yaml", f"{name}: lesson/scene.yaml"}, command
-    lesson.write_text(SCENE.replace("mass: 100}", "mass: 100, velocity: [30000, 0]}"))
+    lesson.write_text(SCENE.replace("mass: 100}", "mass: 100, velocity: [100000, 0]}"))
     assert main(["pack", str(lesson)]) == 0
     capsys.readouterr()
     assert main(["check", "lesson.physgen"]) == 0
