@@ -72,7 +72,7 @@ def timed(command: list[str], home: Path) -> tuple[float, float]:
 
 
 def physgen(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "physgen.cli", *arguments]
+    return [sys.executable, "-m", "physgen", *arguments]
 
 
 def throughput(clips: int = CLIPS) -> list[dict]:

@@ -80,7 +80,7 @@ def cpu(process: int) -> float:
 
 def measured(path: Path, edits: int = EDITS) -> dict[str, Any]:
     """Times in ms of one scene: median and worst."""
-    command = [sys.executable, "-m", "physgen.cli", "edit", str(path), "--no-browser"]
+    command = [sys.executable, "-m", "physgen", "edit", str(path), "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         assert server.stdout is not None

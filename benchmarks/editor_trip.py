@@ -47,7 +47,7 @@ def silent(words: str, ms: int) -> None:
 def edited(photo: Path) -> Iterator[str]:
     """`physgen edit` of a photo in a process of its own; its address."""
     out = str(photo.parent / "out")
-    command = [sys.executable, "-m", "physgen.cli", "edit", str(photo), "--no-browser", "--json", "-o", out]
+    command = [sys.executable, "-m", "physgen", "edit", str(photo), "--no-browser", "--json", "-o", out]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

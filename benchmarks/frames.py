@@ -150,7 +150,7 @@ def cold(path: Path, frames: int, folder: Path) -> tuple[float, float]:
     least = np.inf
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     for _ in range(REPEAT):
-        command = [sys.executable, "-m", "physgen.cli", "render", str(path), "-o", str(folder / "out")]
+        command = [sys.executable, "-m", "physgen", "render", str(path), "-o", str(folder / "out")]
         before = time.perf_counter()
         subprocess.run(
             [*command, "--format", "mp4", "--set", f"render.frames={frames}"],

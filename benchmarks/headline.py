@@ -127,7 +127,7 @@ def headline(folder: Path) -> list[dict]:
     pages = [
         sys.executable,
         "-m",
-        "physgen.cli",
+        "physgen",
         "gallery",
         str(folder / "clips"),
         "-o",

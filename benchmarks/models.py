@@ -21,7 +21,7 @@ from percepts import photos
 
 from physgen.configured import plan
 from physgen.crew import Crew
-from physgen.flags.perceiving import who
+from physgen.flags.perceiving import add_backends
 from physgen.perceive.scene import perceive
 
 MODELS = {"segment", "categories", "label", "physics", "depth", "normals", "intrinsic", "inpaint"}
@@ -73,7 +73,7 @@ def main() -> None:
     )
     parser.add_argument("names", nargs="*", help="photos; default: all")
     parser.add_argument("--out", type=Path, help="raw figures as JSON")
-    who(parser)
+    add_backends(parser)
     options = parser.parse_args()
     told = plan(
         options.backend, profile=options.profile, config=options.config, device=options.device, dtype=options.dtype,

@@ -105,7 +105,7 @@ def render(folder: Path) -> list[dict]:
     for name, path in scenes(folder).items():
         for frames in FRAMES:
             out = folder / "out" / str(frames)
-            command = [sys.executable, "-m", "physgen.cli", "render", str(path), "-o", str(out)]
+            command = [sys.executable, "-m", "physgen", "render", str(path), "-o", str(out)]
             subprocess.run([*command, "--set", f"render.frames={frames}"], check=True, capture_output=True)
             run = out / (path.parent.name if path.name == "scene.yaml" else path.stem)
             manifest = json.loads((run / "manifest.json").read_text())
@@ -178,9 +178,9 @@ def start(folder: Path) -> list[dict]:
     python = sys.executable
     rows = [
         ("python -c pass", cpu_of(python, "-c", "pass")),
-        ("physgen --help", cpu_of(python, "-m", "physgen.cli", "--help")),
-        ("physgen check, one ball", cpu_of(python, "-m", "physgen.cli", "check", str(ball))),
-        ("physgen simulate, one ball, 2 s", cpu_of(python, "-m", "physgen.cli", "simulate", str(ball))),
+        ("physgen --help", cpu_of(python, "-m", "physgen", "--help")),
+        ("physgen check, one ball", cpu_of(python, "-m", "physgen", "check", str(ball))),
+        ("physgen simulate, one ball, 2 s", cpu_of(python, "-m", "physgen", "simulate", str(ball))),
     ]
     return [{"command": command, "cpu": cpu} for command, cpu in rows]
 

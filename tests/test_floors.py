@@ -44,6 +44,7 @@ FLOORS = {
     11: ("evaluate", "pytest_plugin", "notebook", "edit"),
     12: ("flags",),
     13: ("cli",),
+    14: ("__main__",),
 }
 HEAVY = {"torch", "transformers", "diffusers", "accelerate", "openai", "jax", "tensorflow"}
 VAGUE = {"utils", "helpers", "common", "misc", "manager", "base"}

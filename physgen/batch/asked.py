@@ -16,7 +16,7 @@ from physgen.batch.sweep import Design, Sweep
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.report.record import file_hash, versions, write_json
 from physgen.report.swept import unit
-from physgen.scene.words import Path as Keys
+from physgen.scene.words import KeyPath
 from physgen.simulate.settled import LASTING, START, STILL, STILL_TURN
 from physgen.urls import is_url
 from physgen.whole import set_aside
@@ -42,7 +42,7 @@ def all_columns(sweep: Sweep, outcomes: Sequence[Column]) -> tuple[Column, ...]:
     return (*LEAD, *keys, *STATE, *outcomes, *FILES)
 
 
-def _way(path: Keys) -> tuple[str | int, ...]:
+def _way(path: KeyPath) -> tuple[str | int, ...]:
     """With numbers for what is counted: `velocity.0` is spelt so, too."""
     return tuple(int(part) if str(part).isdecimal() else part for part in path)
 

@@ -18,7 +18,7 @@ from physgen.batch.steps import Steps
 from physgen.batch.values import SplitError, Value, WrongError, split, yaml
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.overlay import parse_key
-from physgen.scene.words import Path, quoted
+from physgen.scene.words import KeyPath, quoted
 
 STARS = {"*", "[*]"}
 """Parts of a key that stand for several."""
@@ -36,7 +36,7 @@ class Key:
     """All of it, as it was written."""
 
     @property
-    def path(self) -> Path:
+    def path(self) -> KeyPath:
         """The key's parts."""
         found = parse_key(self.key)
         assert found is not None
@@ -226,7 +226,7 @@ def same_key(axis: Axis) -> str:
     return ".".join(map(_bare, axis.path))
 
 
-def covers(later: Path, former: Path) -> bool:
+def covers(later: KeyPath, former: KeyPath) -> bool:
     """Whether all that the former key names lies within what the later one does."""
     pairs = zip(map(_bare, later), map(_bare, former), strict=False)
     return len(later) <= len(former) and all(a in ("*", b) for a, b in pairs)

@@ -8,7 +8,7 @@ from typing import Any
 
 from physgen.batch.axes import STARS, Axis, Drawn, covers
 from physgen.problems import InputError, Problem
-from physgen.scene.words import Path, dotted
+from physgen.scene.words import KeyPath, dotted
 
 
 def apart(axes: Sequence[Axis], documents: Sequence[Any]) -> tuple[Axis, ...]:
@@ -39,7 +39,7 @@ def apart(axes: Sequence[Axis], documents: Sequence[Any]) -> tuple[Axis, ...]:
     return tuple(found)
 
 
-def _meant(document: Any, path: Path, way: Path = ()) -> Iterator[Path]:
+def _meant(document: Any, path: KeyPath, way: KeyPath = ()) -> Iterator[KeyPath]:
     """Ways that the path means, its stars replaced; what stands behind the last star need not be there."""
     star = next((k for k, part in enumerate(path) if part in STARS), None)
     if star is None:

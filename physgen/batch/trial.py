@@ -12,7 +12,7 @@ from physgen.batch.values import Value
 from physgen.problems import InputError, Place, Problem, Severity, by_place
 from physgen.scene.build import Opened
 from physgen.scene.model import Scene
-from physgen.scene.words import Path, listed, quoted
+from physgen.scene.words import KeyPath, listed, quoted
 
 MOST_TRIED = 200
 """Values that somebody wrote, tried at most: no sweep begins with a long wait."""
@@ -105,7 +105,7 @@ def _without_effect(axes: Sequence[Axis], values: Sequence[Value], scene: Scene)
             yield Problem(axis.place, "", "", expected, "keep one of them")
 
 
-def _there(document: Any, path: Path) -> bool:
+def _there(document: Any, path: KeyPath) -> bool:
     """Whether anything in the document has the path."""
     if not path:
         return True

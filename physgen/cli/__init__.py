@@ -24,7 +24,8 @@ from physgen.cli.refining import refine
 from physgen.cli.rendering import render
 from physgen.cli.sweeping import sweep
 from physgen.cli.verifying import verify
-from physgen.flags import WRONG_INPUT, build_parser, joined
+from physgen.flags import build_parser
+from physgen.flags.parser import WRONG_INPUT, joined
 from physgen.problems import InputError
 from physgen.stopping import heeded
 from physgen.whole import meant

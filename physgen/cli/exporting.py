@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.jobs import refuse_twins, variants_of
+from physgen.cli.jobs import check_formats, refuse_twins, variants_of
 from physgen.cli.making import Shown, make_all
 from physgen.cli.printing import tell
 from physgen.problems import InputError
@@ -21,7 +21,7 @@ def export(options: argparse.Namespace) -> int:
     from physgen.batch.pool import Job
     from physgen.pipeline import Page
 
-    exportable(options.format, "--format")
+    check_formats(options.format, "--format")
     options.set = [*options.set, *filmed(options)]
     jobs = [
         Job(
@@ -67,16 +67,6 @@ def _plays(folder: Path, options: argparse.Namespace) -> Iterator[str]:
         return
     stays = "the duration of the motion stays as the scene has it"
     yield f"{plays}; {stays}: --set world.duration={long:.6g} shows it at its true speed"
-
-
-def exportable(formats: Sequence[str], flag: str) -> None:
-    """Raises InputError where a format is none, by the `flag`; tells what is left out without an optional library."""
-    from physgen.export.writing import kinds
-    from physgen.tables import HINT, has_parquet
-
-    kinds(formats, flag)
-    if "trajectory" in formats and not has_parquet():
-        tell(HINT)
 
 
 def filmed(options: argparse.Namespace) -> list[str]:

@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING
 
 from physgen.cli.printing import OK, print_line, tell, tell_one
-from physgen.flags import WRONG_INPUT
+from physgen.flags.parser import WRONG_INPUT
 from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from physgen.cli.printing import tell
 from physgen.problems import InputError
 from physgen.urls import is_private, is_url
 
@@ -70,9 +71,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         raise InputError.of("--single-file", "", "needs a page to put the video into", fix)
     formats = tuple(Format(name) for name in options.format)
     if options.export:
-        from physgen.cli.exporting import exportable
-
-        exportable(options.export, "--export")
+        check_formats(options.export, "--export")
     refiner, overrides = _refining(options)
 
     def make(
@@ -177,3 +176,13 @@ def refuse_twins(jobs: list[Job]) -> None:
         seen.setdefault(name, job.path)
     if problems:
         raise InputError(problems)
+
+
+def check_formats(formats: Sequence[str], flag: str) -> None:
+    """Raises InputError where a format is none, by the `flag`; tells what is left out without an optional library."""
+    from physgen.export.writing import kinds
+    from physgen.tables import HINT, has_parquet
+
+    kinds(formats, flag)
+    if "trajectory" in formats and not has_parquet():
+        tell(HINT)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from physgen.cli.printing import FAILED, OK, Bar, print_line, tell
 from physgen.cli.progress import Counter
-from physgen.flags import WRONG_INPUT
+from physgen.flags.parser import WRONG_INPUT
 from physgen.problems import InputError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from physgen.cli.jobs import variants_of
 from physgen.cli.printing import OK, Bar, print_json, print_line, tell_kept, tell_problems
-from physgen.flags import WRONG_INPUT
+from physgen.flags.parser import WRONG_INPUT
 from physgen.problems import InputError, Problem, Severity
 from physgen.whole import set_aside, write_whole
 

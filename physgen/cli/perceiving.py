@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.printing import OK, Bar, hand_over, print_json, tell, tell_kept, tell_one
-from physgen.flags import four, scene_name, two
+from physgen.flags.values import four, scene_name, two
 from physgen.problems import InputError, Problem
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from physgen.cli import progress
 from physgen.cli.printing import FAILED, OK, Bar, tell
-from physgen.flags import WRONG_INPUT
+from physgen.flags.parser import WRONG_INPUT
 
 if TYPE_CHECKING:
     from physgen.batch.verify.again import Claim

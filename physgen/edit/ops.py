@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path as File
+from pathlib import Path
 from typing import Any
 
 from physgen.edit.referring import remove, rename
 from physgen.edit.refusing import impossible
 from physgen.edit.targets import ABSENT, InFile, InVariant, Target, reach
 from physgen.scene.schema import expanded
-from physgen.scene.words import Path, dotted
+from physgen.scene.words import KeyPath, dotted
 from physgen.scene.write import schema_at
 
 KINDS = {"set": ("value",), "unset": (), "add": ("value",), "rename": ("to",), "remove": ()}
@@ -32,7 +32,7 @@ class Edited:
 
 
 def edited(
-    text: str, ops: Sequence[Mapping[str, Any]], variant: str | None, file: File, allow_outside: bool
+    text: str, ops: Sequence[Mapping[str, Any]], variant: str | None, file: Path, allow_outside: bool
 ) -> Edited:
     """All operations, in order, in the file or in a variant. Raises EditError for the first that cannot be made."""
     told: list[str] = []
@@ -77,12 +77,12 @@ def _made(target: Target, op: Mapping[str, Any]) -> str:
     return f"add {_called(path)}"
 
 
-def _called(path: Path) -> str:
+def _called(path: KeyPath) -> str:
     """A path as the history names it: an object's key by the object."""
     return dotted(path[1:] if len(path) > 2 and path[0] == "objects" else path)
 
 
-def _path(told: Any) -> Path:
+def _path(told: Any) -> KeyPath:
     if isinstance(told, list) and 0 < len(told) <= MAX_STEPS and all(map(_is_step, told)):
         return tuple(told)
     raise impossible("a path is no list of keys and numbers", 'send ["objects", "ball", "mass"]')

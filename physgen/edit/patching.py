@@ -8,10 +8,10 @@ from typing import Any
 from physgen.edit.marked import Marked, marked
 from physgen.edit.places import Patch
 from physgen.edit.refusing import EditError, impossible
-from physgen.scene.words import Path, dotted
+from physgen.scene.words import KeyPath, dotted
 
 
-def find(text: str, path: Path) -> Marked:
+def find(text: str, path: KeyPath) -> Marked:
     """The value at a path, which is there."""
     node = marked(text)
     for key in path:
@@ -33,7 +33,7 @@ def same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def parent_of(text: str, path: Path) -> tuple[Marked, int]:
+def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
     """The collection that holds what is at a path, and which of its children that is."""
     parent = find(text, path[:-1])
     at = parent.place(path[-1])
@@ -58,13 +58,13 @@ def checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str
     raise impossible("the YAML is written in a way that this cannot be written into", "edit the YAML beside")
 
 
-def reach(data: Any, path: Path) -> Any:
+def reach(data: Any, path: KeyPath) -> Any:
     """The value at a path, which is there."""
     for key in path:
         data = data[key]
     return data
 
 
-def take(data: Any, path: Path) -> None:
+def take(data: Any, path: KeyPath) -> None:
     """Without what is at a path."""
     del reach(data, path[:-1])[path[-1]]

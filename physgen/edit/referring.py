@@ -10,13 +10,13 @@ from physgen.edit.refusing import impossible
 from physgen.edit.targets import ABSENT, InFile, Target, reach
 from physgen.scene.overlay import parse_key
 from physgen.scene.schema import published
-from physgen.scene.words import Path, dotted
+from physgen.scene.words import KeyPath, dotted
 
 NAMED = ("objects", "boundaries", "joints", "fields", "variants")
 """Sections whose keys are names."""
 
 
-def remove(target: Target, path: Path) -> str:
+def remove(target: Target, path: KeyPath) -> str:
     """Take away a thing and all that names it; returns what was done. Raises EditError."""
     if reach(target.data(), path) is ABSENT:
         raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
@@ -69,7 +69,7 @@ def _without_forces(target: Target, gone: list[int]) -> None:
             for key in list(edits):
                 path = parse_key(key) or ()
                 if len(path) > 1 and path[0] == "forces" and isinstance(path[1], int):
-                    where: Path = ("variants", variant, key)
+                    where: KeyPath = ("variants", variant, key)
                     if path[1] in gone:
                         target.gone(where)
                     elif shift := sum(at < path[1] for at in gone):
@@ -107,7 +107,7 @@ def _leave_variants(target: InFile, name: str) -> None:
                     pass
 
 
-def _unsaid(target: InFile, path: Path) -> None:
+def _unsaid(target: InFile, path: KeyPath) -> None:
     """Variants say nothing more of what is gone."""
     for variant, edits in _things(target.data(), "variants"):
         for key in list(edits):
@@ -115,7 +115,7 @@ def _unsaid(target: InFile, path: Path) -> None:
                 target.gone(("variants", variant, key))
 
 
-def _named(target: Target, path: Path, to: Any) -> tuple[InFile, str]:
+def _named(target: Target, path: KeyPath, to: Any) -> tuple[InFile, str]:
     """The file, in which a thing at a path has a name, and a name. Raises EditError."""
     if not isinstance(target, InFile):
         raise impossible("a variant cannot give names", "do it in the file itself")
@@ -128,12 +128,12 @@ def _named(target: Target, path: Path, to: Any) -> tuple[InFile, str]:
     return target, to
 
 
-def _free(target: InFile, path: Path, to: str) -> None:
+def _free(target: InFile, path: KeyPath, to: str) -> None:
     if reach(target.data(), (path[0], to)) is not ABSENT:
         raise impossible(f"{to} is there already", "choose another name")
 
 
-def rename(target: Target, path: Path, to: Any) -> str:
+def rename(target: Target, path: KeyPath, to: Any) -> str:
     """Another name for a thing, wherever it is named; returns what was done. Raises EditError."""
     target, to = _named(target, path, to)
     data = target.data()
@@ -156,7 +156,7 @@ def rename(target: Target, path: Path, to: Any) -> str:
     return f"rename {old} to {to}"
 
 
-def _mentions(data: Any, name: str) -> Iterator[Path]:
+def _mentions(data: Any, name: str) -> Iterator[KeyPath]:
     """Where a scene names an object."""
     for at, force in _items(data, "forces"):
         if force.get("object") == name:
@@ -169,7 +169,7 @@ def _mentions(data: Any, name: str) -> Iterator[Path]:
     yield from _followed(data, name)
 
 
-def _within(parts: Path, value: Any, name: str) -> Iterator[Path]:
+def _within(parts: KeyPath, value: Any, name: str) -> Iterator[KeyPath]:
     """Where the value of a variant's key names an object."""
     whole: Any = value
     for part in reversed(parts):  # which item it is makes no difference: its place may be any number
@@ -178,7 +178,7 @@ def _within(parts: Path, value: Any, name: str) -> Iterator[Path]:
         yield path[len(parts) :]
 
 
-def _followed(data: Any, name: str) -> Iterator[Path]:
+def _followed(data: Any, name: str) -> Iterator[KeyPath]:
     camera = reach(data, ("render", "camera"))
     if isinstance(camera, dict) and camera.get("follow") == name:
         yield "render", "camera", "follow"

@@ -186,7 +186,7 @@ class Rendering:
     def _one(self, k: int, command: Sequence[str], variant: str | None) -> int:
         """Run one command to its end; its exit code."""
         process = subprocess.Popen(
-            [sys.executable, "-m", "physgen.cli", *command, "--json"],
+            [sys.executable, "-m", "physgen", *command, "--json"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -26,7 +26,7 @@ from physgen.edit.places import (
     newline,
 )
 from physgen.edit.refusing import impossible
-from physgen.scene.words import Path, dotted
+from physgen.scene.words import KeyPath, dotted
 from physgen.scene.write import entry_lines, flow_text, key_text, schema_at
 
 _LEFT = re.compile(r"\s*,\s*(#.*)?").fullmatch
@@ -34,7 +34,7 @@ MANY = 40
 """Items of a list that are changed one by one; beyond, the list is written anew."""
 
 
-def put(text: str, path: Path, value: Any) -> str:
+def put(text: str, path: KeyPath, value: Any) -> str:
     """The value at a path, which is there or can be made. Raises EditError."""
     node = marked(text)
     for depth, key in enumerate(path):
@@ -44,7 +44,7 @@ def put(text: str, path: Path, value: Any) -> str:
     return text if same(node.data(), value) else _replaced(text, path, value)
 
 
-def drop(text: str, path: Path) -> str:
+def drop(text: str, path: KeyPath) -> str:
     """Without the key or the item at a path, which is there. Raises EditError."""
     parent, at = parent_of(text, path)
     if len(parent.children) == 1:
@@ -77,13 +77,13 @@ def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
     return begin, entry(text, parent, at + 1), ""
 
 
-def append(text: str, path: Path, value: Any) -> str:
+def append(text: str, path: KeyPath, value: Any) -> str:
     """The value at the end of the list at a path. Raises EditError."""
     node = find(text, path)
     return insert(text, (*path, len(node.children)), value)
 
 
-def insert(text: str, path: Path, value: Any) -> str:
+def insert(text: str, path: KeyPath, value: Any) -> str:
     """The value as an item of a list, before the one that is there. Raises EditError."""
     where, at = path[:-1], path[-1]
     node = find(text, where)
@@ -95,7 +95,7 @@ def insert(text: str, path: Path, value: Any) -> str:
     )
 
 
-def rename(text: str, path: Path, to: str) -> str:
+def rename(text: str, path: KeyPath, to: str) -> str:
     """Another name for a key. Raises EditError."""
     parent, at = parent_of(text, path)
     _, begin, end = parent.keys[at]
@@ -112,7 +112,7 @@ def rename(text: str, path: Path, to: str) -> str:
 # Making and replacing
 
 
-def _made(text: str, path: Path, depth: int, value: Any) -> str:
+def _made(text: str, path: KeyPath, depth: int, value: Any) -> str:
     """A key that is not there, and the mappings that lead to it."""
     where, key = path[:depth], path[depth]
     node = find(text, where)
@@ -142,7 +142,7 @@ def _made(text: str, path: Path, depth: int, value: Any) -> str:
     return checked(text, [patch], meant)
 
 
-def _before(node: Marked, path: Path, key: str) -> int:
+def _before(node: Marked, path: KeyPath, key: str) -> int:
     """Which of the keys a new one comes after: that before it in the schema's order, else the last."""
     order = list((schema_at(path) or {}).get("properties", {}))
     if key not in order:
@@ -152,7 +152,7 @@ def _before(node: Marked, path: Path, key: str) -> int:
     return max(places, default=len(node.keys) - 1)
 
 
-def _replaced(text: str, path: Path, value: Any) -> str:
+def _replaced(text: str, path: KeyPath, value: Any) -> str:
     """Another value where one is; of a collection only what differs."""
     node = find(text, path)
     if node.kind is Kind.BLOCK_MAP and isinstance(value, dict) and value:
@@ -180,7 +180,7 @@ def _replaced(text: str, path: Path, value: Any) -> str:
     return checked(text, patches, meant)
 
 
-def _replaced_key(text: str, path: Path, key: str, value: dict[str, Any]) -> str:
+def _replaced_key(text: str, path: KeyPath, key: str, value: dict[str, Any]) -> str:
     """Without a key; where it was the only one, another takes its place."""
     if len(find(text, path).children) > 1:
         return drop(text, (*path, key))
@@ -189,7 +189,7 @@ def _replaced_key(text: str, path: Path, key: str, value: dict[str, Any]) -> str
     return drop(text, (*path, key))
 
 
-def _items(text: str, path: Path, old: list[Any], new: list[Any]) -> str:
+def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     """A list item by item, from its end, so that places stay what they are."""
     if len(old) == len(new):
         for at, item in enumerate(new):
@@ -207,7 +207,7 @@ def _items(text: str, path: Path, old: list[Any], new: list[Any]) -> str:
     return text
 
 
-def _differences(node: Marked, value: Any, path: Path) -> list[Patch] | None:
+def _differences(node: Marked, value: Any, path: KeyPath) -> list[Patch] | None:
     """Patches inside of brackets that make a value another; None where it is of another shape as a whole."""
     if node.is_map and isinstance(value, dict) and {key for key, _, _ in node.keys} == value.keys():
         pairs = [
@@ -226,13 +226,13 @@ def _differences(node: Marked, value: Any, path: Path) -> list[Patch] | None:
     return patches
 
 
-def _inside(node: Marked, value: Any, path: Path) -> Patch:
+def _inside(node: Marked, value: Any, path: KeyPath) -> Patch:
     """Another value in brackets."""
     gap = " " if node.begin == node.end else ""
     return node.begin, node.end, gap + flow_text(value, path)
 
 
-def _rewritten(text: str, path: Path, value: Any) -> list[Patch]:
+def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     """Patches that write the value of a key or of an item anew; what is said at the line's end stays."""
     parent, at = parent_of(text, path)
     node = parent.children[at]
@@ -252,7 +252,7 @@ def _rewritten(text: str, path: Path, value: Any) -> list[Patch]:
     return [(colon + 1, node.end, newline(text).join([first, *rest]))]
 
 
-def _emptied(text: str, path: Path) -> str:
+def _emptied(text: str, path: KeyPath) -> str:
     """A collection that loses the last of what it holds."""
     node = find(text, path)
     empty: Any = {} if node.is_map else []
@@ -265,7 +265,7 @@ def _emptied(text: str, path: Path) -> str:
     return checked(text, _rewritten(text, path, empty), meant)
 
 
-def _item(text: str, node: Marked, path: Path, at: int, value: Any) -> Patch:
+def _item(text: str, node: Marked, path: KeyPath, at: int, value: Any) -> Patch:
     """A new item of a list that has some."""
     if node.is_flow:
         inner = flow_text(value, (*path, at))

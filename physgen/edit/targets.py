@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from pathlib import Path as File
+from pathlib import Path
 from typing import Any, Protocol
 
 from physgen.edit import surgery
@@ -19,10 +19,10 @@ from physgen.scene.document import read
 from physgen.scene.files import with_bases
 from physgen.scene.node import Node, Source, plain
 from physgen.scene.overlay import Edit, apply, kind_of, merge, parse_key, rivals
-from physgen.scene.words import Path, dotted
+from physgen.scene.words import KeyPath, dotted
 
 Data = dict[str, Any]
-_NOBODY = Source("", File())
+_NOBODY = Source("", Path())
 
 
 class Target(Protocol):
@@ -37,19 +37,19 @@ class Target(Protocol):
         """The scene as it is seen, without defaults."""
         ...
 
-    def put(self, path: Path, value: Any) -> None:
+    def put(self, path: KeyPath, value: Any) -> None:
         """The value at a path. Raises EditError."""
         ...
 
-    def unset(self, path: Path) -> None:
+    def unset(self, path: KeyPath) -> None:
         """As if nobody had said it here. Raises EditError."""
         ...
 
-    def gone(self, path: Path) -> None:
+    def gone(self, path: KeyPath) -> None:
         """Nothing is at the path. Raises EditError."""
         ...
 
-    def append(self, path: Path, value: Any) -> None:
+    def append(self, path: KeyPath, value: Any) -> None:
         """The value behind the items of a list. Raises EditError."""
         ...
 
@@ -57,7 +57,7 @@ class Target(Protocol):
 class InFile:
     """Into the text of the file; where the file `extends` another, as an overlay of that."""
 
-    def __init__(self, text: str, file: File, allow_outside: bool) -> None:
+    def __init__(self, text: str, file: Path, allow_outside: bool) -> None:
         self.text = text
         """Of the whole file."""
         self._base = _inherited(text, file, allow_outside)
@@ -71,22 +71,22 @@ class InFile:
         whole.pop("extends", None)
         return whole
 
-    def inherits(self, path: Path) -> bool:
+    def inherits(self, path: KeyPath) -> bool:
         """Whether the value at a path comes from another file, in whole or in part."""
         return self._base is not None and reach(self._base, path) is not ABSENT
 
-    def put(self, path: Path, value: Any) -> None:
+    def put(self, path: KeyPath, value: Any) -> None:
         """The value at a path."""
         self.text = surgery.put(self.text, *self._written(path, value))
         for rival in rivals(kind_of(path[:-1])).get(str(path[-1]), ()):
             if reach(marked(self.text).data(), (*path[:-1], rival)) is not ABSENT:
                 self.text = surgery.drop(self.text, (*path[:-1], rival))
 
-    def unset(self, path: Path) -> None:
+    def unset(self, path: KeyPath) -> None:
         """As if nobody had said it here."""
         self.gone(path)
 
-    def gone(self, path: Path) -> None:
+    def gone(self, path: KeyPath) -> None:
         """Nothing is at the path."""
         own = marked(self.text).data()
         inherited = self._base is not None and reach(self.data(), path) is not ABSENT
@@ -98,7 +98,7 @@ class InFile:
         elif reach(own, path) is not ABSENT:
             self.text = surgery.drop(self.text, path)
 
-    def append(self, path: Path, value: Any) -> None:
+    def append(self, path: KeyPath, value: Any) -> None:
         """The value behind the items of a list."""
         items = reach(marked(self.text).data(), path)
         if isinstance(items, list) and items:
@@ -107,13 +107,13 @@ class InFile:
             seen = reach(self.data(), path)
             self.put(path, [*(seen if isinstance(seen, list) else []), value])
 
-    def rename(self, path: Path, to: str) -> None:
+    def rename(self, path: KeyPath, to: str) -> None:
         """Another name for a key of this file. Raises EditError."""
         if self.inherits(path):
             raise impossible(f"{dotted(path)} comes from the file that this one extends", "rename it there")
         self.text = surgery.rename(self.text, path, to)
 
-    def _written(self, path: Path, value: Any) -> tuple[Path, Any]:
+    def _written(self, path: KeyPath, value: Any) -> tuple[KeyPath, Any]:
         """What to write where: a list that is inherited is written out, as overlays replace lists whole."""
         if self._base is None:
             return path, value
@@ -157,7 +157,7 @@ class InVariant:
         seen: Data = plain(root)
         return seen
 
-    def put(self, path: Path, value: Any) -> None:
+    def put(self, path: KeyPath, value: Any) -> None:
         """The value at a path."""
         key = self._key(path)
         holder = self._holder(path)
@@ -178,7 +178,7 @@ class InVariant:
                 f"variant {self._name} cannot say that of {dotted(path)}", "edit the file itself"
             )
 
-    def unset(self, path: Path) -> None:
+    def unset(self, path: KeyPath) -> None:
         """As if nobody had said it here."""
         before = self.text
         if isinstance(path[-1], int):
@@ -192,23 +192,23 @@ class InVariant:
         if self.text == before and reach(self.data(), path) is not ABSENT:
             self._file.put(("variants", self._name, self._key(path)), None)
 
-    def gone(self, path: Path) -> None:
+    def gone(self, path: KeyPath) -> None:
         """Nothing is at the path."""
         self.unset(path)
         if not isinstance(path[-1], int) and reach(self.data(), path) is not ABSENT:
             self._file.put(("variants", self._name, self._key(path)), None)
 
-    def append(self, path: Path, value: Any) -> None:
+    def append(self, path: KeyPath, value: Any) -> None:
         """The value behind the items of a list."""
         seen = reach(self.data(), path)
         self.put(path, [*(seen if isinstance(seen, list) else []), value])
 
-    def _shorten(self, path: Path) -> None:
+    def _shorten(self, path: KeyPath) -> None:
         items = reach(self.data(), path[:-1])
         if isinstance(items, list):
             self.put(path[:-1], [item for at, item in enumerate(items) if at != path[-1]])
 
-    def _key(self, path: Path) -> str:
+    def _key(self, path: KeyPath) -> str:
         key = dotted(path)
         if path[0] in ("variants", "extends") or parse_key(key) != path:
             raise impossible(f"a variant cannot say anything of {key[:80]}", "edit the file itself")
@@ -217,7 +217,7 @@ class InVariant:
     def _edits(self) -> Sequence[str]:
         return list(self._file.data()["variants"][self._name])
 
-    def _holder(self, path: Path) -> str | None:
+    def _holder(self, path: KeyPath) -> str | None:
         """The last key that sets a mapping or a list in which the path lies."""
         found = None
         edits = self._file.data()["variants"][self._name]
@@ -227,7 +227,7 @@ class InVariant:
                 found = key
         return found
 
-    def _forget(self, path: Path, but: str | None) -> None:
+    def _forget(self, path: KeyPath, but: str | None) -> None:
         """Without the keys that set the path or what is in it."""
         for key in self._edits():
             if key != but and (parse_key(key) or ())[: len(path)] == path:
@@ -241,7 +241,7 @@ class _Absent:
 ABSENT = _Absent()
 
 
-def reach(data: Any, path: Path) -> Any:
+def reach(data: Any, path: KeyPath) -> Any:
     """What is at a path of plain data; ABSENT where nothing is."""
     for key in path:
         held = isinstance(data, dict) or (isinstance(data, list) and isinstance(key, int) and key >= 0)
@@ -275,7 +275,7 @@ def _fits(holder: list[Any], at: object) -> bool:
     return isinstance(at, int) and 0 <= at < len(holder)
 
 
-def _inherited(text: str, file: File, allow_outside: bool) -> Data | None:
+def _inherited(text: str, file: Path, allow_outside: bool) -> Data | None:
     """What the file starts from; None where that is nothing."""
     if marked(text).child("extends") is None:
         return None

@@ -6,22 +6,20 @@ import argparse
 from pathlib import Path
 
 from physgen import __version__
-from physgen.flags.editing import edit
-from physgen.flags.exhibiting import exhibit
-from physgen.flags.exporting import exports
-from physgen.flags.gathering import dataset
-from physgen.flags.making import making, overlays
+from physgen.flags.editing import add_edit
+from physgen.flags.exhibiting import add_gallery
+from physgen.flags.exporting import add_export
+from physgen.flags.gathering import add_dataset
+from physgen.flags.making import add_clips, add_overlays
 from physgen.flags.measures import measures
-from physgen.flags.packing import pack, unpack
-from physgen.flags.parser import WRONG_INPUT, Parser, joined
-from physgen.flags.perceiving import perceive, who
-from physgen.flags.plots import plots
-from physgen.flags.refining import refine
-from physgen.flags.sweeping import sweep
-from physgen.flags.values import four, place, positive, scene_name, two
-from physgen.flags.verifying import verify
-
-__all__ = ["WRONG_INPUT", "build_parser", "four", "joined", "scene_name", "two"]
+from physgen.flags.packing import add_pack, add_unpack
+from physgen.flags.parser import Parser
+from physgen.flags.perceiving import add_backends, add_perceive
+from physgen.flags.plots import add_plot
+from physgen.flags.refining import add_refine
+from physgen.flags.sweeping import add_sweep
+from physgen.flags.values import place, positive
+from physgen.flags.verifying import add_verify
 
 MIXED = ("perceive", "check", "render", "sweep", "export", "dataset", "gallery", "verify")
 """Commands that take several arguments, and flags between them."""
@@ -46,7 +44,7 @@ def build_parser() -> argparse.ArgumentParser:
         return sub
 
     sub = command("perceive", "Photo to scene file and assets.", "physgen perceive photo.png > scene.yaml")
-    perceive(sub)
+    add_perceive(sub)
 
     sub = command(
         "import",
@@ -73,7 +71,7 @@ def build_parser() -> argparse.ArgumentParser:
         "A scene, or a photo that is perceived first, in the browser: push things and watch; see docs/editing.md.",
         "physgen edit scene.yaml",
     )
-    edit(sub)
+    add_edit(sub)
 
     sub = command(
         "check", "Problems and warnings of scene files.", "physgen check scenes/*/scene.yaml --strict"
@@ -84,7 +82,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--resolved", action="store_true", help="print the scene with overlays applied and defaults filled in"
     )
     sub.add_argument("--json", action="store_true", help="print problems as JSON")
-    overlays(sub)
+    add_overlays(sub)
 
     sub = command("simulate", "Scene to trajectory.", "physgen simulate scene.yaml -o trajectory.npz")
     sub.add_argument("scene", metavar="SCENE")
@@ -102,7 +100,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--rate", metavar="HZ", type=positive, help="samples a second; default: the video's")
     sub.add_argument("--json", action="store_true", help="print everything as JSON")
-    overlays(sub)
+    add_overlays(sub)
 
     sub = command(
         "render",
@@ -118,49 +116,49 @@ def build_parser() -> argparse.ArgumentParser:
         default="out",
         help="folder of the results, or its URL; default: out",
     )
-    making(sub)
+    add_clips(sub)
     sub.add_argument(
         "--watch", action="store_true", help="render again whenever the scene or what it reads is saved"
     )
-    overlays(sub)
+    add_overlays(sub)
 
     sub = command(
         "sweep",
         "A scene at the points of a grid or with random draws: a folder of clips, and a table of what became of each.",
         "physgen sweep scene.yaml objects.ball.velocity.0=100:900:9 'objects.*.elasticity=0.2,0.9' -o sweep",
     )
-    sweep(sub)
-    making(sub)
-    overlays(sub)
+    add_sweep(sub)
+    add_clips(sub)
+    add_overlays(sub)
 
     sub = command(
         "export",
         "Scenes to ground truth: flow, masks, tracks and events, in the formats that other tools read.",
         "physgen export scene.yaml --format flo,events,conditioning --frames 49 --size 832x480 --fps 16 -o labels",
     )
-    exports(sub)
-    overlays(sub)
+    add_export(sub)
+    add_overlays(sub)
 
     sub = command(
         "dataset",
         "Clips that are there to a data set for training: a folder, or WebDataset shards; split by photo.",
         "physgen dataset out sweep -o data --layout webdataset",
     )
-    dataset(sub)
+    add_dataset(sub)
 
     sub = command(
         "refine",
         "A video and masks of its objects to a video that a diffusion model retouched; see docs/refinement.md.",
         "physgen refine clip.mp4 --masks masks -o clip.refined.mp4",
     )
-    refine(sub)
+    add_refine(sub)
 
     sub = command(
         "gallery",
         "Folders of clips to one page that shows them all; a sweep by its axes.",
         "physgen gallery out sweep -o gallery.html",
     )
-    exhibit(sub)
+    add_gallery(sub)
 
     sub = command(
         "evaluate",
@@ -172,24 +170,24 @@ def build_parser() -> argparse.ArgumentParser:
     sub = command(
         "plot", "Figures for papers, as PNG, SVG or PDF.", "physgen plot strip scene.yaml -o strip.pdf"
     )
-    plots(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), overlays)
+    add_plot(sub.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True), add_overlays)
 
     sub = command(
         "verify",
         "Render clips again and compare: what differs first, and by how much. Exit code 1 when something differs.",
         "physgen verify out --jobs 2",
     )
-    verify(sub)
+    add_verify(sub)
 
     sub = command(
         "pack",
         "A scene with all that it reads to one file.",
         "physgen pack scene.yaml -o scene.physgen",
     )
-    pack(sub)
+    add_pack(sub)
 
     sub = command("unpack", "The files of a pack to a folder.", "physgen unpack scene.physgen -o scene")
-    unpack(sub)
+    add_unpack(sub)
 
     sub = command("cache", "What is kept between runs: how much, and clear it.", "physgen cache show")
     sub.add_argument(
@@ -201,7 +199,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--json", action="store_true", help="print as JSON")
 
     sub = command("backends", "Who can do each step, and what is missing.", "physgen backends --json")
-    who(sub)
+    add_backends(sub)
     sub.add_argument("--json", action="store_true", help="print as JSON")
 
     sub = command("schema", "The JSON Schema of scene files.", "physgen schema > scene.schema.json")

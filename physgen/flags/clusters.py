@@ -7,7 +7,7 @@ import argparse
 CLUSTERS = ("dask", "slurm", "dask-slurm")
 
 
-def clusters(sub: argparse.ArgumentParser) -> None:
+def add_cluster(sub: argparse.ArgumentParser) -> None:
     """Those of every command that makes clips."""
     sub.add_argument(
         "--cluster",

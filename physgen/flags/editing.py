@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.flags.perceiving import who
+from physgen.flags.perceiving import add_backends
 
 
-def edit(sub: argparse.ArgumentParser) -> None:
+def add_edit(sub: argparse.ArgumentParser) -> None:
     """A scene or a photo, and where its page is served."""
     sub.add_argument(
         "scene",
@@ -37,7 +37,7 @@ def edit(sub: argparse.ArgumentParser) -> None:
         "--allow-outside", action="store_true", help="let the scene read files outside its folder"
     )
     sub.add_argument("--json", action="store_true", help="print the address as a line of JSON")
-    who(sub)
+    add_backends(sub)
 
 
 def port(text: str) -> int:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 
-def exhibit(sub: argparse.ArgumentParser) -> None:
+def add_gallery(sub: argparse.ArgumentParser) -> None:
     """Folders of clips, and the page that shows them."""
     sub.add_argument(
         "folders", metavar="DIR", type=Path, nargs="+", help="what physgen rendered into, at any depth"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.flags.values import DEVICES, count, names, of, two_sides
+from physgen.flags.values import DEVICES, count, labels, of, two_sides
 
 NAMES = (
     "frames", "flo", "kitti", "wheel", "tapvid", "order", "depth", "normals", "albedo", "shading", "coco", "davis",
@@ -12,7 +12,7 @@ NAMES = (
 )  # fmt: skip
 
 
-def exports(sub: argparse.ArgumentParser) -> None:
+def add_export(sub: argparse.ArgumentParser) -> None:
     """Of the whole command."""
     sub.add_argument("scenes", metavar="SCENE", nargs="+")
     sub.add_argument(
@@ -47,8 +47,3 @@ def exports(sub: argparse.ArgumentParser) -> None:
         "--no-cache", dest="cache", action="store_false", help="simulate again, and make what is there again"
     )
     sub.add_argument("--json", action="store_true", help="print a line of JSON a scene")
-
-
-def labels(text: str) -> tuple[str, ...]:
-    """`flo,coco` -> names of formats; told of later where one is none, with what was meant."""
-    return tuple(names(text))

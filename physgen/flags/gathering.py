@@ -6,14 +6,13 @@ import argparse
 import re
 from pathlib import Path
 
-from physgen.flags.exporting import labels
-from physgen.flags.values import number_of_clips, seed
+from physgen.flags.values import labels, number_of_clips, seed
 
 _BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,3})?) ?([kMGT]?)B?", re.IGNORECASE)
 _TIMES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 
-def dataset(sub: argparse.ArgumentParser) -> None:
+def add_dataset(sub: argparse.ArgumentParser) -> None:
     """Which clips, where to, and how."""
     sub.add_argument(
         "folders",

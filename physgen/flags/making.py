@@ -5,19 +5,18 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.flags.clusters import clusters
-from physgen.flags.exporting import labels
-from physgen.flags.values import DEVICES, count, draws, formats, seed
+from physgen.flags.clusters import add_cluster
+from physgen.flags.values import DEVICES, count, draws, formats, labels, seed
 
 REPORTS = ("full", "plain", "none")
 
 
-def making(sub: argparse.ArgumentParser) -> None:
+def add_clips(sub: argparse.ArgumentParser) -> None:
     """How clips are made."""
     sub.add_argument(
         "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
     )
-    clusters(sub)
+    add_cluster(sub)
     sub.add_argument(
         "--format",
         metavar="LIST",
@@ -82,7 +81,7 @@ def making(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--json", action="store_true", help="print a line of JSON a clip, and one at the end")
 
 
-def overlays(sub: argparse.ArgumentParser) -> None:
+def add_overlays(sub: argparse.ArgumentParser) -> None:
     """What is edited of a scene, and what it may read."""
     sub.add_argument(
         "--set",

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 
-def pack(sub: argparse.ArgumentParser) -> None:
+def add_pack(sub: argparse.ArgumentParser) -> None:
     """A scene, and the file that it goes to."""
     sub.add_argument("scene", metavar="SCENE")
     sub.add_argument(
@@ -23,7 +23,7 @@ def pack(sub: argparse.ArgumentParser) -> None:
     )
 
 
-def unpack(sub: argparse.ArgumentParser) -> None:
+def add_unpack(sub: argparse.ArgumentParser) -> None:
     """A pack, and the folder that its files go to."""
     sub.add_argument("pack", metavar="FILE", type=Path, help="what physgen pack wrote")
     sub.add_argument(

@@ -8,7 +8,7 @@ from pathlib import Path
 from physgen.flags.values import nouns, side
 
 
-def perceive(sub: argparse.ArgumentParser) -> None:
+def add_perceive(sub: argparse.ArgumentParser) -> None:
     """Those of the command."""
     sub.add_argument(
         "image", metavar="IMAGE", type=Path, nargs="*", help="the photo; several go into the folder -o"
@@ -76,7 +76,7 @@ def perceive(sub: argparse.ArgumentParser) -> None:
         default=[],
         help='what to look for, for backends that find what they are told to: "ball, wooden block"',
     )
-    who(sub)
+    add_backends(sub)
     sub.add_argument(
         "--keep-models",
         action=argparse.BooleanOptionalAction,
@@ -85,7 +85,7 @@ def perceive(sub: argparse.ArgumentParser) -> None:
     )
 
 
-def who(sub: argparse.ArgumentParser) -> None:
+def add_backends(sub: argparse.ArgumentParser) -> None:
     """Flags that say who perceives, and where."""
     sub.add_argument(
         "--backend",

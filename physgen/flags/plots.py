@@ -9,7 +9,7 @@ from pathlib import Path
 from physgen.flags.values import count, curves, moments, names, positive, width
 
 
-def plots(
+def add_plot(
     kinds: argparse._SubParsersAction[argparse.ArgumentParser],
     overlays: Callable[[argparse.ArgumentParser], None],
 ) -> None:

@@ -13,7 +13,7 @@ KEYS = ("strength", "stop", "steps", "seed", "prompt", "negative", "guidance", "
 LETTERS = {"number": "X", "integer": "N", "string": "TEXT"}
 
 
-def refine(sub: argparse.ArgumentParser) -> None:
+def add_refine(sub: argparse.ArgumentParser) -> None:
     """Those of the command."""
     sub.add_argument(
         "video",

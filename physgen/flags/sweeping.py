@@ -7,7 +7,7 @@ import argparse
 from physgen.flags.values import names, number_of_clips, place, seed
 
 
-def sweep(sub: argparse.ArgumentParser) -> None:
+def add_sweep(sub: argparse.ArgumentParser) -> None:
     """What varies, and how draws are made."""
     sub.add_argument("scene", metavar="SCENE", type=place, help="a file, a pack, or a URL")
     sub.add_argument(

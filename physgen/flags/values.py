@@ -148,6 +148,11 @@ def names(text: str) -> list[str]:
     return list(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
 
 
+def labels(text: str) -> tuple[str, ...]:
+    """`flo,coco` -> names of formats, which are checked later."""
+    return tuple(names(text))
+
+
 def curves(text: str) -> list[str]:
     """`x,y,speed,angle` -> what is drawn over time."""
     wrong = [name for name in names(text) if name not in CURVES]

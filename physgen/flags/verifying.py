@@ -8,7 +8,7 @@ from pathlib import Path
 from physgen.flags.values import count
 
 
-def verify(sub: argparse.ArgumentParser) -> None:
+def add_verify(sub: argparse.ArgumentParser) -> None:
     """Folders of clips, and where their scenes are."""
     sub.add_argument(
         "folders", metavar="DIR", type=Path, nargs="+", help="what physgen rendered into, at any depth"

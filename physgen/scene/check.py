@@ -17,9 +17,9 @@ from physgen.scene.node import Node
 from physgen.scene.quick import quick_list, quick_number
 from physgen.scene.report import Report
 from physgen.scene.schema import Schema, at, expanded
-from physgen.scene.words import UNITS, Path, example, listed, nearest, quoted, shown
+from physgen.scene.words import UNITS, KeyPath, example, listed, nearest, quoted, shown
 
-Check = Callable[[Node, Path, Report], None]
+Check = Callable[[Node, KeyPath, Report], None]
 
 KEYWORDS = {
     "type", "const", "enum", "minimum", "maximum", "exclusiveMinimum", "pattern", "minLength",
@@ -66,7 +66,7 @@ def _enum(choices: list[Any], expected: str = "") -> Check:
     names = [example(choice) for choice in choices]
     expected = expected or f"is not one of {listed(names)}"
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         value = node.value
         if any(_same(value, choice) for choice in choices):
             return
@@ -80,7 +80,7 @@ def _enum(choices: list[Any], expected: str = "") -> Check:
 def _boolean(schema: Schema, unit: str) -> Check:
     meant = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         if not isinstance(node.value, bool):
             word = meant.get(node.value.lower()) if isinstance(node.value, str) else None
             report.value(node, path, "is not true or false", f"write {word or 'true or false'}")
@@ -93,7 +93,7 @@ def _text(schema: Schema, unit: str) -> Check:
     shortest, longest = schema.get("minLength", 0), schema.get("maxLength", 10**9)
     hint = example(schema["examples"][0])
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         value = node.value
         if not isinstance(value, str):
             scalar = isinstance(value, int | float)
@@ -120,7 +120,7 @@ def _number(schema: Schema, unit: str) -> Check:
     whole = schema["type"] == "integer"
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         if quick(node):
             return
         value = node.value
@@ -157,7 +157,7 @@ def _list(schema: Schema, unit: str) -> Check:
     in_unit = f" in {UNITS.get(unit, unit)}" if unit and what != "mappings" else ""
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         if quick and quick(node):
             return
         value = node.value
@@ -195,7 +195,7 @@ def _mapping(schema: Schema, unit: str) -> Check:
     hints = {key: advice(parts[key]) for key in required}
     hint = advice(schema)
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         if node in report.known:
             return
         value = node.value
@@ -231,7 +231,7 @@ def _mapping(schema: Schema, unit: str) -> Check:
     return check
 
 
-def _unknown(child: Node, path: Path, known: list[str], report: Report) -> None:
+def _unknown(child: Node, path: KeyPath, known: list[str], report: Report) -> None:
     key = str(path[-1])
     close = nearest(key, known)
     if len(path) == 1 and key in at("objects.*")["properties"]:
@@ -263,7 +263,7 @@ def _either(schema: Schema, kinds: list[str], unit: str) -> Check:
     ways += [f"{{{key}: ...}}" for key in schema.get("properties", {})] or [f"{schema['minItems']} numbers"]
     fix = f"write {listed(ways)}"
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         value = node.value
         if isinstance(value, python[other]):
             collection(node, path, report)
@@ -284,7 +284,7 @@ def _one_or_more(schema: Schema, unit: str) -> Check:
     """A mapping, or a list of them: `camera: {zoom: 2}` or `camera: [{time: 0}, ...]`."""
     one, more = (_compile({**schema, "type": kind}, unit) for kind in ("object", "array"))
 
-    def check(node: Node, path: Path, report: Report) -> None:
+    def check(node: Node, path: KeyPath, report: Report) -> None:
         (more if isinstance(node.value, list) else one)(node, path, report)
 
     return check

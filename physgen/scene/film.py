@@ -12,7 +12,7 @@ from physgen.scene.joints import check_name
 from physgen.scene.node import Node, children, items, whole
 from physgen.scene.report import Report
 from physgen.scene.schema import Schema, at
-from physgen.scene.words import Path, number, shown
+from physgen.scene.words import KeyPath, number, shown
 
 
 def check_film(root: Node, photo: Size | None, report: Report) -> None:
@@ -39,15 +39,15 @@ def check_film(root: Node, photo: Size | None, report: Report) -> None:
             _inside(sight["center"], (*path, "center"), photo, report)
 
 
-def _views(camera: Node) -> Iterator[tuple[Node, Path]]:
-    path: Path = ("render", "camera")
+def _views(camera: Node) -> Iterator[tuple[Node, KeyPath]]:
+    path: KeyPath = ("render", "camera")
     if isinstance(camera.value, list):
         yield from ((view, (*path, index)) for index, view in enumerate(camera.value))
     else:
         yield camera, path
 
 
-def _rivals(node: Node, path: Path, schema: Schema, report: Report) -> None:
+def _rivals(node: Node, path: KeyPath, schema: Schema, report: Report) -> None:
     """Keys that rule each other out."""
     parts = children(node)
     for group in schema["x-exclusive"]:
@@ -74,7 +74,7 @@ def _size(parts: dict[str, Node], photo: Size, report: Report) -> None:
             report.add(scale.place, "render.scale", shown(factor), expected, f"write at most {most:g}")
 
 
-def _later(node: Node, path: Path, before: Any, report: Report) -> Any:
+def _later(node: Node, path: KeyPath, before: Any, report: Report) -> Any:
     """The time of a view, which is after the one `before`."""
     now: Any = node.value
     if before is not None and now <= before:
@@ -83,7 +83,7 @@ def _later(node: Node, path: Path, before: Any, report: Report) -> Any:
     return now
 
 
-def _inside(node: Node, path: Path, photo: Size, report: Report) -> None:
+def _inside(node: Node, path: KeyPath, photo: Size, report: Report) -> None:
     x, y = (item.value for item in items(node))
     if not all(-0.5 <= c <= side - 0.5 for c, side in zip((x, y), photo, strict=True)):  # type: ignore[operator]
         expected = f"is beside the photo, which is {photo[0]} x {photo[1]}"

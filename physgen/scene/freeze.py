@@ -13,8 +13,7 @@ from physgen.scene import model
 from physgen.scene.ground import Ground
 from physgen.scene.node import Node, Source, children, plain
 from physgen.scene.schema import with_defaults
-from physgen.scene.words import Path as Keys
-from physgen.scene.words import dotted, natural
+from physgen.scene.words import KeyPath, dotted, natural
 
 EARTH = 9.8
 """m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
@@ -88,7 +87,7 @@ def refinement(item: Mapping[str, Any]) -> model.Refine:
     )
 
 
-def _places(node: Node, path: Keys) -> Iterator[tuple[str, Place]]:
+def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
     """Place of every key's value and of every mapping in a list; points stand in the place of their list."""
     yield dotted(path), node.place
     if isinstance(node.value, dict):

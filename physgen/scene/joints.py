@@ -8,7 +8,7 @@ from physgen.scene.advice import advice
 from physgen.scene.node import Node, children, items
 from physgen.scene.report import Report
 from physgen.scene.schema import Schema, at
-from physgen.scene.words import Path, listed, nearest, quoted, shown
+from physgen.scene.words import KeyPath, listed, nearest, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
 JOINTS = ("pivot", "spring", "weld", "motor")
@@ -33,7 +33,7 @@ def check_joints(root: Node, report: Report) -> None:
         for name, node in children(root, section).items():
             if not isinstance(node.value, dict):
                 continue
-            path: Path = (section, name)
+            path: KeyPath = (section, name)
             parts = node.value
             for index, item in enumerate(items(parts.get("objects"))):
                 if item not in report.bad:
@@ -46,7 +46,7 @@ def check_joints(root: Node, report: Report) -> None:
                 _not_itself(parts.get("objects"), path, report)
 
 
-def check_name(node: Node, path: Path, names: Mapping[str, Node], report: Report) -> None:
+def check_name(node: Node, path: KeyPath, names: Mapping[str, Node], report: Report) -> None:
     """Adds a problem where a value names no object of the scene."""
     if str(node.value) in names:
         return
@@ -63,7 +63,7 @@ def check_forces(root: Node, report: Report) -> None:
     for index, node in enumerate(items(children(root).get("forces"))):
         if not isinstance(node.value, dict):
             continue
-        path: Path = ("forces", index)
+        path: KeyPath = ("forces", index)
         parts = node.value
         target = parts.get("object")
         if target is not None and target not in report.bad:
@@ -75,7 +75,7 @@ def check_forces(root: Node, report: Report) -> None:
             _senseless(parts[senseless], (*path, senseless), why, report)
 
 
-def _one_of(node: Node, path: Path, kinds: tuple[str, ...], report: Report) -> str | None:
+def _one_of(node: Node, path: KeyPath, kinds: tuple[str, ...], report: Report) -> str | None:
     """The one kind that a mapping has; a problem where it has none or several."""
     given = [key for key in kinds if key in children(node)]
     if len(given) == 1:
@@ -85,7 +85,7 @@ def _one_of(node: Node, path: Path, kinds: tuple[str, ...], report: Report) -> s
     return None
 
 
-def _kind(node: Node, path: Path, kinds: tuple[str, ...], schema: Schema, report: Report) -> None:
+def _kind(node: Node, path: KeyPath, kinds: tuple[str, ...], schema: Schema, report: Report) -> None:
     """Exactly one kind, with the key that it needs and without those of other kinds."""
     kind = _one_of(node, path, kinds, report)
     if kind is None:
@@ -105,11 +105,11 @@ def _a(word: str) -> str:
     return f"{'an' if word[0] in 'aeiou' else 'a'} {word}"
 
 
-def _senseless(node: Node, path: Path, why: str, report: Report) -> None:
+def _senseless(node: Node, path: KeyPath, why: str, report: Report) -> None:
     report.add(node.key_place, path, "", f"has no meaning here: {why}", "take it out")
 
 
-def _not_itself(objects: Node | None, path: Path, report: Report) -> None:
+def _not_itself(objects: Node | None, path: KeyPath, report: Report) -> None:
     names = [item.value for item in items(objects) if item not in report.bad]
     if objects is not None and len(names) == 2 and names[0] == names[1]:
         fix = "name two objects, or one to hold it to the world"

@@ -14,7 +14,7 @@ from physgen.problems import InputError, Problem
 from physgen.scene.document import read
 from physgen.scene.node import Node, Source
 from physgen.scene.schema import Schema, expanded
-from physgen.scene.words import Path, dotted, nearest, quoted
+from physgen.scene.words import KeyPath, dotted, nearest, quoted
 
 SEALED = ("extends", "variants")
 """Keys that no edit may touch: they are done with before edits apply."""
@@ -26,7 +26,7 @@ _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d{1,9}|\*)\])*)(?:\.|$)")
 
 
 @cache
-def rivals(schema_path: Path) -> Mapping[str, frozenset[str]]:
+def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
     """Key -> keys of the same mapping that it rules out: mass and density, kinds of shape, mask and wall."""
     part = _part(schema_path)
     if part is None:
@@ -37,7 +37,7 @@ def rivals(schema_path: Path) -> Mapping[str, frozenset[str]]:
     return {key: frozenset(group) - {key} for group in groups for key in group}
 
 
-def _part(schema_path: Path) -> Schema | None:
+def _part(schema_path: KeyPath) -> Schema | None:
     part: Schema = expanded()
     for key in schema_path:
         inner = part.get("items") if isinstance(key, int) else part.get("properties", {}).get(key)
@@ -48,7 +48,7 @@ def _part(schema_path: Path) -> Schema | None:
     return part
 
 
-def _default(path: Path, like: Node) -> Node | None:
+def _default(path: KeyPath, like: Node) -> Node | None:
     """The list that stands where a file has none, so that velocity.0 alone can be set; None: there is no such."""
     default = (_part(kind_of(path)) or {}).get("default")
     if not isinstance(default, list) or not default:
@@ -56,7 +56,7 @@ def _default(path: Path, like: Node) -> Node | None:
     return like.with_value([like.with_value(item) for item in default])
 
 
-def kind_of(path: Path) -> Path:
+def kind_of(path: KeyPath) -> KeyPath:
     """The path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
     return tuple(
         0 if isinstance(key, int) else "*" if n == 1 and path[0] in NAMED else key
@@ -64,7 +64,7 @@ def kind_of(path: Path) -> Path:
     )
 
 
-def merge(base: Node, over: Node, path: Path = ()) -> Node:
+def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
     """`over` on top of `base`: mappings merge, anything else replaces, null takes an inherited key away.
 
     A key of `over` drops the inherited keys that it rules out.
@@ -87,7 +87,7 @@ def merge(base: Node, over: Node, path: Path = ()) -> Node:
     return over.with_value(merged)
 
 
-def parse_key(text: str) -> Path | None:
+def parse_key(text: str) -> KeyPath | None:
     """`objects.*.mass` or `forces[0].impulse[1]` -> its parts, None when it is not a dotted key.
 
     >>> parse_key("forces[0].impulse[*]")
@@ -109,10 +109,10 @@ def parse_key(text: str) -> Path | None:
 class Edit:
     """One dotted key and the value that it sets; `key_node` is where messages about the key point."""
 
-    def __init__(self, key: str, value: Node, path: Path) -> None:
+    def __init__(self, key: str, value: Node, path: KeyPath) -> None:
         self.key, self.value, self.path = key, value, path
 
-    def makes_object(self, path: Path) -> bool:
+    def makes_object(self, path: KeyPath) -> bool:
         """Whether a key such as `objects.new.shape` may be the first of an object."""
         return len(path) > 2 and path[2] in ("shape", "mask")
 
@@ -155,7 +155,7 @@ def apply(root: Node, edit: Edit) -> Node:
     return _set(root, path, 0, edit, star=False, at=())
 
 
-def _set(node: Node | None, path: Path, depth: int, edit: Edit, star: bool, at: Path) -> Node:
+def _set(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath) -> Node:
     """The node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
     if depth == len(path):
         return edit.value
@@ -183,7 +183,7 @@ def _set(node: Node | None, path: Path, depth: int, edit: Edit, star: bool, at: 
 
 
 def _put(
-    changed: dict[str, Node], key: str, path: Path, depth: int, edit: Edit, star: bool, at: Path
+    changed: dict[str, Node], key: str, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
 ) -> None:
     """Sets or removes one key of a mapping that is being made."""
     last = depth + 1 == len(path)
@@ -208,7 +208,7 @@ def _put(
     changed[key] = child
 
 
-def _set_item(node: Node | None, path: Path, depth: int, edit: Edit, star: bool, at: Path) -> Node:
+def _set_item(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
         whole = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)

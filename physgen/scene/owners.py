@@ -5,7 +5,7 @@ from __future__ import annotations
 from physgen.scene.ground import Ground
 from physgen.scene.node import Node, children, whole
 from physgen.scene.report import Report
-from physgen.scene.words import Path, shown
+from physgen.scene.words import KeyPath, shown
 
 
 def check_masks(root: Node, ground: Ground, report: Report) -> None:
@@ -23,7 +23,7 @@ def check_masks(root: Node, ground: Ground, report: Report) -> None:
         mask = children(node).get("mask")
         if mask is None or mask in report.bad:
             continue
-        path: Path = (section, name, "mask")
+        path: KeyPath = (section, name, "mask")
         if isinstance(mask.value, int | float):
             number_ = int(mask.value)
             if number_ in owner:
@@ -43,7 +43,7 @@ def check_masks(root: Node, ground: Ground, report: Report) -> None:
             _rle(children(mask)["rle"], (*path, "rle"), ground.size, report)
 
 
-def _rle(node: Node, path: Path, canvas: tuple[int, int], report: Report) -> None:
+def _rle(node: Node, path: KeyPath, canvas: tuple[int, int], report: Report) -> None:
     size, counts = children(node)["size"], children(node)["counts"]
     height, width = whole(size)
     if (width, height) != canvas:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from physgen.problems import Place, Problem
 from physgen.scene.node import Node
-from physgen.scene.words import Path, dotted, shown
+from physgen.scene.words import KeyPath, dotted, shown
 
 MAX_PROBLEMS = 200
 
@@ -30,7 +30,7 @@ class Report:
         other.known, other.bad, other.ruled = set(self.known), set(self.bad), set(self.ruled)
         return other
 
-    def add(self, place: Place, path: Path | str, found: str, expected: str, fix: str) -> None:
+    def add(self, place: Place, path: KeyPath | str, found: str, expected: str, fix: str) -> None:
         """One problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
         where = path if isinstance(path, str) else dotted(path)
         said = where.rpartition(".")[2], found, expected, fix
@@ -43,7 +43,7 @@ class Report:
         self._told[place].add(said)
         self.problems[Problem(place, where, found, expected, fix)] = None
 
-    def value(self, node: Node, path: Path, expected: str, fix: str) -> None:
+    def value(self, node: Node, path: KeyPath, expected: str, fix: str) -> None:
         """A problem with a value; one that an overlay wrote into many objects is told once."""
         if node not in self.bad:
             self.bad.add(node)

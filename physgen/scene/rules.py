@@ -15,7 +15,7 @@ from physgen.scene.owners import check_masks
 from physgen.scene.refinement import check_refine
 from physgen.scene.report import Report
 from physgen.scene.schema import at
-from physgen.scene.words import Path, listed, nearest, number, quoted, shown
+from physgen.scene.words import KeyPath, listed, nearest, number, quoted, shown
 
 
 def check_rules(root: Node, report: Report, files: Files) -> Ground:
@@ -43,7 +43,7 @@ def check_rules(root: Node, report: Report, files: Files) -> Ground:
 
 
 def _object(name: str, node: Node, root: Node, report: Report) -> None:
-    path: Path = ("objects", name)
+    path: KeyPath = ("objects", name)
     parts = children(node)
     mask, shape = parts.get("mask"), parts.get("shape")
     if "mass" in parts and "density" in parts:
@@ -71,7 +71,7 @@ def _object(name: str, node: Node, root: Node, report: Report) -> None:
         _knots(knots, (*path, "motion", "path"), report)
 
 
-def _outline(node: Node, path: Path, crossing: bool, report: Report) -> None:
+def _outline(node: Node, path: KeyPath, crossing: bool, report: Report) -> None:
     if node in report.ruled:
         return
     report.ruled.add(node)
@@ -80,27 +80,27 @@ def _outline(node: Node, path: Path, crossing: bool, report: Report) -> None:
         report.add(node.place, path, "", *problem)
 
 
-def _outlines(mask: Node | None, kinds: dict[str, Node]) -> Iterator[tuple[Path, Node, bool]]:
+def _outlines(mask: Node | None, kinds: dict[str, Node]) -> Iterator[tuple[KeyPath, Node, bool]]:
     """Every outline of an object or a boundary, where it stands, and whether it may not cross itself."""
     if "polygon" in children(mask):
         yield ("mask", "polygon"), children(mask)["polygon"], False
     if "polygon" in kinds:
         yield ("shape", "polygon"), kinds["polygon"], True
     for index, piece in enumerate(items(kinds.get("polygons"))):
-        where: Path = ("shape", "polygons", index)
+        where: KeyPath = ("shape", "polygons", index)
         yield (*where, "outline"), children(piece)["outline"], True
         for hole, node in enumerate(items(children(piece).get("holes"))):
             yield (*where, "holes", hole), node, True
 
 
-def _holes(kinds: dict[str, Node], path: Path, report: Report) -> None:
+def _holes(kinds: dict[str, Node], path: KeyPath, report: Report) -> None:
     for index, piece in enumerate(items(kinds.get("polygons"))):
         outer = _points(children(piece)["outline"])
         box = [(min(c), max(c)) for c in zip(*outer, strict=True)]
         for hole, node in enumerate(items(children(piece).get("holes"))):
             for (low, high), side in zip(box, zip(*_points(node), strict=True), strict=True):
                 if min(side) < low or max(side) > high:
-                    where: Path = (*path, "shape", "polygons", index, "holes", hole)
+                    where: KeyPath = (*path, "shape", "polygons", index, "holes", hole)
                     report.add(node.place, where, "", "leads out of its outline", "keep holes inside")
                     break
 
@@ -110,11 +110,11 @@ def _points(node: Node) -> list[tuple[float, float]]:
     return [(point.value[0].value, point.value[1].value) for point in rows]
 
 
-def _knots(node: Node, path: Path, report: Report) -> None:
+def _knots(node: Node, path: KeyPath, report: Report) -> None:
     before: Any = None
     for index, knot in enumerate(items(node)):
         time = items(knot)[0]
-        where: Path = (*path, index, 0)
+        where: KeyPath = (*path, index, 0)
         now: Any = time.value
         if before is None and now != 0:
             report.add(time.place, where, shown(now), "is not 0", "start the path at time 0")
@@ -129,7 +129,7 @@ def _knots(node: Node, path: Path, report: Report) -> None:
 # Boundaries and the rest
 
 
-def _boundary(node: Node, path: Path, report: Report) -> None:
+def _boundary(node: Node, path: KeyPath, report: Report) -> None:
     parts = children(node)
     given = [key for key in ("segment", "polyline", "mask") if key in parts]
     if len(given) != 1:
@@ -147,7 +147,7 @@ def _boundary(node: Node, path: Path, report: Report) -> None:
     for index in range(1, len(points)):
         if same_point(points[index - 1], points[index]):
             item = items(parts[given[0]])[index]
-            where: Path = (*path, given[0], index)
+            where: KeyPath = (*path, given[0], index)
             report.add(item.place, where, "", "is the point before it again", "move or drop it")
             return
 

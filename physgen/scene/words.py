@@ -17,7 +17,7 @@ UNITS = {
 }
 """Units that read better spelt out; the others are shown as they are."""
 
-Path = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """Keys and indices from the top of a document to a value."""
 
 _DIGITS = re.compile("([0-9]+)")
@@ -88,7 +88,7 @@ def example(value: Any) -> str:
     return str(value) or '""'
 
 
-def dotted(path: Path) -> str:
+def dotted(path: KeyPath) -> str:
     """A path as a person writes it.
 
     >>> dotted(("forces", 0, "impulse", 1))

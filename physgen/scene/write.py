@@ -9,7 +9,7 @@ from typing import Any
 
 from physgen.scene.scalars import RefusedNumberError, resolve
 from physgen.scene.schema import Schema, expanded
-from physgen.scene.words import Path, dotted, number
+from physgen.scene.words import KeyPath, dotted, number
 
 WIDTH = 100
 """Columns after which a list of points goes on in the next line, and a mapping is written a key a line."""
@@ -38,7 +38,7 @@ def scene_text(
     return "\n".join(lines) + "\n"
 
 
-def entry_lines(value: Any, start: str, indent: str, path: Path) -> list[str]:
+def entry_lines(value: Any, start: str, indent: str, path: KeyPath) -> list[str]:
     """The lines of `start` (a key with its colon, or a dash) and its value, as `scene_text` writes what is at `path`.
 
     >>> entry_lines({"object": "ball", "force": [0, -4.0e5]}, "  -", "    ", ("forces", 0))
@@ -47,7 +47,7 @@ def entry_lines(value: Any, start: str, indent: str, path: Path) -> list[str]:
     return list(_Writer({}).entry(value, start, indent, path, schema_at(path)))
 
 
-def flow_text(value: Any, path: Path) -> str:
+def flow_text(value: Any, path: KeyPath) -> str:
     """The value that is at `path` on one line."""
     return _flow(value, schema_at(path))
 
@@ -57,7 +57,7 @@ def key_text(key: str) -> str:
     return _key(key)
 
 
-def schema_at(path: Path) -> Schema | None:
+def schema_at(path: KeyPath) -> Schema | None:
     """The schema of the value at a path; None where it has none."""
     part: Schema | None = expanded()
     for key in path:
@@ -75,13 +75,15 @@ class _Writer:
         self.commented = {"".join(parts[:n]) for parts in above for n in range(len(parts))}
 
     def mapping(
-        self, value: Mapping[str, Any], indent: str, path: Path, schema: Schema | None
+        self, value: Mapping[str, Any], indent: str, path: KeyPath, schema: Schema | None
     ) -> Iterator[str]:
         for key in _ordered(value, schema):
             part = _part(schema, key)
             yield from self.entry(value[key], f"{indent}{_key(key)}:", indent + "  ", (*path, key), part)
 
-    def entry(self, value: Any, start: str, indent: str, path: Path, schema: Schema | None) -> Iterator[str]:
+    def entry(
+        self, value: Any, start: str, indent: str, path: KeyPath, schema: Schema | None
+    ) -> Iterator[str]:
         """The lines of `start` (a key with its colon, or a dash) and its value; `indent`: of lines below."""
         where = dotted(path)
         comment = self.comments.get(where, "")

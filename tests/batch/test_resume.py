@@ -272,7 +272,7 @@ def many(tmp_path: Path) -> Path:
 
 
 def started(scene: Path, out: Path, *flags: str, **more: object) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "physgen.cli", "render", str(scene), "-o", str(out), "--variant", "all"]
+    command = [sys.executable, "-m", "physgen", "render", str(scene), "-o", str(out), "--variant", "all"]
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(sys.path),

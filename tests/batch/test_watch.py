@@ -22,7 +22,7 @@ def watching(pictured: Path) -> Iterator[subprocess.Popen[str]]:
     command = [
         sys.executable,
         "-m",
-        "physgen.cli",
+        "physgen",
         "render",
         str(pictured),
         "-o",

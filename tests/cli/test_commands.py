@@ -404,7 +404,7 @@ def test_a_command_imports_only_what_it_uses() -> None:
 def test_a_file_whose_name_cannot_be_shown_is_refused_in_one_line(name: bytes, tmp_path: Path) -> None:
     path = os.path.join(os.fsencode(tmp_path), name)
     Path(os.fsdecode(path)).write_text(LESSON)
-    command = [sys.executable, "-m", "physgen.cli", "render", path, "-o", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "physgen", "render", path, "-o", str(tmp_path / "out")]
     run = subprocess.run(command, capture_output=True, check=False)
     assert run.returncode == 2
     assert run.stdout == b""
@@ -414,7 +414,7 @@ def test_a_file_whose_name_cannot_be_shown_is_refused_in_one_line(name: bytes, t
 
 
 def test_a_pipe_sees_no_progress(lesson: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "physgen.cli", "render", str(lesson), "-o", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "physgen", "render", str(lesson), "-o", str(tmp_path / "out")]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     assert run.stdout == f"{tmp_path / 'out' / 'lesson'}\n"
     assert run.stderr == ""
@@ -466,7 +466,7 @@ def test_a_stopped_batch_ends_and_leaves_nothing(sign: signal.Signals, lesson: P
     command = [
         sys.executable,
         "-m",
-        "physgen.cli",
+        "physgen",
         "render",
         str(lesson),
         str(other),

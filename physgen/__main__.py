@@ -1,4 +1,4 @@
-"""`python -m physgen.cli`."""
+"""`python -m physgen`."""
 
 import sys
 
