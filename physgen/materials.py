@@ -1,4 +1,4 @@
-"""A label -> what such a thing is made of, weighs and measures; the table is `materials.yaml`, with its sources."""
+"""Material table: material, mass, size and surface of the object that a label names; data in `materials.yaml`."""
 
 from __future__ import annotations
 
@@ -13,36 +13,24 @@ from typing import Any
 import yaml
 
 COVERS = {"ball": 1.0, "turned": 0.85, "disc": 1.0, "hoop": 0.75, "slab": 0.9, "lump": 1.0}
-"""Share that a thing's outline covers of what its form fits into, where its row does not say."""
-COLOURS = frozenset(
-    [
-        "orange",
-        "lime",
-        "lemon",
-        "peach",
-        "plum",
-        "rose",
-        "cherry",
-        "apricot",
-        "mushroom",
-        "chocolate",
-        "eggplant",
-        "chestnut",
-    ]
-)
-"""Words that name a thing at the end of a label, and a colour before another."""
+"""Share of its bounding form that an outline covers, where the row gives none."""
+COLOURS = frozenset([
+    "orange", "lime", "lemon", "peach", "plum", "rose", "cherry", "apricot", "mushroom", "chocolate", "eggplant",
+    "chestnut",
+])  # fmt: skip
+"""Words that name an object at the end of a label, and a colour before another word."""
 OWN = ("friction", "elasticity", "rolling", "gloss")
-"""What a noun may have of its own."""
+"""Properties of the material that a noun may override."""
 METAL = 6.0
-"""g/cm³ from which a material is a heavy metal: there, silver is silver."""
+"""g/cm³ from which a noun's material is a heavy metal, so that `silver` names the metal and not the colour."""
 ALIKE = 1.12
-"""Materials of densities that differ by no more are one for what a thing weighs."""
+"""Ratio of densities up to which two materials count as one for the mass."""
 TAIL = re.compile(r"\b(?:of|with|on|in|from|for|at|under|beside|made)\b|[,;:(/]")
-"""Behind it, a label says more of what was named before."""
-PLACES = frozenset(
-    ["left", "right", "middle", "top", "bottom", "front", "back", "one", "two", "three", "a", "b", "c"]
-)
-"""Words that tell things of one name apart."""
+"""Words and marks after which a label only describes the noun before them."""
+PLACES = frozenset([
+    "left", "right", "middle", "top", "bottom", "front", "back", "one", "two", "three", "a", "b", "c",
+])  # fmt: skip
+"""Words that distinguish objects with the same name."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +46,7 @@ class Material:
     gloss: float
     """0..1: mirrored at 60°, against polished black glass (ISO 2813 gloss units / 100)."""
     walls: float
-    """Thickness of a hollow thing's walls, against ceramic."""
+    """Wall thickness of hollow objects relative to ceramic."""
     source: str
     """Of the density."""
     surface: str
@@ -67,41 +55,41 @@ class Material:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a label stands for."""
+    """The kind of object that a label names."""
 
     noun: str
     """The row of `nouns:` that was found, `""` for none."""
     material: Material
-    """With the noun's own friction, elasticity, rolling and gloss, where it has them."""
+    """With the noun's own friction, elasticity, rolling and gloss, where given."""
     form: str
     """`ball`, `turned`, `disc`, `hoop`, `slab`, `lump`; `""`: no opinion."""
     filled: float
     """Share of the volume that is material."""
     holds: float
-    """g/cm³ of what is in it, over its volume."""
+    """g/cm³ of the content, over the whole volume."""
     size: tuple[float, ...]
-    """mm of the ordinary thing, as its form has it; empty where there is none."""
+    """mm, typical dimensions in the order of the form; empty where unknown."""
     spread: float
-    """One standard deviation of its size, as a share."""
+    """Relative standard deviation of the size."""
     mass: float | None
-    """g of the ordinary thing, None where there is none."""
+    """g, typical; None where unknown."""
     wall: float | None
-    """mm of a hollow ball's wall, where its size decides how much of it is filled."""
+    """mm, wall of a hollow ball whose filled share depends on its size."""
     core: tuple[float, float] | None
-    """mm across below which such a ball has a core and no room in it, and how much of it is filled then."""
+    """Diameter in mm below which a ball is solid, and its filled share then."""
     share: float
-    """Share of what its form fits into (a box, a cylinder, an ellipsoid) that the ordinary thing takes up."""
+    """Share of its bounding form (box, cylinder, ellipsoid) that a typical object fills."""
     source: str
 
     @property
     def solid(self) -> str | None:
-        """`sphere`, `disc` or `hoop`: what a round outline is a picture of; None: no opinion."""
+        """The solid behind a round outline: `sphere`, `disc` or `hoop`; None where the form is unknown."""
         round_outline = {"ball": "sphere", "lump": "sphere", "hoop": "hoop", "": None}
         return round_outline.get(self.form, "disc")
 
     @property
     def box(self) -> tuple[float, float, float] | None:
-        """mm, three sides of the box around the ordinary thing, None where it has no size."""
+        """mm, sides of the bounding box of a typical object; None where the size is unknown."""
         if not self.size:
             return None
         if self.form == "ball":
@@ -113,7 +101,7 @@ class Kind:
         return self.size[0], self.size[1], self.size[2]
 
     def hollowed(self, diameter: float) -> Kind:
-        """A ball of that many mm across, as its wall or its core has it filled; anything else as it is.
+        """The kind with the filled share of a ball of `diameter` mm; other forms unchanged.
 
         >>> round(kind("plastic ball").hollowed(70).filled, 3), kind("steel ball").hollowed(70).filled
         (0.083, 1.0)
@@ -128,14 +116,14 @@ class Kind:
 
     @property
     def density(self) -> float:
-        """g/cm³ over the whole volume: walls, what is between them, and what it holds."""
+        """g/cm³ over the whole volume: walls, gaps and content."""
         return self.filled * self.material.density + self.holds
 
 
 def kind(label: str) -> Kind:
-    """The kind of thing that a label names; unknown words give the material `unknown`.
+    """The kind of object that a label names; unknown words give the material `unknown`.
 
-    >>> kind("yellow billiard balls").mass, kind("wooden block").material.name, kind("thing").noun
+    >>> kind("yellow billiard balls").mass, kind("wooden block").material.name, kind("object").noun
     (170, 'wood', '')
     >>> kind("tin of tomatoes").noun, kind("steel ball").filled, kind("cork ball").material.name
     ('tin', 1.0, 'cork')
@@ -147,7 +135,7 @@ def kind(label: str) -> Kind:
     words = _words(text)
     span, noun = _noun(words, len(head))
     whole = bool(noun)
-    if not noun:  # "a slice of melon" is of melon, and no whole one
+    if not noun:  # "a slice of melon": the material is melon, the size unknown
         span, noun = _noun(words, len(words))
     row: Mapping[str, Any] = _table()[1].get(noun, {})
     named = _material_named(words, span, len(head), row)
@@ -176,14 +164,14 @@ def nouns() -> Iterator[tuple[Kind, Sequence[str]]]:
 
 
 def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
-    """The kind that a row describes, made of the material `named`, None: its own."""
+    """The kind that a row describes, made of the material `named`; None: the row's own material."""
     own = _material(row.get("material", "unknown"))
     material = own if named is None else _material(named)
     ratio = material.density / own.density
     other = named is not None and (not noun or not 1 / ALIKE < ratio < ALIKE)
     if not other:
-        said = {key: row[key] for key in OWN if key in row}
-        material = replace(material, **said, surface=_surface(noun, material.surface, row))
+        overrides = {key: row[key] for key in OWN if key in row}
+        material = replace(material, **overrides, surface=_surface(noun, material.surface, row))
     form, size, mass, holds = (
         row.get("form", ""),
         tuple(row.get("size", ())),
@@ -196,7 +184,7 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
         noun, material, form, filled, holds, size, row.get("spread", 0.3), mass, None, None, share, ""
     )
     if mass is not None and plain.box is not None and "filled" not in row:
-        # walls, grain and gaps: whatever makes the ordinary thing weigh what it weighs
+        # walls and gaps follow from the typical mass
         filled = max(mass / (_volume(plain) / 1000) - holds, 0.0001 * own.density) / own.density
     if other and (row.get("solid_of") or form == "ball"):
         filled, holds = 1.0, 0.0
@@ -212,7 +200,7 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
 
 
 def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
-    """The source of a material's surface, with that of what the noun has of its own."""
+    """The source of a material's surface values, with those that the noun overrides."""
     own = [key for key in OWN if key in row and key != "gloss"]
     if not own:
         return general
@@ -226,7 +214,7 @@ def _surface(noun: str, general: str, row: Mapping[str, Any]) -> str:
 
 
 def _volume(what: Kind) -> float:
-    """mm³ of the ordinary thing, as its outline gives it."""
+    """mm³ of the typical object."""
     assert what.box is not None
     a, b, c = what.box
     rounded = {"ball": pi / 6, "lump": pi / 6, "slab": 1.0}.get(what.form, pi / 4)
@@ -234,7 +222,7 @@ def _volume(what: Kind) -> float:
 
 
 def _noun(words: Sequence[str], head: int) -> tuple[tuple[int, int], str]:
-    """Where the noun of the first `head` words stands, and which row it is: the last, and of those the longest."""
+    """Span and row of the noun in the first `head` words: the last one, and of those the longest."""
     best, result = (-1, -1, -1), ((0, 0), "")
     for i in range(head):
         for j in range(i + 1, min(i + 5, len(words)) + 1):
@@ -249,14 +237,14 @@ def _noun(words: Sequence[str], head: int) -> tuple[tuple[int, int], str]:
 
 
 def _double(phrase: str) -> bool:
-    """Whether a word means a thing only where nothing follows: a cork, but a cork ball."""
+    """Whether a word names an object only at the end: a cork, but a cork ball."""
     return phrase in COLOURS or phrase in _phrases()[0]
 
 
 def _material_named(
     words: Sequence[str], span: tuple[int, int], head: int, row: Mapping[str, Any]
 ) -> str | None:
-    """The material that a label names: the last before its noun, else behind it, where that is not what it holds."""
+    """The material that a label names: the last before its noun, else after it unless that is the content."""
     table, metal = _table()[0], _material(row.get("material", "unknown")).density > METAL
     of = not row.get("hollow") and not row.get("holds")
     for i in range(span[0], span[1] - 1):
@@ -281,17 +269,8 @@ def _material_named(
 
 def _material(name: str) -> Material:
     row = _table()[0][name]
-    return Material(
-        name,
-        row["density"],
-        row["friction"],
-        row["elasticity"],
-        row["rolling"],
-        row["gloss"],
-        row["walls"],
-        row["source"],
-        row["surface"],
-    )
+    keys = ("density", "friction", "elasticity", "rolling", "gloss", "walls", "source", "surface")
+    return Material(name, **{key: row[key] for key in keys})
 
 
 def _words(text: str) -> list[str]:

@@ -1,140 +1,152 @@
-"""Categories, labels and matter by a vision-language model: a server's, or one of transformers on this machine.
+"""Categories, labels and physical properties from a vision-language model, of a server or of transformers here.
 
-The two questions of the paper (appendix, "Segmentation" and "Physical properties reasoning") in words of our own, with
-more asked for: material, solid, rolling and true size, which gives the photo its scale.
+The two questions of the paper (appendix, "Segmentation" and "Physical properties reasoning") in other words, and for
+more answers: material, solid, rolling and true size, which gives the photo its scale.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from math import exp, log, sqrt
 from typing import Any
 
 import numpy as np
 
 from physgen.backends import Setup
 from physgen.outline import raster
-from physgen.perceive.backends import vlm_pictures as pictures
-from physgen.perceive.backends.vlm_asking import Asker
-from physgen.perceive.backends.vlm_matter import matter
-from physgen.perceive.backends.vlm_questions import how, name, what, who
+from physgen.outline.outline import Disc
+from physgen.perceive.backends.vlm_client import Client, plain_line
+from physgen.perceive.backends.vlm_prompts import (
+    Mask,
+    categories_query,
+    clean_name,
+    label_query,
+    median_lab,
+    physics_query,
+)
 from physgen.perceive.extent import sides
 from physgen.perceive.roles import Category, Labels, Matter, Name, Rgb, Thing
+from physgen.scene.model import Solid
 
-TOGETHER = 8
+OBJECTS_PER_QUESTION = 8
 """Objects that are named in one question."""
-ALIKE = 1.15
-"""How much longer one of two may be that are asked about once."""
-HUE = 20.0
-"""CIELAB distance up to which two are of one colour."""
-NAMED = 0.8
-"""How sure a name is that was said once."""
-MOST = 48
-"""Categories."""
+SIMILAR_SIZE = 1.15
+"""Ratio of lengths up to which two objects share one question."""
+SIMILAR_COLOUR = 20.0
+"""CIELAB distance up to which two objects have one colour."""
+NAME_CONFIDENCE = 0.8
+"""Of a name from a single answer."""
+MOST_CATEGORIES = 48
+MASS_SPREAD = 0.6
+"""Standard deviation of the logarithm of a mass judged by eye: the prior of one sample."""
+HIGHEST_CONFIDENCE = 0.9
+"""Of a mass, at perfect agreement: answers may agree and still be wrong."""
+SAME_LENGTH = 0.05
+"""Relative difference in length up to which two similar objects count as equal: masks are no more exact."""
+RANGES: Mapping[str, tuple[float, float, str]] = {
+    "mass": (1e-3, 1e7, "g"),
+    "size": (1e-3, 50.0, "m"),
+    "friction": (0.0, 1.5, ""),
+    "elasticity": (0.0, 1.0, ""),
+    "rolling": (0.0, 0.3, ""),
+}
+"""Accepted values, with units: from a grain to a lorry; rubber on dry asphalt has the most friction."""
 
 
-class _Asks:
-    """What the three roles have in common."""
+class _Role:
+    """Common parts of the three roles."""
 
     role = ""
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError where no model is named."""
-        self._asker = Asker(self.role, setup)
+        self._client = Client(self.role, setup)
 
     def note(self) -> Mapping[str, Any]:
         """Requests, tokens, seconds and cost of the last photo, for the record."""
-        return self._asker.note()
+        return self._client.note()
 
     def close(self) -> None:
-        """The model is let go."""
-        self._asker.close()
+        """Free the model."""
+        self._client.close()
 
 
-class Categories(_Asks):
-    """Names what a photo shows, and what of it could be moved."""
+class Categories(_Role):
+    """The backend `categories=vlm`: the kinds of objects and surfaces in a photo."""
 
     role = "categories"
 
     def __call__(self, rgb: Rgb) -> Sequence[Category]:
-        """Each noun once; of several samples, what at least half of them say. Raises InputError."""
-        (samples,) = self._asker.ask([what(rgb)])
+        """Each noun once; of several samples, the nouns in at least half of them. Raises InputError."""
+        (samples,) = self._client.ask([categories_query(rgb)])
         found = [_nouns(sample) for sample in samples]
-        seen = Counter(noun for one in found for noun in one)
-        enough = [noun for noun in dict.fromkeys(seen) if 2 * seen[noun] >= len(found)]
-        votes = {noun: [one[noun] for one in found if noun in one] for noun in enough}
-        return [Category(noun, 2 * sum(said) > len(said)) for noun, said in votes.items()][:MOST]
+        count = Counter(noun for one in found for noun in one)
+        frequent = [noun for noun in dict.fromkeys(count) if 2 * count[noun] >= len(found)]
+        votes = {noun: [one[noun] for one in found if noun in one] for noun in frequent}
+        categories = [Category(noun, 2 * sum(movable) > len(movable)) for noun, movable in votes.items()]
+        return categories[:MOST_CATEGORIES]
 
 
-class Label(_Asks):
-    """Names objects, up to eight with one question."""
+class Label(_Role):
+    """The backend `label=vlm`: names of objects, up to eight with one question."""
 
     role = "label"
 
     def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> Mapping[int, Name]:
-        """A name for every thing, by id; of several samples, what most say. Raises InputError."""
-        groups = [list(things[k : k + TOGETHER]) for k in range(0, len(things), TOGETHER)]
-        asked = self._asker.ask([who(rgb, labels, group) for group in groups])
+        """A name for every object, by id; the most frequent of several samples. Raises InputError."""
+        size = OBJECTS_PER_QUESTION
+        groups = [list(things[k : k + size]) for k in range(0, len(things), size)]
+        answers = self._client.ask([label_query(rgb, labels, group) for group in groups])
         result: dict[int, Name] = {}
-        for group, samples in zip(groups, asked, strict=True):
+        for group, samples in zip(groups, answers, strict=True):
+            names = [{one["number"]: clean_name(one["name"]) for one in s["objects"]} for s in samples]
             for k, thing in enumerate(group, 1):
-                names = Counter(_numbers(sample)[k] for sample in samples)
-                name, votes = names.most_common(1)[0]
-                result[thing.id] = Name(
-                    name, NAMED if len(samples) == 1 else round(0.95 * votes / len(samples), 2)
-                )
+                name, votes = Counter(one[k] for one in names).most_common(1)[0]
+                share = NAME_CONFIDENCE if len(samples) == 1 else round(0.95 * votes / len(samples), 2)
+                result[thing.id] = Name(name, share)
         return result
 
 
-class Physics(_Asks):
-    """Judges mass, friction, elasticity, rolling, material and size; those that are alike with one question."""
+class Physics(_Role):
+    """The backend `physics=vlm`: mass, friction, elasticity, rolling, material and size."""
 
     role = "physics"
 
     def __call__(
         self, rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None
     ) -> Mapping[int, Matter]:
-        """Matter of every thing, by id. Raises InputError."""
+        """Matter of every object, by id; similar objects share one question. Raises InputError."""
         size = rgb.shape[1], rgb.shape[0]
         masks = {thing.id: raster.coverage(thing.outline, size) >= 0.5 for thing in things}
-        groups = alike(rgb, things, masks)
-        asked = [next((t for t in group if not t.cut), group[0]) for group in groups]
-        queries = [how(rgb, masks[thing.id], thing, pixels_per_meter) for thing in asked]
-        model = self._asker.settings.model
+        groups = similar_groups(rgb, things, masks)
+        examples = [next((t for t in group if not t.cut), group[0]) for group in groups]
+        queries = [physics_query(rgb, masks[thing.id], thing, pixels_per_meter) for thing in examples]
         result: dict[int, Matter] = {}
-        for group, one, samples in zip(groups, asked, self._asker.ask(queries), strict=True):
-            result |= matter(samples, group, one, model)
+        for group, example, samples in zip(groups, examples, self._client.ask(queries), strict=True):
+            result |= merged_matter(samples, group, example, self._client.settings.model)
         return result
 
 
-def categories(setup: Setup) -> Categories:
-    """The backend `categories=vlm`. Raises InputError where no model is named."""
-    return Categories(setup)
+categories, label, physics = Categories, Label, Physics
+"""The factories named in the registry."""
 
 
-def label(setup: Setup) -> Label:
-    """The backend `label=vlm`. Raises InputError where no model is named."""
-    return Label(setup)
-
-
-def physics(setup: Setup) -> Physics:
-    """The backend `physics=vlm`. Raises InputError where no model is named."""
-    return Physics(setup)
-
-
-def alike(rgb: Rgb, things: Sequence[Thing], masks: Mapping[int, pictures.Mask]) -> list[list[Thing]]:
-    """Things of one label and size; of one colour, too, where the label is one word: `ball` may be steel or rubber."""
+def similar_groups(rgb: Rgb, things: Sequence[Thing], masks: Mapping[int, Mask]) -> list[list[Thing]]:
+    """Objects grouped by label and size, and by colour where the label is one word: a `ball` may be steel or rubber."""
     groups: list[list[Thing]] = []
     lengths = {thing.id: sides(thing.outline) for thing in things}
-    colours = {thing.id: pictures.colour(rgb, masks[thing.id]) for thing in things}
+    colours = {thing.id: median_lab(rgb, masks[thing.id]) for thing in things}
 
-    def same(a: Thing, b: Thing) -> bool:
-        near = all(1 / ALIKE <= x / y <= ALIKE for x, y in zip(lengths[a.id], lengths[b.id], strict=True))
-        told = " " in a.label.strip() or float(np.linalg.norm(colours[a.id] - colours[b.id])) <= HUE
-        return bool(a.label) and a.label == b.label and a.cut == b.cut and near and told
+    def similar(a: Thing, b: Thing) -> bool:
+        pairs = zip(lengths[a.id], lengths[b.id], strict=True)
+        sized = all(1 / SIMILAR_SIZE <= x / y <= SIMILAR_SIZE for x, y in pairs)
+        distance = float(np.linalg.norm(colours[a.id] - colours[b.id]))
+        same_material = " " in a.label.strip() or distance <= SIMILAR_COLOUR
+        return bool(a.label) and a.label == b.label and a.cut == b.cut and sized and same_material
 
     for thing in things:
-        group = next((group for group in groups if same(group[0], thing)), None)
+        group = next((group for group in groups if similar(group[0], thing)), None)
         if group is None:
             groups.append([thing])
         else:
@@ -142,14 +154,83 @@ def alike(rgb: Rgb, things: Sequence[Thing], masks: Mapping[int, pictures.Mask])
     return groups
 
 
+def merged_matter(
+    answers: Sequence[Mapping[str, Any]], things: Sequence[Thing], example: Thing, model: str
+) -> Mapping[int, Matter]:
+    """Matter of each of the similar `things`, by id, from the medians of `answers` about `example`, one of them.
+
+    Mass is scaled by the cube of the length where an object is larger or smaller than the example.
+    """
+    clamped = [_clamped(answer) for answer in answers]
+    value = {name: _median([one[name] for one, _ in clamped], name) for name in RANGES}
+    masses = [one["mass"] for one, _ in clamped]
+    nearest = min(range(len(answers)), key=lambda k: abs(log(masses[k] / value["mass"])))
+    answer, notes = answers[nearest], clamped[nearest][1]
+    reason = [plain_line(answer["reason"], 240).rstrip(".")]
+    if len(answers) > 1:
+        reason.append(f"the median of {len(answers)} answers from {min(masses):.3g} to {max(masses):.3g} g")
+    if len(things) > 1:
+        reason.append(f"asked once for {len(things)} alike")
+    reason += [note for name, note in notes.items() if name in ("mass", "size")]
+    material = plain_line(answer["material"], 60)
+    surface = [f"{material}, as {plain_line(model, 60)} judges"]
+    surface += [note for name, note in notes.items() if name not in ("mass", "size")]
+    result = {}
+    for thing in things:
+        ratio = sides(thing.outline)[0] / sides(example.outline)[0]
+        ratio = ratio if abs(ratio - 1) > SAME_LENGTH else 1.0
+        result[thing.id] = Matter(
+            mass=float(f"{value['mass'] * ratio**3:.3g}"),
+            friction=round(value["friction"], 3),
+            elasticity=round(value["elasticity"], 3),
+            rolling=float(f"{value['rolling']:.2g}"),
+            # only circles have another moment than that of their area
+            solid=Solid(answer["solid"]) if isinstance(thing.outline, Disc) else Solid.PLATE,
+            confidence=mass_confidence(masses),
+            reason="; ".join(reason),
+            surface="; ".join(surface),
+            size=float(f"{value['size'] * ratio:.3g}"),
+            material=material,
+        )
+    return result
+
+
+def mass_confidence(masses: Sequence[float]) -> float:
+    """0..1 from the scatter of samples of a mass.
+
+    >>> mass_confidence([170]), mass_confidence([170, 170, 170]), mass_confidence([100, 170, 300])
+    (0.49, 0.64, 0.51)
+    """
+    logs = np.log(masses)
+    scatter = float(((logs - logs.mean()) ** 2).sum())
+    return round(HIGHEST_CONFIDENCE * exp(-sqrt((scatter + MASS_SPREAD**2) / len(logs))), 2)
+
+
 def _nouns(answer: Any) -> dict[str, bool]:
-    """Noun -> movable; what is said twice is movable where it is so each time."""
+    """Noun -> movable; a repeated noun is movable if it is so each time."""
     found: dict[str, bool] = {}
     for one in answer["categories"]:
-        if noun := name(one["noun"]):
+        if noun := clean_name(one["noun"]):
             found[noun] = one["movable"] and found.get(noun, True)
     return found
 
 
-def _numbers(answer: Any) -> dict[int, str]:
-    return {one["number"]: name(one["name"]) for one in answer["objects"]}
+def _clamped(answer: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, str]]:
+    """The numbers within their ranges, and a note for each that was outside."""
+    numbers, notes = {}, {}
+    for name, (least, most, unit) in RANGES.items():
+        value = float(answer[name])
+        numbers[name] = min(max(value, least), most)
+        if numbers[name] != value:
+            unit = f" {unit}" if unit else ""
+            notes[name] = (
+                f"{name} {value:g}{unit} was answered and is out of range: {numbers[name]:g}{unit} taken"
+            )
+    return numbers, notes
+
+
+def _median(values: Sequence[float], name: str) -> float:
+    """The median; of masses and sizes the geometric one."""
+    if name in ("mass", "size"):
+        return float(np.exp(np.median(np.log(values))))
+    return float(np.median(values))

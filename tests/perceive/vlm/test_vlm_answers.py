@@ -7,11 +7,11 @@ import json
 import pytest
 from vlm_stub import BALL
 
-from physgen.perceive.backends.vlm_answers import NonsenseError, Query, answer
-from physgen.perceive.backends.vlm_matter import SCHEMA, impossible, sureness
-from physgen.perceive.backends.vlm_questions import CATEGORIES
+from physgen.perceive.backends.vlm import mass_confidence
+from physgen.perceive.backends.vlm_client import Query, UnusableAnswerError, parse_answer
+from physgen.perceive.backends.vlm_prompts import CATEGORIES_SCHEMA, PHYSICS_SCHEMA, mass_contradictions
 
-QUERY = Query("ball", "?", (), SCHEMA, impossible)
+QUERY = Query("ball", "?", (), PHYSICS_SCHEMA, mass_contradictions)
 GOOD = json.dumps(BALL)
 HOSTILE = ("{" * 50_000, "[" * 50_000, '{"a":' * 10_000, "[1,2]" * 10_000, "\x00", "null", '"' * 50_000)
 
@@ -28,7 +28,7 @@ HOSTILE = ("{" * 50_000, "[" * 50_000, '{"a":' * 10_000, "[1,2]" * 10_000, "\x00
     ],
 )
 def test_what_is_plainly_meant_is_taken(text: str):
-    assert answer(text, QUERY) == BALL
+    assert parse_answer(text, QUERY) == BALL
 
 
 @pytest.mark.parametrize(
@@ -39,30 +39,30 @@ def test_what_is_plainly_meant_is_taken(text: str):
         (("72.0", '"72 g"'), "mass: '72 g' is not of type 'number'"),
         (("72.0", "true"), "mass: True is not of type 'number'"),
         (("72.0", "-3"), "mass: -3.0 is less than or equal to the minimum of 0"),
-        (("72.0", "9e9"), "mass: a thing whose longest side is 0.05 m cannot weigh 9e+09 g"),
+        (("72.0", "9e9"), "mass: an object whose longest side is 0.05 m cannot weigh 9e+09 g"),
         (('"mass": 72.0, ', ""), "'mass' is a required property"),
         (("sphere", "cube"), "solid: 'cube' is not one of ['sphere', 'disc', 'hoop', 'plate']"),
         (('"rubber"', '"\\n"'), "material: '' should be non-empty"),
     ],
 )
 def test_what_is_nonsense_is_said(change: tuple[str, str], told: str):
-    with pytest.raises(NonsenseError) as error:
-        answer(GOOD.replace(*change), QUERY)
+    with pytest.raises(UnusableAnswerError) as error:
+        parse_answer(GOOD.replace(*change), QUERY)
     assert told in str(error.value)
 
 
 def test_nothing_takes_long():
     for text in HOSTILE:
-        with pytest.raises(NonsenseError):
-            answer(text, QUERY)
+        with pytest.raises(UnusableAnswerError):
+            parse_answer(text, QUERY)
 
 
 def test_a_list_without_its_key_and_yes_for_true():
     said = '[{"noun": "ball", "movable": "True"}]'
-    found = answer(said, Query("the photo", "?", (), CATEGORIES))
+    found = parse_answer(said, Query("the photo", "?", (), CATEGORIES_SCHEMA))
     assert found == {"categories": [{"noun": "ball", "movable": True}]}
 
 
 def test_who_agrees_with_himself_is_surer():
-    agreed, apart, alone = sureness([70.0] * 5), sureness([10.0, 70.0, 500.0]), sureness([70.0])
+    agreed, apart, alone = mass_confidence([70.0] * 5), mass_confidence([10.0, 70.0, 500.0]), mass_confidence([70.0])
     assert apart < alone < agreed < 0.9

@@ -136,16 +136,17 @@ def test_an_answer_of_a_local_model_is_used_and_kept(llava: Path, monkeypatch: p
 def test_the_same_seed_says_the_same_and_pictures_are_seen(llava: Path):
     from transformers import LlavaForConditionalGeneration
 
-    from physgen.perceive.backends import vlm_local, vlm_questions
-    from physgen.perceive.backends.vlm_settings import settings
+    from physgen.perceive.backends import vlm_local
+    from physgen.perceive.backends.vlm_client import read_settings
+    from physgen.perceive.backends.vlm_prompts import categories_query
 
     rgb, _, _ = scene()
     told = setup(llava, samples=2)
-    model = vlm_local.local(settings("categories", told), told)
-    query = vlm_questions.what(rgb)
+    model = vlm_local.load(read_settings("categories", told), told)
+    query = categories_query(rgb)
     words = [model.complete(query, [], seed).text for seed in (0, 0, 1)]
     assert words[0] == words[1] != words[2]
-    held, given = vlm_local._HELD[model._key], []
+    held, given = vlm_local._LOADED[model._key], []
 
     def generate(**talk):
         given.append(talk["pixel_values"])
@@ -153,7 +154,7 @@ def test_the_same_seed_says_the_same_and_pictures_are_seen(llava: Path):
 
     held.model.generate = generate
     for photo in (rgb, 255 - rgb):
-        model.complete(vlm_questions.what(photo), [], 0)
+        model.complete(categories_query(photo), [], 0)
     assert given[0].shape == given[1].shape == (1, 3, 28, 28)
     assert (given[0] - given[1]).abs().max() > 1
     model.close()
@@ -167,12 +168,12 @@ def test_one_model_serves_all_roles(llava: Path):
     for run, arguments in ((label, (rgb, labels, things)), (physics, (rgb, things, None))):
         with pytest.raises(InputError):
             run(*arguments)
-        assert len(vlm_local._HELD) == 1
+        assert len(vlm_local._LOADED) == 1
     label.close()
     label.close()
-    assert len(vlm_local._HELD) == 1
+    assert len(vlm_local._LOADED) == 1
     physics.close()
-    assert not vlm_local._HELD
+    assert not vlm_local._LOADED
 
 
 def test_a_model_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
