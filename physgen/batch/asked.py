@@ -11,7 +11,6 @@ from typing import Any
 
 from physgen.batch.axes import Listed, read_axes
 from physgen.batch.columns import Column, Kind
-from physgen.batch.harmed import harmed_files, is_blank
 from physgen.batch.sweep import Design, Sweep
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.report.record import file_hash, versions, write_json
@@ -118,23 +117,17 @@ def begun(
     """Writes `sweep.json`; warns that other clips lie there, too. Raises InputError.
 
     Nothing of the user's is written over: a `sweep.json` or table that is not ours is refused, and a table of ours with
-    rows that the new one will not have is kept as `NAME~`; `bring` fetches it where the folder stands for another. What
-    a power cut left of one that was ours is no reason to stop; where it says anything, it is kept, too.
+    rows that the new one will not have is kept as `NAME~`; `bring` fetches it where the folder stands for another.
     """
     before = read_asked(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder")
     there = [] if before is not None else [name for name in FILES_OF_OURS if (folder / name).exists()]
-    harmed = harmed_files(folder, sweep) if there else ()
-    for name in there:
-        if name not in harmed:
-            fix = "move it away, or choose another folder with -o"
-            raise InputError.of(str(folder / name), "", "is there already and was not made by physgen", fix)
-    warnings = [_mended(folder / NAME)] if there else []
-    if before is None:
-        changed = bool(there)
-    else:
-        changed = any(before.get(key) != value for key, value in core(sweep).items())
+    if there:
+        fix = "move it away, or choose another folder with -o"
+        raise InputError.of(str(folder / there[0]), "", "is there already and was not made by physgen", fix)
+    warnings = []
+    changed = before is not None and any(before.get(key) != value for key, value in core(sweep).items())
     if changed or (before is None and folder.is_dir()):
         strange = [
             p.name for p in folder.iterdir() if (p / "manifest.json").is_file() and not sweep.find(p.name)
@@ -164,12 +157,3 @@ def _goes_on(before: Mapping[str, Any], sweep: Sweep) -> bool:
     some = {*range(min(len(old), MOST_COMPARED)), len(old) - 1}
     pairs = ((point, sweep.find(point.name)) for point in map(old.__getitem__, sorted(some)))
     return all(now is not None and now.overrides == point.overrides for point, now in pairs)
-
-
-def _mended(path: Path) -> Problem:
-    """Out of the way of what is written anew."""
-    kept: list[Path] = []
-    if not is_blank(path):
-        set_aside(path, kept.append)
-    fix = f"kept as {kept[0].name}" if kept else ""
-    return Problem(Place(str(path)), "", "", "was damaged, and is made anew", fix, Severity.WARNING)

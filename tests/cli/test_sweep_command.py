@@ -246,36 +246,14 @@ def test_nothing_of_somebody_else_is_written_over(lesson: Path, tmp_path: Path, 
     assert [p.name for p in out.iterdir()] == ["sweep.csv"]
 
 
-@pytest.mark.parametrize("left", [b"", b"\0" * 700, b'{"sweep": 1, "sce'])
-def test_what_a_power_cut_left_of_a_sweep_is_gone_on_with(
-    left: bytes, lesson: Path, tmp_path: Path, capsys
-) -> None:
-    out, keys = tmp_path / "out", "objects.ball.mass=5,6"
-    assert sweep(lesson, out, keys) == 0
-    whole = json.loads((out / "sweep.json").read_text())
-    rows = (out / "sweep.csv").read_text()
-    (out / "sweep.json").write_bytes(left)
-    (out / "sweep.parquet").write_bytes(b"\0" * 9)
-    capsys.readouterr()
-    assert sweep(lesson, out, keys, "--json") == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out.splitlines()[-1])["unchanged"] == 2  # the clips are those that were there
-    kept = "; kept as sweep.json~" if left.strip(b"\0") else ""
-    assert said.err == f"{out / 'sweep.json'}: warning: was damaged, and is made anew{kept}\n"
-    assert json.loads((out / "sweep.json").read_text())["axes"] == whole["axes"]
-    assert (out / "sweep.csv").read_text() == rows
-    assert len(pd.read_parquet(out / "sweep.parquet")) == 2
-    assert [p.read_bytes() for p in out.glob("*~")] == ([left] if kept else [])
-
-
 @pytest.mark.parametrize(
     ("theirs", "refused"),
     [
         ({"sweep.json": '{"sweep": 2}'}, "sweep.json"),
         ({"sweep.json": "my notes"}, "sweep.json"),
         ({"sweep.json": "my notes", "00,mass=5/manifest.json": '{"manifest": 3}'}, "sweep.json"),
-        ({"sweep.json": "", "sweep.csv": "mine\n"}, "sweep.csv"),
-        ({"sweep.json": "", "sweep.parquet": "PAR1 mine"}, "sweep.parquet"),
+        ({"sweep.json": "", "sweep.csv": "mine\n"}, "sweep.json"),
+        ({"sweep.parquet": "PAR1 mine"}, "sweep.parquet"),
         ({"sweep.csv": ""}, "sweep.csv"),
     ],
 )

@@ -5,8 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 
-import jinja2
-
 from physgen import __version__
 from physgen.batch.dataset.layout import Count
 from physgen.batch.dataset.splits import Splits
@@ -27,6 +25,8 @@ def card(
 ) -> str:
     """`counts` by split; `formats` of labels that any clip has; `shards`: how many files a split is read from;
     `uneven`: clips differ in the names of their files."""
+    import jinja2
+
     total = sum(count.clips for count in counts.values())
     there = [name for name in splits.names if counts[name].clips]
     text = resource("templates", "dataset.md.j2").read_text(encoding="utf-8")
