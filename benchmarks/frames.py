@@ -22,7 +22,8 @@ from physgen.percepts.maps import Percepts, write_assets
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.render.stage import Stage
 from physgen.report import video
-from physgen.shadow import Setting, Silhouette, darkness
+from physgen.shadow.cast import Setting, Silhouette
+from physgen.shadow.darkness import darkness
 from physgen.simulate.trajectory import Trajectory
 
 LIGHT = DistantLight((-0.45, -0.35, 0.82), 0.75, 0.35)

@@ -15,13 +15,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from physgen.cache import clearing
-from physgen.cache.clearing import Entry, Freed
-from physgen.cache.locks import LEASE, LOCK, How, alone, held
+from physgen.cache.clearing import Entry, Freed, entries, remove, shrink, sweep
+from physgen.cache.locks import LEASE, How, alone, held
 from physgen.cache.sealed import seal, size_of, whole
 from physgen.problems import InputError, Place, Problem, Severity, Warn, unheard
-
-__all__ = ["LEASE", "LOCK", "MOST_BYTES", "Entry", "Filling", "Freed", "Store", "opened"]
 
 MOST_BYTES = 5_000_000_000
 """Of all entries, unless `PHYSGEN_CACHE_BYTES` says otherwise."""
@@ -105,7 +102,7 @@ class Store:
 
     def sizes(self) -> list[Entry]:
         """All entries, the least recently used first."""
-        return clearing.entries(self.root)
+        return entries(self.root)
 
     def clear(self) -> Freed:
         """Remove all that no process uses. Raises OSError."""
@@ -138,7 +135,7 @@ class Store:
         """What is not whole goes, if there is anything."""
         if (self.root / key).is_dir():
             with suppress(OSError), alone(self.root):
-                clearing.remove(self.root, key)
+                remove(self.root, key)
 
     def _begun(self, key: str) -> tuple[Path, int]:
         """A folder of our own, and its lease, which nobody else has."""
@@ -146,7 +143,7 @@ class Store:
         with alone(self.root):
             if self.root not in _SWEPT:
                 _SWEPT.add(self.root)
-                clearing.sweep(self.root)
+                sweep(self.root)
             folder = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self.root))
             try:
                 lease = os.open(folder / LEASE, os.O_CREAT | os.O_RDWR, 0o600)
@@ -189,7 +186,7 @@ class Store:
         return size
 
     def _shrink(self, most: int, least: int | None = None) -> Freed:
-        return clearing.shrink(self.root, most, least)
+        return shrink(self.root, most, least)
 
     def _unkept(self, error: OSError) -> None:
         found = f"({error.strerror or error})"

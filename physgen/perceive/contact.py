@@ -19,8 +19,8 @@ from physgen.perceive.roles import Rgb
 from physgen.perceive.silhouettes import typical
 from physgen.perceive.trace import foretold
 from physgen.photometry import DistantLight
-from physgen.shadow import Setting as Place
-from physgen.shadow import Silhouette
+from physgen.shadow.cast import Setting as Place
+from physgen.shadow.cast import Silhouette
 
 F32 = NDArray[np.float32]
 

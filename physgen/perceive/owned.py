@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from physgen.perceive.roles import Labels, Rgb
 from physgen.photometry import decode, luminance
-from physgen.shadow import Box
+from physgen.shadow.cast import Box
 
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]

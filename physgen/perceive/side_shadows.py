@@ -33,8 +33,9 @@ from physgen.perceive.trace import Trace, foretold, trace
 from physgen.perceive.unshaded import lifted, roughness
 from physgen.perceive.wall_shadow import Cast
 from physgen.photometry import DistantLight
-from physgen.shadow import Box, Silhouette, darkness
-from physgen.shadow import Setting as Place
+from physgen.shadow.cast import Box, Silhouette
+from physgen.shadow.cast import Setting as Place
+from physgen.shadow.darkness import darkness
 
 F32 = NDArray[np.float32]
 

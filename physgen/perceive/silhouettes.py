@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from physgen.outline.outline import Disc, bounds, mass_properties
 from physgen.perceive.roles import Labels, Matter, Setting, Thing
 from physgen.scene.model import Solid, View
-from physgen.shadow import Silhouette
+from physgen.shadow.cast import Silhouette
 
 Line = tuple[NDArray[np.float64], NDArray[np.float64]]
 MOST = 40

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from physgen.perceive.roles import Rgb
 from physgen.perceive.silhouettes import joined, typical
 from physgen.photometry import decode, luminance
-from physgen.shadow import Setting as Place
-from physgen.shadow import Silhouette, darkness
+from physgen.shadow.cast import Setting as Place
+from physgen.shadow.cast import Silhouette
+from physgen.shadow.darkness import darkness
 
 F32 = NDArray[np.float32]
 Shift = tuple[int, int]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from physgen.perceive.silhouettes import typical
 from physgen.perceive.trace import Trace
-from physgen.shadow import Silhouette
+from physgen.shadow.cast import Silhouette
 
 F32 = NDArray[np.float32]
 

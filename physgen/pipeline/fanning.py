@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.pipeline import stages
+from physgen.pipeline.stages import fan as draw_fan
 from physgen.pipeline.watch import Progress, Warn
 from physgen.problems import Problem, Severity
 
@@ -97,5 +97,5 @@ def fanned(
             )
         )
         return None
-    made = stages.fan(scene, compiled, count, seed, variant, progress)
+    made = draw_fan(scene, compiled, count, seed, variant, progress)
     return Fanned(scene, compiled, made, verdicts(made), shadows(scene, made))

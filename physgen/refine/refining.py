@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from physgen.crew import why
 from physgen.problems import InputError, Place, Problem
-from physgen.refine.cells import Fit, cells, fitted, frames_held, held, latent_frames, lengthened, over_time
+from physgen.refine.cells import cells, fitted, frames_held, held, latent_frames, lengthened, over_time
 from physgen.refine.fusion import Weight, each_step, fused, rising, steps_fused, steps_run
 from physgen.refine.restored import restored
 from physgen.refine.roles import Denoiser, Grid, Said
@@ -201,6 +201,3 @@ def _paired(refined: Iterator[F32], guided: Iterator[F32]) -> Iterator[tuple[F32
     """Frames of two decodings, one by one."""
     for some, others in zip(refined, guided, strict=True):
         yield from zip(some, others, strict=True)
-
-
-__all__ = ["Fit", "How", "Refinement", "frames_of_hold", "guarded", "no_step"]

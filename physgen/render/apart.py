@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.photometry import decode, luminance
 from physgen.render.lit import Cast, Lit, carry, foretold
-from physgen.shadow import Box, Setting, Silhouette, blurred
+from physgen.shadow.cast import Box, Setting, Silhouette, blurred
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]

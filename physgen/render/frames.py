@@ -21,7 +21,7 @@ from physgen.render.slides import Slides
 from physgen.render.stage import Cover, Frame, Stage, Stand, planned
 from physgen.render.threads import one_thread
 from physgen.render.tiles import runs, tiled, union
-from physgen.shadow import Silhouette
+from physgen.shadow.cast import Silhouette
 from physgen.simulate.trajectory import Trajectory
 
 F32 = NDArray[np.float32]

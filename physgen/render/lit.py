@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry import Pose
-from physgen.shadow import Box, Setting, Silhouette, darkness
+from physgen.shadow.cast import Box, Setting, Silhouette
+from physgen.shadow.darkness import darkness
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]

@@ -13,7 +13,7 @@ from physgen.render.lit import Lit
 from physgen.render.placing import HOW, Placement, Slices, thrice
 from physgen.render.stage import Actor, Stage, Stand
 from physgen.render.veils import reaching, veiling
-from physgen.shadow import Silhouette
+from physgen.shadow.cast import Silhouette
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]

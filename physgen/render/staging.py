@@ -22,7 +22,7 @@ from physgen.render.sprites import Sprite, anchored
 from physgen.render.stage import Actor, Stage
 from physgen.render.veils import reaching, veiling
 from physgen.scene.model import Scene, Solid, View
-from physgen.shadow import Setting, Silhouette
+from physgen.shadow.cast import Setting, Silhouette
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]

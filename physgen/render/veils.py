@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.shadow import Setting, Silhouette
-from physgen.shadow.cast import FARTHEST, LOWEST
+from physgen.shadow.cast import FARTHEST, LOWEST, Setting, Silhouette
 
 F32 = NDArray[np.float32]
 

@@ -21,7 +21,7 @@ from physgen.render.shadowed import figured
 from physgen.render.sprites import Sprite
 from physgen.render.stage import Stage, Stand, planned
 from physgen.report.encoded import smaller, webp
-from physgen.shadow import Box
+from physgen.shadow.cast import Box
 from physgen.simulate.trajectory import Trajectory
 
 U8 = NDArray[np.uint8]

@@ -4,8 +4,3 @@ Simple geometry under one distant light of some width and an even ambient one. A
 light directly, of which v is blocked, and of whose sky the part a is hidden, keeps (1 - d v) (1 - (1 - d) a) of it.
 Logarithms of such shares add up over objects.
 """
-
-from physgen.shadow.cast import FARTHEST, LOWEST, Box, Setting, Silhouette, blurred
-from physgen.shadow.darkness import darkness
-
-__all__ = ["FARTHEST", "LOWEST", "Box", "Setting", "Silhouette", "blurred", "darkness"]

@@ -17,8 +17,9 @@ from pathlib import Path
 import pytest
 
 from physgen.cache import store as stores
+from physgen.cache.locks import LEASE
 from physgen.cache.sealed import INDEX
-from physgen.cache.store import LEASE, MOST_BYTES, Store, opened
+from physgen.cache.store import MOST_BYTES, Store, opened
 from physgen.problems import InputError, Problem
 
 KB = 1000

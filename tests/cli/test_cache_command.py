@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from physgen.cache.store import LEASE, opened
+from physgen.cache.locks import LEASE
+from physgen.cache.store import opened
 from physgen.cli import main
 
 

@@ -17,7 +17,8 @@ from physgen.render.placing import Placement
 from physgen.render.relief import lambert, relief
 from physgen.render.sprites import Sprite
 from physgen.scene.model import View
-from physgen.shadow import Setting, Silhouette, darkness
+from physgen.shadow.cast import Setting, Silhouette
+from physgen.shadow.darkness import darkness
 from physgen.simulate.engine import simulate
 
 SUN = DistantLight((-0.36, -0.48, 0.8), 0.7, 0.35)

@@ -7,7 +7,7 @@ import pytest
 
 from physgen.photometry import DistantLight
 from physgen.render.veils import reaching, veil
-from physgen.shadow import Setting, Silhouette
+from physgen.shadow.cast import Setting, Silhouette
 
 LIGHT = DistantLight((-0.6, -0.48, 0.64), 1.0, 0.25)
 

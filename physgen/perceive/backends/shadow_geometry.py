@@ -23,8 +23,9 @@ from physgen.perceive.side_shadows import side_shadows
 from physgen.perceive.silhouettes import silhouettes, typical
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from physgen.scene.model import View
-from physgen.shadow import Setting as Place
-from physgen.shadow import Silhouette, blurred, darkness
+from physgen.shadow.cast import Setting as Place
+from physgen.shadow.cast import Silhouette, blurred
+from physgen.shadow.darkness import darkness
 
 F32 = NDArray[np.float32]
 Matters = Mapping[int, Matter]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from physgen.render import relief
 from physgen.render.ball import RIM, Ball
 from physgen.render.finer import doubled
 from physgen.render.placing import Placement
+from physgen.render.relief import MOST
 from physgen.render.sprites import Sprite
 
 Standing = Sequence[tuple[int, Placement]]
@@ -172,7 +172,7 @@ class Cutout:
         """(n, h, w), see `Relief.ratio`; `turns` (n, 1, 1) rad."""
         along, along_too, fixed, even = self._relief
         facing = along * torch.cos(turns) - along_too * torch.sin(turns) + fixed
-        return (facing.clamp(min=0) + even).clamp(1 / relief.MOST, relief.MOST)
+        return (facing.clamp(min=0) + even).clamp(1 / MOST, MOST)
 
     def _seen(self, ball: Ball, middles: Tensor, spaces: Tensor, p: Tensor, q: Tensor) -> Tensor:
         """(n, h, w, 3) a ball's shaded skin times coverage, see `balls.py`.
