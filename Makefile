@@ -1,5 +1,6 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
-# make test: install what tests need, lint, type-check, test
+# make test: install what tests need, lint, type-check, run the tests that are not slow
+# make test-slow: the slow tests alone
 # make train: draw and render pictures, train the network that finds objects, export it, train its judge; 90 minutes on two cores
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
@@ -7,7 +8,7 @@ BIN = .venv/bin
 OUT = out/demo
 TORCH = torch==2.13.0
 
-.PHONY: demo test docs bench studio train clean
+.PHONY: demo test test-slow docs bench studio train clean
 
 demo: .venv/.demo
 	mkdir -p $(OUT)/perceived
@@ -23,7 +24,10 @@ demo: .venv/.demo
 test: .venv/.test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto -m "not slow"
+
+test-slow: .venv/.test
+	$(BIN)/pytest -n auto -m slow
 
 docs: .venv/.demo
 	$(BIN)/physgen schema --markdown > docs/scene.md
