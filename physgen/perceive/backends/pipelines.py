@@ -1,24 +1,25 @@
-"""A folder of diffusion weights -> the pipeline that they are of, on its device; nothing in it is unpickled."""
+"""Loading of diffusion pipelines from safetensors; nothing is unpickled."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import torch
-from diffusers.utils import logging
 
 
 def opened(kind: Any, weights: str, device: str, dtype: torch.dtype) -> Any:
-    """`kind.from_pretrained(weights)`, silent, on `device`. `kind`: a pipeline of diffusers, or what chooses one."""
+    """`kind.from_pretrained(weights)` without progress bars, on `device`. `kind`: a diffusers pipeline class."""
     return unmoved(kind, weights, dtype).to(device)
 
 
 def unmoved(kind: Any, weights: str, dtype: torch.dtype, **parts: Any) -> Any:
-    """The same on the processor, with `parts` in place of those that the weights would bring.
+    """The pipeline on the CPU, with `parts` in place of its own components.
 
-    The weights are to be safetensors: the library would else unpickle, which runs code.
+    Only safetensors are accepted: other formats are unpickled by the library, which runs code.
     """
-    shown, said = logging.is_progress_bar_enabled(), logging.get_verbosity()
+    from diffusers.utils import logging
+
+    shown, verbosity = logging.is_progress_bar_enabled(), logging.get_verbosity()
     logging.disable_progress_bar()
     logging.set_verbosity_error()  # it warns of casts that change nothing
     try:
@@ -27,7 +28,7 @@ def unmoved(kind: Any, weights: str, dtype: torch.dtype, **parts: Any) -> Any:
             if name not in parts and isinstance(part, torch.nn.Module):
                 typed(part, dtype)
     finally:
-        logging.set_verbosity(said)
+        logging.set_verbosity(verbosity)
         if shown:
             logging.enable_progress_bar()
     pipe.set_progress_bar_config(disable=True)
@@ -35,5 +36,5 @@ def unmoved(kind: Any, weights: str, dtype: torch.dtype, **parts: Any) -> Any:
 
 
 def typed(part: Any, dtype: torch.dtype) -> Any:
-    """A part in `dtype`: a library of before `dtype=` has passed over it."""
+    """A component in `dtype`: older versions of the library ignore `dtype=`."""
     return part if part.dtype == dtype else part.to(dtype)

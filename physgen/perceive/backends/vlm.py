@@ -16,7 +16,7 @@ import numpy as np
 from physgen.backends import Setup
 from physgen.outline import raster
 from physgen.outline.outline import Disc
-from physgen.perceive.backends.vlm_client import Client, plain_line
+from physgen.perceive.backends.vlm_client import Client, Model, Settings, plain_line, read_settings
 from physgen.perceive.backends.vlm_prompts import (
     Mask,
     categories_query,
@@ -61,7 +61,7 @@ class _Role:
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError where no model is named."""
-        self._client = Client(self.role, setup)
+        self._client = Client(read_settings(self.role, setup), setup, _load)
 
     def note(self) -> Mapping[str, Any]:
         """Requests, tokens, seconds and cost of the last photo, for the record."""
@@ -204,6 +204,17 @@ def mass_confidence(masses: Sequence[float]) -> float:
     logs = np.log(masses)
     scatter = float(((logs - logs.mean()) ** 2).sum())
     return round(HIGHEST_CONFIDENCE * exp(-sqrt((scatter + MASS_SPREAD**2) / len(logs))), 2)
+
+
+def _load(settings: Settings, setup: Setup) -> Model:
+    """The model; the library that it needs is imported now."""
+    if settings.url:
+        from physgen.perceive.backends.vlm_server import Server
+
+        return Server(settings)
+    from physgen.perceive.backends.vlm_local import load
+
+    return load(settings, setup)
 
 
 def _nouns(answer: Any) -> dict[str, bool]:

@@ -1,6 +1,6 @@
 """Client of a vision-language model: settings, cached requests, JSON answers and usage counts.
 
-`vlm_server` and `vlm_local` hold the two kinds of model, each imported at the first question without a cached answer.
+`vlm_server` and `vlm_local` hold the two kinds of model.
 """
 
 from __future__ import annotations
@@ -233,10 +233,10 @@ class Usage:
 class Client:
     """Puts the questions of one role to its model, which is made at the first question without a cached answer."""
 
-    def __init__(self, role: str, setup: Setup) -> None:
-        """Raises InputError where no model is named."""
-        self.settings = read_settings(role, setup)
+    def __init__(self, settings: Settings, setup: Setup, load: Callable[[Settings, Setup], Model]) -> None:
+        self.settings = settings
         self._setup = setup
+        self._load = load
         self._model: Model | None = None
         self._lock = Lock()
         self._usage = Usage()
@@ -343,14 +343,8 @@ class Client:
 
     def _loaded_model(self) -> Model:
         with self._lock:
-            if self._model is None and self.settings.url:
-                from physgen.perceive.backends.vlm_server import Server
-
-                self._model = Server(self.settings)
-            elif self._model is None:
-                from physgen.perceive.backends.vlm_local import load
-
-                self._model = load(self.settings, self._setup)
+            if self._model is None:
+                self._model = self._load(self.settings, self._setup)
             return self._model
 
     def _count(self, usage: Usage) -> None:
