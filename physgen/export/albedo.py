@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen.export.motion import Moment
+from physgen.export.paint import Paint
 from physgen.export.pictures import png_of_bgr, told
 from physgen.export.truth import Clip
 
@@ -13,7 +14,7 @@ class Albedo:
     """Borders are hard: a pixel has the albedo of the one thing that its id names."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._paint = folder, clip.paint
+        self._folder, self._paint = folder, clip.shared(Paint)
         told(folder, {"at_0": 0.0, "at_65535": 1.0, "light": "linear"})
 
     def add(self, moment: Moment) -> None:

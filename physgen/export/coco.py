@@ -18,7 +18,6 @@ from physgen.export.motion import Moment
 from physgen.export.presence import Box, Presence
 from physgen.export.runs import compressed
 from physgen.export.truth import Clip, View
-from physgen.export.uncut import uncut
 
 CORNER = 0.5
 """px from COCO's origin, the corner of a picture, to ours, the first pixel's centre."""
@@ -130,7 +129,7 @@ def _whole(clip: Clip, view: View, thing: Presence) -> dict[str, Any]:
     """What holds whether or not something hides it."""
     told: dict[str, Any] = {
         "visible_fraction": round(thing.visible, DIGITS),
-        "truncation": round(1 - uncut(clip, view, thing).inside, DIGITS),
+        "truncation": round(1 - clip.amodal(view, thing).inside, DIGITS),
         "amodal_segmentation": _runs(thing.whole, thing.box, view),
         "amodal_area": thing.whole_area,
         "amodal_bbox": list(thing.box),

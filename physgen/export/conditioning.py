@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from physgen.export.depth import Depths
+from physgen.export.events import ClipTimes, pace, story
+from physgen.export.kitti import Ways
 from physgen.export.motion import Moment
 from physgen.export.pictures import save
 from physgen.export.plain import write_json
 from physgen.export.scale import Scale
 from physgen.export.shoves import FARTHEST, FULL, NEAREST, WIDE, ZERO, Blobs, ForceMaps, shoves, told
-from physgen.export.telling.reel import Reel
-from physgen.export.telling.story import pace
 from physgen.export.truth import Clip
 from physgen.problems import InputError
 from physgen.report.video import Format, open_video
@@ -33,9 +34,9 @@ class Conditioning:
         _check(clip)
         self._folder, self._clip = folder, clip
         self._maps = ForceMaps(clip.world, clip.trajectory.times, clip.size)
-        self._blobs = Blobs(clip.world, Reel(clip).frame, clip.count, clip.size)
+        self._blobs = Blobs(clip.world, ClipTimes(clip).frame, clip.count, clip.size)
         depth = None if clip.maps is None else clip.maps.depth
-        self._depths = None if depth is None else clip.depths
+        self._depths = None if depth is None else clip.shared(Depths)
         for name in ("masks", "flow", "force", *(["depth"] if self._depths else [])):
             (folder / name).mkdir()
         self._idle: Path | None = None
@@ -55,7 +56,7 @@ class Conditioning:
         ids = view.ids if len(self._clip.names) > 255 else view.ids.astype(np.uint8)
         save(folder / "masks" / f"{name}.png", ids)
         if moment.forward is not None:
-            (folder / "flow" / f"{name}.png").write_bytes(self._clip.ways.every(moment.forward))
+            (folder / "flow" / f"{name}.png").write_bytes(self._clip.shared(Ways).every(moment.forward))
         self._push(moment, folder / "force" / f"{name}.png")
         blobs = self._blobs.picture(view.index, view.poses, view.lens)
         self._force(np.repeat(blobs[..., None], 3, axis=2))
@@ -75,11 +76,11 @@ class Conditioning:
     def close(self) -> None:
         """The films are whole, and told of."""
         self._open.close()
-        (self._folder / "prompt.txt").write_text(self._clip.story.caption + "\n", encoding="utf-8")
+        (self._folder / "prompt.txt").write_text(self._clip.shared(story).caption + "\n", encoding="utf-8")
         write_json(self._folder / "conditioning.json", self._about())
 
     def _about(self) -> dict[str, Any]:
-        clip, reel = self._clip, Reel(self._clip)
+        clip, reel = self._clip, ClipTimes(self._clip)
         times = clip.trajectory.times
         pushes = []
         for shove in shoves(clip.world):
@@ -92,7 +93,7 @@ class Conditioning:
         return {
             "version": 1,
             "clip": clip.name,
-            "prompt": clip.story.caption,
+            "prompt": clip.shared(story).caption,
             "frames": clip.count,
             "size": list(clip.size),
             "fps": clip.fps,

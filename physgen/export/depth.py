@@ -27,7 +27,7 @@ class Depth:
     """In the unit of the photo's own map."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._depths = folder, clip.depths
+        self._folder, self._depths = folder, clip.shared(Depths)
         low, high = self._depths.range
         told(folder, {"at_0": low, "at_65535": high, "larger": "farther"})
 

@@ -28,7 +28,7 @@ class Kitti:
     """Flow beyond 512 px cannot be told, and does not count."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._ways = folder, clip.ways
+        self._folder, self._ways = folder, clip.shared(Ways)
         for way in (folder, folder / "backward"):
             for kind in ("flow_occ", "flow_noc"):
                 (way / kind).mkdir(parents=True)
@@ -54,8 +54,8 @@ class Kitti:
 class Ways:
     """Flow -> files; those of the two flows that were asked for last are at hand, since two formats hold them."""
 
-    def __init__(self) -> None:
-        self._codes = np.zeros((0, 0, 3), np.uint16)
+    def __init__(self, clip: Clip) -> None:
+        self._codes = np.empty((clip.size[1], clip.size[0], 3), np.uint16)
         self._last: deque[tuple[Flow, File]] = deque(maxlen=2)
 
     def every(self, flow: Flow) -> File:
@@ -76,8 +76,6 @@ class Ways:
 
     def _encoded(self, flow: Flow) -> U16:
         """(H, W, 3), in OpenCV's order: whether they fit, v, and u; overwritten by the next."""
-        if self._codes.shape[:2] != flow.inside.shape:
-            self._codes = np.empty((*flow.inside.shape, 3), np.uint16)
         if flow.moving is None:
             self._codes[:] = _encoded(flow.moved)
             return self._codes

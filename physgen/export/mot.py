@@ -12,7 +12,6 @@ from physgen.export.motion import Moment
 from physgen.export.presence import Presence
 from physgen.export.sequence import Sequence, one_line
 from physgen.export.truth import Clip, View
-from physgen.export.uncut import uncut
 
 FIRST = 1
 """The challenge's number for the first column and row of px."""
@@ -35,7 +34,7 @@ class Mot:
         """Nothing is left to be said."""
 
     def _line(self, view: View, thing: Presence) -> str:
-        all_of_it = uncut(self._clip, view, thing)
+        all_of_it = self._clip.amodal(view, thing)
         x0, y0, x1, y1 = all_of_it.box
         box = ",".join(_short(number) for number in (x0 + FIRST, y0 + FIRST, x1 - x0, y1 - y0))
         visible = thing.visible * all_of_it.inside

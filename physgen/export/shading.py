@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.export.motion import Moment
-from physgen.export.paint import FULL
+from physgen.export.paint import FULL, Paint
 from physgen.export.pictures import png_of_bgr, told
 from physgen.export.truth import Clip
 from physgen.photometry import decode
@@ -29,7 +29,7 @@ class Shading:
     """Of the frame as it is drawn, with its shadows."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._paint = folder, clip.paint
+        self._folder, self._paint = folder, clip.shared(Paint)
         self._light: F32 | None = None
         self._found = np.zeros((0, 0, 3), np.uint16)
         told(folder, {"at_0": 0.0, "at_65535": MOST, "light": "linear", "frame": "albedo x shading"})

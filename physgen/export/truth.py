@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from physgen.compile.world import World
 from physgen.export.extent import Extent
 from physgen.export.pictures import jpeg, png
 from physgen.export.presence import Presence, presences
+from physgen.export.uncut import Uncut, uncut
 from physgen.percepts.maps import Percepts
 from physgen.render.placing import Slices
 from physgen.render.shot import Shot
@@ -25,16 +26,11 @@ from physgen.scene.model import Scene
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.turning import matrix as in_space
 
-if TYPE_CHECKING:
-    from physgen.export.depth import Depths
-    from physgen.export.kitti import Ways
-    from physgen.export.paint import Paint
-    from physgen.export.telling.story import Story
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
+T = TypeVar("T")
 
 
 LEFT_OUT = 65535
@@ -121,26 +117,18 @@ class Clip:
     stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
     """(H, W) of the photo, at t = 0: who stands where by ids, and `LEFT_OUT`; empty without a photo."""
 
-    @cached_property
-    def paint(self) -> Paint:
-        """The albedo of its views, of a photo that has one; two formats are made of it."""
-        from physgen.export.paint import Paint
+    _shared: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
-        return Paint(self)
+    def shared(self, make: Callable[[Clip], T]) -> T:
+        """`make(self)`, computed once for all formats that need it."""
+        if make not in self._shared:
+            self._shared[make] = make(self)
+        found: T = self._shared[make]
+        return found
 
-    @cached_property
-    def depths(self) -> Depths:
-        """The depth of its views, of a photo that has one; two formats hold it."""
-        from physgen.export.depth import Depths
-
-        return Depths(self)
-
-    @cached_property
-    def ways(self) -> Ways:
-        """Files of its flow; two formats hold it."""
-        from physgen.export.kitti import Ways
-
-        return Ways()
+    def amodal(self, view: View, thing: Presence) -> Uncut:
+        """All of a body as if the picture went on beyond its borders."""
+        return uncut(self.extents[thing.body], view.poses[thing.body], view.lens, view.size, thing)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -151,13 +139,6 @@ class Clip:
     def labels(self) -> tuple[str, ...]:
         """What each body is called in words; its name where nobody said."""
         return tuple(item.label or item.name for item in self.scene.objects)
-
-    @cached_property
-    def story(self) -> Story:
-        """What happens in it; worked out once for all formats that tell it."""
-        from physgen.export.telling.story import story
-
-        return story(self)
 
     @cached_property
     def categories(self) -> tuple[str, ...]:

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.export.extent import Extent
 from physgen.export.presence import Presence
-from physgen.export.truth import Clip, View
+
+Array = NDArray[np.float64]
 
 CORNER = 0.5
 """px from the corner of a picture to the first pixel's centre, our origin."""
@@ -23,19 +28,18 @@ class Uncut:
     """Share of it that is in the picture, 0..1."""
 
 
-def uncut(clip: Clip, view: View, thing: Presence) -> Uncut:
+def uncut(extent: Extent | None, pose: Array, lens: Array, size: tuple[int, int], thing: Presence) -> Uncut:
     """As far as it is drawn: what the photo's own border cuts off at t = 0 is nowhere."""
     x, y, w, h = thing.box
     sides = [float(x), float(y), float(x + w), float(y + h)]
-    borders = (0, 0, view.size[0], view.size[1])
-    extent = clip.extents[thing.body]
+    borders = (0, 0, *size)
     crossed = False
     if extent is not None and any(side == border for side, border in zip(sides, borders, strict=True)):
-        reach = extent.reach_at(view.poses[thing.body], view.lens)
+        reach = extent.reach_at(pose, lens)
         for k, (border, far, out) in enumerate(zip(borders, reach, (-1, -1, 1, 1), strict=True)):
             if sides[k] == border and (far + CORNER - border) * out > LEAST:
                 sides[k], crossed = far + CORNER, True
     inside = 1.0
     if extent is not None and crossed:
-        inside = min(1.0, thing.whole_area / extent.area_at(view.lens))
+        inside = min(1.0, thing.whole_area / extent.area_at(lens))
     return Uncut((sides[0], sides[1], sides[2], sides[3]), inside)

@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol
 
+from physgen.export.albedo import Albedo
+from physgen.export.coco import Coco
+from physgen.export.conditioning import Conditioning
+from physgen.export.davis import Davis
+from physgen.export.depth import Depth
+from physgen.export.events import Events
+from physgen.export.flo import Flo
+from physgen.export.frames import Frames
+from physgen.export.kitti import Kitti
+from physgen.export.mot import Mot
 from physgen.export.motion import Moment
+from physgen.export.mots import Mots
+from physgen.export.normals import Normals
+from physgen.export.order import Order
+from physgen.export.physics import Physics
+from physgen.export.shading import Shading
+from physgen.export.tapvid import Tapvid
+from physgen.export.trajectory import Motions
 from physgen.export.truth import Clip
+from physgen.export.wheel import Wheel
+from physgen.export.youtubevos import YoutubeVos
 from physgen.percepts.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.model import Scene
@@ -33,9 +51,8 @@ class Kind:
     """One format."""
 
     name: str
-    maker: str
-    """`module:function` that takes the folder, which is there and empty, and the `Clip`, and a `count` where there is
-    one; raises InputError."""
+    maker: Callable[..., Writer]
+    """Takes the folder, which exists and is empty, the `Clip`, and `count` where there is one; raises InputError."""
     about: str
     maps: bool = False
     """It reads the photo's maps."""
@@ -54,27 +71,25 @@ class Kind:
 
 
 KINDS = (
-    Kind("frames", "frames:Frames", "the pictures, PNG"),
-    Kind("flo", "flo:Flo", "optical flow, Middlebury .flo, with masks of what is hidden"),
-    Kind("kitti", "kitti:Kitti", "optical flow, KITTI 16-bit PNG"),
-    Kind("wheel", "wheel:Wheel", "optical flow to look at: the colour wheel"),
-    Kind("tapvid", "tapvid:Tapvid", "point tracks, TAP-Vid npz", counted="points"),
-    Kind("order", "order:Order", "who is in front, PNG and JSON"),
-    Kind("depth", "depth:Depth", "depth, 16-bit PNG", True, "depth"),
-    Kind("normals", "normals:Normals", "normals, 16-bit PNG", True, "normals"),
-    Kind("albedo", "albedo:Albedo", "albedo, linear, 16-bit PNG", True, "albedo"),
-    Kind("shading", "shading:Shading", "shading, linear, 16-bit PNG", True, "albedo"),
-    Kind("coco", "coco:Coco", "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
-    Kind("davis", "davis:Davis", "masks, palette PNG as in DAVIS 2017", most=254),
-    Kind("youtubevos", "youtubevos:YoutubeVos", "masks, palette PNG as in YouTube-VOS", most=254),
-    Kind("mot", "mot:Mot", "boxes and tracks, MOT Challenge text"),
-    Kind("mots", "mots:Mots", "masks and tracks, MOTS text", library="pycocotools", most=999),
-    Kind("events", "events:Events", "what happens: JSON, CSV, a sentence for each event and a caption"),
-    Kind(
-        "trajectory", "trajectory:Motions", "poses and velocities in px, video px and SI: CSV, Parquet, npz"
-    ),
-    Kind("conditioning", "conditioning:Conditioning", "what video models are conditioned on", maps=True),
-    Kind("physics", "physics:Physics", "masses, coefficients and all that the motion follows from: JSON"),
+    Kind("frames", Frames, "the pictures, PNG"),
+    Kind("flo", Flo, "optical flow, Middlebury .flo, with masks of what is hidden"),
+    Kind("kitti", Kitti, "optical flow, KITTI 16-bit PNG"),
+    Kind("wheel", Wheel, "optical flow to look at: the colour wheel"),
+    Kind("tapvid", Tapvid, "point tracks, TAP-Vid npz", counted="points"),
+    Kind("order", Order, "who is in front, PNG and JSON"),
+    Kind("depth", Depth, "depth, 16-bit PNG", True, "depth"),
+    Kind("normals", Normals, "normals, 16-bit PNG", True, "normals"),
+    Kind("albedo", Albedo, "albedo, linear, 16-bit PNG", True, "albedo"),
+    Kind("shading", Shading, "shading, linear, 16-bit PNG", True, "albedo"),
+    Kind("coco", Coco, "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
+    Kind("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
+    Kind("youtubevos", YoutubeVos, "masks, palette PNG as in YouTube-VOS", most=254),
+    Kind("mot", Mot, "boxes and tracks, MOT Challenge text"),
+    Kind("mots", Mots, "masks and tracks, MOTS text", library="pycocotools", most=999),
+    Kind("events", Events, "what happens: JSON, CSV, a sentence for each event and a caption"),
+    Kind("trajectory", Motions, "poses and velocities in px, video px and SI: CSV, Parquet, npz"),
+    Kind("conditioning", Conditioning, "what video models are conditioned on", maps=True),
+    Kind("physics", Physics, "masses, coefficients and all that the motion follows from: JSON"),
 )
 
 
@@ -188,11 +203,10 @@ def written(chosen: Sequence[Kind], folder: Path, clip: Clip) -> Iterator[list[W
     """Writers of the formats, each into `folder/<name>`; closed at the end unless something goes wrong."""
     writers: list[Writer] = []
     for kind in chosen:
-        module, _, name = kind.maker.partition(":")
         home = folder / kind.name
         home.mkdir(parents=True)
         number = () if kind.count is None else (kind.count,)
-        writers.append(getattr(import_module(f"physgen.export.{module}"), name)(home, clip, *number))
+        writers.append(kind.maker(home, clip, *number))
     yield writers
     for writer in writers:
         writer.close()

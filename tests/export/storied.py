@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from physgen import pipeline
-from physgen.export.telling.event import Event, Happening
+from physgen.export.event_detection import Event, EventKind
+from physgen.export.events import story
 from physgen.export.truth import Clip
 
 G = 500.0
@@ -46,10 +47,10 @@ def clip_of(path: Path, edits: Sequence[str] = (), variant: str | None = None) -
     )
 
 
-def happened(told: Clip, kind: Happening, who: str | None = None) -> list[Event]:
+def happened(told: Clip, kind: EventKind, who: str | None = None) -> list[Event]:
     names = [name for name, _ in told.world.surfaces]
     return [
         event
-        for event in told.story.events
+        for event in told.shared(story).events
         if event.kind is kind and (who is None or who in [names[k] for k in event.who])
     ]

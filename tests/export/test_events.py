@@ -12,9 +12,8 @@ import pytest
 from storied import BALL, G, clip, happened
 
 from physgen.batch.outcomes import outcomes
-from physgen.export.events import Events
-from physgen.export.telling.event import Happening
-from physgen.export.telling.reel import Reel
+from physgen.export.event_detection import EventKind
+from physgen.export.events import ClipTimes, Events, story
 
 E = sqrt(0.64 * 1)  # of the ball and the floor
 FRAME = 1 / 60
@@ -23,9 +22,9 @@ FRAME = 1 / 60
 def test_a_ball_that_is_dropped_meets_the_floor_as_free_fall_has_it(tmp_path: Path) -> None:
     told = clip(tmp_path, BALL, "world.duration=1.8")
     fall, speed = sqrt(2 * 100 / G), sqrt(2 * G * 100)
-    (falls,) = happened(told, Happening.FALL)
+    (falls,) = happened(told, EventKind.FALL)
     assert falls.time == 0
-    blows = happened(told, Happening.COLLISION)
+    blows = happened(told, EventKind.COLLISION)
     assert [blow.time for blow in blows[:2]] == pytest.approx([fall, fall * (1 + 2 * E)], abs=2e-3)
     first = blows[0]
     assert first.time == pytest.approx(fall, abs=2e-4)
@@ -35,7 +34,7 @@ def test_a_ball_that_is_dropped_meets_the_floor_as_free_fall_has_it(tmp_path: Pa
     assert (first.closing, first.parting) == pytest.approx((speed, E * speed), rel=1e-2)
     assert first.vector == pytest.approx((0, -1), abs=1e-9)  # the floor pushes it up
     assert first.at == pytest.approx((100, 180), abs=0.1)
-    (touch,) = happened(told, Happening.FIRST_TOUCH)
+    (touch,) = happened(told, EventKind.FIRST_TOUCH)
     assert touch.time == outcomes(told.trajectory, ["ball"])["first_touch"] == pytest.approx(fall, abs=2e-4)
 
 
@@ -48,13 +47,13 @@ def test_two_balls_part_as_momentum_and_elasticity_have_it(
         f"  b: {{shape: {{circle: {{center: [220, 60], radius: 10}}}}, mass: {heavy}}}\n"
     )
     told = clip(tmp_path, balls, "world.gravity=[0, 0]", "objects.*.elasticity=1")
-    (blow,) = happened(told, Happening.COLLISION)
+    (blow,) = happened(told, EventKind.COLLISION)
     assert blow.time == pytest.approx(100 / 200, abs=1e-4)
     given = 2 * light * heavy / (light + heavy) * 200
     assert blow.impulse == pytest.approx(given, rel=1e-6)
     assert blow.before == pytest.approx((200, 0))
     assert blow.after == pytest.approx((abs(200 - given / light), given / heavy), abs=1e-3)
-    (started,) = happened(told, Happening.MOVE)
+    (started,) = happened(told, EventKind.MOVE)
     assert told.world.bodies[started.who[0]].name == "b"
     assert abs(started.time - blow.time) < 1 / 960
 
@@ -62,16 +61,16 @@ def test_two_balls_part_as_momentum_and_elasticity_have_it(
 def test_who_leaves_the_picture_does_so_when_its_rim_does(tmp_path: Path) -> None:
     ball = BALL.replace("mass", "velocity: [300, 0], mass")
     told = clip(tmp_path, ball, "world.gravity=[0, 0]")
-    (gone,) = happened(told, Happening.LEAVE)
+    (gone,) = happened(told, EventKind.LEAVE)
     assert gone.time == pytest.approx((399.5 + 10 - 100) / 300, abs=1e-6)
     assert gone.side == "right"
     zoomed = clip(tmp_path, ball, "world.gravity=[0, 0]", "render.camera={zoom: 2}")
-    (gone,) = happened(zoomed, Happening.LEAVE)
+    (gone,) = happened(zoomed, EventKind.LEAVE)
     assert gone.time == pytest.approx(
         (299.5 + 10 - 100) / 300, abs=1e-6
     )  # the right half of the photo is not seen
     small = clip(tmp_path, ball, "world.gravity=[0, 0]", "render.scale=0.25")
-    (gone,) = happened(small, Happening.LEAVE)
+    (gone,) = happened(small, EventKind.LEAVE)
     assert gone.time == pytest.approx((399.5 + 10 - 100) / 300, abs=1e-6)
 
 
@@ -79,7 +78,7 @@ def test_who_is_thrown_out_of_the_picture_comes_back_from_above(tmp_path: Path) 
     told = clip(tmp_path, BALL.replace("mass", "velocity: [0, -400], mass"), "world.duration=1.7")
     beyond = 70 + 10 + 0.5
     up, down = sorted(np.roots([G / 2, -400, beyond]))
-    (gone,), (back,) = happened(told, Happening.LEAVE), happened(told, Happening.ENTER)
+    (gone,), (back,) = happened(told, EventKind.LEAVE), happened(told, EventKind.ENTER)
     assert (gone.time, back.time) == pytest.approx((up, down), abs=2e-4)
     assert (gone.side, back.side) == ("top", "top")
 
@@ -87,22 +86,22 @@ def test_who_is_thrown_out_of_the_picture_comes_back_from_above(tmp_path: Path) 
 def test_what_slides_rests_when_tables_say_so_and_friction_has_it(tmp_path: Path) -> None:
     block = "  block: {shape: {box: {center: [50, 170], size: [40, 20]}}, mass: 50, friction: 0.4, velocity: [60, 0]}\n"
     told = clip(tmp_path, block)
-    (rest,) = happened(told, Happening.REST)
+    (rest,) = happened(told, EventKind.REST)
     slow = (60 - 1) / (0.4 * G)  # at 1 px/s it rests
     assert slow - 1e-3 <= rest.time <= slow + 1 / 240 + 1e-3
     table = outcomes(told.trajectory, ["block"])["objects.block.rest_time"]
     assert table is not None
     assert rest.time - 1e-9 <= table <= rest.time + FRAME
-    assert not happened(told, Happening.FIRST_TOUCH)  # it stood there
-    assert not happened(told, Happening.GOES_ON)
+    assert not happened(told, EventKind.FIRST_TOUCH)  # it stood there
+    assert not happened(told, EventKind.GOES_ON)
 
 
 def test_pushes_begin_and_end_when_the_scene_says(tmp_path: Path) -> None:
     forces = "forces=[{object: ball, force: [900, 0], start: 0.25, duration: 0.5}, {object: ball, impulse: [0, 70]}]"
     told = clip(tmp_path, BALL, forces, "world.gravity=[0, 0]", "boundaries={}")
-    (begin,), (end,) = happened(told, Happening.PUSH_START), happened(told, Happening.PUSH_END)
+    (begin,), (end,) = happened(told, EventKind.PUSH_START), happened(told, EventKind.PUSH_END)
     assert (begin.time, begin.until, end.time) == (0.25, 0.75, 0.75)
-    (push,) = happened(told, Happening.PUSH)
+    (push,) = happened(told, EventKind.PUSH)
     assert (push.time, push.impulse, push.vector) == (0, 70, (0, 70))
     assert begin.at == pytest.approx((100, 70 + 14 * 0.25), abs=1e-6)  # where the ball is by then
 
@@ -111,11 +110,11 @@ def test_a_box_tips_where_its_angle_says(tmp_path: Path) -> None:
     box = "  box: {shape: {box: {center: [100, 140], size: [20, 80]}}, mass: 50, friction: 0.9}\n"
     push = "forces=[{object: box, impulse: [%d, 0], at: [90, 105]}]"
     told = clip(tmp_path, box, push % 6000, "render.fps=240")
-    (tip,) = happened(told, Happening.TIP)
+    (tip,) = happened(told, EventKind.TIP)
     angles = told.trajectory.poses[:, 0, 2]
     first = int(np.argmax(angles > np.pi / 4))
     assert told.trajectory.times[first - 1] <= tip.time <= told.trajectory.times[first]
-    assert not happened(clip(tmp_path, box, push % 600), Happening.TIP)
+    assert not happened(clip(tmp_path, box, push % 600), EventKind.TIP)
 
 
 def test_both_files_say_the_same_and_name_what_the_scene_names(tmp_path: Path) -> None:
@@ -124,7 +123,7 @@ def test_both_files_say_the_same_and_name_what_the_scene_names(tmp_path: Path) -
     Events(tmp_path / "made", told).close()
     data = json.loads((tmp_path / "made" / "events.json").read_text())
     table = pd.read_csv(tmp_path / "made" / "events.csv")
-    assert len(table) == len(data["events"]) == len(told.story.events)
+    assert len(table) == len(data["events"]) == len(told.shared(story).events)
     for event, row in zip(data["events"], table.to_dict("records"), strict=True):
         assert (event["id"], event["kind"], event["frame"]) == (row["id"], row["kind"], row["frame"])
         assert (event["time"], event["clip_time"]) == (row["time_s"], row["clip_time_s"])
@@ -143,7 +142,7 @@ def test_both_files_say_the_same_and_name_what_the_scene_names(tmp_path: Path) -
             )
             assert row["frame"] == np.ceil(row["time_s"] * 60 - 1e-6)
     assert (tmp_path / "made" / "caption.txt").read_text() == data["caption"] + "\n"
-    assert [said["text"] for said in data["sentences"]] == [clause.text for clause in told.story.clauses]
+    assert [said["text"] for said in data["sentences"]] == [clause.text for clause in told.shared(story).clauses]
 
 
 def test_newtons_need_somebody_who_says_how_large_it_is(tmp_path: Path) -> None:
@@ -157,17 +156,17 @@ def test_newtons_need_somebody_who_says_how_large_it_is(tmp_path: Path) -> None:
 def test_a_clip_that_plays_backward_shows_events_in_that_order(tmp_path: Path) -> None:
     forward, backward = (clip(tmp_path, BALL, f"render.play={way}") for way in ("forward", "backward"))
     last = len(forward.trajectory.times) - 1
-    for event in happened(forward, Happening.COLLISION):
-        there, back = Reel(forward), Reel(backward)
+    for event in happened(forward, EventKind.COLLISION):
+        there, back = ClipTimes(forward), ClipTimes(backward)
         assert there.shown(event.time) == pytest.approx(event.time)
         assert back.shown(event.time) == pytest.approx(last / 60 - event.time)
         # the first frame that shows what came of it: the sample after, and played backward the one before
         assert there.frame(event.time) + back.frame(event.time) in (last + 1, last)
     both = clip(tmp_path, BALL, "render.play=there-and-back")
-    assert Reel(both).frame(0.5) == Reel(forward).frame(0.5)
+    assert ClipTimes(both).frame(0.5) == ClipTimes(forward).frame(0.5)
 
 
 def test_no_objects_no_events(tmp_path: Path) -> None:
     told = clip(tmp_path, "  {}\n")
-    assert told.story.events == ()
-    assert told.story.caption == "Nothing happens in the picture."
+    assert told.shared(story).events == ()
+    assert told.shared(story).caption == "Nothing happens in the picture."

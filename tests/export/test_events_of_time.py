@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 from storied import BALL, clip, clip_of
 
-from physgen.export.telling.event import Event, Happening
-from physgen.export.telling.reel import Reel
+from physgen.export.event_detection import Event, EventKind
+from physgen.export.events import ClipTimes, story
 from physgen.export.truth import Clip
 
 SCENES = Path(__file__).parents[2] / "scenes"
 
 
 def _plain(told: Clip) -> list[tuple[object, ...]]:
-    return [(event.kind, event.who, event.side) for event in told.story.events]
+    return [(event.kind, event.who, event.side) for event in told.shared(story).events]
 
 
 def _numbers(event: Event) -> list[float]:
@@ -34,11 +34,11 @@ def test_frames_change_no_event_and_no_caption(dominoes: Clip, frames: int) -> N
     told = clip_of(SCENES / "dominoes" / "scene.yaml", film)
     assert told.count == frames
     assert _plain(told) == _plain(dominoes)
-    for event, same in zip(told.story.events, dominoes.story.events, strict=True):
+    for event, same in zip(told.shared(story).events, dominoes.shared(story).events, strict=True):
         assert _numbers(event) == pytest.approx(_numbers(same), abs=1e-6, rel=1e-6)
-    assert told.story.caption == dominoes.story.caption
-    first = next(event for event in told.story.events if event.kind is Happening.FIRST_TOUCH)
-    blows = [event for event in told.story.events if event.kind is Happening.COLLISION]
+    assert told.shared(story).caption == dominoes.shared(story).caption
+    first = next(event for event in told.shared(story).events if event.kind is EventKind.FIRST_TOUCH)
+    blows = [event for event in told.shared(story).events if event.kind is EventKind.COLLISION]
     assert set(blows[0].who) == set(first.who)  # domino-1 and domino-2
     assert blows[0].time == pytest.approx(first.time, abs=1 / 960)
 
@@ -46,7 +46,7 @@ def test_frames_change_no_event_and_no_caption(dominoes: Clip, frames: int) -> N
 def test_a_ball_is_heard_as_often_and_as_hard_in_seven_frames(tmp_path: Path) -> None:
     few, many = (clip(tmp_path, BALL, "world.duration=2", f"render.frames={n}") for n in (7, 480))
     assert _plain(few) == _plain(many)
-    for one, other in zip(few.story.events, many.story.events, strict=True):
+    for one, other in zip(few.shared(story).events, many.shared(story).events, strict=True):
         assert _numbers(one) == pytest.approx(_numbers(other))
 
 
@@ -54,7 +54,7 @@ def test_what_comes_after_the_last_frame_has_the_last_frame(tmp_path: Path) -> N
     ball = BALL.replace("center: [100, 70]", "center: [100, 160.5]")  # it meets the floor after 0.195 s
     for way, frame in (("forward", 3), ("backward", 0)):
         told = clip(tmp_path, ball, "world.duration=0.24", "render.frames=4", f"render.play={way}")
-        (blow,) = (event for event in told.story.events if event.kind is Happening.COLLISION)
+        (blow,) = (event for event in told.shared(story).events if event.kind is EventKind.COLLISION)
         assert blow.time > told.trajectory.times[-1]
-        assert Reel(told).frame(blow.time) == frame
-        assert 0 <= Reel(told).shown(blow.time) <= 4 / 60
+        assert ClipTimes(told).frame(blow.time) == frame
+        assert 0 <= ClipTimes(told).shown(blow.time) <= 4 / 60

@@ -1,1 +1,0 @@
-"""A clip -> what happens in it: events, and sentences that are made of nothing else."""
