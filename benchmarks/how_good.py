@@ -8,10 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from plausible import SEEDS
+from plausibility.confusion import balanced, interval
 
 from physgen.evaluate import fidelity
-from physgen.evaluate.plausibility.proof.confusion import balanced, interval
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -170,7 +169,7 @@ def plausibility(rows: Any) -> list[Row]:
         f"{told('exact', 'closed form')} of clips that another program made (balanced, with intervals of 95 %; exact "
         f"tracks, seeds held out); for {' and '.join(rest)}"
     )
-    command = f"`physgen evaluate plausibility --proof --seeds {SEEDS}` ([plausibility.md](plausibility.md))"
+    command = "`python benchmarks/run.py plausibility` ([plausibility.md](plausibility.md))"
     return [("Is a motion possible?", found, "-", command)]
 
 

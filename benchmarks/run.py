@@ -28,7 +28,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import signal
 import subprocess
 import sys
 import tempfile
@@ -56,7 +55,8 @@ from paper import controllability, properties, runtime
 from paper import page as measure_page
 from perceiving import perceiving
 from percepts import percepts
-from plausible import plausibility
+from physics.run import physics, rivals
+from plausibility.run import plausibility
 from prompts import prompts
 from refine import refining
 from scale import PAGE
@@ -66,12 +66,7 @@ from tables import RESULTS, fidelity_page, page, physics_page, plausibility_page
 
 from physgen import pipeline
 from physgen.cli import main as physgen
-from physgen.compile.world import World
 from physgen.evaluate import fidelity
-from physgen.evaluate import physics as scorecard
-from physgen.evaluate.rivals.roster import Unsupported, find, make, names
-from physgen.evaluate.row import DRAWS, Row
-from physgen.evaluate.trial import run_draw, write_scenes
 from physgen.perceive.given import from_masks
 from physgen.perceive.scene import perceive
 from physgen.photometry import decode, luminance
@@ -233,72 +228,6 @@ def shadows(folder: Path) -> list[dict]:
 
 def _log(srgb: np.ndarray) -> np.ndarray:
     return np.log(luminance(decode(srgb)) + 2e-3)
-
-
-def physics(folder: Path) -> list[dict]:
-    """The scorecard; what rivals scored is kept from the last time."""
-    examples = ROOT / "scenes" / "physics"
-    examples.mkdir(exist_ok=True)
-    for old in examples.glob("*.yaml"):
-        old.unlink()
-    for name, text in scorecard.examples():
-        (examples / name).write_text(text)
-    scores = scorecard.evaluate(scorecard.ROWS, workers=os.cpu_count() or 1)
-    rows = [score.as_dict() for score in scores]
-    path = RESULTS / "physics.json"
-    before = json.loads(path.read_text())["rows"] if path.exists() else []
-    rivals = {
-        (row["name"], m["name"]): m["rivals"] for row in before for m in row["measures"] if "rivals" in m
-    }
-    for row in rows:
-        for measure in row["measures"]:
-            if (row["name"], measure["name"]) in rivals:
-                measure["rivals"] = rivals[row["name"], measure["name"]]
-    return rows
-
-
-def rivals(folder: Path) -> list[dict]:
-    """The rows of the scorecard in other engines, worst of the draws; null where one cannot, or takes a minute a draw.
-
-    Added to benchmarks/results/physics.json, which `physics` writes.
-    """
-    path = RESULTS / "physics.json"
-    rows = json.loads(path.read_text())["rows"]
-    by_number = {row.number: row for row in scorecard.ROWS}
-    signal.signal(signal.SIGALRM, _too_slow)
-    for record in rows:
-        row = by_number[record["row"]]
-        for index in range(DRAWS):
-            write_scenes(row, index, folder)
-        for name in names():
-            found = _rival(name, row, folder)
-            for measure in record["measures"]:
-                measure.setdefault("rivals", {})[name] = found.get(measure["name"])
-    return rows
-
-
-def _rival(name: str, row: Row, folder: Path) -> dict[str, float]:
-    run, engine = make(name), find(name)
-
-    def simulate(world: World, rate: float) -> Trajectory:
-        rate = engine.rate_near(rate)
-        return run(world, np.arange(int(world.duration * rate + 1e-9) + 1) / rate)
-
-    worst: dict[str, float] = {}
-    try:
-        for index in range(DRAWS):
-            signal.alarm(60)
-            for measure, found in run_draw(row, index, folder, simulate=simulate).errors.items():
-                worst[measure] = max(worst.get(measure, 0.0), found.size)
-    except (Unsupported, ArithmeticError, ValueError, IndexError, TimeoutError):
-        return {}
-    finally:
-        signal.alarm(0)
-    return {measure: float(f"{error:.3g}") for measure, error in worst.items() if np.isfinite(error)}
-
-
-def _too_slow(*_: object) -> None:
-    raise TimeoutError
 
 
 def frame_costs(folder: Path) -> list[dict]:

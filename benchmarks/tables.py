@@ -9,14 +9,14 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import plausible_page
+import physics.page
+import plausibility.page
 from batch_tables import batch_table, kills_table
 from growth import KINDS, exponent
 
 from physgen.evaluate import fidelity, fidelity_told
 from physgen.evaluate.findings import Findings
 from physgen.evaluate.findings import markdown as told
-from physgen.evaluate.table import markdown
 from physgen.materials import materials, nouns
 
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -94,30 +94,12 @@ def page() -> str:
 
 def physics_page() -> str:
     result = json.loads((RESULTS / "physics.json").read_text())
-    return "\n".join(
-        [
-            "# Physics",
-            "",
-            "Written by `python benchmarks/run.py physics` from `benchmarks/results/physics.json`; do not edit.",
-            "",
-            "What physgen simulates against what is known in closed form. Each row is a scene file, run as any",
-            "other is: `physgen evaluate physics` runs them all and exits with 1 where a bar is missed. The",
-            "parameters of a row are drawn at random five times, from fixed seeds, and the worst counts. Errors",
-            "are at default settings, 960 steps a second; the columns behind show how the error of the first draw",
-            "changes with the steps. The numbers in the first column lead to the scenes of the first draw, which",
-            "`physgen render` shows. Seen from the side unless stated; g is 980 px/s² unless drawn, e elasticity,",
-            "mu friction, I moment of inertia, R radius.",
-            "",
-            markdown(result),
-            f"Measured on {result['machine']}.",
-            "",
-        ]
-    )
+    return physics.page.page(result["rows"], result["machine"])
 
 
 def plausibility_page() -> str:
     result = json.loads((RESULTS / "plausibility.json").read_text())
-    return plausible_page.page(result["rows"], result["machine"])
+    return plausibility.page.page(result["rows"], result["machine"])
 
 
 def _ahead(rows: list[dict]) -> list[str]:

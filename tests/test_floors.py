@@ -41,7 +41,7 @@ FLOORS = {
     8: ("cache", "refine_video"),
     9: ("pipeline", "refresh"),
     10: ("batch", "golden"),
-    11: ("evaluate", "pytest_plugin", "notebook", "edit"),
+    11: ("evaluate", "pytest_plugin", "notebook", "edit", "cli.evaluate"),
     12: ("flags",),
     13: ("cli",),
     14: ("__main__",),
@@ -122,20 +122,12 @@ def test_model_libraries_stay_in_backends(path: Path) -> None:
 
 
 def test_one_engine_module_one_encoder_module_and_one_decoder_module() -> None:
-    users: dict[str, set[str]] = {"pymunk": set(), "av": set(), "Box2D": set(), "mujoco": set()}
+    users: dict[str, set[str]] = {"pymunk": set(), "av": set()}
     for path in modules():
         for _, imported in imports(path):
             if imported.split(".")[0] in users:
                 users[imported.split(".")[0]].add(dotted(path))
-    # the scorecard runs our worlds in second engines, pymunk as it comes among them: on their own, or they would
-    # share the engine's mistakes
-    rivals = "evaluate.rivals"
-    assert users == {
-        "pymunk": {"simulate.chipmunk", f"{rivals}.plain"},
-        "av": {"report.video", "clips.film"},
-        "Box2D": {f"{rivals}.box2d"},
-        "mujoco": {f"{rivals}.mujoco"},
-    }
+    assert users == {"pymunk": {"simulate.chipmunk"}, "av": {"report.video", "clips.film"}}
 
 
 def test_only_the_command_line_prints() -> None:

@@ -11,10 +11,10 @@ from contextlib import suppress
 
 from physgen.cli.caching import cache
 from physgen.cli.editing import edit
+from physgen.cli.evaluate import evaluate
 from physgen.cli.exhibiting import gallery
 from physgen.cli.exporting import export
 from physgen.cli.gathering import dataset
-from physgen.cli.measures import evaluate
 from physgen.cli.moving import check, simulate
 from physgen.cli.packing import pack, unpack
 from physgen.cli.perceiving import import_, list_backends, perceive

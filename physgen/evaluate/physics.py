@@ -1,78 +1,338 @@
-"""The rows of the physics scorecard -> their scores, in one process or several."""
+"""Closed forms of motion: scenes with a known answer, run by the public path, and the error of each.
+
+A row states one closed form, the scenes that test it, and the largest error that passes. Rows come from a Python file
+or package that defines `ROWS`; those of the engine are in `benchmarks/physics`.
+"""
 
 from __future__ import annotations
 
+import importlib.util
 import signal
+import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from math import inf, isfinite, nan
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.evaluate import (
-    barriers,
-    conserved,
-    energy,
-    falling,
-    forces,
-    impacts,
-    joints,
-    rolling,
-    sliding,
-    stacks,
-    tabletop,
-)
-from physgen.evaluate.row import DRAWS, Row
-from physgen.evaluate.score import DEFAULT_STEPS, RowScore, score
-from physgen.evaluate.trial import Done, run_draw, scene_file, scene_of, write_scenes
+from physgen.compile.world import Body, World
+from physgen.evaluate.findings import Bar, Findings, Section, Table
 from physgen.problems import InputError
+from physgen.scene.write import scene_text
+from physgen.simulate.trajectory import Trajectory
+from physgen.whole import write_kept
 
-ROWS: tuple[Row, ...] = tuple(
-    sorted(
-        (
-            row
-            for group in (
-                falling, sliding, rolling, impacts, conserved, barriers, tabletop, stacks, forces, joints, energy,
-            )
-            for row in group.ROWS
-        ),
-        key=lambda row: row.number,
-    )
-)  # fmt: skip
-"""Every row by its number: 1 to 27 are those of the project's list of closed forms."""
+Array = NDArray[np.float64]
+Document = dict[str, Any]
+"""A scene as plain data, as the YAML file holds it."""
+Errors = Mapping[str, float]
+"""Name of a measure -> error, in the measure's unit."""
+Simulate = Callable[[World, float], Trajectory]
+"""World and sampling rate (1/s) -> motion from t = 0 to the world's end."""
 
+ROWS = Path("benchmarks/physics")
+"""Default package of rows, in a checkout of the repository."""
+DRAWS = 5
+"""Random draws of each row."""
 STEPS = (240, 480, 960, 1920)
-"""Steps a second at which the first draw shows how its error shrinks."""
+"""1/s: engine steps at which the first draw shows convergence."""
+DEFAULT_STEPS = 960
+"""1/s: engine steps of a scene that sets none."""
 
 
-def examples() -> Iterator[tuple[str, str]]:
-    """File name and text of every scene of the first draws: what scenes/physics/ holds."""
-    for row in ROWS:
-        for case in row.draw(0):
-            yield scene_file(row, case, 0), scene_of(row, case)
+class Unit(Enum):
+    """Unit of an error."""
+
+    PART = "part"
+    """Fraction of the exact value; shown in percent."""
+    PX = "px"
+    DEGREES = "degrees"
+    SWITCH = "switch"
+    """0: as required, 1: not."""
 
 
-def choose(numbers: Sequence[int]) -> tuple[Row, ...]:
-    """The rows of those numbers, all for none; raises InputError for a number that no row has."""
-    known = {row.number: row for row in ROWS}
+@dataclass(frozen=True)
+class Measure:
+    """One error of a row, and the largest value that passes."""
+
+    name: str
+    bar: float
+    unit: Unit = Unit.PART
+
+
+@dataclass(frozen=True)
+class Track:
+    """Motion of one body at T times."""
+
+    times: Array
+    """(T,) s."""
+    poses: Array
+    """(T, 3): x px, y px, angle rad since t = 0."""
+    velocities: Array
+    """(T, 3): px/s, px/s, rad/s."""
+
+    @property
+    def x(self) -> Array:
+        return self.poses[:, 0]
+
+    @property
+    def y(self) -> Array:
+        return self.poses[:, 1]
+
+    @property
+    def angle(self) -> Array:
+        return self.poses[:, 2]
+
+    @property
+    def at(self) -> Array:
+        return self.poses[:, :2]
+
+    @property
+    def moved(self) -> Array:
+        """(T, 2) px since t = 0."""
+        return self.poses[:, :2] - self.poses[0, :2]
+
+    @property
+    def velocity(self) -> Array:
+        return self.velocities[:, :2]
+
+    @property
+    def speed(self) -> Array:
+        return np.asarray(np.hypot(*self.velocity.T))
+
+    @property
+    def spin(self) -> Array:
+        return self.velocities[:, 2]
+
+    def sample(self, time: float) -> int:
+        """Index of the last sample that is not after `time` (s)."""
+        return int(np.searchsorted(self.times, time + 1e-9, side="right")) - 1
+
+
+@dataclass(frozen=True)
+class Run:
+    """A world and its motion, by any engine that simulated this world."""
+
+    world: World
+    trajectory: Trajectory
+
+    def track(self, name: str) -> Track:
+        """Motion of one object."""
+        k = self.trajectory.names.index(name)
+        return Track(self.trajectory.times, self.trajectory.poses[:, k], self.trajectory.velocities[:, k])
+
+    def body(self, name: str) -> Body:
+        """Mass, moment and shape of one object."""
+        return next(body for body in self.world.bodies if body.name == name)
+
+    def impulse(self, on: str, of: str, begin: float, end: float) -> Array:
+        """(2,) g·px/s that `of` gave `on` after the sample at `begin` up to the one at `end` (s)."""
+        contacts, times = self.trajectory.contacts, self.trajectory.times
+        a, b = contacts.surfaces.index(on), contacts.surfaces.index(of)
+        rows, given = contacts.impulse_rows, contacts.impulses
+        inside = (times[rows[:, 0]] > begin + 1e-9) & (times[rows[:, 0]] < end + 1e-9)
+        first = inside & (rows[:, 1] == a) & (rows[:, 2] == b)
+        second = inside & (rows[:, 1] == b) & (rows[:, 2] == a)
+        return np.asarray(given[first].sum(axis=0) - given[second].sum(axis=0), np.float64)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One scene and its measurement."""
+
+    scene: Document
+    measure: Callable[..., Errors]
+    """Takes one `Run` for each entry of `variants`."""
+    label: str = ""
+    """Distinguishes the cases of one draw; part of the file's name."""
+    variants: tuple[str | None, ...] = (None,)
+    """Variants of the scene that are run, None for the scene itself."""
+    rate: float = 240.0
+    """1/s: samples. Divides every rate of steps, so that samples fall on steps."""
+
+
+class Draw:
+    """One seeded draw of a row's parameters, rounded so that the scene file shows them in full.
+
+    `index` selects among a row's named cases; more draws than five go through them again.
+    """
+
+    def __init__(self, row: int, index: int) -> None:
+        self.index = index % DRAWS
+        self._rng = np.random.default_rng((20241, row, index))
+
+    def number(self, low: float, high: float, digits: int = 2) -> float:
+        return round(float(self._rng.uniform(low, high)), digits)
+
+    def count(self, low: int, high: int) -> int:
+        return int(self._rng.integers(low, high + 1))
+
+    def sign(self) -> int:
+        return 1 if self._rng.random() < 0.5 else -1
+
+    def angle(self) -> float:
+        """rad; a whole number of degrees."""
+        return float(np.radians(int(self._rng.integers(0, 360))))
+
+    def mass(self) -> float:
+        """20 to 500 g."""
+        return self.number(20, 500, 0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One closed form."""
+
+    number: int
+    name: str
+    """Short, for files: `free-fall`."""
+    title: str
+    closed_form: str
+    ranges: str
+    """What the draws vary, and between which limits."""
+    why: str
+    """How the error is counted, why the bar is where it is, and the source."""
+    measures: tuple[Measure, ...]
+    cases: Callable[[Draw], Sequence[Case]]
+
+    def draw(self, index: int) -> Sequence[Case]:
+        """Cases of one draw, the same on every call."""
+        return self.cases(Draw(self.number, index))
+
+
+def worst(errors: Sequence[float]) -> float:
+    """The largest; NaN where any is NaN."""
+    return float(np.max(errors))
+
+
+@cache
+def load_rows(path: Path) -> tuple[Row, ...]:
+    """`ROWS` of a Python file, or of a folder with an `__init__.py`. Raises InputError where there is none."""
+    file = path / "__init__.py" if path.is_dir() else path
+    if file.suffix != ".py" or not file.is_file():
+        fix = f"name a Python file that defines ROWS; the engine's are {ROWS} in physgen's repository"
+        raise InputError.of(str(path), "", "holds no closed forms", fix)
+    name = f"_closed_forms_{abs(hash(file.resolve()))}"
+    spec = importlib.util.spec_from_file_location(
+        name, file, submodule_search_locations=[str(file.parent)] if path.is_dir() else None
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # relative imports of a package look it up
+    spec.loader.exec_module(module)
+    return tuple(module.ROWS)
+
+
+def choose(rows: Sequence[Row], numbers: Sequence[int]) -> tuple[Row, ...]:
+    """The rows with those numbers, all for none. Raises InputError for a number that no row has."""
+    known = {row.number: row for row in rows}
     for number in numbers:
         if number not in known:
             raise InputError.of("--rows", str(number), "is no row", f"choose from 1 to {max(known)}")
     return tuple(row for number, row in known.items() if not numbers or number in numbers)
 
 
+# ---- running -----------------------------------------------------------------------------------------------------
+
+
+def scene_file(row: Row, case: Case, index: int) -> str:
+    """Name of a case's file: `03-bounce.yaml`, `16-pyramid-lifted-draw-5.yaml`; the first draw has no number."""
+    parts = (f"{row.number:02d}", row.name, case.label, f"draw-{index + 1}" if index else "")
+    return "-".join(part for part in parts if part) + ".yaml"
+
+
+def scene_of(row: Row, case: Case) -> str:
+    """Text of the case's scene file, with the closed form and the bar above it."""
+    bars = ", ".join(f"{measure.name} {bar_text(measure)}" for measure in row.measures)
+    title = f"{row.title} ({case.label})" if case.label else row.title
+    header = f"Row {row.number} of the physics scorecard: {title}\n{row.closed_form}\nbar: {bars}"
+    return scene_text(case.scene, header=header)
+
+
+def write_scenes(row: Row, index: int, folder: Path, kept: pipeline.Keep = lambda path: None) -> None:
+    """Scene files of one draw; `kept` is called with files that are set aside."""
+    for case in row.draw(index):
+        write_kept(folder / scene_file(row, case, index), scene_of(row, case).encode(), kept)
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The largest error of one measure over some cases."""
+
+    error: float
+    """Infinite where a scene could not be run."""
+    where: str
+    """`draw 3`, `draw 5, lifted`."""
+
+    @property
+    def size(self) -> float:
+        """For comparison: NaN counts as the largest."""
+        return self.error if isfinite(self.error) else inf
+
+
+@dataclass(frozen=True)
+class Done:
+    """Result of one draw."""
+
+    errors: Mapping[str, Worst]
+    """By measure, of those that any case takes."""
+    problems: tuple[str, ...]
+    """Why a case could not be run."""
+
+
+def run_draw(
+    row: Row, index: int, folder: Path, steps: float | None = None, simulate: Simulate = pipeline.simulate
+) -> Done:
+    """One draw of a row, from its files in `folder`; `steps` a second override the scene's."""
+    overrides = [] if steps is None else [f"world.steps_per_second={steps}"]
+    found: dict[str, Worst] = {}
+    problems: list[str] = []
+    for case in row.draw(index):
+        file = folder / scene_file(row, case, index)
+        where = ", ".join(part for part in (f"draw {index + 1}", case.label) if part)
+        try:
+            runs = []
+            for variant in case.variants:
+                scene = pipeline.load(file, overrides, variant)
+                world = pipeline.compile(scene, None).world
+                runs.append(Run(world, simulate(world, case.rate)))
+            errors = case.measure(*runs)
+        except InputError as error:
+            problems += [str(problem).replace(f"{folder}/", "") for problem in error.problems]
+            errors = {measure.name: inf for measure in row.measures}
+        for name, value in errors.items():
+            larger = Worst(float(value), where)
+            found[name] = max(found.get(name, larger), larger, key=lambda one: one.size)
+    return Done(found, tuple(problems))
+
+
 @dataclass(frozen=True)
 class _Job:
+    rows: Path
     row: int
     draw: int
     steps: int | None
     folder: Path
 
 
+def _run(job: _Job) -> Done:
+    row = next(row for row in load_rows(job.rows) if row.number == job.row)
+    return run_draw(row, job.draw, job.folder, job.steps)
+
+
 def evaluate(
+    source: Path,
     rows: Sequence[Row],
     draws: int = DRAWS,
     steps: Sequence[int] = STEPS,
@@ -80,56 +340,37 @@ def evaluate(
     keep: Path | None = None,
     progress: pipeline.Progress = pipeline.silent,
     kept: pipeline.Keep = lambda path: None,
-) -> list[RowScore]:
-    """Run the rows; the result is the same for any number of workers.
+) -> list[dict[str, Any]]:
+    """One record a row, as JSON has it; the same for any number of workers.
 
-    `steps` are those of the convergence columns, none to leave them out. With `keep`, the scene files stay in that
-    folder; `kept` is told of files that stood in the way.
+    `source` is where workers load the rows from. `steps` are those of the convergence columns, none to leave them out.
+    With `keep`, the scene files stay in that folder; `kept` is called with files that are set aside.
     """
     with _folder(keep) as folder:
+        jobs = []
         for row in rows:
             for index in range(draws):
                 write_scenes(row, index, folder, kept)
-        jobs = [_Job(row.number, index, None, folder) for row in rows for index in range(draws)]
-        jobs += [_Job(row.number, 0, rate, folder) for row in rows for rate in steps if rate != DEFAULT_STEPS]
-        jobs.sort(key=_cost, reverse=True)
+                jobs.append(_Job(source, row.number, index, None, folder))
+            jobs += [_Job(source, row.number, 0, rate, folder) for rate in steps if rate != DEFAULT_STEPS]
         done = dict(_run_all(jobs, workers, progress))
+    results = {(job.row, job.draw, job.steps): result for job, result in done.items()}
     return [
-        score(row, draws, steps, {(j.draw, j.steps): d for j, d in done.items() if j.row == row.number})
+        record(row, draws, steps, {key[1:]: result for key, result in results.items() if key[0] == row.number})
         for row in rows
     ]
 
 
 @contextmanager
 def _folder(keep: Path | None) -> Iterator[Path]:
-    if keep is not None:
-        if keep.exists() and not keep.is_dir():
-            raise InputError.of(str(keep), "", "is a file", "name a folder with -o")
-        keep.mkdir(parents=True, exist_ok=True)
-        yield keep
+    if keep is None:
+        with tempfile.TemporaryDirectory(prefix="physgen-") as folder:
+            yield Path(folder)
         return
-    with tempfile.TemporaryDirectory(prefix="physgen-") as folder:
-        yield Path(folder)
-
-
-def _cost(job: _Job) -> float:
-    """Roughly how long a job takes: long ones go first, so that no worker is left with one at the end."""
-    row = _row(job.row)
-    return sum(
-        float(case.scene["world"]["duration"])
-        * len(case.scene["objects"])
-        * len(case.variants)
-        * (job.steps or DEFAULT_STEPS)
-        for case in row.draw(job.draw)
-    )
-
-
-def _row(number: int) -> Row:
-    return next(row for row in ROWS if row.number == number)
-
-
-def _run(job: _Job) -> Done:
-    return run_draw(_row(job.row), job.draw, job.folder, job.steps)
+    if keep.exists() and not keep.is_dir():
+        raise InputError.of(str(keep), "", "is a file", "name a folder with -o")
+    keep.mkdir(parents=True, exist_ok=True)
+    yield keep
 
 
 def _run_all(jobs: Sequence[_Job], workers: int, progress: pipeline.Progress) -> Iterator[tuple[_Job, Done]]:
@@ -138,7 +379,7 @@ def _run_all(jobs: Sequence[_Job], workers: int, progress: pipeline.Progress) ->
             yield job, _run(job)
             progress("evaluate", count, len(jobs))
         return
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), mp_context=get_context("spawn"), initializer=_obey)
+    pool = ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn"), _ignore_interrupts)
     with pool:
         try:
             futures = {pool.submit(_run, job): job for job in jobs}
@@ -150,6 +391,102 @@ def _run_all(jobs: Sequence[_Job], workers: int, progress: pipeline.Progress) ->
             raise
 
 
-def _obey() -> None:
+def _ignore_interrupts() -> None:
     """Workers leave Ctrl-C to the process that started them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+# ---- result ------------------------------------------------------------------------------------------------------
+
+
+def record(
+    row: Row, draws: int, steps: Sequence[int], done: Mapping[tuple[int, int | None], Done]
+) -> dict[str, Any]:
+    """A row's line as JSON, from results by draw and steps a second (None: the default)."""
+    measures = []
+    for measure in row.measures:
+        taken = [one for k in range(draws) if (one := done[k, None].errors.get(measure.name)) is not None]
+        largest = max(taken, key=lambda one: one.size, default=Worst(nan, "never measured"))
+        first = {rate: done[0, None if rate == DEFAULT_STEPS else rate].errors for rate in steps}
+        measures.append(
+            {
+                "name": measure.name,
+                "unit": measure.unit.value,
+                "bar": measure.bar,
+                "error": _rounded(largest.error),
+                "worst": largest.where,
+                "passed": largest.error <= measure.bar,  # NaN passes no bar
+                "convergence": {
+                    str(rate): _rounded(errors[measure.name].error)
+                    for rate, errors in first.items()
+                    if measure.name in errors
+                },
+            }
+        )
+    problems = dict.fromkeys(problem for k in range(draws) for problem in done[k, None].problems)
+    return {
+        "row": row.number,
+        "name": row.name,
+        "title": row.title,
+        "closed_form": row.closed_form,
+        "draws": row.ranges,
+        "why": row.why,
+        "scenes": [scene_file(row, case, 0) for case in row.draw(0)],
+        "passed": all(measure["passed"] for measure in measures),
+        "measures": measures,
+        "problems": list(problems),
+    }
+
+
+def _rounded(error: float) -> float | None:
+    return float(f"{error:.3g}") if isfinite(error) else None
+
+
+def bar_text(measure: Measure) -> str:
+    """A bar with its unit."""
+    match measure.unit:
+        case Unit.PART:
+            return f"{measure.bar * 100:g} %"
+        case Unit.SWITCH:
+            return "as stated"
+        case _:
+            return f"{measure.bar:g} {measure.unit.value}"
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """An error or a bar with its unit: percent, pixels, degrees, or whether it is as required.
+
+    >>> quantity(0.00123, "part"), quantity(3e-12, "part"), quantity(0.5, "px"), quantity(1.0, "switch")
+    ('0.12 %', '< 1e-6 %', '0.5 px', 'no')
+    """
+    if value is None:
+        return "none"
+    if unit == "switch":
+        return "no" if value else "yes"
+    number, sign = (value * 100, "%") if unit == "part" else (value, unit)
+    if number and abs(number) < 1e-6:
+        return f"< 1e-6 {sign}"
+    return f"{number:.2g} {sign}" if abs(number) < 100 else f"{number:.0f} {sign}"
+
+
+def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
+    """A table with one line for each measure of each row."""
+    rates = sorted({rate for row in rows for one in row["measures"] for rate in one["convergence"]}, key=float)
+    lines = []
+    for row in rows:
+        for k, one in enumerate(row["measures"]):
+            unit = one["unit"]
+            bar = "as stated" if unit == "switch" else quantity(one["bar"], unit)
+            first = (str(row["row"]), row["title"]) if k == 0 else ("", "")
+            label = f"{one['name']}: {bar}" if len(row["measures"]) > 1 else bar
+            steps = (quantity(one["convergence"].get(rate), unit) for rate in rates)
+            verdict = "pass" if one["passed"] else "FAIL"
+            lines.append((*first, label, quantity(one["error"], unit), verdict, *steps))
+    heads = ("row", "closed form", "bar", "worst error", "verdict", *(f"at {rate}/s" for rate in rates))
+    problems = tuple(f"row {row['row']}: {problem}" for row in rows for problem in row["problems"])
+    passed = sum(row["passed"] for row in rows)
+    count = f"{passed} of {len(rows)}"
+    section = Section("Closed forms", problems, (Table(heads, tuple(lines)),))
+    bar = Bar("rows that pass", count, f"{len(rows)}", passed == len(rows))
+    title = "Motion against closed forms"
+    return Findings("physics", title, (f"{count} rows pass.",), (section,), rows, (bar,))

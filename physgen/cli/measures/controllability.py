@@ -1,4 +1,4 @@
-"""`evaluate controllability`."""
+"""`physgen evaluate controllability`."""
 
 from __future__ import annotations
 
@@ -6,12 +6,54 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from physgen.cli.measures.findings import hand_over
+from physgen.cli.measures.output import hand_over
 from physgen.cli.printing import Bar
+from physgen.flags.values import speeds, turns
 from physgen.problems import InputError
 
+ABOUT = "How an object's motion answers to the direction and size of a push."
+EXAMPLE = "controllability scenes/curling/scene.yaml --object red-1 --angles 12 -o out/controllability"
 
-def controllability(options: argparse.Namespace) -> int:
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """What is pushed, how, and where the page goes."""
+    parser.add_argument(
+        "scene",
+        metavar="SCENE",
+        nargs="?",
+        default="scenes/curling/scene.yaml",
+        help="a scene, or a folder of clips that sweep made; default: scenes/curling/scene.yaml",
+    )
+    parser.add_argument(
+        "--object", metavar="NAME", help="who is pushed; default: whom the scene pushes, or who moves first"
+    )
+    parser.add_argument(
+        "--angles",
+        metavar="N",
+        type=turns,
+        default=8,
+        help="directions: all round seen from above, upwards from right to left seen from the side; default: 8",
+    )
+    parser.add_argument(
+        "--sizes",
+        metavar="LIST",
+        type=speeds,
+        default=[],
+        help="of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas",
+    )
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], help="edit a key of the scene"
+    )
+    parser.add_argument("--variant", metavar="NAME", help="apply a named variant of the file")
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="files may lie outside the scene's folder"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
     from physgen import pipeline
     from physgen.evaluate.controllability.sweep import sweep
     from physgen.evaluate.controllability.told import findings

@@ -1,15 +1,53 @@
-"""`evaluate fidelity`."""
+"""`physgen evaluate fidelity`."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
-from physgen.cli.measures.findings import hand_over
+from physgen.cli.measures.output import hand_over
 from physgen.cli.printing import Bar
+from physgen.flags.values import names
+
+ABOUT = "Frames against the studio's truth videos; ends with 1 below the bar that docs/fidelity.md tells."
+EXAMPLE = "fidelity --scenes curling,shelf"
 
 
-def fidelity(options: argparse.Namespace) -> int:
+def scenes(text: str) -> list[str]:
+    """`curling,shelf`, one at least."""
+    found = names(text)
+    if not found:
+        raise argparse.ArgumentTypeError("it names no scene; write e.g. curling,shelf")
+    return found
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Where truth lies, and which scenes of it."""
+    parser.add_argument(
+        "--truth",
+        metavar="DIR",
+        type=Path,
+        default=Path("studio/truth"),
+        help="the studio's truth; default: studio/truth",
+    )
+    parser.add_argument(
+        "--scenes",
+        metavar="LIST",
+        type=scenes,
+        default=[],
+        help="some scenes, e.g. curling,shelf",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help="write a page with a plot and strips of frames in this folder: the paper's way, ours and the truth",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
     from physgen.evaluate import fidelity as measure
     from physgen.evaluate.fidelity_told import findings
     from physgen.evaluate.findings import Section

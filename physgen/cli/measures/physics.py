@@ -1,21 +1,54 @@
-"""`evaluate physics`."""
+"""`physgen evaluate physics`."""
 
 from __future__ import annotations
 
 import argparse
-import sys
+import os
+from pathlib import Path
 
-from physgen.cli.printing import FAILED, OK, Bar, print_json, tell_kept
+from physgen.cli.measures.output import show
+from physgen.cli.printing import Bar, tell_kept
+from physgen.flags.values import count, rows
+
+ABOUT = "Motion against closed forms."
+EXAMPLE = "physics --rows 1,5,12"
 
 
-def physics(options: argparse.Namespace) -> int:
-    import os
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "source",
+        metavar="FORMS",
+        nargs="?",
+        type=Path,
+        default=Path("benchmarks/physics"),
+        help="a Python file or package that defines ROWS, closed forms of your own scenes; default: benchmarks/physics",
+    )
+    parser.add_argument(
+        "--rows", metavar="LIST", type=rows, default=[], help="some rows, e.g. 1,5,12; default: all"
+    )
+    parser.add_argument(
+        "--draws", metavar="N", type=count, default=5, help="seeded draws of a row's parameters; default: 5"
+    )
+    parser.add_argument(
+        "--no-convergence",
+        action="store_true",
+        help="only at default settings, not at 240 to 1920 steps a second",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="keep every scene file that is run in this folder"
+    )
+    parser.add_argument(
+        "--jobs", metavar="N", type=count, help="draws run at a time; default: one a processor"
+    )
 
-    from physgen.evaluate import physics, table
+
+def run(options: argparse.Namespace) -> int:
+    from physgen.evaluate import physics
 
     bar = Bar()
-    scores = physics.evaluate(
-        physics.choose(options.rows),
+    found = physics.evaluate(
+        options.source,
+        physics.choose(physics.load_rows(options.source), options.rows),
         options.draws,
         () if options.no_convergence else physics.STEPS,
         options.jobs or os.cpu_count() or 1,
@@ -24,9 +57,4 @@ def physics(options: argparse.Namespace) -> int:
         tell_kept,
     )
     bar.clear()
-    result = {"rows": [score.as_dict() for score in scores], "passed": all(score.passed for score in scores)}
-    if options.json:
-        print_json(result)
-    else:
-        sys.stdout.write(table.markdown(result) if options.markdown else table.text(result))
-    return OK if result["passed"] else FAILED
+    return show(physics.findings(found), options)

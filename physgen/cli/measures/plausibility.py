@@ -1,35 +1,120 @@
-"""`evaluate plausibility`."""
+"""`physgen evaluate plausibility`."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-from physgen.cli.measures.findings import hand_over
+from physgen.cli.measures.output import hand_over
 from physgen.cli.printing import Bar
-from physgen.problems import InputError
+from physgen.flags.values import positive
+
+ABOUT = "Physics judged without truth: does motion obey one gravity, keep momentum, never jump?"
+EXAMPLE = "plausibility out tracks.csv -o out/plausibility"
+QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps", "starts", "speeding")
 
 
-def plausibility(options: argparse.Namespace) -> int:
+def add(parser: argparse.ArgumentParser) -> None:
+    """What is judged, what is known of it, and what is left out."""
+    parser.add_argument(
+        "clips",
+        metavar="CLIP",
+        nargs="+",
+        type=Path,
+        help="clips that physgen rendered, a scene file, or tracks of any video: MOT (gt.txt), COCO with tracks "
+        "(*.json), TAP-Vid (*.npz), a CSV of frame,name,x,y[,angle,radius], or a folder of PNG masks",
+    )
+    parser.add_argument(
+        "--fps", type=positive, help="frames a second of tracks that do not say it; default: 30"
+    )
+    parser.add_argument(
+        "--view", choices=("side", "top"), default="side", help="of tracks that do not say it; default: side"
+    )
+    parser.add_argument(
+        "--mass",
+        metavar="NAME=G",
+        action="append",
+        default=[],
+        type=mass,
+        help="what a thing weighs; areas unless told",
+    )
+    parser.add_argument(
+        "--held",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a thing on a rope or in a hand: only jumps are asked",
+    )
+    parser.add_argument(
+        "--pushed",
+        metavar="NAME@A-B",
+        action="append",
+        default=[],
+        type=push,
+        help="somebody pushes it from A to B seconds, e.g. ball@0.5-0.8",
+    )
+    parser.add_argument(
+        "--skip",
+        metavar="LIST",
+        type=questions,
+        default=(),
+        help=f"questions to leave out, of {','.join(QUESTIONS)}: overlap, where things pass before each other",
+    )
+    parser.add_argument(
+        "--noise", metavar="PX", type=positive, help="of the tracks; told from them unless given"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"
+    )
+
+
+def mass(text: str) -> tuple[str, float]:
+    """`ball=170`."""
+    name, _, number = text.rpartition("=")
+    if not name:
+        raise argparse.ArgumentTypeError(f"{text} is not NAME=G, e.g. ball=170")
+    return name, positive(number)
+
+
+def push(text: str) -> tuple[str, float, float]:
+    """`ball@0.5-0.8`, or `ball` for all the time."""
+    name, at, span = text.rpartition("@")
+    if not at:
+        return text, 0.0, float("inf")
+    start, _, end = span.partition("-")
+    try:
+        times = float(start), float(end or start)
+    except ValueError:
+        times = (1.0, 0.0)
+    if not name or not 0 <= times[0] <= times[1]:
+        raise argparse.ArgumentTypeError(f"{text} is not NAME@FROM-UNTIL in seconds, e.g. ball@0.5-0.8")
+    return name, *times
+
+
+def questions(text: str) -> tuple[str, ...]:
+    """`overlap,starts`."""
+    names = tuple(text.split(","))
+    for name in names:
+        if name not in QUESTIONS:
+            raise argparse.ArgumentTypeError(f"{name} is no question; they are {', '.join(QUESTIONS)}")
+    if set(names) == set(QUESTIONS):
+        raise argparse.ArgumentTypeError("leaving out every question leaves nothing to ask")
+    return names
+
+
+def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.page import check_folder
-
-    check_folder(options.output)
-    if options.output:
-        from physgen.report.plots.look import needed
-
-        needed()
-    return _proof(options) if options.proof else _judged(options)
-
-
-def _judged(options: argparse.Namespace) -> int:
     from physgen.evaluate.plausibility.judge import Verdict, judge
     from physgen.evaluate.plausibility.reading import read
     from physgen.evaluate.plausibility.reading.asked import Asked
     from physgen.evaluate.plausibility.told import findings
     from physgen.scene.model import View
 
-    if not options.clips:
-        fix = "name a clip's folder, a scene file or a file of tracks, or ask for --proof"
-        raise InputError.of("evaluate plausibility", "", "has nothing to judge", fix)
+    check_folder(options.output)
+    if options.output:
+        from physgen.report.plots.look import needed
+
+        needed()
     asked = Asked(
         options.fps, View(options.view), dict(options.mass), tuple(options.held), tuple(options.pushed)
     )
@@ -41,18 +126,3 @@ def _judged(options: argparse.Namespace) -> int:
             verdicts.append(judge(asked.applied(tracks), options.noise, options.skip))
     bar.clear()
     return hand_over(findings(verdicts, plots=options.output is not None), options)
-
-
-def _proof(options: argparse.Namespace) -> int:
-    from physgen.evaluate.plausibility.proof.confusion import counted, findings
-    from physgen.evaluate.plausibility.proof.trial import HELD_OUT, processors, trial
-
-    if options.clips:
-        raise InputError.of(
-            "--proof", f'"{options.clips[0]}"', "is not judged by it", "leave one of the two out"
-        )
-    bar = Bar()
-    seeds = range(HELD_OUT, HELD_OUT + options.seeds)
-    said = trial(seeds, options.jobs or processors(), bar.show)
-    bar.clear()
-    return hand_over(findings(counted(said), seeds, plots=options.output is not None), options)

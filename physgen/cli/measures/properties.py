@@ -1,4 +1,4 @@
-"""`evaluate properties`."""
+"""`physgen evaluate properties`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,54 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from physgen.cli.measures.findings import hand_over
+from physgen.cli.measures.output import hand_over
 from physgen.cli.printing import Bar, tell, tell_one
 from physgen.problems import InputError
+
+ABOUT = "Masses, and orders of friction and elasticity, against what others measured."
+EXAMPLE = "properties -o out/properties"
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Which objects, and who answers."""
+    parser.add_argument(
+        "table",
+        metavar="TABLE",
+        nargs="?",
+        type=Path,
+        help="objects with what is true of them, YAML or CSV; default: 42 of the YCB set, and published comparisons",
+    )
+    parser.add_argument(
+        "--backend", metavar="ROLE=NAME", action="append", default=[], help="who answers: physics=NAME"
+    )
+    parser.add_argument("--config", metavar="FILE", type=Path, help="instead of every physgen.toml")
+    parser.add_argument(
+        "--answers",
+        metavar="FILE",
+        type=Path,
+        help="score these answers, JSON or CSV of name, mass, friction, elasticity; nobody is asked",
+    )
+    parser.add_argument(
+        "--save-answers", metavar="FILE", type=Path, help="write what is answered, as --answers takes it"
+    )
+    parser.add_argument(
+        "--hide-size", action="store_true", help="tell the name of each object alone, not its size"
+    )
+    parser.add_argument(
+        "--truth",
+        metavar="DIR",
+        type=Path,
+        help="photos with true physics; default: studio/truth where it is there and no TABLE is given",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"
+    )
+
 
 STUDIO = Path("studio/truth")
 
 
-def properties(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     from physgen.configured import found, plan
     from physgen.crew import Crew, choices
     from physgen.evaluate.page import check_folder

@@ -11,7 +11,7 @@ MIDDLE = {
     "starts": 0.6,
     "speeding": 0.2,
 }
-"""Deviations at which right and wrong are parted: what `--proof` found best on seeds that it does not judge by."""
+"""Deviations at which right and wrong are separated: the best of the calibration in benchmarks/plausibility."""
 STEEP = 3.0
 """The score falls to 1/9 at twice the middle."""
 EVEN = 0.5

@@ -1,0 +1,1 @@
+"""How often `physgen evaluate plausibility` calls right clips right and wrong ones wrong."""

@@ -1,0 +1,114 @@
+"""What `plausible` found -> docs/plausibility.md."""
+
+from __future__ import annotations
+
+from physgen.evaluate.findings import Findings, Section, Table, markdown
+from physgen.evaluate.plausibility.judge import verdict_word
+from physgen.evaluate.plausibility.score import EVEN, MIDDLE
+
+from .confusion import findings
+from .run import SEEDS
+from .trial import HELD_OUT
+
+HEAD = """\
+# Plausibility
+
+Written by `python benchmarks/run.py plausibility` from `benchmarks/results/plausibility.json`; do not edit.
+
+```bash
+physgen evaluate plausibility out                             # every clip that was rendered into out
+physgen evaluate plausibility scenes/billiards/scene.yaml     # a scene, simulated
+physgen evaluate plausibility gt.txt --fps 30 --skip overlap  # tracks of any video
+physgen evaluate plausibility tracks.csv --view top --mass ball=170 --pushed cue@0-0.1 -o page
+python benchmarks/run.py plausibility                         # right clips told from wrong ones, as below
+```
+
+Is the motion in a clip physically possible? There is no truth to compare with: only where things were in each
+frame. Each question below gives a score from 0 to 1 with its evidence: who, in which frame, how much. Below 0.5 a clip
+is called wrong; its score is that of its worst question, and the command exits with 1. A question that a clip shows
+nothing of is not asked, and a clip of which nothing can be asked is neither right nor wrong.
+
+## What it reads
+
+| given | places | outlines |
+|---|---|---|
+| a folder that `render` made, or a scene file | centres of mass | the scene's |
+| CSV: `frame` or `time`, `name`, `x`, `y`, and if known `angle` (rad), `radius` or `width`, `height` | as given | discs; of boxes the disc inside and the one around |
+| MOT: `gt.txt`, with `seqinfo.ini` for the rate | middles of boxes | as of boxes |
+| COCO with `track_id`s: `*.json` | centroids of masks, else middles of boxes | the largest disc inside, the least around |
+| TAP-Vid: `*.npz` with `video`, `points`, `occluded` | each point; with `object`, the points of a thing as one rigid body | how far the points lie |
+| a folder of PNG maps, one a frame, ids or colours | centroids of what is wholly seen | as of masks |
+
+px, image axes, s. Of clips of ours nothing but places, outlines and masses is taken, and from the scene what acts from
+outside: pushes, joints, wind, scripts, boundaries. `--held`, `--pushed` and `--mass` say so of other tracks; masses
+are areas otherwise, and any ratio up to 12 times that will do. Things are taken to move in one plane: where they pass
+before each other, say `--skip overlap`.
+
+## What is asked
+
+How much a track shakes is told from its fifth or third differences (`--noise` says otherwise). Each track is cut into
+stretches of constant acceleration, least squares and as few as the noise allows; blows lie where two meet, between
+frames, at the time at which both ways come nearest. What noise may explain (2.5 standard deviations) is taken off before
+anything is called a deviation.
+
+| question | deviation | 0.5 at |
+|---|---|---|
+| gravity | of a flight's acceleration from the median of all flights', or its change within one, over gravity. A flight is plumb or curved, smooth, turns evenly and touches nothing known; so is what is pulled upwards by over half as much. What changes its acceleration again and again hangs on something. Side only | {gravity} |
+| momentum | what is missing of the momentum that two pass to each other, where nothing else is near: seen from above, or both in flight. Round things must push apart | {momentum} |
+| energy | how much faster something parts than it came along the change of its velocity, seen from what it hit, less what its spin gave | {energy} |
+| overlap | how deep two outlines lie in each other, more than at the start, over the smaller one's width; between frames too, and behind each other where the way goes on smoothly | {overlap} |
+| jumps | how far a step is from all that the velocities before and after allow, over the usual step | {jumps} |
+| starts | how far something at rest goes in 6 frames, though nothing that moves touches it, nobody pushes and it does not just go down; over a tenth of its size | {starts} |
+| speeding | how much faster a thing on a table gets by itself, over its speed; after a blow, a ball may get back 2/7 of the speed that it has lost since its fastest (a follow shot). Top only | {speeding} |
+
+A score is 1/(1 + (deviation/middle)³).
+
+What it does not see: masses that change, spins that go wrong, what is wrong while three or more touch, what happens in
+fewer than four frames between two blows; a clip in which everything falls upwards or sideways; gravity that ends
+midway, since what rests in the air or goes straight on may lie on something unseen; a blow at what never moves, which
+may be nailed down. What falls in air for long (a feather) is called wrong, and so is what unseen hands push or hold and
+nobody told.
+
+"""
+
+
+def page(rows: list[dict], machine: str) -> str:
+    """All rows of the result: the proof's, then scenes'."""
+    said = [row for row in rows if "fault" in row]
+    seeds = range(HELD_OUT, HELD_OUT + SEEDS)
+    found = findings(said, seeds, plots=False)
+    body = markdown(found).partition("\n")[2].strip()
+    head = HEAD.format(**{name: f"{value:g}" for name, value in MIDDLE.items()})
+    told = markdown(_scenes([row for row in rows if "scene" in row])).partition("\n")[2].strip()
+    studio = _studio([row for row in rows if "studio" in row])
+    return f"{head}## Right told from wrong\n\n{body}\n\n{told}\n\n{studio}\n\nMeasured on {machine}.\n"
+
+
+def _studio(rows: list[dict]) -> str:
+    clips, wrong = (sum(row[key] for row in rows) for key in ("clips", "called_wrong"))
+    least = min(row["least"] for row in rows if row["least"] is not None)
+    return (
+        f"The studio's truth, 12 to 14 frames of eight scenes (poses, and by the masks of its pictures) and 8 frames of each "
+        f"of 50 clips of one: {wrong} of {clips} are called wrong, the least score is {least:.2f}."
+    )
+
+
+def _scenes(rows: list[dict]) -> Findings:
+    wrong = [row for row in rows if row["score"] is not None and row["score"] < EVEN]
+    unasked = sum(row["score"] is None for row in rows)
+    sentence = (
+        f"Our scenes, with what each says of pushes, joints and boundaries: {len(rows) - len(wrong) - unasked} of "
+        f"{len(rows)} are called right, {len(wrong)} wrong; of {unasked} nothing can be asked."
+    )
+    lines = tuple(
+        (
+            row["scene"].removeprefix("scenes/").removesuffix("/scene.yaml").removesuffix(".yaml")
+            + (f", {row['variant']}" if row["variant"] else ""),
+            verdict_word(None if row["score"] is None else row["score"] < EVEN),
+            "-" if row["score"] is None else f"{row['score']:.2f}",
+            ", ".join(f"{name} {count}" for name, count in row["asked"].items()) or "-",
+        )
+        for row in rows
+    )
+    table = Table(("scene", "verdict", "score", "asked"), lines)
+    return Findings("plausibility", "", (), (Section("Our scenes", (sentence,), (table,)),), [])

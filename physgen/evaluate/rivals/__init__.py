@@ -1,1 +1,0 @@
-"""World -> Trajectory in other people's engines, so that their figures stand beside ours; see `rivals.roster`."""
