@@ -11,7 +11,6 @@ from physgen.flags.exhibiting import add_gallery
 from physgen.flags.exporting import add_export
 from physgen.flags.gathering import add_dataset
 from physgen.flags.making import add_clips, add_overlays
-from physgen.flags.measures import measures
 from physgen.flags.packing import add_pack, add_unpack
 from physgen.flags.parser import Parser
 from physgen.flags.perceiving import add_backends, add_perceive
@@ -165,6 +164,8 @@ def build_parser() -> argparse.ArgumentParser:
         "Scorecards: how far physgen is from what is known. Exit code 1 when a bar is missed.",
         "physgen evaluate physics --rows 1,5,12",
     )
+    from physgen.cli.evaluate import measures
+
     measures(sub.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
 
     sub = command(
