@@ -21,9 +21,9 @@ import time
 from pathlib import Path
 from statistics import median
 
-from physgen.batch.pool import Job, run
+from physgen.batch.run import Job, run
+from physgen.export.video import Format
 from physgen.pipeline import Page, load
-from physgen.report.video import Format
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = ROOT / "scenes" / "dominoes" / "scene.yaml"
@@ -39,7 +39,7 @@ render: {fps: 20}
 """
 PEAK = """\
 import sys
-from physgen.cli import main
+from physgen.cli.main import main
 code = main(sys.argv[1:])
 print(open("/proc/self/status").read().split("VmHWM:")[1].split()[0], file=sys.stderr)
 sys.exit(code)

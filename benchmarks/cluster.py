@@ -24,10 +24,10 @@ from statistics import median
 
 from batch import SMALL, TINY, physgen, sets, timed, variants
 
-from physgen.batch.cluster import farm
-from physgen.batch.pool import Job
+from physgen.batch import cluster as farm
+from physgen.batch.run import Job
+from physgen.export.video import Format
 from physgen.pipeline import Page, load
-from physgen.report.video import Format
 
 CLIPS, TURNS = 100, 5
 WAYS = {"processes": [], "dask": ["--cluster", "dask"], "dask, shipped": ["--cluster", "dask", "--ship"]}
@@ -96,7 +96,7 @@ def handed(clips: int, together: int, ship: bool) -> None:
             for k in range(clips)
         ]  # fmt: skip
         begun = 0.0
-        for number, done in enumerate(farm.run_on("dask", 2, jobs, clips, ship)):
+        for number, done in enumerate(farm.run_on_cluster("dask", 2, jobs, clips, ship)):
             assert done.folder is not None
             if number == clips // 4:
                 begun = _own()

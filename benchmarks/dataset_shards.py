@@ -84,11 +84,11 @@ def _gathered(clips: Path, out: Path) -> dict[str, float]:
 
 
 def _gather(clips: Path, out: Path) -> dict[str, float]:
-    from physgen.batch.dataset.gathering import Asked, gather
-    from physgen.batch.dataset.splits import read_splits
+    from physgen.batch.dataset import DatasetOptions, gather
+    from physgen.batch.dataset_samples import read_splits
 
     idle, begun = _mib(), time.process_time()
-    asked = Asked("webdataset", read_splits("train=1", seed=0))
+    asked = DatasetOptions("webdataset", read_splits("train=1", seed=0))
     gather([clips], out, asked, ["benchmark"], warn=lambda problem: sys.exit(str(problem)))
     return {"cpu": time.process_time() - begun, "mib": _mib(), "idle": idle}
 

@@ -24,11 +24,11 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.evaluate.fid.spread import Distances
-from physgen.perceive.given import from_masks
-from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import perceive
-from physgen.percepts.maps import Percepts, read_labels
-from physgen.percepts.photo import read_image
+from physgen.maps import Percepts, read_labels
+from physgen.perceive.document import write_scene
+from physgen.perceive.perceive import perceive
+from physgen.perceive.segment.prompts import from_masks
+from physgen.photos import read_image
 from physgen.render.stage import Stage
 from physgen.simulate.engine import simulate
 
@@ -98,7 +98,7 @@ def perceived(folder: Path) -> Path:
     found = perceive(
         read_image(photo), from_masks(labels), renames=renames, pixels_per_meter=true["pixels_per_meter"]
     )
-    lay_out(found, photo, "photo", folder / "scene.yaml")
+    write_scene(found, photo, "photo", folder / "scene.yaml")
     return folder / "scene.yaml"
 
 
@@ -167,7 +167,7 @@ def write(folder: Path, k: int, strip: np.ndarray, side: int) -> None:
 
 def fid(folder: Path) -> list[dict]:
     """Distances of every set of clips from the filmed one, and what they were reckoned with."""
-    from physgen import backends
+    from physgen import registry
     from physgen.evaluate.fid import told
     from physgen.evaluate.fid.measure import MOTION, Settings, measure
     from physgen.evaluate.fid.motion import Normalise
@@ -187,7 +187,7 @@ def fid(folder: Path) -> list[dict]:
     for k in range(len(filmed["clips"])):
         write(folder / "still", k, np.hstack([photo] * len(times)), side)
     methods["still"] = sources([folder / "still"])
-    features, flow = backends.make("features"), backends.make("flow")
+    features, flow = registry.make("features"), registry.make("flow")
     found = measure(sources([CLIPS]), methods, features, flow, Settings())
     rows = told.rows(found)
     by_frame = measure(

@@ -18,12 +18,11 @@ import cv2
 import numpy as np
 
 from physgen import pipeline
-from physgen.percepts.maps import Percepts, write_assets
+from physgen.export import video
+from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
+from physgen.maps import Percepts, write_assets
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.render.stage import Stage
-from physgen.report import video
-from physgen.shadow.cast import Setting, Silhouette
-from physgen.shadow.darkness import darkness
 from physgen.simulate.trajectory import Trajectory
 
 LIGHT = DistantLight((-0.45, -0.35, 0.82), 0.75, 0.35)
@@ -40,7 +39,7 @@ def table(folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, floa
         np.array([0.03, 0.2, 0.08]) * (1 + cv2.GaussianBlur(noise, (0, 0), 1.0)[..., None] * 3), 0, 1
     )
     light, labels = cloth.copy(), np.zeros((height, width), np.uint16)
-    setting = Setting(LIGHT, 3.0, True, 0.07, np.inf, size)
+    setting = ShadowSetting(LIGHT, 3.0, True, 0.07, np.inf, size)
     yy, xx = np.mgrid[:height, :width]
     lines = [
         "physgen: 1", "image: photo.png", "assets: photo.assets",
@@ -50,7 +49,7 @@ def table(folder: Path, size: tuple[int, int], spots: Sequence[tuple[float, floa
     ]  # fmt: skip
     for x, y, r in spots:
         cover = np.clip(r + 0.5 - np.hypot(xx - x, yy - y), 0, 1).astype(np.float32)
-        found = darkness(Silhouette(cover, (0, 0), (x, y), r, 2 * r, None), setting)
+        found = shadow_darkness(Silhouette(cover, (0, 0), (x, y), r, 2 * r, None), setting)
         assert found is not None
         (x0, y0, x1, y1), dark = found
         light[y0:y1, x0:x1] *= np.exp(-dark)[..., None]
@@ -135,7 +134,7 @@ def beside(stage: Stage, trajectory: Trajectory, size: tuple[int, int]) -> tuple
             before = time.perf_counter()
             with (
                 video.open_video(Path(out), video.Format.MP4, size, 30) as write,
-                video.alongside([write]) as put,
+                video.encode_in_thread([write]) as put,
             ):
                 for frame in pipeline.render(stage, trajectory):
                     put(frame.rgb)

@@ -28,10 +28,10 @@ from diffusers import (
 )
 from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer, T5Config, T5EncoderModel, T5Tokenizer
 
-from physgen.backends import Setup
 from physgen.perceive.backends.models import device_of, dtype_of
 from physgen.refine.backends import animatediff, cogvideox, wan
 from physgen.refine.backends.sampling import Kind, Sampler
+from physgen.registry import Setup
 
 diffusers.logging.set_verbosity_error()  # it warns of casts that change nothing
 LETTERS = "abcdefghijklmnopqrstuvwxyz"

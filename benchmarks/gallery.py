@@ -17,10 +17,10 @@ from statistics import median
 import cv2
 import numpy as np
 
+from physgen.export.video import Format, open_video
 from physgen.report.clips import clips_in
-from physgen.report.gallery import Pictured, gallery_page, write_gallery
-from physgen.report.posters import pictures
-from physgen.report.video import Format, open_video
+from physgen.report.films import poster_and_strip
+from physgen.report.gallery import ClipPictures, gallery_page, write_gallery
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
@@ -51,7 +51,7 @@ def film(path: Path, seed: int) -> None:
 
 def folders(home: Path, count: int, films: list[Path]) -> None:
     """As many output folders, and the pictures of each where the gallery looks for them."""
-    made = [pictures(path, FRAMES) for path in films]
+    made = [poster_and_strip(path, FRAMES) for path in films]
     beside = home / "index.files"
     beside.mkdir(parents=True)
     side = round(count**0.5)
@@ -93,7 +93,7 @@ def inside(home: Path) -> None:
     clips = clips_in([home])
     beside = home / "index.files"
     held = [
-        Pictured(
+        ClipPictures(
             "data:image/webp;base64,"
             + base64.b64encode((beside / f"{c.seal}.poster.webp").read_bytes()).decode(),
             f"./index.files/{c.seal}.strip.webp",
@@ -134,7 +134,7 @@ def gallery(folder: Path) -> list[dict]:
         films.append(folder / f"film-{seed}" / "video.mp4")
         film(films[-1], seed)
     began = time.process_time()
-    sizes = [tuple(map(len, pictures(path, FRAMES))) for path in films]
+    sizes = [tuple(map(len, poster_and_strip(path, FRAMES))) for path in films]
     poster, strip = np.mean(sizes, axis=0) / 1000
     rows = []
     for count in COUNTS:

@@ -80,7 +80,7 @@ class Runner:
     def __init__(self, checkout: Path, folder: Path) -> None:
         self.checkout, self.folder = checkout, folder
         root = checkout / "physgen" / "__main__.py"
-        self.module = "physgen" if root.exists() else "physgen.cli"
+        self.module = "physgen" if root.exists() else "physgen.cli.main"
         self.environment = os.environ | {
             "PYTHONPATH": str(checkout),
             "XDG_CACHE_HOME": str(folder / "cache"),

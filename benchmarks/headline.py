@@ -22,10 +22,10 @@ import cv2
 import numpy as np
 
 from physgen import pipeline
+from physgen.environment import this_machine
 from physgen.evaluate.matching import judge, overlaps, patches
-from physgen.machine import this_machine
 from physgen.problems import InputError
-from physgen.scene.model import Motion, View
+from physgen.scene.scene import Motion, View
 
 SKIMAGE = {"coins": "png", "coffee": "png", "clock_motion": "png", "rocket": "jpg", "chelsea": "png"}
 """Things on a table, a cup, a clock, a rocket, and a cat, in whom nothing stands loose."""

@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from pycocotools import mask as rle
 from pycocotools.coco import COCO
 
-from physgen.export.flo import GONE, HIDDEN
+from physgen.export.flow import GONE, HIDDEN
 from physgen.photometry import encode_u8
 
 U8 = NDArray[np.uint8]

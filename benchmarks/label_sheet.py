@@ -21,10 +21,10 @@ from label_panels import PANELS, WIDE, Shown, said
 from PIL import Image, ImageDraw
 
 from physgen import pipeline
-from physgen.export.writing import KINDS
-from physgen.percepts.maps import write_assets
-from physgen.percepts.photo import read_image
+from physgen.export.formats import FORMATS
+from physgen.maps import write_assets
 from physgen.photometry import decode
+from physgen.photos import read_image
 
 ROOT = Path(__file__).resolve().parent.parent
 COLUMNS, GAP = 4, 6
@@ -75,7 +75,7 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/labels.png"))
     options = parser.parse_args()
-    every = [kind.name for kind in KINDS]
+    every = [kind.name for kind in FORMATS]
     assert set(PANELS) == set(every), "each format has a picture"
     with tempfile.TemporaryDirectory() as folder:
         scene = mapped(options.scene, Path(folder))

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.evaluate.fidelity import Truth, read_ids, replayed, truths
-from physgen.export.flo import SEEN
-from physgen.percepts.photo import read_image
-from physgen.pipeline.exporting import Labels
+from physgen.export.flow import SEEN
+from physgen.photos import read_image
 from physgen.pipeline.filming import Filming
+from physgen.pipeline.labels import Labels
 from physgen.pipeline.warm import Keep, Warm
 from physgen.pipeline.watch import silent
 from physgen.report.record import RunRecord

@@ -24,11 +24,11 @@ from PIL import Image
 from pycocotools import mask as coco
 
 from physgen import pipeline
-from physgen.export import conditioning, writing
-from physgen.export.motion import Moment
-from physgen.percepts.maps import write_assets
+from physgen.export import conditioning, formats
+from physgen.export.labels import Moment
+from physgen.export.video import open_video
+from physgen.maps import write_assets
 from physgen.photometry import decode, sphere_normals
-from physgen.report.video import open_video
 
 BAR = 1.2
 """Times what the encoders take."""
@@ -103,7 +103,7 @@ class Clock:
 class Timed:
     """A writer, on the clock."""
 
-    def __init__(self, name: str, writer: writing.Writer, clock: Clock) -> None:
+    def __init__(self, name: str, writer: formats.Writer, clock: Clock) -> None:
         self._name, self._writer, self._clock = name, writer, clock
 
     def add(self, moment: Moment) -> None:
@@ -159,18 +159,18 @@ def mapped(folder: Path) -> Path:
 def run(scene: Path, out: Path) -> list[dict]:
     """All formats in one pass."""
     clock = Clock()
-    names = [kind.name for kind in writing.KINDS]
-    written = writing.written
+    names = [kind.name for kind in formats.FORMATS]
+    written = formats.open_writers
 
     @contextmanager
-    def on_the_clock(*args: object) -> Iterator[list[writing.Writer]]:
+    def on_the_clock(*args: object) -> Iterator[list[formats.Writer]]:
         with written(*args) as writers:
             timed = [Timed(*pair, clock) for pair in zip(names, writers, strict=True)]
             yield [Shared(clock), *timed]
             writers[:] = timed  # they are closed after the block
 
     with ExitStack() as held:
-        held.enter_context(patch.object(writing, "written", on_the_clock))
+        held.enter_context(patch.object(formats, "open_writers", on_the_clock))
         held.enter_context(patch.object(conditioning, "open_video", clock.filmed))
         for home, name in ENCODERS:
             held.enter_context(patch.object(home, name, clock.timed(getattr(home, name))))

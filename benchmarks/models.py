@@ -19,16 +19,15 @@ from pathlib import Path
 import numpy as np
 from percepts import photos
 
-from physgen.configured import plan
-from physgen.crew import Crew
-from physgen.flags.perceiving import add_backends
-from physgen.perceive.scene import perceive
+from physgen.cli.perceive import add_backends
+from physgen.perceive.perceive import perceive
+from physgen.registry import Backends, load_plan
 
 MODELS = {"segment", "categories", "label", "physics", "depth", "normals", "intrinsic", "inpaint"}
 """Roles that a models run gives away; the rest is ours, and has half a second."""
 
 
-def measure(crew: Crew, names: list[str]) -> list[dict]:
+def measure(crew: Backends, names: list[str]) -> list[dict]:
     """One row a photo."""
     rows = []
     for photo in photos(names or None):
@@ -75,11 +74,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="raw figures as JSON")
     add_backends(parser)
     options = parser.parse_args()
-    told = plan(
+    told = load_plan(
         options.backend, profile=options.profile, config=options.config, device=options.device, dtype=options.dtype,
         fallback=options.fallback, keep=True,
     )  # fmt: skip
-    rows = measure(Crew(told), options.names)
+    rows = measure(Backends(told), options.names)
     if rows:
         mean = {key: float(np.mean([row[key] for row in rows])) for key in ("precision", "recall")}
         later = [row["seconds"] for row in rows[1:]] or [rows[0]["seconds"]]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from physgen import pipeline
-from physgen.crew import Crew
+from physgen.environment import gpu, this_machine
 from physgen.evaluate.controllability.sweep import sweep
 from physgen.evaluate.controllability.told import findings as answered
 from physgen.evaluate.findings import Findings, Section, Table, markdown
@@ -19,7 +19,7 @@ from physgen.evaluate.properties.told import MASS, ORDER, Asked
 from physgen.evaluate.properties.told import findings as weighed
 from physgen.evaluate.runtime.measured import measure
 from physgen.evaluate.runtime.told import findings as timed
-from physgen.machine import gpu, this_machine
+from physgen.registry import Backends
 
 ROOT = Path(__file__).resolve().parent.parent
 PUSHED = ("curling", "billiards", "shelf")
@@ -111,7 +111,7 @@ SHOWN = {
 
 def properties(folder: Path) -> list[dict]:
     """What the material table knows of objects, told their sizes and not; and of the studio's things."""
-    table, crew = read_table(SHIPPED), Crew()
+    table, crew = read_table(SHIPPED), Backends()
     rows = []
     for sized in (True, False):
         kinds = ask_photos(ROOT / "studio" / "truth", crew, _quiet) if sized else []

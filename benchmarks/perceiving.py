@@ -34,7 +34,7 @@ def perceiving(folder: Path) -> list[dict]:
 def timed(photo: Path) -> dict:
     """Wall seconds of each stage of one run, the number of objects, and MiB of memory at the peak."""
     from physgen import pipeline
-    from physgen.scene.build import load
+    from physgen.scene.load import load
 
     marks: list[tuple[str, float]] = []
     with tempfile.TemporaryDirectory() as folder:

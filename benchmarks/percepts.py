@@ -18,15 +18,15 @@ import cv2
 import numpy as np
 import yaml
 
-from physgen import backends, pipeline
-from physgen.compile.assemble import compile_scene
-from physgen.perceive.found import Perceived
-from physgen.perceive.given import from_masks
-from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import outlined, perceive
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_image
+from physgen import pipeline, registry
+from physgen.compile.compile import compile_scene
+from physgen.maps import read_labels
+from physgen.perceive.document import write_scene
+from physgen.perceive.perceive import fit_objects, perceive
+from physgen.perceive.roles import PerceivedScene
+from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance
+from physgen.photos import read_image
 
 ROOT = Path(__file__).resolve().parents[1]
 PEERS = {"pool": "top", "domino": "side", "pig_ball": "side", "boxes": "side"}
@@ -108,20 +108,20 @@ def labels_of(photo: Photo) -> list[str]:
     return [] if photo.truth is None else [f"{one['id']}={one['label']}" for one in photo.truth["objects"]]
 
 
-def moved(photo: Photo, perceived: Perceived) -> float:
+def moved(photo: Photo, perceived: PerceivedScene) -> float:
     """px by which anything moves, at most, while nothing is pushed."""
     if not perceived.document["objects"]:
         return 0.0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.yaml"
-        lay_out(perceived, None, "photo", path)
+        write_scene(perceived, None, "photo", path)
         scene = pipeline.load(path, ["forces=[]", f"world.duration={STILL}"])
         track = pipeline.simulate(compile_scene(scene, perceived.percepts.labels).world)
     off = track.poses[:, :, :2] - track.poses[:1, :, :2]
     return round(float(np.hypot(off[..., 0], off[..., 1]).max()), 3)
 
 
-def supports(photo: Photo, perceived: Perceived) -> dict:
+def supports(photo: Photo, perceived: PerceivedScene) -> dict:
     """How many objects stand on a true floor, and under how many of them a floor was found within 3 px."""
     if not photo.floors or photo.view != "side":
         return {"standing": 0, "supported": 0}
@@ -158,7 +158,7 @@ def _below(chain: np.ndarray, x: float, bottom: float) -> float | None:
     return min(near, key=lambda y: abs(y - bottom)) if near else None
 
 
-def light(photo: Photo, perceived: Perceived) -> float | None:
+def light(photo: Photo, perceived: PerceivedScene) -> float | None:
     """degrees between the light told and the true one."""
     if "light" not in perceived.document:
         return None
@@ -173,7 +173,7 @@ def read_map(path: Path) -> np.ndarray:
     return cv2.imread(str(path), cv2.IMREAD_COLOR)[..., ::-1]
 
 
-def surfaces(photo: Photo, perceived: Perceived) -> dict:
+def surfaces(photo: Photo, perceived: PerceivedScene) -> dict:
     """Normals: mean degrees over objects and over balls. Albedo and shading: errors, and those of grey albedo."""
     true = (read_map(photo.folder / "normals.webp").astype(np.float32) - 128) / 127
     true /= np.maximum(np.linalg.norm(true, axis=2, keepdims=True), 1e-6)
@@ -212,7 +212,7 @@ def error(said: np.ndarray, true: np.ndarray) -> float:
     return round(float(np.linalg.norm(factor * said - true) / np.linalg.norm(true)), 3)
 
 
-def shadows(photo: Photo, perceived: Perceived) -> dict:
+def shadows(photo: Photo, perceived: PerceivedScene) -> dict:
     """Intersection over union of shadows on what is not an object."""
     assets = ROOT / "scenes" / photo.name / "photo.assets"
     dark = logs(read_image(assets / "clean.png")) - logs(read_image(assets / "background.png"))
@@ -234,7 +234,7 @@ def logs(rgb: np.ndarray) -> np.ndarray:
     return np.log(luminance(decode(rgb)) + 2e-3)
 
 
-def background(photo: Photo, perceived: Perceived) -> dict:
+def background(photo: Photo, perceived: PerceivedScene) -> dict:
     """Behind removed things: low-pass PSNR in dB; texture there, said and true, against that around it."""
     assets, maps = ROOT / "scenes" / photo.name / "photo.assets", perceived.percepts
     hole = photo.labels > 0
@@ -260,13 +260,13 @@ def background(photo: Photo, perceived: Perceived) -> dict:
     }
 
 
-def masses(photo: Photo, perceived: Perceived) -> dict:
+def masses(photo: Photo, perceived: PerceivedScene) -> dict:
     """How many objects weigh within a factor of 2 of the truth, told their labels; and told the scale, too."""
     true = {one["id"]: one["mass_g"] for one in photo.truth["objects"]}
     said = {one["mask"]: one["mass"] for one in perceived.document["objects"].values()}
     labels = {one["id"]: one["label"] for one in photo.truth["objects"]}
-    things = [replace(t, label=labels[t.id]) for t in outlined(photo.rgb, from_masks(photo.labels))[0]]
-    scaled = backends.make("physics")(photo.rgb, things, photo.truth["pixels_per_meter"])
+    things = [replace(t, label=labels[t.id]) for t in fit_objects(photo.rgb, from_masks(photo.labels))[0]]
+    scaled = registry.make("physics")(photo.rgb, things, photo.truth["pixels_per_meter"])
     at_scale = {i: one.mass for i, one in scaled.items()}
 
     def right(masses: dict) -> int:

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 
 from physgen.perceive.backends.boundary_support import support
-from physgen.perceive.given import from_masks
-from physgen.perceive.scene import outlined
-from physgen.scene.model import View
+from physgen.perceive.perceive import fit_objects
+from physgen.perceive.segment.prompts import from_masks
+from physgen.scene.scene import View
 
 SIZE = 512
 """px, both sides."""
@@ -120,7 +120,7 @@ def main() -> None:
             cv2.imwrite(str(said.out / f"{name}.png"), rgb[..., ::-1])
             cv2.imwrite(str(said.out / f"{name}-masks.png"), labels)
         start = time.process_time()
-        things, _ = outlined(rgb, from_masks(labels))
+        things, _ = fit_objects(rgb, from_masks(labels))
         drawn = time.process_time()
         setting = support()(rgb, labels, things, View.SIDE)
         end = time.process_time()

@@ -11,10 +11,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from physgen.perceive.given import at_point, in_box
-from physgen.perceive.pointed import proposed
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_image
+from physgen.maps import read_labels
+from physgen.perceive.segment.prompts import photo_proposals, segment_box, segment_point
+from physgen.photos import read_image
 from physgen.problems import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -75,13 +74,13 @@ def overlap(found: np.ndarray | None, mask: np.ndarray) -> float:
 
 def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
     """Mean and least IoU, and the share that reaches the bar, by kind; wall ms a box."""
-    from physgen import backends
+    from physgen import registry
 
-    segments, known = backends.make("segment")(rgb), proposed(rgb)
+    segments, known = registry.make("segment")(rgb), photo_proposals(rgb)
     ways: dict[str, Callable] = {
-        "box": lambda box: in_box(rgb, box),
-        "jitter": lambda box: in_box(rgb, box),
-        "point": lambda point: at_point(rgb, point, segments, lambda: known),
+        "box": lambda box: segment_box(rgb, box),
+        "jitter": lambda box: segment_box(rgb, box),
+        "point": lambda point: segment_point(rgb, point, segments, lambda: known),
     }
     found: dict[str, list[float]] = {kind: [] for kind in ways}
     took = []

@@ -27,17 +27,16 @@ from typing import Any
 
 import numpy as np
 
-from physgen import backends, pipeline
-from physgen.backends import Setup
+from physgen import pipeline, registry
 from physgen.evaluate import fidelity
 from physgen.photometry import decode
-from physgen.refine.prompts import prompt_of
-from physgen.refine.refining import How, Refinement, frames_of_hold
-from physgen.refine.roles import Grid, Said
-from physgen.render.matte import matte
+from physgen.refine.denoiser import Grid, PromptSettings
+from physgen.refine.fusion import Refinement, RefineSettings, hold_frames, prompt_of
+from physgen.registry import Setup
+from physgen.render.staging import matte_stage
 
 ROOT = Path(__file__).resolve().parent.parent
-HOW = How(0.5, 5, 50, 0, Said("billiard ball", "", None), lock=0.0, detail=1.0, hold=0)
+HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("billiard ball", "", None), lock=0.0, detail=1.0, hold=0)
 """Of the paper: 25 of 50 steps, 20 fused."""
 TINY = {"animatediff": "animatediff", "wan": "wan", "cogvideox": "cogvideox-2b"}
 F32 = np.ndarray
@@ -66,7 +65,7 @@ class Idle:
 
     grid = Grid(cell=8, side=64, area=512 * 512, stride=1, group=1, window=16)
 
-    def begin(self, frames: Any, said: Said, steps: int, count: int) -> F32:
+    def begin(self, frames: Any, said: PromptSettings, steps: int, count: int) -> F32:
         height, width = frames[0].shape[:2]
         self._size, self._count = (height, width), count
         return np.zeros((len(frames), 4, height // 8, width // 8), np.float32)
@@ -104,13 +103,17 @@ def refining(folder: Path) -> list[dict]:
     torch.set_num_threads(1)
     rows = []
     for name, variant in TINY.items():
-        model = backends.make("refine", name, Setup(str(VARIANTS[variant][1](folder / variant)), "cpu"))
+        model = registry.make("refine", name, Setup(str(VARIANTS[variant][1](folder / variant)), "cpu"))
         size, count = (61, 43), 13
         frames, coverage = clip(count, size)
         whole = [np.ones_like(cover) for cover in coverage]
 
         def run(
-            how: How, covers: list[np.ndarray], model: Any = model, frames: Any = frames, **more: Any
+            how: RefineSettings,
+            covers: list[np.ndarray],
+            model: Any = model,
+            frames: Any = frames,
+            **more: Any,
         ) -> F32:
             made = Refinement(model, how, (61, 43), 13, **more).frames(frames, covers)
             return np.stack(list(made)).astype(int)
@@ -139,7 +142,7 @@ def refining(folder: Path) -> list[dict]:
 # ---- full-size models of random numbers --------------------------------------------------------------------------
 
 
-def full(name: str, size: tuple[int, int], count: int, how: How, device: str, dtype: str) -> dict:
+def full(name: str, size: tuple[int, int], count: int, how: RefineSettings, device: str, dtype: str) -> dict:
     """Seconds and peak memory of one clip."""
     import torch
     from full_models import FULL
@@ -188,7 +191,7 @@ def full(name: str, size: tuple[int, int], count: int, how: How, device: str, dt
 def quality(said: str, names: list[str], changed: dict[str, float], device: str, dtype: str) -> list[dict]:
     """Each truth video as drawn and as refined."""
     name, _, weights = said.partition(":")
-    model = backends.make("refine", name, Setup(weights, device, dtype))
+    model = registry.make("refine", name, Setup(weights, device, dtype))
     rows = []
     for truth in fidelity.truths(ROOT / "studio/truth", names):
         scene, maps = fidelity.seen(truth)
@@ -196,12 +199,13 @@ def quality(said: str, names: list[str], changed: dict[str, float], device: str,
         run, stage = fidelity.replayed(truth, compiled), pipeline.stage(scene, compiled, maps)
         drawn = [frame.rgb for frame in pipeline.render(stage, run)]
         coverage = [
-            np.asarray(decode(frame.rgb[..., 0]), np.float32) for frame in pipeline.render(matte(stage), run)
+            np.asarray(decode(frame.rgb[..., 0]), np.float32)
+            for frame in pipeline.render(matte_stage(stage), run)
         ]
         height, width = drawn[0].shape[:2]
         fps = (len(drawn) - 1) / float(run.times[-1])
         prompt = prompt_of(item.label for item in scene.objects)
-        how = replace(HOW, said=Said(prompt, "", None), hold=frames_of_hold(fps))
+        how = replace(HOW, said=PromptSettings(prompt, "", None), hold=hold_frames(fps))
         how = replace(how, **changed)
         refinement = Refinement(model, how, (width, height), len(drawn))
         before = time.perf_counter()

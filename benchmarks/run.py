@@ -65,10 +65,10 @@ from segments import segmentation
 from tables import RESULTS, fidelity_page, page, physics_page, plausibility_page
 
 from physgen import pipeline
-from physgen.cli import main as physgen
+from physgen.cli.main import main as physgen
 from physgen.evaluate import fidelity
-from physgen.perceive.given import from_masks
-from physgen.perceive.scene import perceive
+from physgen.perceive.perceive import perceive
+from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance
 from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Trajectory
@@ -122,13 +122,13 @@ def device(folder: Path) -> list[dict]:
     """Milliseconds a frame by what draws it, the least of four runs; None where there is no GPU."""
     import torch
 
-    from physgen.render.backends.torch_frames import Canvas, render_frames_torch
-    from physgen.render.stage import planned
+    from physgen.render.stage import sprite_poses
+    from physgen.render.torch_frames import Canvas, render_frames_torch
 
     torch.set_num_threads(1)  # where others work too, its threads wait for each other
 
     def left(stage: Stage, trajectory: Trajectory) -> np.ndarray:
-        return Canvas(stage, torch.device("cpu")).darkness([s for _, s in planned(stage, trajectory)])
+        return Canvas(stage, torch.device("cpu")).darkness([s for _, s in sprite_poses(stage, trajectory)])
 
     ways = {"opencv": pipeline.render, "torch": partial(render_frames_torch, device="cpu"), "left": left}
     if torch.cuda.is_available():
@@ -191,7 +191,7 @@ def check(folder: Path) -> list[dict]:
     path = folder / "sixteen.yaml"
     path.write_text("\n".join(lines) + "\n")
     code = (
-        "import sys, time; from pathlib import Path; from physgen.scene.build import load\n"
+        "import sys, time; from pathlib import Path; from physgen.scene.load import load\n"
         "load(Path(sys.argv[1])); times = []\n"
         "for _ in range(15):\n    t = time.process_time(); load(Path(sys.argv[1]))\n"
         "    times.append(time.process_time() - t)\n"

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.cluster.farm import AHEAD, FEW
+from physgen.batch.cluster import FEW
+from physgen.batch.workers import AHEAD
 
 RESULTS = Path(__file__).resolve().parent / "results"
 PAGE = RESULTS.parents[1] / "docs" / "scale.md"

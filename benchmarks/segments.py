@@ -11,7 +11,7 @@ from time import process_time
 
 import numpy as np
 
-from physgen import backends
+from physgen import registry
 from physgen.evaluate.photos import Pair, pairs
 from physgen.evaluate.segmentation import evaluate
 from physgen.perceive.backends import segment_learned
@@ -46,7 +46,7 @@ def photos() -> dict[str, list[Pair]]:
 
 def network_alone(rgb: Rgb) -> Segments:
     """As the default, without what edges and circles propose."""
-    found = segment_learned.candidates(rgb, segment_learned.see(rgb))
+    found = segment_learned.candidates(rgb, segment_learned.run_network(rgb))
     some = np.flatnonzero(found.learned).tolist()
     proposals = [found.proposals[k] for k in some]
     alone = replace(
@@ -62,9 +62,9 @@ def network_alone(rgb: Rgb) -> Segments:
 def segmentation(folder: Path) -> list[dict]:
     """Rows a photo (`photo`) for both together, and a row a set (`photo` is "") for each way."""
     ways: dict[str, Callable[[Rgb], Segments]] = {
-        "both": backends.make("segment", "learned"),
+        "both": registry.make("segment", "learned"),
         "network alone": network_alone,
-        "edges alone": backends.make("segment", "classical"),
+        "edges alone": registry.make("segment", "classical"),
     }
     rows = []
     for name, some in photos().items():

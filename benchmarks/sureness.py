@@ -27,9 +27,9 @@ def measure() -> dict:
     """Of every photo and what is told: masses by kind of thing, and the light."""
     from percepts import labels_of, photos
 
-    from physgen.perceive.given import from_masks
-    from physgen.perceive.scene import perceive
-    from physgen.scene.said import source
+    from physgen.perceive.perceive import perceive
+    from physgen.perceive.segment.prompts import from_masks
+    from physgen.scene.provenance import source
 
     masses, lights = [], []
     for photo in photos():
@@ -71,7 +71,7 @@ def angle(document: dict, photo: object) -> float:
 
 def table(found: dict) -> str:
     """As docs/fan.md shows it: errors in standard deviations of what is drawn."""
-    from physgen.fan.spread import spread
+    from physgen.simulate.uncertain_values import spread
 
     lines = [
         "| mass, told | half | kinds of things | error, standard deviations | within 1 (68 %) | within 2 (95 %) |",
@@ -96,7 +96,7 @@ def table(found: dict) -> str:
 
 
 def lights(rows: list[dict]) -> Iterator[str]:
-    from physgen.fan.spread import cone
+    from physgen.simulate.uncertain_values import cone
 
     for half in ("tune", "test"):
         part = [row for row in rows if row["half"] == half]
@@ -111,8 +111,8 @@ def lights(rows: list[dict]) -> Iterator[str]:
 
 def ranges() -> Iterator[str]:
     """What sources of the material table give as a range, beside how widely a thing of that material is drawn."""
-    from physgen.fan.spread import spread
     from physgen.materials import materials
+    from physgen.simulate.uncertain_values import spread
 
     for key, words in (("friction", "a factor of"), ("rolling", "a factor of")):
         halves = []

@@ -3,4 +3,6 @@
 The stages as Python calls are in :mod:`physgen.pipeline`; nothing heavy is imported here.
 """
 
+from __future__ import annotations
+
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""Material table: material, mass, size and surface of the object that a label names; data in `materials.yaml`."""
+"""Material table: density, friction, elasticity, rolling, gloss and ordinary size of what a label names."""
 
 from __future__ import annotations
 

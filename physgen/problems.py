@@ -93,7 +93,7 @@ Warn = Callable[[Problem], None]
 """Told of everything that is allowed and probably not meant."""
 
 
-def unheard(problem: Problem) -> None:
+def ignore_warning(problem: Problem) -> None:
     """Warnings that nobody reads."""
 
 

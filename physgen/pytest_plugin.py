@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from physgen.golden.asking import FRAMES, MOTION, PIXELS, SIDE, Asked, Motion, Pixels
+from physgen.batch.tolerances import FRAMES, MOTION, PIXELS, SIDE, GoldenOptions, Motion, Pixels
 
 if TYPE_CHECKING:
-    from physgen.golden.checking import Check
+    from physgen.batch.golden import Check
     from physgen.pipeline import Warm
     from physgen.simulate.trajectory import Trajectory
+
 
 __all__ = ["GoldenFixture", "Motion", "Pixels", "physgen_golden"]
 
@@ -88,11 +89,11 @@ class GoldenFixture:
         __tracebackhide__ = True
         from pytest_regressions.common import perform_regression_check
 
-        from physgen.golden.checking import checked
-        from physgen.golden.files import PICTURE
+        from physgen.batch.golden import checked
+        from physgen.batch.golden_files import PICTURE
         from physgen.problems import InputError
 
-        asked = Asked(overrides, variant, allow_outside, frames, side, motion, pixels, until)
+        asked = GoldenOptions(overrides, variant, allow_outside, frames, side, motion, pixels, until)
         path, name = self._found(scene)
         wrong = ""
         try:

@@ -1,7 +1,4 @@
-"""Rows, one at a time -> a CSV file, and a Parquet file where pyarrow is: both appear when they are whole.
-
-Memory does not grow with the rows: CSV goes out row by row, Parquet in groups.
-"""
+"""Write rows to CSV and, where pyarrow is installed, to Parquet."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from io import BufferedWriter, FileIO, TextIOWrapper
 from pathlib import Path
 from types import TracebackType
 
-from physgen.whole import partial
+from physgen.files import partial
 
 GROUP = 4096
 """Rows of a group of a Parquet file."""

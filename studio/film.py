@@ -18,8 +18,7 @@ from stage import Camera, Stage
 
 from physgen import pipeline
 from physgen.simulate.engine import simulate
-from physgen.simulate.trajectory import Trajectory
-from physgen.simulate.turning import matrix
+from physgen.simulate.trajectory import Trajectory, rotation_matrices
 
 
 def poses(
@@ -61,7 +60,7 @@ def rotations(camera: Camera, run: Trajectory, body: int) -> np.ndarray:
     """
     into = camera.axes * [[1], [-1], [-1]]  # rows: the picture's x, y and z in the world
     if run.turns.size:
-        return into.T @ matrix(run.turns[:, body]) @ into
+        return into.T @ rotation_matrices(run.turns[:, body]) @ into
     return np.stack([cv2.Rodrigues(into[2] * angle)[0] for angle in run.poses[:, body, 2]])
 
 

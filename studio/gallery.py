@@ -14,7 +14,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT)]
 from physgen import pipeline  # noqa: E402
-from physgen.percepts.photo import read_image  # noqa: E402
+from physgen.photos import read_image  # noqa: E402
 from physgen.render.stage import Frame  # noqa: E402
 from physgen.simulate.engine import simulate  # noqa: E402
 

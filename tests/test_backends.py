@@ -6,22 +6,20 @@ import sys
 
 import pytest
 
-from physgen import backends
-from physgen.backends import Backend
-from physgen.crew import Choice, Plan, choices
+from physgen import registry
 from physgen.problems import InputError
-from physgen.roster import listing, text
+from physgen.registry import Backend, Choice, Plan, choices, listing, listing_lines
 
 
 def test_rows_are_unique_and_every_role_has_a_default_in_the_core():
-    keys = [(row.role, row.name) for row in backends.BACKENDS]
+    keys = [(row.role, row.name) for row in registry.BACKENDS]
     assert len(keys) == len(set(keys))
-    for role in backends.roles():
-        assert backends.find(role).extra is None
+    for role in registry.roles():
+        assert registry.find(role).extra is None
 
 
 def test_asking_imports_nothing():
-    code = "import sys, physgen.roster as r; r.listing(); sys.exit('numpy' in sys.modules or 'cv2' in sys.modules)"
+    code = "import sys, physgen.registry as r; r.listing(); sys.exit('numpy' in sys.modules or 'cv2' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -34,15 +32,15 @@ def test_asking_imports_nothing():
 )
 def test_unknown_names_are_answered(role: str, name: str | None, message: str):
     with pytest.raises(InputError) as error:
-        backends.make(role, name)
+        registry.make(role, name)
     assert str(error.value).startswith(message)
 
 
 def test_a_missing_extra_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
     row = Backend("segment", "sam", "nowhere:sam", "", extra="models", needs=("no_such_module",))
-    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, row))
+    monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, row))
     with pytest.raises(InputError) as error:
-        backends.make("segment", "sam")
+        registry.make("segment", "sam")
     assert 'needs no_such_module, which is not installed; pip install "physgen[models]"' in str(error.value)
     listed = listing()[-1]
     assert listed["installed"] is False
@@ -60,7 +58,7 @@ def listed(setting: str) -> tuple[dict, list[str]]:
     """The row that a choice takes, and the lines below it."""
     rows = listing(Plan(choices([setting])))
     (row,) = (row for row in rows if row["chosen"] and row["role"] == setting.partition("=")[0])
-    return dict(row), [line.strip() for line in list(text([row]))[2:]]
+    return dict(row), [line.strip() for line in list(listing_lines([row]))[2:]]
 
 
 def test_what_a_choice_leaves_out_is_the_rows_own(tmp_path, monkeypatch: pytest.MonkeyPatch):
@@ -85,7 +83,7 @@ def test_what_a_choice_leaves_out_is_the_rows_own(tmp_path, monkeypatch: pytest.
 def test_rows_that_take_a_map_are_ready_once_one_is_named(tmp_path):
     for row in (row for row in listing() if row["name"] == "file"):
         assert not row["ready"]
-        assert list(text([row]))[-1].strip() == f"[write {row['role']}=file:PATH]"
+        assert list(listing_lines([row]))[-1].strip() == f"[write {row['role']}=file:PATH]"
     row, lines = listed(f"inpaint=file:{tmp_path}/nowhere.png")
     assert not row["ready"]
     assert lines == [f"[lacks {tmp_path}/nowhere.png]"]
@@ -109,7 +107,7 @@ def test_rows_that_take_a_map_are_ready_once_one_is_named(tmp_path):
 )
 def test_the_hubs_cache_is_where_its_own_library_has_it(said: dict[str, str]):
     code = (
-        "from physgen.roster import hub_cache\n"
+        "from physgen.registry import hub_cache\n"
         "from huggingface_hub import constants\n"
         "assert str(hub_cache()) == constants.HF_HUB_CACHE, (hub_cache(), constants.HF_HUB_CACHE)"
     )

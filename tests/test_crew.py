@@ -7,14 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.backends import Backend, Weights
-from physgen.configured import plan
-from physgen.crew import Crew, Plan, choices
-from physgen.perceive.asking import segmenter
-from physgen.perceive.given import from_prompts
-from physgen.perceive.roles import Meant
+from physgen import registry
+from physgen.perceive.roles import PromptedMask
+from physgen.perceive.segment.prompts import from_prompts, segmenter
 from physgen.problems import InputError
+from physgen.registry import Backend, Backends, Plan, Weights, choices, load_plan
 
 RGB = np.zeros((8, 8, 3), np.uint8)
 
@@ -38,9 +35,9 @@ def said(told: Plan) -> dict[str, str]:
 
 
 def test_nothing_said_is_the_offline_line():
-    assert plan() == Plan()
-    assert {plan().row(role).name for role in backends.roles()} == {
-        backends.names(r)[0] for r in backends.roles()
+    assert load_plan() == Plan()
+    assert {load_plan().row(role).name for role in registry.roles()} == {
+        registry.names(r)[0] for r in registry.roles()
     }
 
 
@@ -53,7 +50,7 @@ def test_flags_stand_over_the_folder_over_the_user(tmp_path: Path, monkeypatch: 
     below = tmp_path / "photos/new"
     below.mkdir(parents=True)
     monkeypatch.chdir(below)  # found from below, like a project's other files
-    told = plan(["physics=table"], device="cpu")
+    told = load_plan(["physics=table"], device="cpu")
     assert said(told) == {"segment": "sam3", "inpaint": "lama:/models/big-lama.pt", "physics": "table"}
     assert (told.device, told.keep, told.fallback) == ("cpu", True, False)
 
@@ -64,11 +61,11 @@ def test_a_profile_on_the_command_line_stands_over_the_files_one_in_them_below(t
         'profile = "mine"\n[backend]\nsegment = "classical"\n'
         '[profiles.mine]\nsegment = "sam3"\nnormals = "marigold"\n[vlm]\nsamples = 3\n',
     )
-    assert said(plan()) == {"segment": "classical", "normals": "marigold"}
-    assert said(plan(profile="mine")) == {"segment": "sam3", "normals": "marigold"}
-    assert said(plan(["segment=learned"], profile="mine"))["segment"] == "learned"
-    assert plan(["physics=vlm"]).setup("physics").options == {"samples": 3}
-    assert plan(profile="models").row("segment").name == "grounding-dino+sam"
+    assert said(load_plan()) == {"segment": "classical", "normals": "marigold"}
+    assert said(load_plan(profile="mine")) == {"segment": "sam3", "normals": "marigold"}
+    assert said(load_plan(["segment=learned"], profile="mine"))["segment"] == "learned"
+    assert load_plan(["physics=vlm"]).setup("physics").options == {"samples": 3}
+    assert load_plan(profile="models").row("segment").name == "grounding-dino+sam"
 
 
 def test_paths_in_a_file_are_those_beside_it(tmp_path: Path):
@@ -76,7 +73,7 @@ def test_paths_in_a_file_are_those_beside_it(tmp_path: Path):
         tmp_path / "set/up.toml", '[backend]\nnormals = "file:maps/n.npy"\nsegment = "sam3:facebook/sam3"\n'
     )
     settle(tmp_path / "set/maps/n.npy", "")
-    told = said(plan(config=file))
+    told = said(load_plan(config=file))
     assert told == {"normals": f"file:{tmp_path / 'set/maps/n.npy'}", "segment": "sam3:facebook/sam3"}
 
 
@@ -87,7 +84,7 @@ def test_every_mistake_in_a_file_is_told_by_its_line(tmp_path: Path):
         '[profiles.a]\ndepth = 3\n[vln]\nurl = "x"\n',
     )
     with pytest.raises(InputError) as error:
-        plan()
+        load_plan()
     lines = sorted(str(problem).removeprefix(f"{file}:") for problem in error.value.problems)
     assert lines == [
         '1:1: "gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
@@ -120,7 +117,7 @@ def test_every_mistake_in_a_file_is_told_by_its_line(tmp_path: Path):
 )
 def test_wrong_flags_are_answered(settings, told, message: str):
     with pytest.raises(InputError) as error:
-        plan(settings, **told)
+        load_plan(settings, **told)
     assert message in str(error.value)
 
 
@@ -151,7 +148,7 @@ def odd(monkeypatch: pytest.MonkeyPatch) -> type[Odd]:
     row = Backend(
         "segment", "odd", f"{__name__}:Odd", "", weights=(Weights("a/b", "", ""),), uses=("categories",)
     )
-    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, row))
+    monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, row))
     monkeypatch.setitem(__import__("sys").modules, __name__, __import__("sys").modules[Odd.__module__])
     Odd.made = Odd.closed = 0
     Odd.fails = False
@@ -161,7 +158,7 @@ def odd(monkeypatch: pytest.MonkeyPatch) -> type[Odd]:
 def test_models_are_let_go_after_their_role_unless_kept(odd: type[Odd]):
     for keep, lives in ((False, 3), (True, 1)):
         odd.made = odd.closed = 0
-        crew = Crew(Plan(choices(["segment=odd"]), keep=keep))
+        crew = Backends(Plan(choices(["segment=odd"]), keep=keep))
         for _ in range(3):
             crew.begin()
             assert crew.call("segment", RGB, categories=[1], depth=2) == [1]  # only what the row uses
@@ -177,9 +174,9 @@ def test_a_failure_is_an_error_unless_the_default_may_take_over(odd: type[Odd]):
     with pytest.raises(
         InputError, match=r"segment=odd:c/d failed .RuntimeError: out of memory.; see what failed"
     ):
-        Crew(Plan(choices(["segment=odd:c/d"]))).call("segment", RGB, categories=[])
+        Backends(Plan(choices(["segment=odd:c/d"]))).call("segment", RGB, categories=[])
     heard = []
-    crew = Crew(Plan(choices(["segment=odd:c/d"]), fallback=True), heard.append)
+    crew = Backends(Plan(choices(["segment=odd:c/d"]), fallback=True), heard.append)
     crew.call("segment", RGB, categories=[])
     assert crew.name("segment") == "learned"
     (step,) = crew.record()
@@ -192,7 +189,7 @@ def test_a_failure_is_an_error_unless_the_default_may_take_over(odd: type[Odd]):
 
 def test_kept_or_not_what_failed_on_one_photo_is_tried_on_the_next(odd: type[Odd]):
     for keep in (False, True):
-        crew = Crew(Plan(choices(["segment=odd"]), keep=keep, fallback=True))
+        crew = Backends(Plan(choices(["segment=odd"]), keep=keep, fallback=True))
         odd.fails = True
         assert crew.call("segment", np.zeros((64, 64, 3), np.uint8), categories=[1]).labels.shape == (64, 64)
         odd.fails = False
@@ -204,11 +201,11 @@ def test_kept_or_not_what_failed_on_one_photo_is_tried_on_the_next(odd: type[Odd
 
 
 def test_a_plan_of_some_roles_makes_and_checks_nothing_of_others(odd: type[Odd]):
-    told = plan(["segment=odd", "refine=wan:nobody/no-such-weights"])
+    told = load_plan(["segment=odd", "refine=wan:nobody/no-such-weights"])
     with pytest.raises(InputError, match="nobody/no-such-weights"):
-        Crew(told)
+        Backends(told)
     odd.made = 0
-    crew = Crew(told.of(["segment", "label"]))
+    crew = Backends(told.of(["segment", "label"]))
     assert crew.name("segment") == "odd"
     assert odd.made == 1
     assert told.of(["refine"]).setup("refine").weights == "nobody/no-such-weights"
@@ -218,14 +215,14 @@ def test_boxes_and_points_go_through_the_crew_too(odd: type[Odd], monkeypatch: p
     def meant(self, rgb, boxes, points):
         if odd.fails:
             raise RuntimeError("no memory")
-        return [Meant(np.ones(rgb.shape[:2], bool), 0.9) for _ in (*boxes, *points)]
+        return [PromptedMask(np.ones(rgb.shape[:2], bool), 0.9) for _ in (*boxes, *points)]
 
     monkeypatch.setattr(Odd, "meant", meant, raising=False)
     rgb = np.full((64, 64, 3), 90, np.uint8)
     rgb[20:44, 20:44] = 200
     for fails in (False, True):
         odd.fails = fails
-        crew = Crew(Plan(choices(["segment=odd"]), fallback=True))
+        crew = Backends(Plan(choices(["segment=odd"]), fallback=True))
         found = from_prompts(rgb, [(16, 16, 32, 32)], [], segmenter(crew, ["cup"]))
         assert ((found.labels == 1).sum() == 64 * 64) == (not fails)  # else what is seen in the box
         assert len(crew.record()) == 1
@@ -236,31 +233,31 @@ def test_boundaries_that_need_depth_say_so_before_any_work():
     with pytest.raises(
         InputError, match=r"boundary=depth-normals.* needs depth; choose who tells depth, too"
     ):
-        Crew(plan(["boundary=depth-normals"]))
+        Backends(load_plan(["boundary=depth-normals"]))
 
 
 def test_a_folder_names_neither_programs_nor_servers(tmp_path: Path):
     text = '[backend]\ninpaint = "lama:evil.pt"\nphysics = "vlm"\n[vlm]\nurl = "http://evil.example/v1"\n'
     file = settle(tmp_path / "physgen.toml", text)
     with pytest.raises(InputError) as error:
-        plan()
+        load_plan()
     told = str(error.value)
     assert "physgen.toml:2:1: inpaint:" in told
     assert "is a program that a folder's file may not run; say it on the command line, with --config" in told
     assert "physgen.toml:5:1: vlm.url:" in told
-    assert said(plan(config=file))["inpaint"] == "lama:evil.pt"  # a person said so
+    assert said(load_plan(config=file))["inpaint"] == "lama:evil.pt"  # a person said so
     settle(file, '[vlm]\nurl = "http://127.0.0.1:8000/v1"\n')
-    assert plan().options["vlm"] == {"url": "http://127.0.0.1:8000/v1"}
+    assert load_plan().options["vlm"] == {"url": "http://127.0.0.1:8000/v1"}
 
 
 def test_a_folders_profile_stands_over_the_users_choices(tmp_path: Path):
     settle(tmp_path / "home/physgen/physgen.toml", 'keep = true\n[backend]\nsegment = "sam3"\n')
     settle(tmp_path / "physgen.toml", 'profile = "offline"\nkeep = false\n')
-    assert said(plan()) == {}
-    assert not plan(otherwise={"keep": True}).keep
+    assert said(load_plan()) == {}
+    assert not load_plan(otherwise={"keep": True}).keep
     settle(tmp_path / "physgen.toml", 'device = "cpu"\n\nprofile = "offlne"\n')
     with pytest.raises(InputError, match=r'physgen.toml:3:1: "offlne" is no profile; did you mean offline'):
-        plan()
+        load_plan()
 
 
 def test_what_is_not_installed_is_told_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
@@ -268,11 +265,11 @@ def test_what_is_not_installed_is_told_before_anything_runs(monkeypatch: pytest.
         Backend("segment", "far", "nowhere:far", "", extra="models", needs=("no_such_module",)),
         Backend("depth", "far", "nowhere:far", "", extra="models", needs=("no_such_module",)),
     )
-    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, *rows))
+    monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, *rows))
     with pytest.raises(InputError) as error:
-        Crew(Plan(choices(["segment=far", "depth=far"])))
+        Backends(Plan(choices(["segment=far", "depth=far"])))
     assert len(error.value.problems) == 2
     assert 'pip install "physgen[models]"' in str(error.value)
-    crew = Crew(Plan(choices(["depth=far"]), fallback=True))
+    crew = Backends(Plan(choices(["depth=far"]), fallback=True))
     assert not crew.call("depth", RGB).any()
     assert crew.name("depth") == "none"

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.geometry import Pose, cross, polygon_moments, rotation
+from physgen.geometry.polygon import Pose, cross, polygon_moments, rotation
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
 

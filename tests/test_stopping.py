@@ -10,7 +10,7 @@ import pytest
 CODE = """
 import sys, time
 import pymunk
-from physgen.stopping import heeded
+from physgen.signals import heeded
 
 heeded()
 space = pymunk.Space()

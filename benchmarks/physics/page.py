@@ -25,8 +25,12 @@ mu friction, I moment of inertia, R radius.
 
 def page(rows: Sequence[dict[str, Any]], machine: str) -> str:
     """Two tables: errors with their convergence and second engines; what is drawn, and the reason for the bar."""
-    rates = sorted({rate for row in rows for one in row["measures"] for rate in one["convergence"]}, key=float)
-    engines = list(dict.fromkeys(name for row in rows for one in row["measures"] for name in one.get("rivals", {})))
+    rates = sorted(
+        {rate for row in rows for one in row["measures"] for rate in one["convergence"]}, key=float
+    )
+    engines = list(
+        dict.fromkeys(name for row in rows for one in row["measures"] for name in one.get("rivals", {}))
+    )
     heads = ["#", "test", "closed form", "bar", "error", *(f"{rate}/s" for rate in rates), *engines]
     lines = [
         [
@@ -37,7 +41,10 @@ def page(rows: Sequence[dict[str, Any]], machine: str) -> str:
             row["title"],
             row["closed_form"],
             _cell(row, lambda one, row=row: _name(row, one) + _bar(one)),
-            _cell(row, lambda one: quantity(one["error"], one["unit"]) + ("" if one["passed"] else " **misses**")),
+            _cell(
+                row,
+                lambda one: quantity(one["error"], one["unit"]) + ("" if one["passed"] else " **misses**"),
+            ),
             *(_cell(row, lambda one, rate=rate: _part(one, "convergence", rate, "none")) for rate in rates),
             *(_cell(row, lambda one, name=name: _part(one, "rivals", name, "-")) for name in engines),
         ]

@@ -33,7 +33,9 @@ def physics(folder: Path) -> list[dict]:
         (scenes / name).write_text(text)
     rows = scorecard.evaluate(Path(__file__).parent, ROWS, workers=os.cpu_count() or 1)
     before = json.loads(RESULT.read_text())["rows"] if RESULT.exists() else []
-    known = {(row["name"], m["name"]): m["rivals"] for row in before for m in row["measures"] if "rivals" in m}
+    known = {
+        (row["name"], m["name"]): m["rivals"] for row in before for m in row["measures"] if "rivals" in m
+    }
     for row in rows:
         for measure in row["measures"]:
             if (row["name"], measure["name"]) in known:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from physgen.evaluate.plausibility.tracks import Array, Form, Tracks
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 Rng = np.random.Generator
 ROOM = 512.0

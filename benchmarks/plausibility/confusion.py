@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table
 from physgen.evaluate.plausibility.score import EVEN
-from physgen.fan.statistics import mean_of_two
+from physgen.simulate.uncertainty_summary import interval_of_mean
 
 from .balls import FREE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.look import Palette
+    from physgen.report.plots.style import Palette
 
     from .trial import Said
 
@@ -94,7 +94,7 @@ def balanced(rows: Sequence[Row]) -> float | None:
 def interval(rows: Sequence[Row]) -> tuple[float, float] | None:
     """95 % of the balanced accuracy, as if all clips were drawn apart from each other; None without either kind."""
     told = _told(rows)
-    return None if told is None else mean_of_two(*told)
+    return None if told is None else interval_of_mean(*told)
 
 
 def _told(rows: Sequence[Row]) -> tuple[tuple[int, int], tuple[int, int]] | None:
@@ -159,7 +159,7 @@ def _by_family(rows: Sequence[Row], trackers: list[str]) -> Table:
 
 def _figure(rows: Sequence[Row], tracker: str) -> Figure:
     from physgen.evaluate.plotted import plotted
-    from physgen.report.plots.look import SMALL
+    from physgen.report.plots.style import SMALL
 
     mine = _only(rows, tracker=tracker)
     faults = [RIGHT, *(fault for fault in _known(mine, "fault") if fault != RIGHT)]

@@ -14,7 +14,7 @@ import numpy as np
 
 from physgen.compile.world import Push, World
 from physgen.evaluate.plausibility.tracks import Array
-from physgen.scene.model import Load, View
+from physgen.scene.scene import Load, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 

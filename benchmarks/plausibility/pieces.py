@@ -9,7 +9,7 @@ import numpy as np
 
 from physgen.compile.world import World
 from physgen.evaluate.plausibility.tracks import Array
-from physgen.geometry import rotation
+from physgen.geometry.polygon import rotation
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 

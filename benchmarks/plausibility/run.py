@@ -15,7 +15,7 @@ from physgen.evaluate.plausibility.reading import read
 from physgen.evaluate.plausibility.reading.asked import Asked
 from physgen.evaluate.plausibility.reading.clips import from_scene, from_world
 from physgen.evaluate.plausibility.tracks import Tracks
-from physgen.scene.build import written
+from physgen.scene.load import raw_document
 
 from .confusion import counted
 from .trial import HELD_OUT, trial
@@ -53,7 +53,7 @@ def scenes() -> list[dict]:
 def _all() -> Iterator[tuple[Path, str | None]]:
     for path in sorted((ROOT / "scenes").glob("*/*.yaml")):
         yield path, None
-        for variant in written(path).get("variants") or {}:
+        for variant in raw_document(path).get("variants") or {}:
             yield path, variant
 
 

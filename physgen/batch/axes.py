@@ -1,4 +1,4 @@
-"""Arguments `KEY=VALUES` -> axes: keys of a scene, each with its values or the distribution of its draws."""
+"""Arguments `KEY=VALUES` of a sweep as axes: keys of a scene with listed or drawn values."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ import re
 import shlex
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
+from typing import Any
 
-from physgen.batch import draws, steps
-from physgen.batch.columns import Kind, kind_of
-from physgen.batch.draws import Choice, Distribution, Integers
-from physgen.batch.steps import Steps
-from physgen.batch.values import SplitError, Value, WrongError, split, yaml
+from physgen.batch import distributions
+from physgen.batch.distributions import Choice, Distribution, Integers, Steps
+from physgen.batch.values import SplitError, Value, WrongError, kind_of, split, yaml
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.overlay import parse_key
-from physgen.scene.words import KeyPath, quoted
+from physgen.tables import Kind
+from physgen.text import KeyPath, dotted, quoted
+
+# ----------------------------------------------------------------------
+# Arguments `KEY=VALUES` -> axes: keys of a scene, each with its values or the distribution of its draws.
 
 STARS = {"*", "[*]"}
 """Parts of a key that stand for several."""
@@ -161,10 +164,12 @@ def _whole(pieces: Sequence[str]) -> Axis:
         if each := _EACH(values):
             if not STARS & set(parse_key(key) or ()):
                 raise WrongError("is one key, and has one draw as it is", f"write {key}=~{each[1].strip()}")
-            return Drawn(key, argument, draws.read(f"~{each[1].strip()}"), each=True)
+            return Drawn(key, argument, distributions.read_distribution(f"~{each[1].strip()}"), each=True)
         if values.lstrip().startswith("~"):
-            return Drawn(key, argument, draws.read(values.strip()))
-        if (call := re.match(r"\s*([\w-]+)\s*\(", values)) and re.sub("[-_]", "", call[1]) in draws.FORMS:
+            return Drawn(key, argument, distributions.read_distribution(values.strip()))
+        if (call := re.match(r"\s*([\w-]+)\s*\(", values)) and re.sub(
+            "[-_]", "", call[1]
+        ) in distributions.FORMS:
             raise WrongError("is text as it stands", f"a distribution begins with ~: {key}=~{values.strip()}")
         return Listed(key, argument, _parts(values))
     except WrongError as error:
@@ -188,8 +193,8 @@ def _parts(values: str) -> tuple[Value | Steps, ...]:
             raise WrongError(
                 "mixes values and a distribution", "write the distribution alone, or ~choice(...)"
             )
-        if steps.looks_like(text):
-            parts.append(steps.read(text))
+        if distributions.is_range(text):
+            parts.append(distributions.read_range(text))
             continue
         try:
             value = yaml(text)
@@ -234,3 +239,62 @@ def covers(later: KeyPath, former: KeyPath) -> bool:
 
 def _bare(part: object) -> str:
     return str(part).strip("[]")
+
+
+# ----------------------------------------------------------------------
+# `objects.*.mass=~each uniform(50, 200)` and a scene -> a key with draws of its own for each thing that `*`
+# means.
+
+
+def per_object(axes: Sequence[Axis], documents: Sequence[Any]) -> tuple[Axis, ...]:
+    """All axes, those with `each` as one for each key that they mean; what a later axis sets anyway is left out.
+
+    `documents` are the resolved scenes that the sweep starts from, as plain data: what some of them lack is no key.
+    Raises InputError where there is none at all.
+    """
+    found: list[Axis] = []
+    problems: list[Problem] = []
+    for n, axis in enumerate(axes):
+        if not isinstance(axis, Drawn) or not axis.each:
+            found.append(axis)
+            continue
+        ways = [list(_meant(document, axis.path)) for document in documents]
+        common = [way for way in ways[0] if all(way in others for others in ways[1:])]
+        if not common:
+            problems.append(
+                Problem(axis.place, "", "", "means nothing that the scene has", "see the key's first parts")
+            )
+        text = axis.argument.partition("=")[2].lstrip(" ~").removeprefix("each").strip()
+        for way in common:
+            if not any(covers(later.path, way) for later in axes[n + 1 :]):
+                key = dotted(way)
+                found.append(replace(axis, key=key, argument=f"{key}=~{text}", each=False))
+    if problems:
+        raise InputError(problems)
+    return tuple(found)
+
+
+def _meant(document: Any, path: KeyPath, way: KeyPath = ()) -> Iterator[KeyPath]:
+    """Ways that the path means, its stars replaced; what stands behind the last star need not be there."""
+    star = next((k for k, part in enumerate(path) if part in STARS), None)
+    if star is None:
+        yield (*way, *path)
+        return
+    place = document
+    for part in path[:star]:
+        place = _child(place, part)
+    if isinstance(place, list) and path[star] in ("*", "[*]"):
+        children: Iterator[tuple[str | int, Any]] = iter(enumerate(place))
+    elif path[star] == "*" and hasattr(place, "items"):
+        children = iter(place.items())
+    else:
+        return
+    for name, child in children:
+        yield from _meant(child, path[star + 1 :], (*way, *path[:star], name))
+
+
+def _child(place: Any, part: str | int) -> Any:
+    """None where there is none."""
+    if isinstance(place, list):
+        return place[int(part)] if str(part).isdecimal() and int(part) < len(place) else None
+    return place.get(part) if hasattr(place, "get") else None

@@ -1,4 +1,5 @@
-"""Trajectory -> what became of the clip, as cells of a table: of all objects together, and of each that is tracked.
+"""Trajectory -> what became of the clip, as cells of a table: of all objects together, and of each that is
+tracked.
 
 All that is told of a time is as fine as the samples, which are the video's frames, but for touches, which the engine
 times itself.
@@ -12,9 +13,8 @@ from math import degrees
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.batch.columns import Cell, Column, Kind
-from physgen.simulate.settled import fresh, rests
-from physgen.simulate.trajectory import Trajectory
+from physgen.simulate.trajectory import Trajectory, new_touches, rest_times
+from physgen.tables import Cell, Column, Kind
 
 TOGETHER = (
     Column("peak_speed", Kind.NUMBER, "px/s"),
@@ -48,9 +48,9 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
     if not len(trajectory.times):
         return {}
     speeds = np.hypot(trajectory.velocities[..., 0], trajectory.velocities[..., 1])
-    resting = rests(trajectory)
+    resting = rest_times(trajectory)
     touches = trajectory.contacts.touch_pairs
-    begins = np.where(fresh(trajectory), trajectory.contacts.touch_times[:, 0], np.inf)
+    begins = np.where(new_touches(trajectory), trajectory.contacts.touch_times[:, 0], np.inf)
     cells: dict[str, Cell] = {"touches": len(touches)}
     if trajectory.names:
         cells["peak_speed"] = float(speeds.max())

@@ -1,17 +1,21 @@
-"""Text of one argument -> its values: split at commas that stand in no bracket and no quotes, each read as YAML."""
+"""Values of a sweep's arguments: split at commas, read as YAML, and stored in typed table columns."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from physgen.problems import InputError
-from physgen.scene.document import read
-from physgen.scene.node import Source, plain
-from physgen.scene.words import number
+from physgen.scene.document import Source, plain, read
+from physgen.tables import Cell, Kind
+from physgen.text import number
+
+# ----------------------------------------------------------------------
+# Text of one argument -> its values: split at commas that stand in no bracket and no quotes, each read as
+# YAML.
 
 _OPEN = {"[": "]", "{": "}", "(": ")"}
 _QUOTED = {"'": re.compile(r"'(?:[^']|'')*'"), '"': re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)}
@@ -100,3 +104,30 @@ def numeric(text: str) -> int | float | None:
 def of(data: int | float) -> Value:
     """A number, with the shortest text that says exactly it."""
     return Value(number(data), data)
+
+
+# ----------------------------------------------------------------------
+# Values that somebody wrote -> the kind of column that holds them, and their cells.
+
+
+def kind_of(values: Iterable[Any]) -> Kind:
+    """The narrowest kind that holds all; None fits into any."""
+    known = [value for value in values if value is not None]
+    seen = {type(value) for value in known}
+    if not seen or not seen <= {int, float, bool} or (bool in seen and len(seen) > 1):
+        return Kind.TEXT
+    if any(
+        isinstance(value, int) and abs(value) >= 2**63 for value in known
+    ):  # no column of whole numbers is so wide
+        return Kind.TEXT
+    return Kind.TRUTH if seen == {bool} else Kind.WHOLE if seen == {int} else Kind.NUMBER
+
+
+def cell(value: Value, kind: Kind) -> Cell:
+    """A parameter's value as its column holds it: lists and mappings as YAML."""
+    data = value.data
+    if data is None:
+        return None
+    if kind is Kind.TEXT:
+        return data if isinstance(data, str) else value.text
+    return float(data) if kind is Kind.NUMBER else data

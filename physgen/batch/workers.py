@@ -20,7 +20,7 @@ from multiprocessing.process import BaseProcess
 from threading import Thread
 from typing import Generic, TypeVar
 
-from physgen.stopping import heeded
+from physgen.signals import install_handler
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -73,7 +73,7 @@ class _Queue(Generic[Item]):
         return None
 
 
-def spread(
+def run_parallel(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     workers: int,
@@ -201,7 +201,7 @@ def serve(line: Connection, work: Callable[[Item], Result], parent: int) -> None
     """A worker's life: an item, its result, the next one; until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
-    heeded()
+    install_handler()
     Thread(target=_follow, args=(parent,), daemon=True).start()
     while True:
         try:

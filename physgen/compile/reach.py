@@ -1,4 +1,4 @@
-"""Bodies, outlines and walls at t = 0 -> who reaches across what, and how far a point is from an outline, px."""
+"""Distances between bodies, outlines and walls at t = 0."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Wall
-from physgen.geometry import cross
-from physgen.outline.outline import Disc, Outline, Region, Ring
-from physgen.outline.pieces import hull
+from physgen.geometry.convex import hull
+from physgen.geometry.polygon import Disc, Outline, Region, Ring, cross
 
 Array = NDArray[np.float64]
 
 
-class Spans:
+class Intervals:
     """Intervals of a line, found by where they lie."""
 
     def __init__(self, low: Array, high: Array) -> None:
@@ -29,7 +28,7 @@ class Spans:
         return self._order[first : np.searchsorted(self._low, high, "right")]
 
 
-class Lines:
+class WallSegments:
     """The segments of all walls, found by where they lie."""
 
     def __init__(self, walls: Sequence[Wall]) -> None:
@@ -39,7 +38,7 @@ class Lines:
         self.end = np.concatenate([none, *(chain[1:] for _, chain in chains)])
         self.wall = np.repeat([k for k, _ in chains], [len(chain) - 1 for _, chain in chains]).astype(np.intp)
         self._low, self._high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
-        self._spans = Spans(self._low[:, 0], self._high[:, 0])
+        self._spans = Intervals(self._low[:, 0], self._high[:, 0])
 
     def across(self, body: Body, by: Array | None = None) -> dict[int, float]:
         """Index of every wall that a body, moved by `by` (2,) px, reaches across, and how far, px."""
@@ -56,7 +55,7 @@ class Lines:
         return deepest
 
 
-def beyond(outline: Outline, points: Array) -> Array:
+def distance_beyond_hull(outline: Outline, points: Array) -> Array:
     """(P,) px by which points (P, 2) lie outside the outline's convex hull, 0 inside; never more than the distance."""
     if isinstance(outline, Disc):
         return np.asarray(np.maximum(np.hypot(*(points - outline.center).T) - outline.radius, 0.0))
@@ -69,14 +68,14 @@ def beyond(outline: Outline, points: Array) -> Array:
     return most
 
 
-def moved(outline: Outline, by: Array) -> Outline:
+def translated_outline(outline: Outline, by: Array) -> Outline:
     """The outline at another place."""
     if isinstance(outline, Disc):
         return Disc(outline.center + by, outline.radius)
     return Region(tuple(Ring(r.outer + by, tuple(h + by for h in r.holes)) for r in outline.rings))
 
 
-def distance(outline: Outline, point: Array) -> float:
+def distance_to_outline(outline: Outline, point: Array) -> float:
     """How far a point (2,) lies outside an outline, px; 0 within."""
     if isinstance(outline, Disc):
         return max(0.0, float(np.hypot(*(point - outline.center))) - outline.radius)

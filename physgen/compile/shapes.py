@@ -1,26 +1,189 @@
-"""Scene + label map -> what its masks and shapes are: whose pixels are whose, and the outlines that fit them.
-
-No mass, coefficient, velocity or force counts here: scenes that differ in these alone share one result.
-"""
+"""Masks and written shapes of a scene: label map, fitted outlines, walls."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import radians, sqrt
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.masks import object_labels
-from physgen.compile.reach import beyond
-from physgen.compile.walls import Fitted, fit_masks
-from physgen.geometry import rotation
-from physgen.outline.outline import Disc, Outline, Region, Ring
-from physgen.scene.model import Box, Circle, Polygon, Scene, Shape
+from physgen.compile.reach import distance_beyond_hull
+from physgen.compile.world import Wall, surface
+from physgen.geometry.fitting import fit_outlines, without_specks
+from physgen.geometry.polygon import Disc, Outline, Region, Ring, mass_properties, rotation
+from physgen.geometry.raster import coverage_box
+from physgen.geometry.regions import fit_regions
+from physgen.problems import InputError, Problem
+from physgen.scene.scene import (
+    Boundary,
+    Box,
+    Circle,
+    Mask,
+    MaskId,
+    MaskPolygon,
+    MaskRle,
+    Object,
+    Points,
+    Polygon,
+    Scene,
+    Shape,
+    View,
+)
+
+# ----------------------------------------------------------------------
+# Scene + the photo's labels -> one label map whose id k + 1 is the scene's k-th object; masks of boundaries.
 
 U16 = NDArray[np.uint16]
+
+
+def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None]) -> U16:
+    """(H, W) ids by object: from masks.png, an outline, run lengths or, with none of these, the written shape.
+
+    `written` holds the outline of every explicit shape, None where it is fitted. Nearer layers win shared pixels.
+    """
+    width, height = scene.size
+    out = np.zeros((height, width), np.uint16)
+    problems = []
+    for k in sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer):
+        item, outline = scene.objects[k], written[k]
+        mask = mask_pixels(item.mask, scene.size, labels)
+        if mask is not None:
+            out[mask] = k + 1
+            if not mask.any():
+                problems.append(empty_mask_problem(scene, f"objects.{item.name}", item))
+        elif outline is None:
+            problems.append(unreadable_mask_problem(scene, f"objects.{item.name}", item))
+        elif outline is not None:
+            box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
+            out[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]][box >= 0.5] = k + 1
+    shown = np.bincount(out.ravel(), minlength=len(scene.objects) + 1)
+    if not problems:
+        hidden = (k for k, outline in enumerate(written) if outline is None and not shown[k + 1])
+        problems = [_hidden(scene, scene.objects[k]) for k in hidden]
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def mask_pixels(mask: Mask | None, size: tuple[int, int], labels: U16 | None) -> NDArray[np.bool_] | None:
+    """(H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
+    match mask:
+        case MaskId(id=identity):
+            return None if labels is None else np.asarray(labels == identity)
+        case MaskPolygon(points=points):
+            return fill_polygon(points, size)
+        case MaskRle(size=(height, width), counts=counts):
+            flat = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
+            return np.ascontiguousarray(flat.reshape(width, height).T)
+        case _:
+            return None
+
+
+def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """(H, W): pixels whose centre lies inside, by the even-odd rule."""
+    canvas = np.zeros((size[1], size[0]), np.uint8)
+    fixed = np.rint(np.asarray(points) * 16).astype(np.int32)
+    cv2.fillPoly(canvas, [fixed], 1, lineType=cv2.LINE_8, shift=4)
+    return canvas > 0
+
+
+def empty_mask_problem(scene: Scene, path: str, item: Object | Boundary) -> Problem:
+    """The mask of the thing at `path` has no pixel."""
+    path = f"{path}.mask"
+    found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
+    fix = "write an id that masks.png holds, or an outline inside the photo"
+    return Problem(scene.place(path), path, found, "covers no pixel", fix)
+
+
+def unreadable_mask_problem(scene: Scene, path: str, item: Object | Boundary) -> Problem:
+    """The mask of the thing at `path` is an id, and the scene has no photo."""
+    path = f"{path}.mask"
+    found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
+    expected = "is an id, and masks.png is read beside a photo only"
+    return Problem(scene.place(path), path, found, expected, "write image: photo.png, or an outline")
+
+
+def _hidden(scene: Scene, item: Object) -> Problem:
+    path = f"objects.{item.name}.mask"
+    fix = "write its shape, or give it a layer in front of theirs"
+    return Problem(scene.place(path), path, item.name, "is hidden behind the masks of others", fix)
+
+
+# ----------------------------------------------------------------------
+# Scene + label maps -> the walls, and which pixels of the photo show those that are masks.
+
+Array = NDArray[np.float64]
+PixelMask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What the masks of objects and boundaries became, fitted together so that neighbours touch."""
+
+    objects: dict[int, Outline]
+    """By id in the objects' label map, those alone whose shape is fitted."""
+    walls: dict[int, Region]
+    """By index in `Scene.boundaries`, those alone that are masks."""
+    scenery: PixelMask
+    """(H, W): pixels that show a boundary and no object."""
+
+
+def fit_masks(scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]) -> Fitted:
+    """Outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
+
+    A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
+    nothing stood before it: a hole in the shape of the thing in front would be a trap around it.
+    """
+    together = of_objects.astype(np.int32)
+    shared: dict[int, int] = {}
+    alone: dict[int, Region] = {}
+    scenery = np.zeros(of_objects.shape, bool)
+    problems: list[Problem] = []
+    for k, item in enumerate(scene.boundaries):
+        if item.mask is None:
+            continue
+        mask = mask_pixels(item.mask, scene.size, labels)
+        if mask is None or not mask.any():
+            why = unreadable_mask_problem if mask is None else empty_mask_problem
+            problems.append(why(scene, f"boundaries.{item.name}", item))
+            continue
+        scenery |= mask
+        if together[mask].any():
+            alone[k] = fit_regions(without_specks(mask).astype(np.int64))[1]
+        else:
+            shared[k] = len(scene.objects) + 1 + k
+            together[mask] = shared[k]
+    if problems:
+        raise InputError(problems)
+    ids = [*fitted, *shared.values()]
+    fits = fit_outlines(together, ids, never_discs=set(shared.values())) if ids else {}
+    walls = {k: fit for k, i in shared.items() if isinstance(fit := fits[i], Region)} | alone
+    return Fitted({i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0))
+
+
+def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
+    """The boundaries as chains; `regions` are those of masks, by index."""
+
+    def chains(k: int, item: Boundary) -> tuple[Array, ...]:
+        if k not in regions:
+            return (np.array(item.points, np.float64),)
+        rings = (points for ring in regions[k].rings for points in (ring.outer, *ring.holes))
+        return tuple(np.concatenate([points, points[:1]]) for points in rings)
+
+    return tuple(
+        Wall(item.name, chains(k, item), surface(item.friction, item.elasticity, scene.world.combine))
+        for k, item in enumerate(scene.boundaries)
+    )
+
+
+# ----------------------------------------------------------------------
+# Scene + label map -> what its masks and shapes are: whose pixels are whose, and the outlines that fit them.
+#
+# No mass, coefficient, velocity or force counts here: scenes that differ in these alone share one result.
 
 SEEN = 0.08
 """Of a mask's size (root of its area): how far it may reach beyond the hull of its shape and still be its own.
@@ -87,8 +250,89 @@ def _written(shape: Shape) -> Outline | None:
 
 def _missed(outline: Outline, mask: NDArray[np.bool_]) -> float:
     rows, columns = np.nonzero(mask)
-    away = beyond(outline, np.stack([columns, rows], axis=-1).astype(np.float64))
+    away = distance_beyond_hull(outline, np.stack([columns, rows], axis=-1).astype(np.float64))
     beyond_it = np.zeros(mask.shape, np.uint8)
     beyond_it[rows, columns] = away > SEEN * sqrt(len(away))
     thick = cv2.morphologyEx(beyond_it, cv2.MORPH_OPEN, np.ones((THIN, THIN), np.uint8))
     return float(np.count_nonzero(thick) / max(len(away), 1))
+
+
+# ----------------------------------------------------------------------
+# Fitted outlines + boundaries -> outlines that touch what they stand on: neither sunk into it nor a hair
+# above.
+#
+# A mask's border and a boundary that was drawn or found by eye differ by a pixel; left so, a pile settles at
+# t = 0.
+
+BAND = 2.0
+"""px between a mask's lowest points and the line that it stands on."""
+LEVEL = 0.7
+"""Cosine of the angle between gravity and the normal of a line up to which things stand on it."""
+
+
+def snapped_to_boundaries(
+    scene: Scene, outlines: tuple[Outline, ...], fitted: list[bool]
+) -> tuple[Outline, ...]:
+    """The outlines, those that were fitted brought onto the lines within reach of their lowest points."""
+    gravity = np.array(scene.world.gravity, np.float64)
+    strength = float(np.hypot(*gravity))
+    if scene.world.view is View.TOP or strength == 0 or not any(fitted):
+        return outlines
+    lines = [
+        line
+        for boundary in scene.boundaries
+        for a, b in pairwise(np.array(boundary.points, np.float64).reshape(-1, 2))
+        if (line := _Line.of(a, b, gravity / strength)) is not None
+    ]
+    return tuple(
+        _stood(outline, lines) if fit else outline for outline, fit in zip(outlines, fitted, strict=True)
+    )
+
+
+class _Line:
+    """A segment that carries: its start, the unit vector along it, its length, and its normal upwards."""
+
+    def __init__(self, start: Array, along: Array, length: float, up: Array) -> None:
+        self.start, self.along, self.length, self.up = start, along, length, up
+
+    @staticmethod
+    def of(a: Array, b: Array, down: Array) -> _Line | None:
+        length = float(np.hypot(*(b - a)))
+        if length == 0:
+            return None
+        along = (b - a) / length
+        up = np.array([-along[1], along[0]])
+        up = -up if up @ down > 0 else up
+        return _Line(a, along, length, up) if -(up @ down) >= LEVEL else None
+
+    def near(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Which points lie along the segment, and the heights of all over its line."""
+        off = points - self.start
+        along = off @ self.along
+        return (along >= -BAND) & (along <= self.length + BAND), off @ self.up
+
+
+def _stood(outline: Outline, lines: list[_Line]) -> Outline:
+    for line in lines:
+        if isinstance(outline, Disc):
+            along, height = line.near(outline.center[None])
+            gap = float(height[0]) - outline.radius
+            if along[0] and abs(gap) <= BAND:
+                outline = Disc(outline.center - gap * line.up, outline.radius)
+            continue
+        points = np.concatenate([ring.outer for ring in outline.rings])
+        along, height = line.near(points)
+        below = height[along]
+        above = (mass_properties(outline).center - line.start) @ line.up > BAND
+        if above and len(below) and -BAND <= below.min() <= BAND:
+            outline = Region(tuple(Ring(_flat(ring.outer, line), ring.holes) for ring in outline.rings))
+    return outline
+
+
+def _flat(points: Array, line: _Line) -> Array:
+    """Points within the band brought onto the line."""
+    along, height = line.near(points)
+    at = along & (np.abs(height) <= BAND)
+    moved = points.copy()
+    moved[at] -= height[at, None] * line.up
+    return moved

@@ -1,4 +1,4 @@
-"""Scene + Compiled -> warnings about objects that hang in the air, or fall and never land."""
+"""Warnings about objects without support."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.assemble import Compiled
-from physgen.compile.reach import Lines, Spans, moved
-from physgen.compile.warning import warning
-from physgen.outline.outline import Disc, Outline, bounds
-from physgen.outline.overlap import overlap_depth
+from physgen.compile.compile import Compiled, warning
+from physgen.compile.reach import Intervals, WallSegments, translated_outline
+from physgen.geometry.convex import overlap_depth
+from physgen.geometry.polygon import Disc, Outline, bounds
 from physgen.problems import Problem
-from physgen.scene.model import Load, Motion, Scene, View
+from physgen.scene.scene import Load, Motion, Scene, View
 
 Array = NDArray[np.float64]
 
@@ -29,7 +28,7 @@ def unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     if scene.world.view is View.TOP or not compiled.world.gravity.any():
         return
     groups = _joined(scene)
-    lines = Lines(compiled.world.walls)
+    lines = WallSegments(compiled.world.walls)
     hanging = set(_hanging(scene, compiled, groups, lines)) if scene.image is not None else set()
     for i in sorted(hanging):
         item = scene.objects[i]
@@ -68,14 +67,14 @@ def _joined(scene: Scene) -> list[set[int]]:
     return list(groups.values())
 
 
-def _hanging(scene: Scene, compiled: Compiled, groups: list[set[int]], lines: Lines) -> Iterator[int]:
+def _hanging(scene: Scene, compiled: Compiled, groups: list[set[int]], lines: WallSegments) -> Iterator[int]:
     """Objects at rest with nothing under them or under what they are joined to."""
     gravity = compiled.world.gravity
     step = gravity / float(np.hypot(*gravity)) * REACH
     boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)
 
     def rests(i: int) -> bool:
-        lowered = moved(compiled.outlines[i], step)
+        lowered = translated_outline(compiled.outlines[i], step)
         x0, y0, x1, y1 = bounds(lowered)
         near = np.flatnonzero(
             (boxes[:, 0] < x1) & (boxes[:, 2] > x0) & (boxes[:, 1] < y1) & (boxes[:, 3] > y0)
@@ -105,7 +104,9 @@ class _Below:
     """(M,): what joints hold together has one number; -1 for walls and all that does not fall."""
 
 
-def _never_landing(scene: Scene, compiled: Compiled, groups: list[set[int]], lines: Lines) -> Iterator[int]:
+def _never_landing(
+    scene: Scene, compiled: Compiled, groups: list[set[int]], lines: WallSegments
+) -> Iterator[int]:
     """Objects whose ballistic path, over the clip, meets nothing and ends where nothing is below."""
     world = compiled.world
     if not len(lines.start) and not any(item.motion is Motion.STATIC for item in scene.objects):
@@ -115,7 +116,7 @@ def _never_landing(scene: Scene, compiled: Compiled, groups: list[set[int]], lin
     frame = np.array([[-down[1], down[0]], down])  # rows: across gravity, along it
     boxes = np.array([_box(outline, frame) for outline in compiled.outlines]).reshape(-1, 2, 2)
     below = _below(compiled, groups, lines, frame, boxes)
-    spans = Spans(below.low[:, 0], below.high[:, 0])
+    spans = Intervals(below.low[:, 0], below.high[:, 0])
     steered, speeds = _steered(scene), _start_velocities(compiled) @ frame.T
     for number, group in enumerate(groups):
         if steered & group:
@@ -131,7 +132,9 @@ def _never_landing(scene: Scene, compiled: Compiled, groups: list[set[int]], lin
             yield from group
 
 
-def _below(compiled: Compiled, groups: list[set[int]], lines: Lines, frame: Array, boxes: Array) -> _Below:
+def _below(
+    compiled: Compiled, groups: list[set[int]], lines: WallSegments, frame: Array, boxes: Array
+) -> _Below:
     """Walls and objects, scripted ones wherever they go."""
     boxes = boxes.copy()
     group = np.full(len(boxes), -1, np.intp)

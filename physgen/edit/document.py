@@ -1,31 +1,213 @@
-"""A scene file on the disk and what is being made of it: states with a history, kept in a draft, saved and merged.
-
-Not locked: `Session` calls it one door at a time.
-"""
+"""A scene file that is edited: its states, saving, and merging with what other programs write."""
 
 from __future__ import annotations
 
 import codecs
 import os
+import shutil
 import time
 from collections import deque
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from difflib import SequenceMatcher
 from pathlib import Path
+from typing import Any
 
-from physgen.edit.durable import write_durably
-from physgen.edit.ends import Ends
+from physgen.edit.draft import Draft, Found, draft_folder, sync, write_durably
+from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.history import History, State
-from physgen.edit.journal import Draft, draft_folder
-from physgen.edit.marked import readable
-from physgen.edit.merging import Merged, merged
-from physgen.edit.own_maps import folder_of, has_maps, install, same, set_aside, stamps
-from physgen.edit.refusing import EditError, Why, impossible
-from physgen.edit.replay import Found
+from physgen.edit.yaml_tree import marked, readable
+from physgen.files import back_up as aside
+from physgen.files import file_stamp
 from physgen.problems import InputError
 from physgen.scene.document import MAX_BYTES, decode
-from physgen.scene.files import scene_bytes
-from physgen.whole import set_aside as aside
+from physgen.scene.files import MAPS, RefusedError, confined, scene_bytes
+
+# ----------------------------------------------------------------------
+# How a file begins and how its lines end, which an edit leaves as it is.
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Of one file."""
+
+    bom: bool = False
+    """Whether it begins with a byte order mark."""
+    crlf: bool = False
+    """Whether its lines end as on Windows."""
+
+    def encoded(self, text: str) -> bytes:
+        """The bytes of the file that holds a text."""
+        return (codecs.BOM_UTF8 if self.bom else b"") + text.encode("utf-8")
+
+    def adapted(self, text: str) -> str:
+        """A text from a page, whose fields have no carriage returns, with the line ends of the file."""
+        text = text.removeprefix("\ufeff")
+        return text.replace("\n", "\r\n") if self.crlf and "\r" not in text else text
+
+
+# ----------------------------------------------------------------------
+# Three texts, of which two come of the first -> one with the changes of both, line by line; or where they
+# clash.
+
+
+@dataclass(frozen=True)
+class Clash:
+    """Lines that both changed, each in its own way; `line` counts from 1 in mine."""
+
+    line: int
+    base: str
+    mine: str
+    theirs: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {"line": self.line, "base": self.base, "mine": self.mine, "theirs": self.theirs}
+
+
+@dataclass(frozen=True)
+class Merged:
+    """The text with both changes, None where they clash."""
+
+    text: str | None
+    clashes: tuple[Clash, ...] = ()
+
+
+def merged(base: str, mine: str, theirs: str) -> Merged:
+    """By lines, as diff3 does: what both left alone parts the changes.
+
+    >>> merged("a\\nb\\nc\\n", "A\\nb\\nc\\n", "a\\nb\\nC\\n").text
+    'A\\nb\\nC\\n'
+    >>> merged("a\\n", "b\\n", "c\\n").clashes[0].theirs
+    'c\\n'
+    """
+    old, one, two = (_lines(text) for text in (base, mine, theirs))
+    made: list[str] = []
+    clashes: list[Clash] = []
+    at = a = b = 0
+    for begin, end, first, second in [*_shared(old, one, two), (len(old), len(old), len(one), len(two))]:
+        was, ours, others = old[at:begin], one[a:first], two[b:second]
+        if ours == others or others == was:
+            made += ours
+        elif ours == was:
+            made += others
+        else:
+            clashes.append(Clash(a + 1, "".join(was), "".join(ours), "".join(others)))
+        made += old[begin:end]
+        at, a, b = end, first + end - begin, second + end - begin
+    return Merged(None if clashes else "".join(made), tuple(clashes))
+
+
+def _lines(text: str) -> list[str]:
+    """With their ends; of line feeds alone, as editors count."""
+    return [line + "\n" for line in text.split("\n")[:-1]] + (
+        [text.rpartition("\n")[2]] if text[-1:] != "\n" else []
+    )
+
+
+def _shared(old: list[str], one: list[str], two: list[str]) -> Iterator[tuple[int, int, int, int]]:
+    """Runs of lines that neither changed: where they begin and end in the old, and begin in the others."""
+    left, right = _kept(old, one), _kept(old, two)
+    i = j = 0
+    while i < len(left) and j < len(right):
+        (a, m, long), (b, n, wide) = left[i], right[j]
+        begin, end = max(a, b), min(a + long, b + wide)
+        if begin < end:
+            yield begin, end, m + begin - a, n + begin - b
+        if a + long < b + wide:
+            i += 1
+        else:
+            j += 1
+
+
+def _kept(old: list[str], new: list[str]) -> list[tuple[int, int, int]]:
+    return [
+        (m.a, m.b, m.size)
+        for m in SequenceMatcher(None, old, new, autojunk=False).get_matching_blocks()
+        if m.size
+    ]
+
+
+# ----------------------------------------------------------------------
+# Maps of a draft -> the folder that the scene reads, and back again where not all could be written.
+
+
+def folder_of(text: str, home: Path, allow_outside: bool) -> Path | None:
+    """The folder that a text names for its maps. Raises EditError where no scene may read there."""
+    node = marked(text).child("assets")
+    if node is None or not isinstance(node.value, str):
+        return None
+    try:
+        folder = confined(node.value, home, home, allow_outside)
+    except RefusedError as error:
+        raise impossible(f"assets {error.expected}, so its maps are not written", error.fix) from None
+    for name in MAPS:
+        if (folder / f"{name}.png").is_symlink():
+            raise impossible(
+                f"{name}.png is a link to a file elsewhere", "put a copy in its place, then save"
+            )
+    return folder
+
+
+def stamps(folder: Path | None) -> dict[str, tuple[int, int, int]]:
+    """What tells that one of its maps was written: time, size and number; a link to it changes none of them."""
+    if folder is None:
+        return {}
+    told = {name: file_stamp(folder / f"{name}.png") for name in MAPS}
+    return {name: (time, size, number) for name, (time, _, size, number) in told.items()}
+
+
+def has_maps(folder: Path) -> bool:
+    """Whether there are any."""
+    return any(os.path.lexists(folder / f"{name}.png") for name in MAPS)
+
+
+def set_aside(folder: Path | None, into: Path) -> None:
+    """A copy of the maps, whole or not at all; one that is there stays."""
+    if into.is_dir():
+        return
+    beside = into.with_name(f"{into.name}.part")
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
+    for name in MAPS if folder is not None else ():
+        file = (folder or into) / f"{name}.png"
+        if file.is_file():
+            shutil.copyfile(file, beside / file.name)
+            sync(beside / file.name)
+    sync(beside)
+    beside.rename(into)
+    sync(into.parent)
+
+
+def install(source: Path, folder: Path) -> None:
+    """The maps of `source` and no others in `folder`, each whole. Raises OSError."""
+    folder.mkdir(exist_ok=True)
+    for name in MAPS:
+        made, file = source / f"{name}.png", folder / f"{name}.png"
+        if made.is_file():
+            data = made.read_bytes()
+            if not (file.is_file() and file.read_bytes() == data):
+                write_durably(file, data)
+        elif os.path.lexists(file):
+            file.unlink()
+
+
+def same(one: Path, other: Path | None) -> bool:
+    """Whether two folders hold the same maps."""
+    for name in MAPS:
+        files = [folder / f"{name}.png" for folder in (one, other) if folder is not None]
+        held = [file.read_bytes() if file.is_file() else None for file in files]
+        if len({*held, *([None] if other is None else [])}) > 1:
+            return False
+    return True
+
+
+# ----------------------------------------------------------------------
+# A scene file on the disk and what is being made of it: states with a history, kept in a draft, saved and
+# merged.
+#
+# Not locked: `Session` calls it one door at a time.
 
 THEIRS = "changed by another program"
 

@@ -1,8 +1,4 @@
-"""Whose pixels are whose, before and after a correction -> what of the ground that perception laid follows from it.
-
-The role `boundary` is asked about both. Where its two answers differ, the scene follows, as far as its walls are still
-perception's own; what a person drew or dragged stays, and so does what the correction has nothing to do with.
-"""
+"""Boundaries that follow a corrected mask."""
 
 from __future__ import annotations
 
@@ -15,16 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen import backends
-from physgen.outline.outline import Disc, Outline
-from physgen.outline.simplify import distances_to_line
-from physgen.perceive import words
-from physgen.perceive.found import Found
-from physgen.perceive.relaid import apart, beside, free_name
-from physgen.perceive.roles import Rgb, Setting, Wall
-from physgen.perceive.scene import outlined
+from physgen import registry
+from physgen.geometry.polygon import Disc, Outline
+from physgen.geometry.simplify import distances_to_line
+from physgen.perceive import document
+from physgen.perceive.perceive import fit_objects
+from physgen.perceive.refresh import distance_to_wall, free_name, wall_distance
+from physgen.perceive.roles import BoundaryGuess, Detections, Rgb, Wall
 from physgen.pipeline.warm import Recent
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 Data = dict[str, Any]
 U16 = NDArray[np.uint16]
@@ -59,7 +54,7 @@ class Ground:
 class _Laid:
     """The role's answer, and the outlines that things have then."""
 
-    setting: Setting
+    setting: BoundaryGuess
     outlines: Mapping[int, Outline]
 
 
@@ -106,8 +101,8 @@ class Layer:
         read = blake2b(rgb.tobytes() + labels.tobytes()).digest(), view
 
         def lay() -> _Laid:
-            things, _ = outlined(rgb, Found(labels, "kept", {}, {}))
-            setting: Setting = backends.make("boundary")(rgb, labels, things, view)
+            things, _ = fit_objects(rgb, Detections(labels, "kept", {}, {}))
+            setting: BoundaryGuess = registry.make("boundary")(rgb, labels, things, view)
             return _Laid(setting, {one.id: setting.outlines.get(one.id, one.outline) for one in things})
 
         with self._lock:
@@ -145,13 +140,13 @@ def _ops(
         if mate is None:
             ops.append({"remove": ["boundaries", name]})
         elif mate.points != wall.points:
-            ops += _changed(["boundaries", name], walls[name], words.wall(mate))
+            ops += _changed(["boundaries", name], walls[name], document.wall_entry(mate))
             remarks[name] = wall.reason, mate.reason
     taken = set(walls)
     own = [wall for name, wall in walls.items() if name not in files.values()]
     for wall in new:
-        said = words.wall(wall)
-        if wall in pairs.values() or any(beside(one or {}, said) <= ITSELF for one in own):
+        said = document.wall_entry(wall)
+        if wall in pairs.values() or any(distance_to_wall(one or {}, said) <= ITSELF for one in own):
             continue
         free = free_name(wall.name, taken)
         taken.add(free)
@@ -166,7 +161,7 @@ def _mates(old: Sequence[Wall], new: Sequence[Wall]) -> dict[str, Wall]:
     Names tell little: ledges are counted from the lowest up, so that one more gives all above it other names.
     """
     far = sorted(
-        (apart(words.wall(one), words.wall(other)), k, n)
+        (wall_distance(document.wall_entry(one), document.wall_entry(other)), k, n)
         for k, one in enumerate(old)
         for n, other in enumerate(new)
         if _kind(one) == _kind(other)
@@ -185,7 +180,9 @@ def _kind(wall: Wall) -> str:
 def _paired(ours: Mapping[str, Data], laid: Sequence[Wall]) -> dict[str, str]:
     """For each wall that is laid, the one of the file that is it."""
     pairs = sorted(
-        (apart(was, words.wall(wall)), wall.name, own) for wall in laid for own, was in ours.items()
+        (wall_distance(was, document.wall_entry(wall)), wall.name, own)
+        for wall in laid
+        for own, was in ours.items()
     )
     found: dict[str, str] = {}
     for far, name, own in pairs:

@@ -1,4 +1,4 @@
-"""States of a scene that is being edited, one after the other: what undo and redo walk along."""
+"""States of an edited scene in order, with undo and redo."""
 
 from __future__ import annotations
 

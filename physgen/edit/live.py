@@ -1,36 +1,215 @@
-"""A scene's text -> what is wrong with it, what it means, and its motion, soon enough to be watched while it changes.
-
-What an edit leaves as it was stays at hand: the photo and its maps, the outlines, motions that were begun.
-"""
+"""Problems, values and the motion of a scene's text, computed in parts while the user edits."""
 
 from __future__ import annotations
 
 import os
 import time
+from base64 import b64decode, b64encode
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from physgen.cache.keys import key, motion_key
-from physgen.compile.assemble import Compiled
-from physgen.compile.looks import looks
-from physgen.compile.stored import unlike_photo
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.appearance import appearance
+from physgen.compile.compile import Compiled
+from physgen.compile.warnings import photo_differs
 from physgen.compile.world import World
 from physgen.edit.ground import Layer
-from physgen.edit.motion import Film
-from physgen.edit.told import derived_data, problem_data, scene_data
-from physgen.edit.tools import Finder
-from physgen.percepts.maps import Percepts
+from physgen.edit.mask_tools import Finder
+from physgen.edit.panels import derived_data, problem_data, scene_data
+from physgen.maps import Percepts
+from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import lint
 from physgen.pipeline.warm import Keep, Recent, Warm
 from physgen.problems import InputError, Problem, by_place
-from physgen.scene.build import Opened
-from physgen.scene.model import Scene
+from physgen.report.player import fields, figure, joints, pushes, touches, walls
+from physgen.scene.load import Opened
+from physgen.scene.scene import Scene, View
+from physgen.simulate.engine import Running
 from physgen.simulate.trajectory import Trajectory
 
+# ----------------------------------------------------------------------
+# A world -> its motion as the page reads it, in parts: what is simulated by now, and more whenever the page
+# asks.
+#
+# Numbers are float64 as the engine has them, little-endian, base64: at the frames, those of `physgen
+# simulate`. No step
+# is taken twice, and none that nobody asks for.
+
+Array = NDArray[np.float64]
 Data = dict[str, Any]
+
+FINER = 4
+"""Samples a frame: what bounces within one is seen to."""
+FEW = 100_000
+"""Samples times objects up to which there are so many."""
+MOST = 200_000
+"""Samples times objects of one part: about 15 MB of JSON."""
+COLUMNS = ("x", "y", "a", "vx", "vy", "w")
+
+
+class Film:
+    """The motion of one world, as far as it is known."""
+
+    def __init__(self, key: str, scene: Scene, world: World) -> None:
+        self.key = key
+        self._scene, self.world = scene, world
+        N, frames = max(len(world.bodies), 1), world.times
+        finer = FINER if len(frames) * FINER * N <= FEW else 1
+        times = frames
+        if finer > 1 and len(frames) > 1:
+            between = frames[:-1, None] + np.diff(frames)[:, None] * (np.arange(finer) / finer)
+            times = np.unique(np.concatenate([between.ravel(), frames]))
+        self._frames = np.searchsorted(times, frames)
+        self._running = Running(world, times)
+        self._problems: list[Problem] = []
+
+    def show(self, scene: Scene) -> None:
+        """The same motion, of a scene that differs in what does not move: labels, the clip's rate, order."""
+        self._scene = scene
+
+    @property
+    def total(self) -> int:
+        """Samples in all."""
+        return len(self._running.times)
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to be simulated."""
+        return bool(self._problems) or self._running.done >= self.total
+
+    def trajectory(self) -> Trajectory:
+        """What is known; samples from `upto` on are zeros until they are simulated."""
+        return self._running.told()
+
+    @property
+    def upto(self) -> int:
+        """Samples that are simulated."""
+        return self._running.done
+
+    def part(self, start: int, deadline: float) -> Data:
+        """Samples from `start` on; what is missing is simulated until `deadline`, of `time.perf_counter`.
+
+        There is one sample more than before at least, unless the motion has ended.
+        """
+        begun = time.perf_counter()
+        start = max(0, min(start, self.total))
+        self._simulate(start + 1, deadline)
+        run, N = self._running, max(len(self.world.bodies), 1)
+        upto = max(start, min(run.done, start + max(1, MOST // N)))
+        told = run.told()
+        found: Data = {
+            "key": self.key,
+            "id": self.key,
+            "from": start,
+            "upto": upto,
+            "total": self.total,
+            "done": self.done and upto == run.done,
+            "problems": [],
+        }
+        turning = told.turns.shape[1] > 0
+        found["bodies"] = [
+            {
+                "name": body.name,
+                **{name: packed(told.poses[start:upto, k, c]) for c, name in enumerate(COLUMNS[:3])},
+                **{name: packed(told.velocities[start:upto, k, c]) for c, name in enumerate(COLUMNS[3:])},
+                "q": [packed(part) for part in told.turns[start:upto, k].T] if turning else None,
+            }
+            for k, body in enumerate(self.world.bodies)
+        ]
+        found["contacts"] = found["energy"] = None
+        if found["done"] and not self._problems:
+            e = told.energy
+            rows = {
+                "kinetic": e.kinetic,
+                "potential": e.potential,
+                "dissipated": e.dissipated,
+                "work": e.work,
+            }
+            found["energy"] = {name: packed(values) for name, values in rows.items()}
+            found["contacts"] = {"surfaces": list(told.contacts.surfaces), "touches": touches(told)}
+        if start == 0:
+            self._begin(found)
+        found["took_ms"] = round(1000 * (time.perf_counter() - begun), 1)
+        return found
+
+    def problems(self) -> list[Problem]:
+        """Why the motion ends early."""
+        return self._problems
+
+    def on(self, deadline: float) -> None:
+        """Simulate what is left until the deadline."""
+        self._simulate(0, deadline)
+
+    def _simulate(self, least: int, deadline: float) -> None:
+        """Until the deadline, and until at least so many samples are taken."""
+        run = self._running
+        if self.done:
+            return
+        try:
+            while not self.done:
+                run.on(run.end, enough=partial(_late, deadline))
+                run.read()
+                if run.done >= min(least, self.total) and _late(deadline):
+                    break
+                deadline = max(deadline, time.perf_counter() + 0.01)
+        except InputError as error:
+            self._problems = error.problems
+
+    def _begin(self, found: Data) -> None:
+        """What only the first part tells: all that does not change with time."""
+        scene, world = self._scene, self.world
+        for k, body in enumerate(world.bodies):
+            found["bodies"][k] |= figure(scene, k, body)
+        found |= {
+            "times": packed(self._running.times),
+            "frames": self._frames.tolist(),
+            "name": scene.name,
+            "size": list(world.size),
+            "scale": world.pixels_per_meter if "world.pixels_per_meter" in scene.places else None,
+            "gravity": world.gravity.tolist(),
+            "top": world.view is View.TOP,
+            "clip": {"fps": scene.render.fps, "order": scene.render.play.value},
+            "camera": None,
+            "walls": walls(world),
+            "pushes": pushes(world),
+            "joints": joints(world),
+            "fields": fields(world),
+        }
+
+
+def _late(deadline: float) -> bool:
+    return time.perf_counter() > deadline
+
+
+def packed(values: Array) -> str:
+    """Little-endian float64, base64.
+
+    >>> packed(np.array([1.0]))
+    'AAAAAAAA8D8='
+    """
+    return b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode("ascii")
+
+
+def unpacked(text: str) -> Array:
+    """The numbers again.
+
+    >>> unpacked('AAAAAAAA8D8=').tolist()
+    [1.0]
+    """
+    return np.frombuffer(b64decode(text), "<f8").astype(np.float64)
+
+
+# ----------------------------------------------------------------------
+# A scene's text -> what is wrong with it, what it means, and its motion, soon enough to be watched while it
+# changes.
+#
+# What an edit leaves as it was stays at hand: the photo and its maps, the outlines, motions that were begun.
 
 FIRST, MORE = 0.045, 0.08
 """s that a look, and a part of a motion after its first, simulate."""
@@ -103,7 +282,7 @@ class Live:
         self, text: str, maps: Path | None = None, variant: str | None = None, overrides: Sequence[str] = ()
     ) -> Look:
         """Problems, lints and doubts, the scene and the first part of its motion. `maps` stand in for its assets."""
-        from physgen.edit.todo import todo
+        from physgen.edit.panels import todo
 
         with self._lock:
             begun = time.perf_counter()
@@ -219,7 +398,7 @@ class Live:
             masks = ([item.mask for item in scene.objects], [item.mask for item in scene.boundaries])
             # of these and the maps follows whose pixels are whose: hashing those of a large photo takes long
             drawn = compiled.outlines if seen.percepts is None else ()
-            picture = key("picture", seen.key, *looks(scene, compiled.world), drawn, masks)
+            picture = key("picture", seen.key, *appearance(scene, compiled.world), drawn, masks)
             self._sights.of(picture, lambda: Sight(scene, compiled, seen.key, self._percepts))
             return _Known(scene, compiled, seen.key, picture)
 
@@ -240,7 +419,7 @@ class Live:
         read = (known.key, compiled.shapes)
 
         def photos() -> tuple[Problem, ...]:
-            return tuple(unlike_photo(scene, compiled, self._percepts(scene)))
+            return tuple(photo_differs(scene, compiled, self._percepts(scene)))
 
         place = scene.place("image")
         of_photo = [replace(problem, place=place) for problem in self._unlike.of(read, photos)]

@@ -1,8 +1,4 @@
-"""A scene's photo and maps -> what the page draws of them: the background, the objects and, later, their shadows.
-
-Neither background nor objects change with the motion, so that they are sent once: in the background no object's shadow
-is left, and shadows are sent for each motion that is whole.
-"""
+"""Images that the page draws: the background, the objects and their shadows."""
 
 from __future__ import annotations
 
@@ -13,13 +9,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from physgen.compile.placed import starts
+from physgen.compile.appearance import photo_poses
 from physgen.compile.world import World
 from physgen.edit.live import Live, Sight
 from physgen.pipeline.stages import stage
 from physgen.pipeline.warm import Recent
 from physgen.render.stage import Stage
-from physgen.report.cutouts import plate, shadows, sprites
+from physgen.report.player import plate, shadows, sprites
 from physgen.simulate.trajectory import Trajectory
 
 Data = dict[str, Any]
@@ -68,7 +64,7 @@ class Pictures:
         }
 
     def _thrown(self, key: str, sight: Sight, seen: Trajectory, world: World) -> Data:
-        drawn = replace(self._stage(key, sight), starts=starts(world))
+        drawn = replace(self._stage(key, sight), starts=photo_poses(world))
         if len(seen.names) != len(sight.scene.objects):
             return {"shadows": []}
         return {"shadows": shadows(drawn, seen, range(len(drawn.sprites)))}
@@ -76,7 +72,7 @@ class Pictures:
 
 def photo_png(sight: Sight) -> bytes:
     """The photo as the scene sees it; a scene without one is a sheet of paper."""
-    from physgen.render.flat import flat_background
+    from physgen.render.staging import flat_background
 
     maps = sight.percepts
     rgb = flat_background(sight.compiled.world, 1.0) if maps is None else maps.rgb

@@ -1,7 +1,8 @@
-"""The doors of the page: each answers for the one scene that is edited, one edit at a time, from any thread."""
+"""One editing session: the scene's state for the page, edits, undo, redo and saving, safe to call from any thread."""
 
 from __future__ import annotations
 
+import logging
 import shutil
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -10,14 +11,62 @@ from pathlib import Path
 from typing import Any
 
 from physgen.edit.document import Document
+from physgen.edit.errors import EditError, Why
 from physgen.edit.history import State
 from physgen.edit.live import Live
-from physgen.edit.marked import marked
-from physgen.edit.ops import edited
-from physgen.edit.others import Watch
+from physgen.edit.operations import edited
 from physgen.edit.picture import Pictures, photo_png
-from physgen.edit.reasons import forgotten
-from physgen.edit.refusing import EditError, Why
+from physgen.edit.yaml_edit import forgotten
+from physgen.edit.yaml_tree import marked
+from physgen.files import Stamp, file_stamp
+
+# ----------------------------------------------------------------------
+# A file -> told when another program wrote it, removed it or brought it back.
+
+_log = logging.getLogger(__name__)
+
+LOOK = 0.1
+"""s between looks; a file that was written is read when it stayed the same for one."""
+
+
+class Watch(threading.Thread):
+    """Looks at one file until it is ended; `changed` is called in this thread, after each change.
+
+    Where `changed` raises, that is told once on stderr, and the same change is looked at again until it is taken.
+    """
+
+    def __init__(self, path: Path, changed: Callable[[], None]) -> None:
+        super().__init__(name="watch", daemon=True)
+        self._path, self._changed = path, changed
+        self._ended = threading.Event()
+        self._seen = file_stamp(path)
+
+    def run(self) -> None:
+        """Until `end`."""
+        before: Stamp = self._seen
+        failed = False
+        while not self._ended.wait(LOOK):
+            now = file_stamp(self._path)
+            if now != self._seen and now == before:
+                try:
+                    self._changed()
+                except Exception as error:  # a full disk, say
+                    if not failed:
+                        _log.warning("%s: was changed, and could not be taken in: %s", self._path, error)
+                    failed = True
+                else:
+                    self._seen, failed = now, False
+            before = now
+
+    def end(self) -> None:
+        """No further call once this returns."""
+        self._ended.set()
+        if self.is_alive() and threading.current_thread() is not self:
+            self.join()
+
+
+# ----------------------------------------------------------------------
+# The doors of the page: each answers for the one scene that is edited, one edit at a time, from any thread.
 
 Data = dict[str, Any]
 Tell = Callable[[Data], None]
@@ -119,7 +168,7 @@ class Session:
 
     def mask(self, variant: str | None, name: str) -> bytes:
         """PNG of the photo's size: 255 where an object is. Raises EditError."""
-        from physgen.edit.correct import mask_png
+        from physgen.edit.corrections import mask_png
 
         text, maps = self._present()
         return mask_png(self.live, text, maps, name, variant)
@@ -161,7 +210,7 @@ class Session:
 
     def correct(self, asked: Asked, op: Mapping[str, Any]) -> Data:
         """A mask made right, and what follows of it. Raises EditError."""
-        from physgen.edit.correct import correct
+        from physgen.edit.corrections import correct
 
         with self._edits:
             if not self._is_new(asked):

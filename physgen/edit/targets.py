@@ -1,7 +1,4 @@
-"""Where an edit is written: into the file, over what it inherits, or into a variant as dotted keys.
-
-Both say the same of the data that is seen: after `put`, the value is at the path; after `gone`, nothing is.
-"""
+"""Where an edit is written: the file itself, an overlay of the file it extends, or a variant."""
 
 from __future__ import annotations
 
@@ -10,16 +7,14 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, Protocol
 
-from physgen.edit import surgery
-from physgen.edit.marked import marked
-from physgen.edit.patching import same
-from physgen.edit.refusing import impossible
+from physgen.edit import yaml_edit
+from physgen.edit.errors import impossible
+from physgen.edit.yaml_tree import marked, same
 from physgen.problems import InputError
-from physgen.scene.document import read
+from physgen.scene.document import Node, Source, plain, read
 from physgen.scene.files import with_bases
-from physgen.scene.node import Node, Source, plain
 from physgen.scene.overlay import Edit, apply, kind_of, merge, parse_key, rivals
-from physgen.scene.words import KeyPath, dotted
+from physgen.text import KeyPath, dotted
 
 Data = dict[str, Any]
 _NOBODY = Source("", Path())
@@ -77,10 +72,10 @@ class InFile:
 
     def put(self, path: KeyPath, value: Any) -> None:
         """The value at a path."""
-        self.text = surgery.put(self.text, *self._written(path, value))
+        self.text = yaml_edit.put(self.text, *self._written(path, value))
         for rival in rivals(kind_of(path[:-1])).get(str(path[-1]), ()):
             if reach(marked(self.text).data(), (*path[:-1], rival)) is not ABSENT:
-                self.text = surgery.drop(self.text, (*path[:-1], rival))
+                self.text = yaml_edit.drop(self.text, (*path[:-1], rival))
 
     def unset(self, path: KeyPath) -> None:
         """As if nobody had said it here."""
@@ -94,15 +89,15 @@ class InFile:
             items = reach(self.data(), path[:-1])
             self.put(path[:-1], [item for at, item in enumerate(items) if at != path[-1]])
         elif inherited and self.inherits(path) and not isinstance(path[-1], int):
-            self.text = surgery.put(self.text, path, None)
+            self.text = yaml_edit.put(self.text, path, None)
         elif reach(own, path) is not ABSENT:
-            self.text = surgery.drop(self.text, path)
+            self.text = yaml_edit.drop(self.text, path)
 
     def append(self, path: KeyPath, value: Any) -> None:
         """The value behind the items of a list."""
         items = reach(marked(self.text).data(), path)
         if isinstance(items, list) and items:
-            self.text = surgery.append(self.text, path, value)
+            self.text = yaml_edit.append(self.text, path, value)
         else:
             seen = reach(self.data(), path)
             self.put(path, [*(seen if isinstance(seen, list) else []), value])
@@ -111,7 +106,7 @@ class InFile:
         """Another name for a key of this file. Raises EditError."""
         if self.inherits(path):
             raise impossible(f"{dotted(path)} comes from the file that this one extends", "rename it there")
-        self.text = surgery.rename(self.text, path, to)
+        self.text = yaml_edit.rename(self.text, path, to)
 
     def _written(self, path: KeyPath, value: Any) -> tuple[KeyPath, Any]:
         """What to write where: a list that is inherited is written out, as overlays replace lists whole."""

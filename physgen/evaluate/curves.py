@@ -1,4 +1,6 @@
-"""Judged photos -> counts, precision over recall, COCO's average precision, and how far confidences can be believed."""
+"""Judged photos -> counts, precision over recall, COCO's average precision, and how far confidences can be
+believed.
+"""
 
 from __future__ import annotations
 

@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.compile.assemble import Compiled
-from physgen.geometry import rotation
-from physgen.perceive.given import from_masks
-from physgen.perceive.scene import perceive
-from physgen.percepts.maps import Percepts
-from physgen.percepts.photo import read_image
+from physgen.compile.compile import Compiled
+from physgen.geometry.polygon import rotation
+from physgen.maps import Percepts
+from physgen.perceive.perceive import perceive
+from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
+from physgen.photos import read_image
 from physgen.problems import InputError
-from physgen.scene.model import Light, Scene, Settings, Solid
+from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 

@@ -16,7 +16,8 @@ from physgen.evaluate.strips import SHOWN, strip
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.look import Palette
+    from physgen.report.plots.style import Palette
+
 
 WAYS = ("ours", "ours, true maps", "paper, relit", "paper, relit, no old shadows")
 """That are told scene by scene."""

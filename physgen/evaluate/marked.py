@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from physgen.evaluate.matching import Patch
 from physgen.evaluate.segmentation import Photo
-from physgen.outline.borders import trace_borders, walk
-from physgen.render.ink import Layer, breadth
+from physgen.geometry.regions import trace_borders, walk
+from physgen.render.drawing import Layer, text_width
 
 U8 = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -52,7 +52,7 @@ def marked(photo: Photo) -> U8:
     words = Layer(size, 0.75 * pen)
     for k, patch in enumerate(masks):
         text = f"{confidence[k]:.2f}"
-        room = patch.mask.shape[1] * zoom[0] / breadth(text, letter)
+        room = patch.mask.shape[1] * zoom[0] / text_width(text, letter)
         middle = (inmost(patch) + 0.5) * zoom - 0.5
         words.words(text, (float(middle[0]), float(middle[1])), letter * min(1.0, max(room, 0.6)))
     words.onto(picture, WORDS)
@@ -95,14 +95,14 @@ def inmost(patch: Patch) -> Floats:
 def _strip(width: int, letter: float, key: tuple[tuple[str, tuple[int, int, int]], ...]) -> U8:
     """(h, W, 3): words of the key beside each other, smaller where the picture is narrow."""
     gap = 1.5
-    whole = sum(breadth(text, letter) for text, _ in key) + gap * letter * (len(key) + 1)
+    whole = sum(text_width(text, letter) for text, _ in key) + gap * letter * (len(key) + 1)
     letter *= min(1.0, width / whole)
     tall = max(2, round(2 * letter))
     strip = np.full((tall, width, 3), PAPER, np.uint8)
     x = gap * letter
     for text, colour in key:
         layer = Layer((width, tall), 0.0)
-        wide = breadth(text, letter)
+        wide = text_width(text, letter)
         layer.words(text, (x + wide / 2, tall / 2), letter)
         layer.onto(strip, colour)
         x += wide + gap * letter

@@ -1,4 +1,5 @@
-"""Masks with confidences, and true masks -> which of the said ones are right: greedy, as COCO's evaluation does it.
+"""Masks with confidences, and true masks -> which of the said ones are right: greedy, as COCO's evaluation does
+it.
 
 T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014), and `pycocotools.cocoeval`, with which
 tests compare. Masks may overlap; nothing here knows of label maps but `patches`.

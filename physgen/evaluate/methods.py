@@ -10,11 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from physgen.clips.reading import is_picture, plays
 from physgen.problems import InputError, Place, Problem
-from physgen.report.clips import clips_in
-from physgen.report.traces import ENDING, trace_in
-from physgen.scene.words import natural
+from physgen.report.clips import ENDING, clips_in, read_failure
+from physgen.text import natural
+from physgen.videos import is_picture, plays
 
 FILMS = (".mp4", ".webm", ".mov", ".m4v", ".mkv", ".avi", ".gif", ".webp")
 """What a clip may be, the best first."""
@@ -113,7 +112,7 @@ def _entries(home: Path) -> list[Entry]:
             entry = _made(home.name, path)
             found += [entry] if entry else []
         elif path.name.endswith(ENDING):
-            trace, scene = trace_in(path), path.name.removesuffix(ENDING)
+            trace, scene = read_failure(path), path.name.removesuffix(ENDING)
             if trace is None:
                 broken[scene] = f"{path.name} is there, and cannot be read as a record of a failure"
             else:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from physgen import __version__
 from physgen.evaluate.findings import Figure, Findings, Table, numeric
+from physgen.files import back_up, write_atomic
 from physgen.problems import InputError
-from physgen.report.templates import template
-from physgen.whole import set_aside, write_whole
+from physgen.report.html import template
 
 PAGE, RESULT = "index.html", "result.json"
 
@@ -33,10 +33,10 @@ def write_page(
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / PAGE).exists() and not (folder / RESULT).exists():
-        set_aside(folder / PAGE, keep)
-    write_whole(folder / PAGE, html(findings, command).encode())
+        back_up(folder / PAGE, keep)
+    write_atomic(folder / PAGE, html(findings, command).encode())
     data = json.dumps(findings.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-    write_whole(folder / RESULT, data.encode())
+    write_atomic(folder / RESULT, data.encode())
     return folder / PAGE
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.evaluate.matching import Mask, Patch, patches
+from physgen.maps import read_labels
 from physgen.perceive.import_coco import CocoImage, coco_photos, coco_strays, decode_segmentation
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_photo
+from physgen.photos import read_photo
 from physgen.problems import InputError, Place, Problem, Severity
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".webp")

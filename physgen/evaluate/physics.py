@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from physgen import pipeline
 from physgen.compile.world import Body, World
 from physgen.evaluate.findings import Bar, Findings, Section, Table
+from physgen.files import write_with_backup
 from physgen.problems import InputError
 from physgen.scene.write import scene_text
 from physgen.simulate.trajectory import Trajectory
-from physgen.whole import write_kept
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -263,7 +263,7 @@ def scene_of(row: Row, case: Case) -> str:
 def write_scenes(row: Row, index: int, folder: Path, kept: pipeline.Keep = lambda path: None) -> None:
     """Scene files of one draw; `kept` is called with files that are set aside."""
     for case in row.draw(index):
-        write_kept(folder / scene_file(row, case, index), scene_of(row, case).encode(), kept)
+        write_with_backup(folder / scene_file(row, case, index), scene_of(row, case).encode(), kept)
 
 
 @dataclass(frozen=True)
@@ -356,7 +356,9 @@ def evaluate(
         done = dict(_run_all(jobs, workers, progress))
     results = {(job.row, job.draw, job.steps): result for job, result in done.items()}
     return [
-        record(row, draws, steps, {key[1:]: result for key, result in results.items() if key[0] == row.number})
+        record(
+            row, draws, steps, {key[1:]: result for key, result in results.items() if key[0] == row.number}
+        )
         for row in rows
     ]
 
@@ -471,7 +473,9 @@ def quantity(value: float | None, unit: str) -> str:
 
 def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
     """A table with one line for each measure of each row."""
-    rates = sorted({rate for row in rows for one in row["measures"] for rate in one["convergence"]}, key=float)
+    rates = sorted(
+        {rate for row in rows for one in row["measures"] for rate in one["convergence"]}, key=float
+    )
     lines = []
     for row in rows:
         for k, one in enumerate(row["measures"]):

@@ -6,11 +6,20 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from physgen.evaluate.findings import Figure
-from physgen.report.plots.look import MM, Look, Palette, add_axes, drawing, needed, paper
-from physgen.report.plots.saved import figure_bytes
+from physgen.report.plots.style import (
+    MM,
+    Palette,
+    PlotStyle,
+    add_axes,
+    figure_bytes,
+    new_figure,
+    plot_settings,
+    require_matplotlib,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 WIDTH, HEIGHT = 150.0, 75.0
 """mm."""
@@ -25,10 +34,10 @@ def plotted(
 
     Raises InputError where matplotlib is not installed: call `plots.look.needed` before what takes long.
     """
-    needed()
-    look = Look()
-    with drawing(look):
-        figure = paper(look, width / MM, height / MM)
+    require_matplotlib()
+    look = PlotStyle()
+    with plot_settings(look):
+        figure = new_figure(look, width / MM, height / MM)
         place = (LEFT, BELOW, width - LEFT - RIGHT, height - BELOW - ABOVE)
         draw(add_axes(figure, *(side / MM for side in place)), look.palette)
     return Figure(figure_bytes(figure, "svg", about, look).decode(), about)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen import backends
+from physgen import registry
 from physgen.evaluate.curves import (
     THRESHOLDS,
     Curve,
@@ -138,7 +138,7 @@ def evaluate(
 
     Raises InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
     """
-    segment: Segment = backend if callable(backend) else backends.make("segment", backend)
+    segment: Segment = backend if callable(backend) else registry.make("segment", backend)
     problems = []
     for k, pair in enumerate(pairs):
         progress("read", k, len(pairs))

@@ -16,9 +16,9 @@ from physgen.evaluate.page import PAGE, RESULT, check_folder
 from physgen.evaluate.photos import Pair
 from physgen.evaluate.segmentation import DRAWN, Found, Photo
 from physgen.evaluate.segmentation_told import CURVES, NAMES
-from physgen.percepts.maps import write_png
+from physgen.files import write_atomic
+from physgen.maps import write_png
 from physgen.problems import InputError
-from physgen.whole import write_whole
 
 PLOTS = {
     "precision-recall.svg": "Precision over recall at an IoU of 0.5: as it is (thin), and as AP reads it (bold).",
@@ -72,7 +72,7 @@ class Shown:
         strict = {f"IoU {iou:.2f}": (found.strict[iou], known[iou]) for iou in DRAWN}
         drawn = (precision_recall(lines), precision_recall(strict), diagram(found.reliability))
         for name, text in zip(PLOTS, drawn, strict=True):
-            write_whole(self._folder / name, text.encode("utf-8"))
+            write_atomic(self._folder / name, text.encode("utf-8"))
 
     def illustrated(self, told: Findings) -> Findings:
         """With plots and marked photos."""

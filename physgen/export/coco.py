@@ -1,8 +1,4 @@
-"""Views -> COCO's JSON (Lin et al., 2014): masks as compressed run lengths, boxes, and tracks as TAO has them.
-
-x and y count from the picture's corner: pixel i covers i to i + 1. Annotations go to the file as they come; only what
-is told of pictures, and what is hidden in them, waits for the end.
-"""
+"""COCO JSON: masks as compressed run lengths, boxes and tracks (Lin et al., 2014)."""
 
 from __future__ import annotations
 
@@ -14,10 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.motion import Moment
-from physgen.export.presence import Box, Presence
-from physgen.export.runs import compressed
-from physgen.export.truth import Clip, View
+from physgen.export.labels import Clip, Moment, View
+from physgen.export.masks import Box, Presence, compressed
 
 CORNER = 0.5
 """px from COCO's origin, the corner of a picture, to ours, the first pixel's centre."""

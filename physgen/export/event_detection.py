@@ -1,7 +1,4 @@
-"""Detection of events in a motion: collisions, contacts, pushes, falls, tips, rests and picture borders.
-
-The number of frames and their rate change nothing: the motion is sampled again, evenly and around impacts.
-"""
+"""Detection of events in a motion: collisions, contacts, pushes, falls, tips, rests and picture borders."""
 
 from __future__ import annotations
 
@@ -16,13 +13,19 @@ from cv2 import convexHull
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Push, World
-from physgen.geometry import rotation
-from physgen.render.shot import Shot
-from physgen.render.touches import Blow, between, blows
-from physgen.scene.model import FieldKind, Load, Motion, Point, Solid, View
+from physgen.geometry.polygon import rotation
+from physgen.render.camera import Shot
+from physgen.render.contacts import Impact, contact_points_between, find_impacts
+from physgen.scene.scene import FieldKind, Load, Motion, Point, Solid, View
 from physgen.simulate.engine import simulate
-from physgen.simulate.settled import LASTING, STILL, STILL_TURN, fresh, still
-from physgen.simulate.trajectory import Trajectory
+from physgen.simulate.trajectory import (
+    REST_DURATION,
+    REST_SPEED,
+    REST_TURN,
+    Trajectory,
+    new_touches,
+    resting_mask,
+)
 
 Array = NDArray[np.float64]
 
@@ -114,7 +117,7 @@ LOOSE = 1e-3
 
 def alone(world: World, seen: Trajectory) -> Iterator[Event]:
     """All of it as fine as the samples of `seen`; tables of sweeps tell of rest as fine as frames."""
-    quiet = still(seen)
+    quiet = resting_mask(seen)
     for k, body in enumerate(world.bodies):
         poses = seen.poses[:, k]
         away = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
@@ -154,7 +157,9 @@ def _moves(body: Body, seen: Trajectory, k: int) -> bool:
     """Whether the scene has it move as it begins; an impulse then is another matter."""
     if body.motion is Motion.SCRIPTED:
         return bool(np.abs(seen.velocities[0, k]).max() > 0)
-    return bool(np.hypot(*body.velocity) >= STILL or abs(body.spin) >= radians(STILL_TURN) or body.roll.any())
+    return bool(
+        np.hypot(*body.velocity) >= REST_SPEED or abs(body.spin) >= radians(REST_TURN) or body.roll.any()
+    )
 
 
 def _falls(world: World, seen: Trajectory, k: int, time: float) -> bool:
@@ -189,7 +194,7 @@ def _rest(seen: Trajectory, k: int, quiet: NDArray[np.bool_], reach: float) -> f
         if not brief or max(hypot(x, y), abs(angle) * reach) > CREAK:
             break
         moving, since = moving[: -len(run)], 0
-    over = since > last or seen.times[-1] - seen.times[since] < LASTING - 1e-9
+    over = since > last or seen.times[-1] - seen.times[since] < REST_DURATION - 1e-9
     return None if over else float(seen.times[since])
 
 
@@ -289,7 +294,7 @@ def events(
     if not world.bodies or not len(trajectory.times):
         return ()
     seen = closer(world, trajectory, sampled or partial(simulate, world))
-    struck = blows(world, seen, 1 / RATE) if len(seen.times) > 1 else []
+    struck = find_impacts(world, seen, 1 / RATE) if len(seen.times) > 1 else []
     found = [
         *_pushes(world, seen),
         *_contacts(world, seen),
@@ -322,7 +327,7 @@ def _sample(seen: Trajectory, time: float) -> int:
 
 def _place(world: World, seen: Trajectory, time: float, pair: tuple[int, int]) -> Point:
     """px of the photo where two surfaces are nearest."""
-    points, _ = between(world, seen.poses[_sample(seen, time)], *pair)
+    points, _ = contact_points_between(world, seen.poses[_sample(seen, time)], *pair)
     x, y = points.mean(axis=0).tolist()
     return x, y
 
@@ -343,7 +348,7 @@ def _first_touches(world: World, seen: Trajectory) -> Iterator[Event]:
     met: set[int] = set()
     contacts = seen.contacts
     order = np.argsort(contacts.touch_times[:, 0], kind="stable")
-    new = fresh(seen)
+    new = new_touches(seen)
     for k in order[new[order]].tolist():
         time = float(contacts.touch_times[k, 0])
         one, other = contacts.touch_pairs[k].tolist()
@@ -353,7 +358,7 @@ def _first_touches(world: World, seen: Trajectory) -> Iterator[Event]:
                 yield Event(EventKind.FIRST_TOUCH, time, (who, whom), _place(world, seen, time, (one, other)))
 
 
-def _collision(world: World, seen: Trajectory, blow: Blow) -> Event:
+def _collision(world: World, seen: Trajectory, blow: Impact) -> Event:
     step = DONE / world.steps_per_second
     # where others struck earlier in the same step of the engine, the hair's breadth before is after it
     earlier = (_sample(seen, blow.time - HAIR), _sample(seen, blow.time - step), _sample(seen, blow.time) - 1)
@@ -384,7 +389,7 @@ def _speeds(world: World, seen: Trajectory, sample: int, pair: tuple[int, int]) 
     )
 
 
-def _nearing(world: World, seen: Trajectory, sample: int, blow: Blow) -> tuple[float, float]:
+def _nearing(world: World, seen: Trajectory, sample: int, blow: Impact) -> tuple[float, float]:
     """px/s at which the point of each that meets the other's comes nearer, along the blow."""
     speeds = [0.0, 0.0]
     for n, (k, sign) in enumerate(zip(blow.pair, (-1.0, 1.0), strict=True)):

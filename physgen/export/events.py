@@ -1,7 +1,4 @@
-"""Events of a clip as JSON and CSV, with one sentence for each event and a short caption.
-
-Times are s of the motion and s of the clip as it plays; places are px of the photo, and of the video.
-"""
+"""Events of a clip as JSON and CSV, with one sentence for each event and a short caption."""
 
 from __future__ import annotations
 
@@ -18,12 +15,10 @@ from typing import Any
 import numpy as np
 
 from physgen.export.event_detection import Event, EventKind, events
-from physgen.export.motion import Moment
-from physgen.export.plain import write_json
-from physgen.export.scale import Scale
-from physgen.export.truth import Clip
-from physgen.scene.model import Play, Point, View
-from physgen.simulate.settled import STILL
+from physgen.export.files import write_json
+from physgen.export.labels import Clip, Moment, Scale
+from physgen.scene.scene import Play, Point, View
+from physgen.simulate.trajectory import REST_SPEED
 
 AT_START = 0.01
 """s of the clip: an earlier event is said to happen at the start."""
@@ -49,7 +44,13 @@ PUSHES = (EventKind.PUSH, EventKind.PUSH_START)
 BORDERS = (EventKind.OUTSIDE, EventKind.LEAVE, EventKind.ENTER)
 ENDS = (EventKind.REST, EventKind.GOES_ON)
 CAPTION_ORDER = (
-    *(PUSHES, (EventKind.MOVING,), (EventKind.FALL, EventKind.MOVE), (EventKind.COLLISION,), (EventKind.TIP,)),
+    *(
+        PUSHES,
+        (EventKind.MOVING,),
+        (EventKind.FALL, EventKind.MOVE),
+        (EventKind.COLLISION,),
+        (EventKind.TIP,),
+    ),
     *((EventKind.ENTER,), (EventKind.LEAVE,), (EventKind.REST,), (EventKind.GOES_ON,), (EventKind.STAY,)),
 )
 TIMED = ((EventKind.TIP,), (EventKind.ENTER,), (EventKind.LEAVE,), (EventKind.REST,))
@@ -246,7 +247,7 @@ class Sentences:
         return words.replace("up", "up the picture").replace("down", "down the picture")
 
     def _moves(self, event: Event) -> str:
-        if event.vector is None or max(map(abs, event.vector)) < STILL:
+        if event.vector is None or max(map(abs, event.vector)) < REST_SPEED:
             return "turns"
         return f"moves {self._towards(event.vector)}"
 
@@ -261,7 +262,7 @@ class Sentences:
         if second < len(self.world.bodies) and its > mine:
             first, second = second, first
         one, other = self._the[first], self._the[second]
-        if event.closing < STILL:  # the impulse passes through a contact that was there already
+        if event.closing < REST_SPEED:  # the impulse passes through a contact that was there already
             return f"{one} and {other} touch, and jolt each other {when}"
         wall = second >= len(self.world.bodies)
         bounces = wall and (event.parting or 0.0) > BOUNCE * event.closing
@@ -312,7 +313,7 @@ def _first_hits(found: Sequence[Event], which: Sequence[int]) -> list[int]:
     """The first collision of each pair that came together before it."""
     pairs: dict[tuple[int, ...], int] = {}
     for k in which:
-        if found[k].closing >= STILL:
+        if found[k].closing >= REST_SPEED:
             pairs.setdefault(found[k].who, k)
     return list(pairs.values())
 

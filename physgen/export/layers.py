@@ -1,8 +1,4 @@
-"""A map of the photo -> the same map of any view: what it tells of a thing moves with the thing.
-
-The map is taken apart once: into the background, with a smooth fill where something stood, and one part a thing. A view
-is put together again by its ids, each pixel from the place in the photo that it shows, read linearly between pixels.
-"""
+"""A map of the photo resampled for any frame: each object's part moves with the object."""
 
 from __future__ import annotations
 
@@ -13,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.places import Ball, Still, is_still, similarity, spans, turns_in_space
-from physgen.export.truth import Clip, View
-from physgen.perceive.membrane import grown, membrane
-from physgen.render.placing import Slices
+from physgen.export.correspondence import Ball, PhotoPose, is_still, similarity, spans, turns_in_space
+from physgen.export.labels import Clip, View
+from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
+from physgen.render.stage import Slices
 
 F32 = NDArray[np.float32]
 U16 = NDArray[np.uint16]
@@ -79,7 +75,11 @@ class Layers:
         self, clip: Clip, ground: F32, parts: Mapping[int, Part], finish: Callable[[F32], U16]
     ) -> None:
         """`ground` (H, W[, C]) of the photo without things; `parts` by body."""
-        self._world, self._still, self._size = clip.world, Still.of(clip.trajectory, clip.world), clip.size
+        self._world, self._still, self._size = (
+            clip.world,
+            PhotoPose.of(clip.trajectory, clip.world),
+            clip.size,
+        )
         self._ground, self._parts, self._finish = ground, parts, finish
         self._filmed: tuple[Array, U16] | None = None
         self._shown: U16 | None = None
@@ -140,14 +140,14 @@ class Layers:
 
 def hole(clip: Clip) -> Mask:
     """(H, W) of the photo: where the background is not known, for something stands there or beside."""
-    return grown(clip.stood > 0, RIM)
+    return dilate(clip.stood > 0, RIM)
 
 
 def filled(values: F32, where: Mask) -> F32:
     """(H, W[, C]) with a soap film in the place of what is not known (`perceive.membrane`)."""
     deep = values if values.ndim == 3 else values[..., None]
     reach = float(np.ptp(deep))
-    return membrane(deep, where, max(reach, 1e-6) * FILM).reshape(values.shape)
+    return harmonic_fill(deep, where, max(reach, 1e-6) * FILM).reshape(values.shape)
 
 
 FILM = 2e-4

@@ -1,8 +1,4 @@
-"""Views -> order/00000.png ...: 16 bits, who is in front; 0 the background, 1 the farthest thing, and so on.
-
-order.json names the ranks, and tells of each view who hides how many pixels of whom. Things never pass through each
-other in depth: the order is that of `layer`, and of names within one, as they are drawn.
-"""
+"""Occlusion order of the objects in each frame, as 16-bit PNG and JSON."""
 
 from __future__ import annotations
 
@@ -11,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from physgen.export.motion import Moment
-from physgen.export.pictures import save
-from physgen.export.truth import Clip, View
+from physgen.export.files import write_png
+from physgen.export.labels import Clip, Moment, View
 
 
 class Order:
@@ -30,7 +25,7 @@ class Order:
     def add(self, moment: Moment) -> None:
         """One file a view."""
         view = moment.view
-        save(self._folder / f"{view.index:05d}.png", self._ranks[view.ids])
+        write_png(self._folder / f"{view.index:05d}.png", self._ranks[view.ids])
         hidden = [
             {"front": self._names[front], "behind": self._names[behind], "pixels": count}
             for front, behind, count in hiding(view)

@@ -1,4 +1,4 @@
-"""Scene and world -> physics.json: all that the motion follows from, with units, and who said each number."""
+"""Masses, coefficients, forces and joints that the motion follows from, as JSON."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
-from physgen.compile.pairs import pairings
-from physgen.compile.world import Body, Joint, Push, World
-from physgen.export.motion import Moment
-from physgen.export.plain import write_json
-from physgen.export.scale import Scale
-from physgen.export.truth import Clip
-from physgen.scene.model import Load, Object, Scene
+from physgen.compile.world import Body, Joint, Push, World, pairings
+from physgen.export.files import write_json
+from physgen.export.labels import Clip, Moment, Scale
+from physgen.scene.scene import Load, Object, Scene
 
 UNITS = {
     "size, place, radius, length": "px",

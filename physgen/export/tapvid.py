@@ -1,29 +1,180 @@
-"""Views -> tapvid.npz: point tracks as TAP-Vid has them (Doersch et al., NeurIPS 2022), without a pickle.
-
-`video` (T, H, W, 3) uint8; `points` (N, T, 2) float32, x and y, 0 at the left and upper edge of the picture and 1 at
-the other, so that the first pixel's centre is at half a pixel; `occluded` (N, T) bool, true also out of the picture;
-`query_points` (N, 3) float32, frame, y and x in px from the picture's corner: where each point is first seen.
-"""
+"""Point tracks in the TAP-Vid format (Doersch et al., NeurIPS 2022)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any
 from zipfile import ZipFile, ZipInfo
 
+import cv2
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from physgen.export.idmap import Runs
-from physgen.export.motion import Moment
-from physgen.export.tracks import Filmed, Points, drawn, shares, tracked
-from physgen.export.truth import Clip
+from physgen.compile.world import World
+from physgen.export.correspondence import is_ball
+from physgen.export.labels import Clip, Moment
+
+# ----------------------------------------------------------------------
+# A label map <-> its runs of equal values, row by row: a hundredth of the memory, at hardly any cost.
+
+U16 = NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class LabelRuns:
+    """A label map (H, W)."""
+
+    shape: tuple[int, int]
+    values: U16
+    """(R,)."""
+    lengths: NDArray[np.int32]
+    """(R,) px; they may go on in the next row."""
+
+    @classmethod
+    def of(cls, ids: U16) -> LabelRuns:
+        """The runs of `ids` (H, W).
+
+        >>> Runs.of(np.array([[0, 0, 3], [3, 3, 1]], np.uint16)).lengths.tolist()
+        [2, 3, 1]
+        """
+        flat = ids.ravel()
+        ends = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+        starts = np.concatenate([[0], ends])
+        lengths = np.diff(starts, append=flat.size).astype(np.int32)
+        return cls((ids.shape[0], ids.shape[1]), flat[starts], lengths)
+
+    def map(self) -> U16:
+        """(H, W) again."""
+        return np.repeat(self.values, self.lengths).reshape(self.shape)
+
+    def areas(self, count: int) -> NDArray[np.float64]:
+        """(count,) px of each value below `count`."""
+        return np.asarray(np.bincount(self.values, self.lengths, count), np.float64)
+
+
+# ----------------------------------------------------------------------
+# Points drawn in views -> where they are in every view of the clip, in closed form; and how they are drawn.
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+MARGIN = 2
+"""px around a pixel that show the same thing, where points are drawn; less where a thing is too thin for it."""
+UNDER = 1e-9
+"""Radii below a ball's widest part from which a point is underneath."""
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    """T views."""
+
+    lenses: Array
+    """(T, 2, 3): photo px -> video px."""
+    poses: Array
+    """(T, N, 3): x px, y px, angle rad, of bodies in the photo."""
+    spaces: Array | None
+    """(T, N, 3, 3): how bodies have turned in space; None: in the picture alone."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """K points as they were drawn."""
+
+    body: Index
+    """(K,): whose; -1 the background's."""
+    frame: Index
+    """(K,): the view in which they were drawn."""
+    at: Array
+    """(K, 2) px of that view."""
+
+
+def tracked(points: Points, filmed: CameraPath, world: World) -> tuple[Array, Mask]:
+    """(K, T, 2) px of each view, also where they are hidden or out of the picture; and (K, T) who is underneath."""
+    large = filmed.lenses[:, 0, 0]
+    shift = filmed.lenses[:, 0, 2] + 1j * filmed.lenses[:, 1, 2]
+    photo = (points.at[:, 0] + 1j * points.at[:, 1] - shift[points.frame]) / large[points.frame]
+    there = np.empty((len(photo), len(large)), np.complex128)
+    under = np.zeros(there.shape, bool)
+    for body in np.unique(points.body).tolist():
+        own = points.body == body
+        frame, place = points.frame[own], photo[own]
+        if body < 0:
+            there[own] = place[:, None]
+            continue
+        poses, thing = filmed.poses[:, body], world.bodies[body]
+        middle = poses[:, 0] + 1j * poses[:, 1]
+        if filmed.spaces is not None and is_ball(thing) and thing.radius is not None:
+            moved, under[own] = _rolled((place - middle[frame]) / thing.radius, frame, filmed.spaces[:, body])
+            there[own] = middle + thing.radius * moved
+        else:
+            turn = np.exp(1j * poses[:, 2])
+            there[own] = middle + ((place - middle[frame]) / turn[frame])[:, None] * turn
+    seen = large * there + shift
+    return np.stack([seen.real, seen.imag], axis=-1), under
+
+
+def _rolled(place: Complex, frame: Index, spaces: Array) -> tuple[Complex, Mask]:
+    """Points of a ball, radii from its middle in their views -> (K, T) those of all views; who is underneath.
+
+    What a mask has beyond the rim goes with the rim, as `places.Ball` has it.
+    """
+    rim = place / np.maximum(np.abs(place), 1)
+    towards = np.sqrt(np.maximum(1 - np.abs(rim) ** 2, 0))
+    normals = np.stack([rim.real, rim.imag, -towards], axis=-1)
+    first = np.einsum("kij,ki->kj", spaces[frame], normals)  # as they were at t = 0
+    turned = np.einsum("tij,kj->kti", spaces, first)
+    return turned[..., 0] + 1j * turned[..., 1] + (place - rim)[:, None], turned[..., 2] > UNDER
+
+
+def point_counts(areas: Array, most: int, least: int, ground: float) -> Index:
+    """(N + 1,) how many points each owner gets of `most`, by areas (N + 1,) px, the background's first.
+
+    A share `ground` is the background's; things get `least` each where they are seen at all, the rest by area.
+    """
+    things = areas[1:]
+    seen = things > 0
+    counts = np.zeros(len(areas), np.int64)
+    counts[0] = 0 if areas[0] == 0 else round(most * ground) if seen.any() else most
+    counts[1:][seen] = least
+    left = most - int(counts.sum())
+    if left > 0 and seen.any():
+        exact = left * things / things.sum()
+        counts[1:] += np.floor(exact).astype(np.int64)
+        short = left - int(np.floor(exact).sum())
+        counts[1:][np.argsort(np.floor(exact) - exact, kind="stable")[:short]] += 1
+    return counts
+
+
+def draw_points(ids: U16, wanted: Sequence[tuple[int, int]], rng: np.random.Generator) -> list[Array]:
+    """(k, 2) px anywhere within pixels of a view, for each id and number k of `wanted`: well inside, where that is."""
+    kernel = np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)
+    inner = cv2.erode(ids, kernel) == cv2.dilate(ids, kernel)
+    found = []
+    for id_, count in wanted:
+        own = ids == id_
+        where = np.flatnonzero(own & inner)
+        where = where if len(where) else np.flatnonzero(own)
+        picked = rng.choice(where, count)
+        pixels = np.column_stack([picked % ids.shape[1], picked // ids.shape[1]])
+        found.append(pixels + rng.uniform(-0.5, 0.5, (count, 2)))
+    return found
+
+
+# ----------------------------------------------------------------------
+# Views -> tapvid.npz: point tracks as TAP-Vid has them (Doersch et al., NeurIPS 2022), without a pickle.
+#
+# `video` (T, H, W, 3) uint8; `points` (N, T, 2) float32, x and y, 0 at the left and upper edge of the picture
+# and 1 at
+# the other, so that the first pixel's centre is at half a pixel; `occluded` (N, T) bool, true also out of the
+# picture;
+# `query_points` (N, 3) float32, frame, y and x in px from the picture's corner: where each point is first
+# seen.
 
 POINTS = 256
 """Of a clip unless told, as of one of TAP-Vid's Kubric; more where things are so many that each would not get LEAST."""
@@ -41,7 +192,7 @@ class Tapvid:
         self._lenses: list[Array] = []
         self._poses: list[Array] = []
         self._spaces: list[Array] = []
-        self._ids: list[Runs] = []
+        self._ids: list[LabelRuns] = []
         width, height = clip.size
         self._zip = _Archive(folder / "tapvid.npz", "w")
         self._video = _begun(self._zip, "video", np.dtype(np.uint8), (clip.count, height, width, 3))
@@ -50,7 +201,7 @@ class Tapvid:
         """A view's picture, and what tells where points are in it."""
         view = moment.view
         self._video.write(np.ascontiguousarray(view.rgb).data)
-        self._ids.append(Runs.of(view.ids))
+        self._ids.append(LabelRuns.of(view.ids))
         self._lenses.append(view.lens)
         self._poses.append(view.poses)
         if view.spaces is not None:
@@ -60,7 +211,7 @@ class Tapvid:
         """Points are drawn, and their tracks written."""
         self._video.close()
         spaces = np.stack(self._spaces) if self._spaces else None
-        filmed = Filmed(np.stack(self._lenses), np.stack(self._poses), spaces)
+        filmed = CameraPath(np.stack(self._lenses), np.stack(self._poses), spaces)
         points = _points(self._ids, len(self._clip.names), self._most, _drawing(self._clip.name))
         places, under = tracked(points, filmed, self._clip.world)
         occluded = under | ~_shown(places, points, self._ids)
@@ -106,11 +257,11 @@ def _drawing(name: str) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(sha256(name.encode()).digest()[:8], "big"))
 
 
-def _points(ids: list[Runs], count: int, most: int, rng: np.random.Generator) -> Points:
+def _points(ids: list[LabelRuns], count: int, most: int, rng: np.random.Generator) -> Points:
     """Points drawn in views at random: of each owner, as likely in each as it is seen there."""
     areas = np.stack([runs.areas(count + 1) for runs in ids])
     totals = areas.sum(axis=0)
-    numbers = shares(totals, most, LEAST, GROUND)
+    numbers = point_counts(totals, most, LEAST, GROUND)
     owners = np.repeat(np.arange(count + 1), numbers)
     frames = np.concatenate(
         [rng.choice(len(ids), n, p=areas[:, k] / totals[k]) for k, n in enumerate(numbers) if n]
@@ -120,13 +271,13 @@ def _points(ids: list[Runs], count: int, most: int, rng: np.random.Generator) ->
         here = [
             (k, np.flatnonzero((frames == frame) & (owners == k))) for k in np.unique(owners[frames == frame])
         ]
-        picked = drawn(ids[frame].map(), [(int(k), len(which)) for k, which in here], rng)
+        picked = draw_points(ids[frame].map(), [(int(k), len(which)) for k, which in here], rng)
         for (_, which), places in zip(here, picked, strict=True):
             at[which] = places
     return Points(owners - 1, frames, at)
 
 
-def _shown(places: Array, points: Points, ids: list[Runs]) -> Mask:
+def _shown(places: Array, points: Points, ids: list[LabelRuns]) -> Mask:
     """(K, T): the pixel that a point (K, T, 2) is in shows the thing that it is on."""
     height, width = ids[0].shape
     column, row = (np.rint(places[..., k]).astype(np.int64) for k in (0, 1))

@@ -1,7 +1,4 @@
-"""Motion -> trajectory.csv, .parquet and .npz: where each object is in each frame, in px of photo and video, and in SI.
-
-Rows and arrays go through the frames in the order in which the clip shows them; image axes, +y down, in all units.
-"""
+"""Poses and velocities of objects per frame, in px of photo and video and in SI units, as CSV, Parquet and npz."""
 
 from __future__ import annotations
 
@@ -10,10 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.motion import Moment
-from physgen.export.scale import Scale
-from physgen.export.truth import Clip
-from physgen.render.shot import Shot
+from physgen.export.labels import Clip, Moment, Scale
+from physgen.render.camera import Shot
 from physgen.tables import Cell, Column, Kind, Table
 
 Array = NDArray[np.float64]
@@ -42,7 +37,7 @@ HAIR = 1e-5
 """s before and after a moment between which the camera's motion is taken."""
 
 
-class Motions:
+class TrajectoryTables:
     """A row a frame and object; without pyarrow there is no Parquet."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:

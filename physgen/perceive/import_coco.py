@@ -1,4 +1,4 @@
-"""A COCO annotation file -> the objects of one photo: polygons and run lengths, plain or compressed."""
+"""Import of COCO annotations: polygons and run-length masks of one photo."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.outline.outline import Region, Ring
-from physgen.outline.raster import coverage
-from physgen.perceive.found import Found
-from physgen.perceive.roles import Name
+from physgen.geometry.polygon import Region, Ring
+from physgen.geometry.raster import coverage
+from physgen.perceive.roles import Detections, Name
 from physgen.problems import InputError, Place, Problem
 
 MOST_OBJECTS = 10_000
@@ -122,7 +121,7 @@ def _lists(path: Path) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]
     return annotations, images, categories
 
 
-def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Found:
+def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Detections:
     """Label map and names of the objects on a photo of `size` (W, H); where masks overlap the smaller lies on top.
 
     COCO measures from the photo's corner, where pixel i covers i to i + 1; ours covers i - 0.5 to i + 0.5.
@@ -152,7 +151,7 @@ def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Found:
     labels = np.zeros((size[1], size[0]), np.uint16)
     for k in sorted(range(len(masks)), key=lambda k: -masks[k][0]):
         labels[np.unpackbits(masks[k][1], count=labels.size).reshape(labels.shape) > 0] = k + 1
-    return Found(
+    return Detections(
         labels, "coco", {k + 1: name.confidence for k, (_, _, name) in enumerate(masks)},
         {k + 1: name for k, (_, _, name) in enumerate(masks) if name.label != "object"},
     )  # fmt: skip

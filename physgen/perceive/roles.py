@@ -1,17 +1,22 @@
-"""What each role of perception takes and gives: protocols and frozen results."""
+"""Inputs and outputs of every role of perception: protocols and frozen results."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.outline.outline import Outline
+from physgen.geometry.polygon import Outline
+from physgen.maps import Percepts
 from physgen.photometry import DistantLight
-from physgen.scene.model import Solid, View
+from physgen.problems import Problem
+from physgen.scene.scene import Solid, View
+
+# ----------------------------------------------------------------------
+# What each role of perception takes and gives: protocols and frozen results.
 
 Rgb = NDArray[np.uint8]
 """(H, W, 3) uint8 sRGB."""
@@ -83,7 +88,7 @@ class Segments:
 
 
 @dataclass(frozen=True)
-class Meant:
+class PromptedMask:
     """What a box or a point is taken to mean."""
 
     mask: NDArray[np.bool_]
@@ -112,7 +117,7 @@ class Prompted(Segment, Protocol):
         rgb: Rgb,
         boxes: Sequence[tuple[float, float, float, float]],
         points: Sequence[tuple[float, float]],
-    ) -> Sequence[Meant]:
+    ) -> Sequence[PromptedMask]:
         """What each box (left, top, width, height px), then each point (x, y px) means; all lie on the photo.
 
         An empty mask says that it does not know.
@@ -121,7 +126,7 @@ class Prompted(Segment, Protocol):
 
 
 @dataclass(frozen=True)
-class Thing:
+class PhotoObject:
     """One object as far as it is known: its id in the label map, its outline, and what it is called."""
 
     id: int
@@ -136,7 +141,7 @@ class Thing:
 class Label(Protocol):
     """Names objects."""
 
-    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> Mapping[int, Name]:
+    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[PhotoObject]) -> Mapping[int, Name]:
         """A name for every thing, by id."""
         ...
 
@@ -168,7 +173,7 @@ class Physics(Protocol):
     """Gives objects mass, friction and elasticity."""
 
     def __call__(
-        self, rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None
+        self, rgb: Rgb, things: Sequence[PhotoObject], pixels_per_meter: float | None
     ) -> Mapping[int, Matter]:
         """Matter of every thing, by id. `pixels_per_meter` is the photo's true scale, None when nobody knows it."""
         ...
@@ -198,7 +203,7 @@ class Normals(Protocol):
     """Tells which way every surface faces."""
 
     def __call__(
-        self, rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting
+        self, rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], setting: BoundaryGuess
     ) -> NDArray[np.float32]:
         """(H, W, 3) unit: +x right, +y down, +z to the viewer.
 
@@ -232,7 +237,7 @@ class Light(Protocol):
         self,
         rgb: Rgb,
         labels: Labels,
-        things: Sequence[Thing],
+        things: Sequence[PhotoObject],
         normals: NDArray[np.float32],
         intrinsics: Intrinsics,
     ) -> LightGuess:
@@ -278,9 +283,9 @@ class Shadow(Protocol):
         background: Rgb,
         coverage: NDArray[np.float32],
         labels: Labels,
-        things: Sequence[Thing],
+        things: Sequence[PhotoObject],
         matter: Mapping[int, Matter],
-        setting: Setting,
+        setting: BoundaryGuess,
         light: LightGuess,
     ) -> Shadows:
         """`background` has the objects filled and their shadows still there. Never fails."""
@@ -312,7 +317,7 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class Setting:
+class BoundaryGuess:
     """From where the photo is taken, and what holds the objects."""
 
     view: View
@@ -334,9 +339,61 @@ class Boundary(Protocol):
     Some take `depth` (H, W), `normals` (H, W, 3) and `scenery: Scenery | None`, too (`uses` in the table).
     """
 
-    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
+    def __call__(
+        self, rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], view: View | None
+    ) -> BoundaryGuess:
         """`view` is what a person said, None to find out.
 
         Walls touch the outlines and never enter them: the things' own, or those that the setting has instead.
         """
         ...
+
+
+# ----------------------------------------------------------------------
+# What perception starts from, and what a photo became.
+
+SMALLEST_OBJECT = 12
+"""px: an id of fewer pixels is a speck, no object."""
+
+
+@dataclass(frozen=True)
+class Detections:
+    """The objects that perception starts from, found or given."""
+
+    labels: NDArray[np.uint16]
+    """(H, W), 0 = background."""
+    source: str
+    """Who found them, for `from`."""
+    confidence: Mapping[int, float]
+    """0..1, by id."""
+    names: Mapping[int, Name]
+    """What some of them are called already, by id."""
+    prompts: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
+    """Where a person pointed, by id, as the scene says it: `{"box": [x, y, w, h]}` or `{"point": [x, y]}`, px."""
+    doubtful: Sequence[Doubt] = ()
+    """What may be an object and was not taken for one."""
+    called: Mapping[int, str] = field(default_factory=dict)
+    """What objects are named in the scene already, by id."""
+    said: Mapping[int, str] = field(default_factory=dict)
+    """Who found single masks, by id, as the scene's `from` has it; `source` found the others."""
+    layers: Mapping[int, int] = field(default_factory=dict)
+    """Who is drawn over whom as a person said it, by id."""
+    named_by: str = "given"
+    """Who said `names`, for `from`."""
+
+
+@dataclass(frozen=True)
+class PerceivedScene:
+    """What a photo became."""
+
+    percepts: Percepts
+    document: dict[str, Any]
+    """A scene as plain YAML data, valid once the assets are written; `maps` is for the writer of the assets to add."""
+    comments: dict[str, str]
+    """Dotted path -> a sentence or more to stand above it."""
+    header: str
+    """What to say at the top of the file."""
+    warnings: tuple[Problem, ...] = ()
+    """What was strange in the input and could be passed over."""
+    record: Sequence[Mapping[str, Any]] = ()
+    """How each role went, where others than the core's own had a part."""

@@ -1,17 +1,8 @@
-"""The house on one page: one call a stage, top-down. Photo -> scene file -> output folder.
-
-`stages` are the steps from file to frames; `perceiving` goes before them; `filming` and `writing` make frames and files
-of them, `refining` retouches what is filmed, and `clip` is the whole line.
-
->>> from physgen import pipeline
->>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
->>> compiled = pipeline.compile(scene, pipeline.percepts(scene))            # doctest: +SKIP
->>> trajectory = pipeline.simulate(compiled.world)                          # doctest: +SKIP
-"""
+"""The house on one page: one call a stage, top-down. Photo -> scene file -> output folder."""
 
 from __future__ import annotations
 
-from physgen.pipeline.clip import Known, Page, output_name, render_scene
+from physgen.pipeline.clip import Page, SceneOrigin, output_name, render_scene
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
@@ -30,14 +21,27 @@ from physgen.pipeline.stages import (
     stage,
 )
 from physgen.pipeline.warm import Warm
-from physgen.pipeline.watch import Keep, Progress, Warn, silent, unheard
+from physgen.pipeline.watch import Keep, Progress, silent
+from physgen.problems import Warn, ignore_warning
+
+# ----------------------------------------------------------------------
+# The house on one page: one call a stage, top-down. Photo -> scene file -> output folder.
+#
+# `stages` are the steps from file to frames; `perceiving` goes before them; `filming` and `writing` make
+# frames and files
+# of them, `refining` retouches what is filmed, and `clip` is the whole line.
+#
+# >>> from physgen import pipeline
+# >>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
+# >>> compiled = pipeline.compile(scene, pipeline.percepts(scene))            # doctest: +SKIP
+# >>> trajectory = pipeline.simulate(compiled.world)                          # doctest: +SKIP
 
 __all__ = [
     "Keep",
-    "Known",
     "Page",
     "Progress",
     "Refiners",
+    "SceneOrigin",
     "Warm",
     "Warn",
     "chaos",
@@ -45,6 +49,7 @@ __all__ = [
     "drawn_by",
     "fan",
     "filled",
+    "ignore_warning",
     "import_coco",
     "import_physgen",
     "lint",
@@ -59,5 +64,4 @@ __all__ = [
     "silent",
     "simulate",
     "stage",
-    "unheard",
 ]

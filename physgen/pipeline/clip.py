@@ -1,8 +1,9 @@
-"""Scene file -> output folder: video, trajectory, report and manifest, whole or not at all."""
+"""Scene file to output folder: video, trajectory, report and manifest."""
 
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -10,30 +11,155 @@ from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.pipeline.exporting import Labels
-from physgen.pipeline.fanning import TABLE, fanned
+from physgen.files import Stamp, file_stamp
 from physgen.pipeline.filming import Filming
+from physgen.pipeline.labels import Labels
 from physgen.pipeline.packs import scene_file
-from physgen.pipeline.refining import Refiners, guided, refined
+from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
 from physgen.pipeline.stages import chaos, drawn_by, lint, render
-from physgen.pipeline.trust import sound, unbalanced
+from physgen.pipeline.stages import fan as draw_fan
 from physgen.pipeline.warm import Keep, Warm
-from physgen.pipeline.watch import Progress, Warn, silent, unheard
-from physgen.pipeline.writing import written
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.pipeline.watch import Progress, silent
+from physgen.pipeline.writing import write_video
+from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 
 if TYPE_CHECKING:
-    from physgen.report.fanned import Section
+    from physgen.compile.compile import Compiled
+    from physgen.compile.world import World
+    from physgen.export.video import Format
     from physgen.report.perception import Perception
     from physgen.report.record import RunRecord
-    from physgen.report.retouched import Retouched
-    from physgen.report.video import Format
+    from physgen.report.refinement import RefinementStrip
+    from physgen.report.uncertainty import UncertaintySection
+    from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
+    from physgen.simulate.uncertainty import Ensemble
+    from physgen.simulate.uncertainty_summary import ShadowSpread, Verdict
+
+
+# ----------------------------------------------------------------------
+# Scene + Compiled -> what the photo decides of the motion: draws of what is uncertain, and what is told of
+# them.
+
+TABLE = "fan.csv"
+"""Of all draws, in a clip's folder."""
+
+
+@dataclass(frozen=True)
+class DrawsReport:
+    """A fan, and what is told of it."""
+
+    scene: Scene
+    compiled: Compiled
+    fan: Ensemble
+    verdicts: list[Verdict]
+    shadows: ShadowSpread | None
+
+    def told(self) -> dict[str, Any]:
+        """For the manifest."""
+        from physgen.simulate.uncertainty_summary import headline
+
+        return {
+            "draws": len(self.fan.outcomes),
+            "seed": self.fan.seed,
+            "simulated": len(self.fan.whole),
+            "verdict": headline(self.fan, self.verdicts),
+            "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
+            "light": None if self.shadows is None else self.shadows.as_dict(),
+            "drawn": [
+                {
+                    "path": doubt.path,
+                    "value": doubt.value,
+                    "from": doubt.source.text,
+                    "sure": doubt.source.sure,
+                    "distribution": doubt.spread.name,
+                    "alike": doubt.alike,
+                }
+                for doubt in self.fan.doubts
+            ],
+            "failures": [str(problem) for problem in self.fan.failures],
+            "table": TABLE,
+        }
+
+    def save(self, folder: Path) -> None:
+        """The table of all draws."""
+        (folder / TABLE).write_text(self.fan.table(), encoding="utf-8")
+
+    def section(self) -> UncertaintySection:
+        """For the page."""
+        from physgen.report.uncertainty import uncertainty_section
+
+        return uncertainty_section(self.fan, self.verdicts, self.shadows, self.compiled.world)
+
+
+def simulate_draws(
+    scene: Scene,
+    compiled: Compiled,
+    count: int,
+    seed: int,
+    variant: str | None,
+    progress: Progress,
+    warn: Warn,
+) -> DrawsReport | None:
+    """`count` draws; None, and a warning, where nothing of the scene is uncertain."""
+    from physgen.simulate.uncertainty import uncertain
+    from physgen.simulate.uncertainty_summary import shadow_spread, verdicts
+
+    if not uncertain(scene, variant):
+        fix = 'say who guessed a number and how sure, as in from: {mass: "by eye 0.6"}; perceive does'
+        what = "so every draw would be the same and none is made"
+        warn(
+            Problem(
+                scene.place("objects"),
+                "--fan",
+                "nothing in the scene is uncertain,",
+                what,
+                fix,
+                Severity.WARNING,
+            )
+        )
+        return None
+    made = draw_fan(scene, compiled, count, seed, variant, progress)
+    return DrawsReport(scene, compiled, made, verdicts(made), shadow_spread(scene, made))
+
+
+# ----------------------------------------------------------------------
+# A clip that was made -> whether it is what it is taken for: its files as they were read, its energy
+# accounted for.
+
+UNBALANCED = 0.03
+"""Part of the energy that flows above which a simulation is not to be trusted."""
+
+
+def inputs_unchanged(
+    scene: Scene, record: RunRecord, begun: int, stamps: Sequence[tuple[Path, Stamp]]
+) -> bool:
+    """Whether nothing that the clip was made of was written since: `begun`, ns since 1970, or maps were stamped."""
+    home = scene.folder.resolve()
+    times = [file_stamp(Path(os.path.normpath(home / name)))[:2] for name in record.inputs]
+    same = all(file_stamp(file) == stamp for file, stamp in stamps)
+    return same and all(max(pair) < begun for pair in times)
+
+
+def energy_problem(scene: Scene, world: World, trajectory: Trajectory, record: RunRecord) -> Problem | None:
+    """A simulation that is not to be trusted."""
+    # a body's fall by a pixel is the least that counts: at rest, nothing flows
+    weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
+    record.imbalance = trajectory.imbalance(weight)
+    if record.imbalance <= UNBALANCED:
+        return None
+    fix = "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
+    found = f"miss {record.imbalance:.0%} of what flows"
+    return Problem(scene.place("world"), "world", "the books of energy", found, fix, Severity.WARNING)
+
+
+# ----------------------------------------------------------------------
+# Scene file -> output folder: video, trajectory, report and manifest, whole or not at all.
 
 U8 = NDArray[np.uint8]
 
@@ -50,7 +176,7 @@ class Page(Enum):
 
 
 @dataclass(frozen=True)
-class Known:
+class SceneOrigin:
     """What a scene is to the user, where a copy of it is rendered."""
 
     path: str
@@ -78,11 +204,11 @@ def render_scene(
     cached: bool = True,
     page: Page = Page.FULL,
     export: Sequence[str] = (),
-    known: Known | None = None,
+    known: SceneOrigin | None = None,
     warm: Warm | None = None,
     single_file: bool = False,
     progress: Progress = silent,
-    warn: Warn = unheard,
+    warn: Warn = ignore_warning,
 ) -> Path:
     """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
 
@@ -96,11 +222,11 @@ def render_scene(
     scene is `known` where `path` is a copy. Raises InputError; where it is refinement that fails, the folder is there
     all the same, with `unrefined.mp4`.
     """
-    from physgen.report.embedded import heavy
-    from physgen.report.folder import output_folder, whole_folder
+    from physgen.export.video import Format
+    from physgen.report.films import size_warning
+    from physgen.report.folders import atomic_folder, output_folder
     from physgen.report.perception import perception
     from physgen.report.record import RunRecord, inputs, source_of
-    from physgen.report.video import Format
 
     record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
     record.overrides, record.variant, record.mark = list(overrides), variant, mark
@@ -132,7 +258,7 @@ def render_scene(
         seen = perception(scene, compiled, maps.percepts) if page is Page.FULL else None
     filming = Filming(scene, compiled, maps, device, record, warm)
     labels = Labels.of(export, scene, maps.percepts)
-    still_sound = partial(sound, scene, record, begun, maps.stamps)
+    still_sound = partial(inputs_unchanged, scene, record, begun, maps.stamps)
     del maps
     kinds = (Format.MP4,) if formats is None else tuple(formats)
     if export and not kinds:
@@ -142,13 +268,15 @@ def render_scene(
     with ExitStack() as held:
         footage = None
         if scene.refine.backend != "none":
-            footage = held.enter_context(guided(filming, record, progress, warn, cached, still_sound))
+            footage = held.enter_context(
+                guidance_footage(filming, record, progress, warn, cached, still_sound)
+            )
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)
             trajectory = filming.simulated(progress, cached, warn)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
-        if (lost := unbalanced(scene, compiled.world, trajectory, record)) is not None:
+        if (lost := energy_problem(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)
         if ask_chaos:
             with record.stage("chaos"):
@@ -157,12 +285,14 @@ def render_scene(
         if draws:
             record.seeds["fan"] = draw_seed
             with record.stage("fan"):
-                spread = fanned(scene, compiled, draws, draw_seed, variant, progress, odd)
+                spread = simulate_draws(scene, compiled, draws, draw_seed, variant, progress, odd)
                 record.fan = None if spread is None else spread.told()
-        folder = held.enter_context(whole_folder(final))
+        folder = held.enter_context(atomic_folder(final))
         truth = folder / "truth" if kinds else folder
         if footage is not None:
-            outcome = refined(filming, footage, refiners or Refiners(), folder, kinds, record, progress)
+            outcome = refine_footage(
+                filming, footage, refiners or Refiners(), folder, kinds, record, progress
+            )
             faults, retouched, first = outcome.faults, outcome.retouched, footage.rgb[0]
             labels.of_frames(filming, trajectory, truth, record, progress)
             if faults and _is_refined(final):  # hours of work may be in it
@@ -171,7 +301,7 @@ def render_scene(
             count = len(filming.shot(trajectory).order)
             with labels.exported(filming, trajectory, truth, record) as tap:
                 frames = filming.annotated(tap(filming.frames(trajectory)), trajectory)
-                record.frames, first = written(frames, count, scene, folder, kinds, record, progress)
+                record.frames, first = write_video(frames, count, scene, folder, kinds, record, progress)
         with record.stage("report"):
             trajectory.save(folder / "trajectory.npz")
             if spread is not None:
@@ -199,7 +329,7 @@ def render_scene(
             record.mark = ""  # the next run makes it again: nobody knows which of the two was drawn
         write_manifest(record, folder)
     if single_file and page is not Page.NONE:
-        large = heavy(final / "report.html", "make the clip shorter or smaller")
+        large = size_warning(final / "report.html", "make the clip shorter or smaller")
         if large is not None:
             warn(large)
     if faults:
@@ -244,21 +374,25 @@ def _report(
     kinds: Sequence[Format],
     page: Page,
     seen: Perception | None,
-    retouched: Retouched | None,
+    retouched: RefinementStrip | None,
     single_file: bool,
-    decided: Section | None,
+    decided: UncertaintySection | None,
 ) -> None:
     """The page; `first` is the clip's first frame, unrefined."""
-    from physgen.report.embedded import beside, carried
+    from physgen.report.films import embedded_film, linked_film
     from physgen.report.page import report_page
     from physgen.report.player import player_data
-    from physgen.report.relit import relit
+    from physgen.report.relighting import relighting_comparison
     from physgen.scene.write import scene_text
 
     name = "video" if record.frames else "unrefined"
     made = [kind.named(name) for kind in kinds if record.frames or kind is kinds[0]]
     scene, world = filming.scene, filming.compiled.world
-    film = carried(folder, made, scene.render.fps, scene.name) if single_file else beside(folder, made)
+    film = (
+        embedded_film(folder, made, scene.render.fps, scene.name)
+        if single_file
+        else linked_film(folder, made)
+    )
     text = scene_text(scene.document)
     if scene.render.overlay or not filming.shot(trajectory).opens_on_photo:
         first = next(
@@ -269,7 +403,7 @@ def _report(
         player = player_data(
             scene, world, trajectory, filming.stage, filming.shot(trajectory), filming.sampled
         )
-    if seen is not None and (pair := relit(filming.stage, trajectory)) is not None:
+    if seen is not None and (pair := relighting_comparison(filming.stage, trajectory)) is not None:
         seen = replace(seen, comparisons=(pair, *seen.comparisons))
     html = report_page(scene, world, record, first, film, text, player, seen, retouched, decided)
     (folder / "report.html").write_text(html, encoding="utf-8")
@@ -287,7 +421,7 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
 
 def output_name(path: str | Path, variant: str | None) -> str:
     """Name of a clip's folder: the scene's, and the variant's behind it."""
-    from physgen.scene.build import scene_name
+    from physgen.scene.load import scene_name
 
     name = scene_name(Path(path))
     if not name.isprintable():

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING
 
 from physgen.pipeline.stages import render, shot
 from physgen.pipeline.warm import Maps, Warm
-from physgen.pipeline.watch import Progress, Warn
+from physgen.pipeline.watch import Progress
+from physgen.problems import Warn
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from physgen.compile.assemble import Compiled
-    from physgen.render.shot import Shot
+    from physgen.compile.compile import Compiled
+    from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
-    from physgen.scene.model import Scene
-    from physgen.simulate.tape import Tape
+    from physgen.scene.scene import Scene
+    from physgen.simulate.recorder import StepLog
     from physgen.simulate.trajectory import Trajectory
 
 
@@ -35,24 +36,24 @@ class Filming:
         self._record = record
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
         """Of a trajectory: the samples that its frames are exposed at, and how many a frame has."""
-        self._tape: Tape | None = None
+        self._tape: StepLog | None = None
 
     def simulated(self, progress: Progress, cached: bool, warn: Warn) -> Trajectory:
         """The motion, a sample a frame; where it is not at hand but run, its steps are kept."""
-        from physgen.simulate.tape import Tape
+        from physgen.simulate.recorder import StepLog
 
-        self._tape = Tape()
+        self._tape = StepLog()
         with self._record.stage("simulate"):
             return self.warm.simulate(self.compiled.world, progress, cached, warn, self._tape)
 
     def sampled(self, times: NDArray[np.float64]) -> Trajectory:
         """The same motion at other times, s: the engine's steps do not depend on its samples."""
         from physgen.simulate.engine import simulate
-        from physgen.simulate.tape import Tape
+        from physgen.simulate.recorder import StepLog
 
         found = None if self._tape is None else self._tape.read(times)
         if found is None:
-            self._tape = Tape()
+            self._tape = StepLog()
             found = simulate(self.compiled.world, times, tape=self._tape)
         return found
 
@@ -79,7 +80,7 @@ class Filming:
         fine, parts = self.exposed(trajectory)
         drawn = self.stage
         if matte:
-            from physgen.render.matte import matte as covering
+            from physgen.render.staging import matte_stage as covering
 
             drawn = covering(drawn)
         return render(drawn, fine, parts, take, self.device)
@@ -87,9 +88,9 @@ class Filming:
     def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples enough for open shutters, and how many a frame has."""
         if self._fine is None or self._fine[0] is not trajectory:
-            from physgen.render.shutter import shutter
+            from physgen.render.camera import exposure_times
 
-            moments, parts = shutter(trajectory, self.compiled.world, self.scene.render.motion_blur)
+            moments, parts = exposure_times(trajectory, self.compiled.world, self.scene.render.motion_blur)
             fine = trajectory
             if parts > 1:
                 with self._record.stage("expose"):
@@ -101,10 +102,10 @@ class Filming:
         """Frames with the scene's overlays."""
         if not self.scene.render.overlay:
             return frames
-        from physgen.render.overlay import annotated
+        from physgen.render.overlay import annotate_frames
 
         take = self.shot(trajectory)
-        return annotated(
+        return annotate_frames(
             frames,
             self.compiled.world,
             trajectory,

@@ -15,12 +15,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from physgen.files import Stamp, file_stamp
 from physgen.problems import call
 from physgen.scene.pack_format import is_pack
-from physgen.whole import Stamp, stamped
 
 if TYPE_CHECKING:
-    from physgen.cache.store import Store
+    from physgen.pipeline.cache import Store
+
 
 MOST_HELD = 64
 """Packs that a process holds at a time: each costs it an open file."""
@@ -51,9 +52,9 @@ def scene_file(path: str | Path, called: str | None = None) -> Path:
     path = Path(path)
     if not is_pack(path):
         return path
-    from physgen.scene.unpacked import read_pack
+    from physgen.scene.unpack import read_pack
 
-    name, stamp = os.path.abspath(path), stamped(path)
+    name, stamp = os.path.abspath(path), file_stamp(path)
     told, key = _KNOWN.get(name, (None, ""))
     data = b""
     if told != stamp:
@@ -71,9 +72,9 @@ def pack_key(data: bytes) -> str:
 
 def scene_in(key: str, data: Callable[[], bytes], name: str) -> Path:
     """The scene file of the pack of that key, unpacked from its `data` unless it is there. Raises InputError."""
-    from physgen.cache.store import opened
+    from physgen.pipeline.cache import open_store
 
-    store = opened()
+    store = open_store()
     held = _HELD.pop((str(store.root), key), None)
     if held is None and not _HELD:
         atexit.register(_let_go)
@@ -104,21 +105,21 @@ def _opened(store: Store, key: str, data: Callable[[], bytes], name: str) -> _He
             scene = files / (folder / SCENE).read_text(encoding="utf-8")
         else:
             files = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="physgen-")), FILES)
-            from physgen.scene.unpacked import unpacked
+            from physgen.scene.unpack import unpack_to
 
-            scene = unpacked(data(), files, name)
+            scene = unpack_to(data(), files, name)
         return _Held(stack.pop_all(), files, scene)
 
 
 def _kept(store: Store, key: str, data: bytes, name: str) -> None:
     """Unpacks it into the cache, where that can be written."""
-    from physgen.scene.unpacked import unpacked
+    from physgen.scene.unpack import unpack_to
 
     with store.fill(key) as filling:
         if filling is None:
             return
         try:
-            scene = unpacked(data, filling.folder / FILES, name)
+            scene = unpack_to(data, filling.folder / FILES, name)
             inside = scene.relative_to(filling.folder / FILES).as_posix()
             (filling.folder / SCENE).write_text(inside, encoding="utf-8")
         except OSError as error:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.pipeline.watch import Keep, Progress, Warn, silent, unheard
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.pipeline.watch import Keep, Progress, silent
+from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 
 if TYPE_CHECKING:
-    from physgen.crew import Crew
+    from physgen.registry import Backends
 
 
 def perceive(
@@ -23,12 +23,12 @@ def perceive(
     points: Sequence[tuple[float, float]] = (),
     labels: Sequence[str] = (),
     assets: Path | None = None,
-    crew: Crew | None = None,
+    crew: Backends | None = None,
     asked: Sequence[str] = (),
     side: int | None = None,
     sheet: Path | None = None,
     progress: Progress = silent,
-    warn: Warn = unheard,
+    warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
@@ -39,18 +39,17 @@ def perceive(
     is made smaller, and `warn` told; masks, boxes and points are those of the photo as given. All that was perceived is
     drawn on one `sheet`, a PNG. `keep` is told of files that stood in the way and were kept.
     """
-    from physgen.crew import Crew
-    from physgen.perceive.asking import segmenter
-    from physgen.perceive.given import from_masks, from_prompts, weak
+    from physgen.maps import read_labels
+    from physgen.perceive.document import write_scene
     from physgen.perceive.import_coco import coco_objects, read_coco
-    from physgen.perceive.lay_out import lay_out
-    from physgen.perceive.scene import perceive as run
-    from physgen.perceive.smaller import LONGEST_SIDE, fitted, smaller
-    from physgen.percepts.maps import read_labels
-    from physgen.percepts.photo import read_photo
-    from physgen.report.perceived import check_sheet, write_sheet
+    from physgen.perceive.perceive import LONGEST_SIDE, shrink_detections, shrink_photo
+    from physgen.perceive.perceive import perceive as run
+    from physgen.perceive.segment.prompts import from_masks, from_prompts, segmenter, weak_prompts
+    from physgen.photos import read_photo
+    from physgen.registry import Backends
+    from physgen.report.perception import check_sheet, write_sheet
 
-    crew = crew or Crew()
+    crew = crew or Backends()
     crew.begin(warn)
     check_sheet(sheet, image)
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
@@ -60,7 +59,7 @@ def perceive(
     if not photo.readable:
         fix = "save it as sRGB if its colours look wrong"
         warn(Problem(Place(str(image)), "", "the colour profile", "cannot be used", fix, Severity.WARNING))
-    rgb = smaller(photo.rgb, side or LONGEST_SIDE)
+    rgb = shrink_photo(photo.rgb, side or LONGEST_SIDE)
     height, width = photo.rgb.shape[:2]
     as_it_is = photo.plain and rgb is photo.rgb
     if rgb is not photo.rgb:
@@ -79,7 +78,7 @@ def perceive(
         points = [(point[0] * x, point[1] * y) for point in points]
         found = from_prompts(rgb, boxes, points, segmenter(crew, asked))
         crew.release("segment")
-        for problem in weak(found):
+        for problem in weak_prompts(found):
             warn(problem)
     if asked and (masks or coco or "categories" not in crew.row("segment").uses):
         fix = "choose e.g. --backend segment=grounding-dino+sam"
@@ -91,31 +90,31 @@ def perceive(
         expected = f"is not asked: segment={crew.name('segment')} finds things without"
         warn(Problem(Place("--backend"), "", found_by, expected, fix, Severity.WARNING))
     if found is not None:
-        found = fitted(found, (width, height), rgb)
+        found = shrink_detections(found, (width, height), rgb)
     perceived = run(rgb, found, renames=labels, crew=crew, asked=asked, progress=progress)
     for problem in perceived.warnings:
         warn(problem)
     if sheet is not None:
         write_sheet(sheet, perceived, keep)
-    return lay_out(perceived, image if as_it_is else None, image.stem, output, assets, keep)
+    return write_scene(perceived, image if as_it_is else None, image.stem, output, assets, keep)
 
 
 def import_physgen(
     folder: Path,
     output: Path | None = None,
     progress: Progress = silent,
-    warn: Warn = unheard,
+    warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
 ) -> str:
     """A folder of the paper's public code -> the scene's text; writes as `perceive` does."""
+    from physgen.perceive.document import write_scene
     from physgen.perceive.import_physgen import import_physgen as run
-    from physgen.perceive.lay_out import lay_out
 
     imported = run(folder, progress=progress)
     for problem in imported.warnings:
         warn(problem)
     assets = None if output else Path(f"{folder.resolve().name}.assets")
-    return lay_out(imported, folder / "original.png", "original", output, assets, keep)
+    return write_scene(imported, folder / "original.png", "original", output, assets, keep)
 
 
 def import_coco(

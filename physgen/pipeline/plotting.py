@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from physgen.compile.world import World
-    from physgen.report.plots.frames import Reel
-    from physgen.report.plots.look import Look
-    from physgen.scene.model import Scene
+    from physgen.report.plots.frames import StripRow
+    from physgen.report.plots.style import PlotStyle
+    from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
+
 
 KINDS = ("energy", "trajectory", "contacts", "strip")
 FRAMES = 5
@@ -35,7 +36,7 @@ CLOSE = 1200
 
 
 @dataclass(frozen=True)
-class Asked:
+class PlotRequest:
     """What a figure is to show; a kind of figure passes over what is not its."""
 
     objects: Sequence[str] = ()
@@ -51,28 +52,27 @@ class Asked:
     overrides: Sequence[str] = ()
     variant: str | None = None
     allow_outside: bool = False
-    look: Look | None = field(default=None)
-    """Width, dpi, dark or light, SI; see `physgen.report.plots.look.Look`."""
+    look: PlotStyle | None = field(default=None)
+    """Width, dpi, dark or light, SI; see `physgen.report.plots.style.PlotStyle`."""
 
 
 def plot(
     kind: str,
     paths: Sequence[str | Path],
     output: Path,
-    asked: Asked | None = None,
+    asked: PlotRequest | None = None,
     progress: Progress = silent,
 ) -> Path:
     """Draws one of KINDS into `output`, a PNG, SVG or PDF by its ending, and returns it; raises InputError.
 
     A strip takes several scenes, a row each; the others take one.
     """
-    from physgen.report.plots.look import Look, needed
-    from physgen.report.plots.saved import check_name, write_figure
+    from physgen.report.plots.style import PlotStyle, check_name, require_matplotlib, write_figure
 
-    asked = asked or Asked()
+    asked = asked or PlotRequest()
     check_name(output)
-    needed()
-    look = asked.look or Look()
+    require_matplotlib()
+    look = asked.look or PlotStyle()
     if kind == "strip":
         figure, name = _strip(paths, asked, look, output.suffix.lower() == ".png", progress)
     else:
@@ -84,12 +84,14 @@ def plot(
     return output
 
 
-def _curves(kind: str, path: str | Path, asked: Asked, look: Look, progress: Progress) -> tuple[Figure, str]:
+def _curves(
+    kind: str, path: str | Path, asked: PlotRequest, look: PlotStyle, progress: Progress
+) -> tuple[Figure, str]:
     """Energy, trajectory or contacts of one scene, and its name."""
-    from physgen.render.touches import blows, moments
+    from physgen.render.contacts import find_impacts, sample_times
+    from physgen.report.plots.contacts import contacts_figure
     from physgen.report.plots.energy import energy_figure
     from physgen.report.plots.paths import trajectory_figure
-    from physgen.report.plots.touching import contacts_figure
 
     scene = load(path, asked.overrides, asked.variant, asked.allow_outside)
     _known(scene, asked.objects)
@@ -104,14 +106,14 @@ def _curves(kind: str, path: str | Path, asked: Asked, look: Look, progress: Pro
             scene, world, _at(world, ends / world.steps_per_second, progress), look
         ), scene.name
     coarse = simulate(world, progress=progress)
-    seen = _at(world, moments(_to_the_end(coarse, world), FINER, MOST // bodies), progress)
+    seen = _at(world, sample_times(_to_the_end(coarse, world), FINER, MOST // bodies), progress)
     if kind == "trajectory":
         photo = None if maps is None else maps.rgb
         figure = trajectory_figure(
             scene, world, seen, photo, look, objects=asked.objects, curves=asked.curves
         )
         return figure, scene.name
-    struck = blows(world, seen, world.duration / max(len(world.times), 1) / FINER)
+    struck = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
     return contacts_figure(scene, world, seen, struck, look, asked.objects), scene.name
 
 
@@ -127,7 +129,7 @@ def _to_the_end(trajectory: Trajectory, world: World) -> Trajectory:
 
 
 def _strip(
-    paths: Sequence[str | Path], asked: Asked, look: Look, exact: bool, progress: Progress
+    paths: Sequence[str | Path], asked: PlotRequest, look: PlotStyle, exact: bool, progress: Progress
 ) -> tuple[Figure, str]:
     from physgen.report.plots.frames import strip_figure
 
@@ -136,9 +138,9 @@ def _strip(
     return figure, ", ".join(reel.scene.name for reel in reels)
 
 
-def _reel(path: str | Path, asked: Asked, progress: Progress) -> Reel:
+def _reel(path: str | Path, asked: PlotRequest, progress: Progress) -> StripRow:
     """One scene's photo and frames, drawn as `render` draws them; refinement is left out."""
-    from physgen.report.plots.frames import Reel
+    from physgen.report.plots.frames import StripRow
     from physgen.report.record import RunRecord
 
     scene = load(path, asked.overrides, asked.variant, asked.allow_outside)
@@ -155,7 +157,7 @@ def _reel(path: str | Path, asked: Asked, progress: Progress) -> Reel:
         progress("render", k + 1, len(order))
         frames.append((frame.time, frame.rgb.copy()))
     lens = shot(scene, trajectory).affine(0.0)
-    return Reel(scene, compiled.world, trajectory, photo, lens, frames)
+    return StripRow(scene, compiled.world, trajectory, photo, lens, frames)
 
 
 def chosen(frames: int | Sequence[int], count: int) -> list[int]:

@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.crew import Choice, Plan
 from physgen.pipeline.filming import Filming
-from physgen.pipeline.watch import Progress, Warn
-from physgen.pipeline.writing import written
-from physgen.problems import InputError, Problem
+from physgen.pipeline.watch import Progress
+from physgen.pipeline.writing import write_video
+from physgen.problems import InputError, Problem, Warn
+from physgen.registry import Choice, Plan
 
 if TYPE_CHECKING:
-    from physgen.cache.footage import Footage
-    from physgen.refine.refining import How
-    from physgen.refine.roles import Denoiser
+    from physgen.export.video import Format
+    from physgen.pipeline.footage import Footage
+    from physgen.refine.denoiser import Denoiser
+    from physgen.refine.fusion import RefineSettings
     from physgen.render.stage import Frame
-    from physgen.report.changes import Changes
     from physgen.report.record import RunRecord
-    from physgen.report.retouched import Retouched
-    from physgen.report.video import Format
-    from physgen.scene.model import Scene
+    from physgen.report.refinement import RefinementChanges, RefinementStrip
+    from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
+
 
 U8 = NDArray[np.uint8]
 STRIP = "refinement.png"
@@ -49,14 +49,14 @@ class Refiners:
 
     def model(self, name: str) -> Denoiser:
         """Raises InputError where its libraries or weights are not here."""
-        from physgen import backends
+        from physgen import registry
 
         if name not in self._made:
             plan = self._ask()
             said = plan.choices.get("refine")
             choice = said if said is not None and said.name == name else Choice(name)
             setup = replace(plan, choices={"refine": choice}).setup("refine")
-            self._made[name] = backends.make("refine", name, setup)
+            self._made[name] = registry.make("refine", name, setup)
         return self._made[name]
 
     def close(self) -> None:
@@ -72,32 +72,31 @@ class Outcome:
 
     faults: Sequence[Problem]
     """What went wrong; nothing where it is empty."""
-    retouched: Retouched | None
+    retouched: RefinementStrip | None
     """What it changed, for the page."""
 
 
-def how(scene: Scene) -> How:
+def refine_settings(scene: Scene) -> RefineSettings:
     """`refine:` of a scene, with the prompt that its labels make unless it has one."""
-    from physgen.refine.prompts import prompt_of
-    from physgen.refine.refining import How, frames_of_hold
-    from physgen.refine.roles import Said
+    from physgen.refine.denoiser import PromptSettings
+    from physgen.refine.fusion import RefineSettings, hold_frames, prompt_of
 
     told = scene.refine
     prompt = prompt_of(item.label for item in scene.objects) if told.prompt is None else told.prompt
-    return How(
+    return RefineSettings(
         strength=told.strength,
         stop=told.stop,
         steps=told.steps,
         seed=told.seed,
-        said=Said(prompt, told.negative, told.guidance),
+        said=PromptSettings(prompt, told.negative, told.guidance),
         lock=told.lock,
         detail=told.detail,
-        hold=frames_of_hold(scene.render.fps),
+        hold=hold_frames(scene.render.fps),
     )
 
 
 @contextmanager
-def guided(
+def guidance_footage(
     filming: Filming,
     record: RunRecord,
     progress: Progress,
@@ -109,10 +108,10 @@ def guided(
 
     It is kept for the next time where it is still `sound` then: nothing that it was made of was saved meanwhile.
     """
-    from physgen.cache.footage import Add, footage
-    from physgen.cache.keys import guidance_key
-    from physgen.cache.store import opened
-    from physgen.render.matte import coverage
+    from physgen.pipeline.cache import open_store
+    from physgen.pipeline.cache_keys import guidance_key
+    from physgen.pipeline.footage import Add, footage
+    from physgen.render.staging import matte_coverage
 
     def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
         progress("simulate", 0, 1)
@@ -124,18 +123,18 @@ def guided(
             with record.stage("render"):
                 frame = next(frames)
             with record.stage("cover"):
-                covered = coverage(next(mattes))
+                covered = matte_coverage(next(mattes))
             with record.stage("keep"):
                 add(frame.rgb, covered, frame.ids)
             progress("render", index + 1, count)
         return trajectory, {}
 
     key = guidance_key(filming.scene, record.inputs, record.device)
-    with footage(opened(warn=warn) if cached else None, key, film, sound) as kept:
+    with footage(open_store(warn=warn) if cached else None, key, film, sound) as kept:
         yield kept
 
 
-def refined(
+def refine_footage(
     filming: Filming,
     footage: Footage,
     refiners: Refiners,
@@ -145,11 +144,10 @@ def refined(
     progress: Progress,
 ) -> Outcome:
     """Writes the clip unrefined and, in all `kinds`, refined."""
-    from physgen.percepts.maps import write_png
-    from physgen.refine.refining import Refinement, guarded
-    from physgen.report.changes import Changes
+    from physgen.maps import write_png
+    from physgen.refine.fusion import Refinement, backend_errors
     from physgen.report.perception import compared
-    from physgen.report.retouched import retouched
+    from physgen.report.refinement import RefinementChanges, refinement_strip
 
     scene, trajectory = filming.scene, footage.trajectory
     order = filming.shot(trajectory).order
@@ -159,18 +157,18 @@ def refined(
     ) -> list[str]:
         frames = filming.annotated(_frames(footage, pictures, order), trajectory)
         count = len(order)
-        return written(
+        return write_video(
             frames, count, scene, folder, kinds, record, progress, name=name, stage=stage, doing=doing
         )[0]
 
     record.unrefined = write(iter(footage.rgb.shown(order)), kinds[:1], "unrefined", "read")
     name = scene.refine.backend
     try:
-        with record.stage("load model"), guarded("--refine", name):
+        with record.stage("load model"), backend_errors("--refine", name):
             model = refiners.model(name)
-        refinement = Refinement(model, how(scene), scene.video_size, len(footage.rgb), progress)
+        refinement = Refinement(model, refine_settings(scene), scene.video_size, len(footage.rgb), progress)
         step = float(trajectory.times[1] - trajectory.times[0]) if len(trajectory.times) > 1 else 1.0
-        changes = Changes(len(footage.rgb), 1 / step)
+        changes = RefinementChanges(len(footage.rgb), 1 / step)
         made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
         with _played(made, order, scene.video_size, len(footage.rgb), folder, record) as pictures:
             record.frames = write(pictures, kinds, "video", "refine", "decode")
@@ -187,15 +185,15 @@ def refined(
     record.refine = told
     before, after = ("as it was drawn", footage.rgb[changes.most]), ("refined", changes.refined)
     said = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
-    return Outcome((), retouched(compared("refined", "Refined", said, before, after), changes.columns))
+    return Outcome((), refinement_strip(compared("refined", "Refined", said, before, after), changes.columns))
 
 
-def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: Changes) -> Iterator[U8]:
+def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: RefinementChanges) -> Iterator[U8]:
     """The same frames; `changes` is told of each."""
-    from physgen.refine.refining import guarded
+    from physgen.refine.fusion import backend_errors
 
     for index in range(len(footage.rgb)):
-        with guarded("--refine", name):
+        with backend_errors("--refine", name):
             rgb = next(frames)
         changes.add(footage.rgb[index], rgb, footage.coverage[index])
         yield rgb

@@ -16,16 +16,17 @@ from physgen.pipeline.watch import Progress, silent
 from physgen.problems import InputError, Problem
 
 if TYPE_CHECKING:
-    from physgen.compile.assemble import Compiled
+    from physgen.compile.compile import Compiled
     from physgen.compile.world import World
-    from physgen.fan.fan import Fan
-    from physgen.percepts.maps import Percepts
-    from physgen.render.shot import Shot
+    from physgen.maps import Percepts
+    from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
-    from physgen.scene.model import Scene
+    from physgen.scene.scene import Scene
     from physgen.simulate.chaos import Chaos
-    from physgen.simulate.tape import Tape
+    from physgen.simulate.recorder import StepLog
     from physgen.simulate.trajectory import Trajectory
+    from physgen.simulate.uncertainty import Ensemble
+
 
 MOST_POSES = 20_000_000
 """Samples times objects of one trajectory: about 2 GB."""
@@ -35,34 +36,34 @@ def load(
     path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False
 ) -> Scene:
     """Scene file or pack -> Scene, overlays applied and defaults filled in. Raises InputError with every problem."""
-    from physgen.scene.build import load as load_scene
+    from physgen.scene.load import load as load_scene
 
     return load_scene(scene_file(path), overrides, variant, allow_outside)
 
 
 def percepts(scene: Scene) -> Percepts | None:
     """The photo and its maps; None for a scene without a photo."""
-    from physgen.percepts.maps import read_percepts
+    from physgen.maps import read_percepts
 
     return read_percepts(scene.image, scene.assets, scene.maps)
 
 
 def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     """Outlines, centres, masses, moments and pairs, resolved."""
-    from physgen.compile.assemble import compile_scene
+    from physgen.compile.compile import compile_scene
 
     return compile_scene(scene, None if maps is None else maps.labels)
 
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
     """What is allowed and probably not meant; with the photo's `maps`, of them too."""
-    from physgen.compile.lints import lint as lint_scene
+    from physgen.compile.warnings import lint as lint_scene
 
     return lint_scene(scene, compiled, maps)
 
 
 def simulate(
-    world: World, rate: float | None = None, progress: Progress = silent, tape: Tape | None = None
+    world: World, rate: float | None = None, progress: Progress = silent, tape: StepLog | None = None
 ) -> Trajectory:
     """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second.
 
@@ -95,12 +96,12 @@ def fan(
     seed: int = 0,
     variant: str | None = None,
     progress: Progress = silent,
-) -> Fan:
+) -> Ensemble:
     """The scene simulated `count` times, each with other numbers from what `from` is unsure of; see docs/fan.md.
 
     `variant` is the one that was applied to the scene: what it sets is certain.
     """
-    from physgen.fan.fan import fan as draw
+    from physgen.simulate.uncertainty import simulate_ensemble as draw
 
     return draw(scene, compiled, count, seed, variant, progress)
 
@@ -110,29 +111,27 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
 
     Flat shapes are drawn as large as `render` shows them at most. Nothing that can only be seen in motion counts.
     """
-    from physgen.compile.looks import looks
-    from physgen.compile.placed import starts
-    from physgen.render.flat import enlarged, flat_background, flat_sprites
-    from physgen.render.shot import drawn_large
+    from physgen.compile.appearance import appearance, photo_poses
+    from physgen.render.camera import canvas_scale
+    from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
     from physgen.render.stage import Stage
-    from physgen.render.staging import staged
-    from physgen.render.threads import one_thread
+    from physgen.render.staging import enlarged_world, flat_background, flat_sprites, lit_stage
 
-    begin = starts(compiled.world)
-    scene, world = looks(scene, compiled.world)
+    begin = photo_poses(compiled.world)
+    scene, world = appearance(scene, compiled.world)
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
     fine = scene.render.supersample
     if maps is None:
-        large = drawn_large(scene)
-        world, outlines = enlarged(world, compiled.outlines, large)
+        large = canvas_scale(scene)
+        world, outlines = enlarged_world(world, compiled.outlines, large)
         sprites = flat_sprites(world, outlines, order, large)
         return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
-    with one_thread():
+    with single_threaded():
         sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
-        made = staged(scene, world, sprites, maps, background, coverage, absent)
+        made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine, starts=begin)
 
 
@@ -143,23 +142,23 @@ def filled(
 
     They are also made now where the assets took a boundary, whose pixels are `scenery`, for an object.
     """
-    from physgen.compile.stored import knows
+    from physgen.compile.warnings import maps_cover_masks
 
-    known = knows(maps, labels, scenery)
+    known = maps_cover_masks(maps, labels, scenery)
     if known and maps.coverage is not None and maps.background is not None:
         return maps.coverage, maps.background
-    from physgen import backends
+    from physgen import registry
 
     union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.labels))
     coverage = maps.coverage
     if coverage is None or not known:
-        coverage = backends.make("matte")(maps.rgb, union)
-    return coverage, backends.make("inpaint")(maps.rgb, coverage > 0)
+        coverage = registry.make("matte")(maps.rgb, union)
+    return coverage, registry.make("inpaint")(maps.rgb, coverage > 0)
 
 
 def shot(scene: Scene, trajectory: Trajectory) -> Shot:
     """How the scene's clip is filmed and played; `trajectory` has one sample a frame."""
-    from physgen.render.shot import shot as take
+    from physgen.render.camera import shot_of as take
 
     return take(scene, trajectory)
 
@@ -176,20 +175,19 @@ def render(
     `through` is a shot: without one, all of the canvas is seen and played forward. On a `device` other than the
     processor (`cuda`, `cuda:1`) torch draws them, the same within 1 grey level.
     """
-    from physgen.render.shot import filmed
-    from physgen.render.shutter import exposed
+    from physgen.render.camera import filmed, mean_exposures
 
     if device == "cpu":
         from physgen.render.frames import render_frames
     else:
-        from physgen.render.backends.torch_frames import render_frames_torch
+        from physgen.render.torch_frames import render_frames_torch
 
         render_frames = partial(render_frames_torch, device=device)
     if through is None:
         return render_frames(drawn, trajectory, parts=parts)
     samples = through.samples(parts)
     if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
-        return exposed(filmed(render_frames(drawn, trajectory, samples), through, drawn.scale), parts)
+        return mean_exposures(filmed(render_frames(drawn, trajectory, samples), through, drawn.scale), parts)
     return filmed(render_frames(drawn, trajectory, samples, parts), through, drawn.scale)
 
 
@@ -198,7 +196,7 @@ def drawn_by(device: str) -> str:
     if device == "cpu":
         return device
     try:
-        from physgen.render.backends.torch_frames import title
+        from physgen.render.torch_frames import title
     except ModuleNotFoundError as error:
         found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
         raise InputError.of("--device", f'"{device}"', found, fix) from error

@@ -1,7 +1,8 @@
 """Stages whose results stay in this process from one clip to the next, for as long as what they read is the same.
 
 Scenes that differ in a force, a mass or a light share all that these leave as it is: the file is parsed once, the photo
-and its maps are read once, things are cut out once. Motions also outlast the process, in the store of `physgen.cache`.
+and its maps are read once, things are cut out once. Motions also outlast the process, in
+the store of `physgen.pipeline`.
 """
 
 from __future__ import annotations
@@ -14,21 +15,23 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from physgen.files import Stamp, file_stamp
 from physgen.pipeline import stages
 from physgen.pipeline.packs import scene_file
-from physgen.pipeline.watch import Progress, Warn, silent, unheard
-from physgen.whole import Stamp, stamped
+from physgen.pipeline.watch import Progress, silent
+from physgen.problems import Warn, ignore_warning
 
 if TYPE_CHECKING:
-    from physgen.compile.assemble import Compiled
+    from physgen.compile.compile import Compiled
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
-    from physgen.percepts.maps import Percepts
+    from physgen.maps import Percepts
     from physgen.render.stage import Stage
-    from physgen.scene.build import Opened
-    from physgen.scene.model import Scene
-    from physgen.simulate.tape import Tape
+    from physgen.scene.load import Opened
+    from physgen.scene.scene import Scene
+    from physgen.simulate.recorder import StepLog
     from physgen.simulate.trajectory import Trajectory
+
 
 T = TypeVar("T")
 
@@ -113,7 +116,7 @@ class Warm:
         shown: str | None = None,
     ) -> Scene:
         """As `stages.load`; `shown` is what messages call the file, or the pack, where that is not its path."""
-        from physgen.scene.build import Opened
+        from physgen.scene.load import Opened
         from physgen.scene.pack_format import SUFFIX
 
         packed = shown is not None and shown.endswith(SUFFIX)
@@ -141,67 +144,66 @@ class Warm:
 
     def _read(self, scene: Scene) -> tuple[str, tuple[tuple[Path, Stamp], ...]]:
         """The key of a scene's maps, and their files."""
-        from physgen.cache.keys import key
+        from physgen.pipeline.cache_keys import key
 
         files = [] if scene.image is None else [scene.image]
         if scene.image is not None and scene.assets is not None:
             files += sorted(scene.assets.glob("*.png"))
-        stamps = tuple((file, stamped(file)) for file in files)
+        stamps = tuple((file, file_stamp(file)) for file in files)
         return key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps)), stamps
 
     def compile(self, scene: Scene, maps: Maps) -> Compiled:
         """As `stages.compile`."""
-        from physgen.cache.keys import key
-        from physgen.compile.assemble import assembled, check_steps
+        from physgen.compile.compile import check_steps, compile_shapes
         from physgen.compile.shapes import shapes_of
+        from physgen.pipeline.cache_keys import key
 
         check_steps(scene)
         labels = None if maps.percepts is None else maps.percepts.labels
         things = [(item.mask, item.shape, item.layer) for item in scene.objects]
         masks = [item.mask for item in scene.boundaries]
         read = key("shapes", maps.key, scene.size, things, masks)
-        return assembled(scene, self._shapes.of(read, lambda: shapes_of(scene, labels)))
+        return compile_shapes(scene, self._shapes.of(read, lambda: shapes_of(scene, labels)))
 
     def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
         """As `stages.stage`."""
-        from physgen.cache.keys import key
-        from physgen.compile.looks import looks
-        from physgen.compile.placed import starts
+        from physgen.compile.appearance import appearance, photo_poses
+        from physgen.pipeline.cache_keys import key
 
-        seen = looks(scene, compiled.world)
+        seen = appearance(scene, compiled.world)
         drawn = compiled.outlines if maps.percepts is None else ()
         shapes = (compiled.labels, compiled.scenery, drawn)
         made = self._stages.of(
             key("stage", maps.key, *seen, *shapes), lambda: stages.stage(scene, compiled, maps.percepts)
         )
-        return replace(made, starts=starts(compiled.world))  # they may be put elsewhere since
+        return replace(made, starts=photo_poses(compiled.world))  # they may be put elsewhere since
 
     def simulate(
         self,
         world: World,
         progress: Progress = silent,
         cached: bool = True,
-        warn: Warn = unheard,
-        tape: Tape | None = None,
+        warn: Warn = ignore_warning,
+        tape: StepLog | None = None,
     ) -> Trajectory:
         """As `stages.simulate`; from the store of results where it is kept there, if it is to be `cached`.
 
         A motion that is at hand leaves the `tape` empty.
         """
-        from physgen.cache.keys import motion_key
-        from physgen.cache.motion import keep, kept
-        from physgen.cache.store import opened
+        from physgen.pipeline.cache import open_store
+        from physgen.pipeline.cache_keys import motion_key
+        from physgen.pipeline.footage import load_motion, save_motion
 
         read = motion_key(world)
 
         def run() -> Trajectory:
-            store = opened(warn=warn) if cached else None
-            if (found := kept(store, read)) is not None:
+            store = open_store(warn=warn) if cached else None
+            if (found := load_motion(store, read)) is not None:
                 return found
             begun = time.perf_counter()
             made = stages.simulate(world, progress=progress, tape=tape)
             if time.perf_counter() - begun > WORTH:
-                keep(store, read, made)
+                save_motion(store, read, made)
             return made
 
         return self._motions.of(read, run)
@@ -210,7 +212,7 @@ class Warm:
         """SHA-256 of a file, worked out once for as long as it is not written. Raises OSError."""
         from physgen.report.record import file_hash
 
-        stamp = stamped(file)
+        stamp = file_stamp(file)
         known = self._hashes.get(file)
         if known is None or known[0] != stamp:
             if len(self._hashes) >= MOST_HASHES:

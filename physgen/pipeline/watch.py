@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from physgen.problems import Warn, unheard
+from physgen.problems import Warn, ignore_warning
 
-__all__ = ["Keep", "Progress", "Warn", "silent", "unheard"]
+__all__ = ["Keep", "Progress", "Warn", "ignore_warning", "silent"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how much is done and how much there is."""

@@ -1,4 +1,4 @@
-"""Frames -> the files of one video, encoded while they are made, and a hash of each."""
+"""Frames to the files of one video."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from physgen.pipeline.watch import Progress
 
 if TYPE_CHECKING:
+    from physgen.export.video import Format
     from physgen.render.stage import Frame
     from physgen.report.record import RunRecord
-    from physgen.report.video import Format
-    from physgen.scene.model import Scene
+    from physgen.scene.scene import Scene
+
 
 U8 = NDArray[np.uint8]
 
 
-def written(
+def write_video(
     frames: Iterator[Frame],
     count: int,
     scene: Scene,
@@ -39,8 +40,8 @@ def written(
 
     What making the frames costs is the `stage`'s, the rest encoding's; `doing` is what `progress` is told instead.
     """
+    from physgen.export.video import encode_in_thread, open_video
     from physgen.report.record import StageTime, frame_hash
-    from physgen.report.video import alongside, open_video
 
     clock = time.process_time if stage == "refine" else time.thread_time  # a model has threads of its own
     hashes = []
@@ -53,7 +54,7 @@ def written(
                 files.enter_context(open_video(folder, kind, scene.video_size, scene.render.fps, name))
                 for kind in kinds
             ]
-        with alongside(writers) as write:
+        with encode_in_thread(writers) as write:
             for index in range(count):
                 with record.stage(stage, clock):
                     frame = next(frames)

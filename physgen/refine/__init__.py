@@ -1,1 +1,3 @@
-"""Frames -> frames that a video diffusion model retouched: soft shadows, reflections, and the objects as they were."""
+"""Frames -> frames that a video diffusion model retouched: soft shadows, reflections, and the objects as they
+were.
+"""

@@ -1,37 +1,71 @@
-"""Latents of the guidance -> refined latents: Algorithm 1 of the paper, over NumPy arrays of any shape, or numbers.
-
-Symbols, as the paper's Algorithm 1 has them (section 3.4 and supplement), and what they are called here:
-
-| paper | here | what |
-|---|---|---|
-| z~0 | `guidance` | latents of the relit video |
-| m | `mask` | 1 where the objects are, 0 elsewhere; we take coverage in between |
-| T (line 1: nint(T s)) | `steps_run(steps, strength)` | denoising steps that run: 25 of 50 at s = 0.5 |
-| t = T .. 1 | `k = 0 .. count - 1`, k = T - t | steps run so far |
-| z_T, z~_T ~ q(z_T given z~0) (line 2) | `noised(guidance, 0)` | the guidance at the first step's noise |
-| p(z_t-1 given z_t) (lines 6, 12) | `denoised(z, k)` | one step of the model |
-| z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `noised(guidance, k + 1)` | the guidance, as noisy as the step leaves z |
-| w = (T - t) / T (line 7) | `rising(k, count)` | how much of the model's own enters the objects: 0, 1/T .. (T - 1)/T |
-| delta (line 4) | `stop` | the last steps, which run free |
-
-Line 4 is printed `t <= T - delta` with t counting down, which would leave the *first* delta steps free. The text calls
-delta "the signal to stop the fusion", and the public code counts up and fuses while k < T - delta, so that the *last*
-delta steps are free: 20 of 25 fused at delta = 5. We follow text and code: objects are laid down while there is much
-noise, and the model then settles borders and light by itself.
-
-Lines 2 and 5 draw fresh noise in every step, and so does the public code. Blending w z + (1 - w) z~ of independent
-noises leaves less noise than the model is told of: at w = 1/2 half its variance; the model takes what is missing for
-smoothness, and objects lose texture. `noised` is therefore to add the same noise every time: that of z_T, which a
-deterministic sampler carries along. docs/refinement.md has the figures for data whose exact denoiser is known.
-"""
+"""Algorithm 1 of the paper: refined frames from a guidance video and the coverage of its objects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from math import floor
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+
+from physgen.photometry import decode, encode_u8
+from physgen.problems import InputError, Place, Problem
+from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
+from physgen.refine.latents import (
+    Span,
+    blend_predictions,
+    cell_coverage,
+    fit_to_grid,
+    frames_held,
+    hold_weights,
+    latent_frames,
+    over_time,
+    pad_frames,
+    window_spans,
+)
+from physgen.registry import describe_error
+
+# ----------------------------------------------------------------------
+# Latents of the guidance -> refined latents: Algorithm 1 of the paper, over NumPy arrays of any shape, or
+# numbers.
+#
+# Symbols, as the paper's Algorithm 1 has them (section 3.4 and supplement), and what they are called here:
+#
+# | paper | here | what |
+# |---|---|---|
+# | z~0 | `guidance` | latents of the relit video |
+# | m | `mask` | 1 where the objects are, 0 elsewhere; we take coverage in between |
+# | T (line 1: nint(T s)) | `steps_run(steps, strength)` | denoising steps that run: 25 of 50 at s = 0.5 |
+# | t = T .. 1 | `k = 0 .. count - 1`, k = T - t | steps run so far |
+# | z_T, z~_T ~ q(z_T given z~0) (line 2) | `noised(guidance, 0)` | the guidance at the first step's noise |
+# | p(z_t-1 given z_t) (lines 6, 12) | `denoised(z, k)` | one step of the model |
+# | z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `noised(guidance, k + 1)` | the guidance, as noisy as the step
+# leaves z |
+# | w = (T - t) / T (line 7) | `rising(k, count)` | how much of the model's own enters the objects: 0, 1/T ..
+# (T - 1)/T |
+# | delta (line 4) | `stop` | the last steps, which run free |
+#
+# Line 4 is printed `t <= T - delta` with t counting down, which would leave the *first* delta steps free. The
+# text calls
+# delta "the signal to stop the fusion", and the public code counts up and fuses while k < T - delta, so that
+# the *last*
+# delta steps are free: 20 of 25 fused at delta = 5. We follow text and code: objects are laid down while
+# there is much
+# noise, and the model then settles borders and light by itself.
+#
+# Lines 2 and 5 draw fresh noise in every step, and so does the public code. Blending w z + (1 - w) z~ of
+# independent
+# noises leaves less noise than the model is told of: at w = 1/2 half its variance; the model takes what is
+# missing for
+# smoothness, and objects lose texture. `noised` is therefore to add the same noise every time: that of z_T,
+# which a
+# deterministic sampler carries along. docs/refinement.md has the figures for data whose exact denoiser is
+# known.
 
 Latent = TypeVar("Latent")
 """An array, or a number."""
@@ -104,3 +138,256 @@ def fused(
         # not z + share (z~ - z): with share 1 this is z~ to the last bit
         z = (1 - share) * z + share * noised(guidance, k + 1)
     return z
+
+
+# ----------------------------------------------------------------------
+# Labels of a scene's objects -> what the model is told that the video shows.
+
+EMPTY_LABELS = frozenset({"", "object", "thing"})
+"""Labels that are none."""
+
+
+def prompt_of(labels: Iterable[str]) -> str:
+    """The things that are there, the most frequent first, each once.
+
+    >>> prompt_of(["billiard ball", "billiard ball", "cue", "object"])
+    'billiard ball, cue'
+    """
+    said: dict[str, str] = {}  # as it is written first
+    found = Counter(said.setdefault(label.strip().lower(), label.strip()).lower() for label in labels)
+    return ", ".join(said[label] for label, _ in found.most_common() if label not in EMPTY_LABELS)
+
+
+# ----------------------------------------------------------------------
+# What the model made of a frame, and of the guidance -> the refined frame: its changes alone, where they are
+# wanted.
+#
+# The decoder cannot say all that the encoder saw: fine texture and letters are lost even where the model
+# changes
+# nothing. So it is not the decoded frame D(z) that is shown but the guidance and what the model changed of
+# it,
+# D(z) - D(z~0). Where nothing changed, that is the guidance to the last bit, at any resolution.
+
+U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+
+
+def restore_detail(
+    guidance: U8,
+    refined: F32,
+    guided: F32,
+    coverage: F32,
+    *,
+    detail: float,
+    lock: float,
+    held: float,
+) -> U8:
+    """(H, W, 3) sRGB.
+
+    `refined` and `guided`: what the decoder makes of the refined latents and of the guidance's, (H, W, 3) sRGB 0..1;
+    `coverage` (H, W) of objects. `detail` 0..1: how much of what the decoder loses of the guidance is put back;
+    `lock` 0..1: how much of the guidance's objects is; `held` 0..1: how much of the guidance is, everywhere.
+    """
+    before = guidance.astype(np.float32) / np.float32(255)
+    after = refined + np.float32(detail) * (before - guided)
+    after = before + np.float32(1 - held) * (after - before)
+    shown: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
+    share = np.float32(lock) * coverage
+    if not share.any():
+        return shown
+    box = _around(share)
+    there = share[box][..., None]
+    mixed = encode_u8((1 - there) * decode(shown[box]) + there * decode(guidance[box]))
+    shown[box] = np.where(there > 0, mixed, shown[box])
+    return shown
+
+
+def _around(values: F32) -> tuple[slice, slice]:
+    """The box of all that is not 0."""
+    rows, columns = np.flatnonzero(values.any(axis=1)), np.flatnonzero(values.any(axis=0))
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+
+# ----------------------------------------------------------------------
+# Guidance video and its objects' coverage -> refined frames, one at a time, and a record of how.
+
+Progress = Callable[[str, int, int], None]
+
+HOLD = 0.3
+"""s of playing over which the photo turns into the refined video."""
+LEAST_HELD = 3
+"""Frames over which it does so at least."""
+
+
+@dataclass(frozen=True)
+class RefineSettings:
+    """`refine:` of a scene, or the flags of `physgen refine`."""
+
+    strength: float
+    stop: int
+    steps: int
+    seed: int
+    said: PromptSettings
+    lock: float
+    detail: float
+    hold: int
+    """Frames over which the first gives way; 0: it is refined like all others."""
+
+    @property
+    def count(self) -> int:
+        """Steps that run."""
+        return steps_run(self.steps, self.strength)
+
+
+def hold_frames(fps: float) -> int:
+    """Frames over which a first frame that is the photo gives way to the refined video."""
+    return max(LEAST_HELD, round(HOLD * fps))
+
+
+def no_steps_problem(how: RefineSettings, place: Place, path: str) -> Problem | None:
+    """What is wrong where no step would run."""
+    if how.count:
+        return None
+    found, least = f"{how.strength:g}", -(-50 // how.steps) / 100
+    what = f"leaves none of {how.steps} steps to run"
+    instead = ", or refine: {backend: none}" if path else ""  # of a scene, not of a flag
+    return Problem(place, path, found, what, f"write at least {least:g}{instead}")
+
+
+class Refinement:
+    """One video's refinement: `frames()` makes it, `note()` tells how it went."""
+
+    def __init__(
+        self,
+        model: Denoiser,
+        how: RefineSettings,
+        size: tuple[int, int],
+        count: int,
+        progress: Progress = lambda stage, done, total: None,
+        weight: Weight = rising,
+    ) -> None:
+        """`size` (W, H) px and `count` of the frames to come. `weight` is the algorithm's own unless a test asks."""
+        self._model, self._how, self._count, self._progress, self._weight = (
+            model,
+            how,
+            count,
+            progress,
+            weight,
+        )
+        self._fit = fit_to_grid(size, model.grid)
+        self._latents = latent_frames(count, model.grid)
+        self._windows = self._spans(model.grid)
+
+    def _spans(self, grid: Grid) -> list[Span]:
+        return window_spans(self._latents, grid.window, grid.window // 2, grid.group)
+
+    def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
+        """(H, W, 3) sRGB each. `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
+
+        Raises InputError where the device holds too little, with what would fit.
+        """
+        try:
+            yield from self._frames(guidance, coverage)
+        except MemoryError as error:
+            raise InputError([self._too_large()]) from error
+
+    def _frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
+        model, how, fit, grid = self._model, self._how, self._fit, self._model.grid
+        whole = frames_held(self._latents, grid)
+        shown = pad_frames([fit.shown(rgb) for rgb in guidance], whole)
+        self._progress("refine", 0, how.count)
+        z0 = model.begin(shown, how.said, how.steps, how.count)
+        del shown
+        mask = cell_coverage(map(fit.mask, coverage), self._latents, grid)
+        stay = hold_weights(whole, how.hold)
+        noise = np.random.default_rng(how.seed).standard_normal(z0.shape, np.float32)
+
+        def denoised(z: F32, k: int) -> F32:
+            said = blend_predictions(lambda part, first: model.predict(part, k, first), z, self._windows)
+            self._progress("refine", k + 1, how.count)
+            return model.stepped(said, z, k)
+
+        z = fused(
+            z0,
+            mask,
+            noised=partial(_noised, model, noise),
+            denoised=denoised,
+            count=how.count,
+            stop=how.stop,
+            weight=self._weight,
+            held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
+        )
+        if not np.isfinite(z).all():
+            fix = 'write dtype = "float32" in physgen.toml'
+            raise InputError.of("refine", str(model.note().get("dtype", "")), "leaves no finite picture", fix)
+        for index, (refined, guided) in enumerate(_paired(model.decode(z), model.decode(z0))):
+            if index >= self._count:
+                return
+            yield restore_detail(
+                guidance[index],
+                fit.back(refined),
+                fit.back(guided),
+                coverage[index],
+                detail=how.detail,
+                lock=how.lock,
+                held=float(stay[index]),
+            )
+
+    def _too_large(self) -> Problem:
+        """What is said where the memory does not suffice: the largest that does, found by trying."""
+        width, height = self._fit.padded
+        frames = self._latents  # some models read and decode a clip as a whole
+        found = f"{frames} latent frames of {width} x {height} px"
+        side = int((width * height) ** 0.5)
+        for part in (3 / 4, 1 / 2, 3 / 8, 1 / 4):
+            smaller = max(
+                self._model.grid.side, int(side * part) // self._model.grid.side * self._model.grid.side
+            )
+            if self._model.fits(smaller, frames):
+                told = f"write resolution = {smaller} in the backend's table of physgen.toml"
+                fix = f"{smaller} x {smaller} px fit: {told}"
+                break
+        else:
+            fix = "not even a quarter of the width fits: choose a smaller model, or refine fewer frames"
+        return Problem(Place("refine"), "", found, "do not fit into the memory of the device", fix)
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record: what was asked, what ran, what the model says of itself."""
+        how = self._how
+        return {
+            "strength": how.strength,
+            "steps": how.steps,
+            "steps_run": how.count,
+            "steps_fused": steps_fused(how.count, how.stop),
+            "seed": how.seed,
+            "prompt": how.said.prompt,
+            "negative": how.said.negative,
+            "lock": how.lock,
+            "detail": how.detail,
+            "frames_held": how.hold,
+            "size": list(self._fit.scaled),
+            "windows": [list(span) for span in self._windows],
+            **self._model.note(),
+        }
+
+
+@contextmanager
+def backend_errors(flag: str, name: str) -> Iterator[None]:
+    """Whatever the libraries of backend `name` raise is one message on the `flag` that chose it."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        fix = "see what failed, or choose another backend"
+        raise InputError.of(flag, f'"{name}"', f"failed ({describe_error(error)})", fix) from error
+
+
+def _noised(model: Denoiser, noise: F32, latents: F32, k: int) -> F32:
+    return model.noised(latents, noise, k)
+
+
+def _paired(refined: Iterator[F32], guided: Iterator[F32]) -> Iterator[tuple[F32, F32]]:
+    """Frames of two decodings, one by one."""
+    for some, others in zip(refined, guided, strict=True):
+        yield from zip(some, others, strict=True)

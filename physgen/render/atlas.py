@@ -1,14 +1,22 @@
-"""Pictures of about one size, side by side: one warp for all of them instead of one for each."""
+"""Balls and moving shadows drawn many at a time from an atlas."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil, log
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from physgen.render.ball import RIM, Ball
+from physgen.render.shadow_decomposition import CastShadow
+from physgen.render.sprites import Sprite, double_resolution
+from physgen.render.stage import Placement, Slices, SpritePose, three_channels
+
+# ----------------------------------------------------------------------
+# Pictures of about one size, side by side: one warp for all of them instead of one for each.
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -23,7 +31,7 @@ ALIKE = 1.3
 """Sizes that share an atlas are within this ratio."""
 
 
-def shared(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
+def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
     """Which of some pictures, of so many columns and rows, go into each atlas."""
     alike: dict[int, list[int]] = {}
     for k, size in enumerate(sizes):
@@ -36,7 +44,7 @@ def shared(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
     return found
 
 
-def laid(pictures: Sequence[F32], border: int) -> tuple[F32, Array]:
+def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, Array]:
     """(H, W, ...) pictures in a row, and (n,) px of the first column of each; its row is GAP.
 
     Between them is what OpenCV's `border` says.
@@ -81,7 +89,186 @@ class Strip:
         return np.empty((self.size[0] * self.fine, self.n * self.size[1] * self.fine), np.float32)
 
 
-def warped(picture: F32, x: F32, y: F32) -> F32:
+def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     """(h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
     found = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(found, np.float32)
+
+
+# ----------------------------------------------------------------------
+# Balls that moved -> their pixels, many at a time.
+#
+# Their pictures lie in an atlas, two samples a pixel as `Sprite.fine` has them; with four channels, which
+# OpenCV warps
+# several times as fast as three.
+
+
+@dataclass(frozen=True)
+class DrawnBall:
+    """Pixels on a placement's box."""
+
+    light: F32
+    """(h, w, 3) linear, times coverage."""
+    coverage: F32
+    """(h, w)."""
+    through: F32
+    """(h, w, 3): the share of what is behind that shows through, in each channel."""
+
+
+class BallSprites:
+    """All of a stage's balls."""
+
+    def __init__(self, sprites: Sequence[Sprite]) -> None:
+        balls = [(k, s, s.ball) for k, s in enumerate(sprites) if s.ball is not None]
+        self._homes: dict[int, tuple[_Atlas, int]] = {}
+        for members in atlas_groups(
+            [(s.within[2] - s.within[0], s.within[3] - s.within[1]) for _, s, _ in balls]
+        ):
+            atlas = _Atlas([balls[i][1:] for i in members])
+            self._homes |= {balls[i][0]: (atlas, place) for place, i in enumerate(members)}
+
+    def drawn(self, there: Iterable[tuple[int, Placement]], fine: int = 1) -> dict[int, DrawnBall]:
+        """Pixels of the balls among `there`, indices of sprites and where they moved to; others are passed over.
+
+        Each pixel is the mean of `fine` x `fine` samples.
+        """
+        together: dict[int, tuple[_Atlas, list[tuple[int, int, Placement]]]] = {}
+        for k, where in there:
+            if k in self._homes and where.own is None:
+                atlas, place = self._homes[k]
+                together.setdefault(id(atlas), (atlas, []))[1].append((k, place, where))
+        found: dict[int, DrawnBall] = {}
+        for atlas, some in together.values():
+            names, places, wheres = zip(*some, strict=True)
+            found.update(zip(names, atlas.drawn(places, wheres, fine), strict=True))
+        return found
+
+
+class _Atlas:
+    """Balls of about one size; where they turn, and how large they are, in arrays of one row each."""
+
+    def __init__(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
+        within = np.array([sprite.within for sprite, _ in members], np.float64)
+        still, lit, skin = [], [], []
+        for sprite, ball in members:
+            x0, y0, x1, y1 = sprite.within
+            own = np.s_[y0:y1, x0:x1]
+            coverage = sprite.coverage[own]
+            still.append(np.dstack([ball.gloss[own] * coverage[..., None], coverage]))
+            lit.append(np.dstack([ball.lit[own] * coverage[..., None], np.zeros_like(coverage)]))
+            skin.append(np.dstack([np.maximum(ball.skin[own], 0), np.zeros_like(coverage)]))
+        row, starts = lay_side_by_side(still, cv2.BORDER_CONSTANT)
+        self.still, self.left = double_resolution(row), 2 * starts
+        self.lit = double_resolution(lay_side_by_side(lit, cv2.BORDER_CONSTANT)[0])
+        self.skin = double_resolution(lay_side_by_side(skin, cv2.BORDER_REPLICATE)[0])
+        self.corner = within[:, :2] + [sprite.corner for sprite, _ in members]
+        self.center = np.array([ball.center for _, ball in members], np.float64)
+        self.radius = np.array([ball.radius for _, ball in members], np.float64)
+        self.last = 2 * (within[:, 2:] - within[:, :2]) - 2  # half pixels, of each picture's own end
+
+    def drawn(self, which: Sequence[int], wheres: Sequence[Placement], fine: int) -> list[DrawnBall]:
+        """See `Balls.drawn`; of the atlas' balls `which`."""
+        some = np.array(which)
+        h, w = (max(where.box[k].stop - where.box[k].start for where in wheres) for k in (0, 1))
+        strip = Strip(len(wheres), (h, w), fine)
+        along, columns, rows = strip.along, strip.columns, strip.rows
+        at = np.array([(where.box[1].start, where.box[0].start) for where in wheres], np.float64)
+        shift = np.array([where.shift for where in wheres])
+        turn = np.array([where.space for where in wheres]).transpose(0, 2, 1)  # back to where points were
+        radius, center, corner, left = (
+            part[some] for part in (self.radius, self.center, self.corner, self.left)
+        )
+        x, y = strip.empty(), strip.empty()
+        # what does not turn moves along
+        moved = 2 * (at - corner - shift)
+        x[:] = 2 * columns + along(moved[:, 0] + left)
+        np.add(2 * rows, along(moved[:, 1] + 2 * GAP), out=y)
+        picture, lit = warp_picture(self.still, x, y), warp_picture(self.lit, x, y)
+        # points of the sphere in radii from its middle; beyond the rim the skin goes on as it is there
+        inverse, middle = along(1 / radius), at - center - shift
+        u = (columns + along(middle[:, 0])) * inverse
+        v = rows * inverse
+        v += along(middle[:, 1] / radius)
+        z = v * v
+        z += u * u
+        np.subtract(1, z, out=z)
+        np.maximum(z, np.float32(1 - RIM * RIM), out=z)
+        np.sqrt(z, out=z)  # towards the viewer
+        for k, place in enumerate((x, y)):
+            back = 2 * radius[:, None] * turn[:, k]
+            np.multiply(v, along(back[:, 1]), out=place)
+            place += u * along(back[:, 0]) + along(2 * (center - corner)[:, k])
+            place -= z * along(back[:, 2])
+            np.maximum(place, 0, out=place)
+            np.minimum(place, along(self.last[some, k]), out=place)
+            place += along(left) if k == 0 else np.float32(2 * GAP)
+        cv2.multiply(warp_picture(self.skin, x, y), lit, dst=lit)
+        cv2.add(picture, lit, dst=picture)
+        if fine > 1:
+            picture = np.asarray(
+                cv2.resize(picture, (strip.n * w, h), interpolation=cv2.INTER_AREA), np.float32
+            )
+        light = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
+        coverage = np.asarray(cv2.extractChannel(picture, 3), np.float32)
+        through = three_channels(1 - coverage)
+        found = []
+        for j, where in enumerate(wheres):
+            tall, wide = (part.stop - part.start for part in where.box)
+            own = np.s_[:tall, j * w : j * w + wide]
+            found.append(DrawnBall(light[own], coverage[own], through[own]))
+        return found
+
+
+# ----------------------------------------------------------------------
+# Shadows that keep their shape and move along -> how dark they make the background, many at a time.
+
+
+class ShadowSprites:
+    """The sliding shadows of a background taken apart."""
+
+    def __init__(self, casts: Sequence[CastShadow]) -> None:
+        sliding = [(k, *cast.sliding) for k, cast in enumerate(casts) if cast.sliding is not None]
+        self._homes: dict[int, tuple[_Row, int]] = {}
+        for members in atlas_groups([picture.shape[::-1] for _, _, picture in sliding]):
+            row = _Row([sliding[i][1:] for i in members])
+            self._homes |= {sliding[i][0]: (row, place) for place, i in enumerate(members)}
+
+    def thrown(self, dark: F32, stands: Iterable[SpritePose]) -> list[Slices]:
+        """Put the shadows of those of `stands` that slide into `dark` (H, W); returns where anything changed."""
+        together: dict[int, tuple[_Row, list[tuple[int, SpritePose]]]] = {}
+        for stand in stands:
+            if stand.k in self._homes:
+                row, place = self._homes[stand.k]
+                together.setdefault(id(row), (row, []))[1].append((place, stand))
+        return [box for row, some in together.values() for box in row.thrown(dark, some)]
+
+
+class _Row:
+    def __init__(self, members: Sequence[tuple[tuple[int, int], F32]]) -> None:
+        self.picture, self.left = lay_side_by_side([picture for _, picture in members], cv2.BORDER_CONSTANT)
+        self.corner = np.array([corner for corner, _ in members], np.float64)
+        self.size = np.array([picture.shape[::-1] for _, picture in members])
+
+    def thrown(self, dark: F32, some: Sequence[tuple[int, SpritePose]]) -> list[Slices]:
+        which = np.array([place for place, _ in some])
+        shift = np.array([(s.pose.x - s.start.x, s.pose.y - s.start.y) for _, s in some])
+        at = self.corner[which] + shift
+        first = np.floor(at)
+        low = np.maximum(first, 0)
+        high = np.minimum(first + self.size[which] + 1, dark.shape[::-1])
+        seen = ((high > low).all(axis=1) & np.isfinite(at).all(axis=1)).nonzero()[0]
+        if not len(seen):
+            return []
+        which, at, low, high = which[seen], at[seen], low[seen].astype(int), high[seen].astype(int)
+        w, h = (high - low).max(axis=0).tolist()
+        strip = Strip(len(seen), (h, w))
+        x, y = strip.empty(), strip.empty()
+        x[:] = strip.columns + strip.along(low[:, 0] - at[:, 0] + self.left[which])
+        np.add(strip.rows, strip.along(low[:, 1] - at[:, 1] + GAP), out=y)
+        picture = warp_picture(self.picture, x, y)
+        boxes: list[Slices] = []
+        for j, (left, top, right, bottom) in enumerate(np.hstack([low, high]).tolist()):
+            box = np.s_[top:bottom, left:right]
+            dark[box] += picture[: bottom - top, j * w : j * w + right - left]
+            boxes.append(box)
+        return boxes

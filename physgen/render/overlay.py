@@ -1,31 +1,237 @@
-"""Frames + World + Trajectory -> the same frames with outlines, arrows, trails, contacts and names drawn over them.
-
-Drawn last, at the size of the output: `lens` says where a frame shows the photo's pixels.
-"""
+"""Frames with outlines, arrows, trails, contacts, names and a key drawn over them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import World
-from physgen.geometry import rotation
-from physgen.render.ink import Layer
-from physgen.render.key import emptiest_corner, write_key
-from physgen.render.labels import staggered, write_name
-from physgen.render.marks import arc, circle, curved_arrow, ring, straight_arrow
-from physgen.render.scales import COLOURS, Entry, Scales, key, scales
-from physgen.render.sheet import Sheet
+from physgen.compile.world import Body, World
+from physgen.geometry.polygon import rotation
+from physgen.render.contacts import Impact, contact_points_between, find_impacts, sample_times
+from physgen.render.drawing import Layer, arc, circle, curved_arrow, plate, ring, straight_arrow, text_width
+from physgen.render.scales import COLOURS, Entry, Scales, key_entries, scales
 from physgen.render.stage import Frame
-from physgen.render.touches import Blow, between, blows, moments
-from physgen.scene.model import Load, Motion, Overlay, Solid, View
+from physgen.scene.scene import Load, Motion, Overlay, Solid, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
+# ----------------------------------------------------------------------
+# A frame as paper for overlays: where it shows the photo's pixels, how thick a pen and how large a letter
+# are.
+
 Array = NDArray[np.float64]
+
+PEN = 1 / 380
+"""Of the picture's longer side: the width of a line."""
+LETTER = 1 / 42
+"""Of the picture's longer side: the size of a letter."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One frame."""
+
+    size: tuple[int, int]
+    """W, H px."""
+    unit: float
+    """px of the frame for a px of the photo, seen whole: what lengths of arrows and rings are given in."""
+    lens: Array
+    """(2, 3): photo px (x, y, 1) -> px of the frame."""
+    time: float
+    """s."""
+    sample: int
+    """Of the trajectory."""
+
+    @property
+    def pen(self) -> float:
+        """px: width of a line."""
+        return max(1.3, PEN * max(self.size))
+
+    @property
+    def letter(self) -> float:
+        """px: size of a letter."""
+        return max(10.0, LETTER * max(self.size))
+
+    @property
+    def zoom(self) -> float:
+        """px of the frame for a px of the photo, now."""
+        return float(np.sqrt(abs(np.linalg.det(self.lens[:, :2]))))
+
+    def at(self, points: Array) -> Array:
+        """Points (..., 2) of the photo -> px of the frame."""
+        return np.asarray(points @ self.lens[:, :2].T + self.lens[:, 2])
+
+    def way(self, vectors: Array) -> Array:
+        """Lengths and directions (..., 2) in px of the photo -> px of the frame: turned as the frame is, not zoomed.
+
+        So the key stays as it is while a camera moves in.
+        """
+        return np.asarray(vectors @ self.lens[:, :2].T * (self.unit / max(self.zoom, 1e-9)))
+
+    def sees(self, point: Array) -> bool:
+        """Whether a point (2,) px of the frame is in it."""
+        return bool((point >= -0.5).all() and (point <= np.array(self.size) - 0.5).all())
+
+    def layer(self) -> Layer:
+        """An empty layer of ink."""
+        return Layer(self.size, 0.75 * self.pen)
+
+
+# ----------------------------------------------------------------------
+# The key of a clip's overlays: a sample of each scale with its round number, where the clip leaves room.
+
+U8 = NDArray[np.uint8]
+
+OPAQUE = 0.74
+WORDS = (255, 255, 255)
+ROW = 1.6
+"""Letters from line to line."""
+PAD, SIDE, GAP = 0.4, 0.9, 0.8
+"""Letters of room above and below, at the sides, and between samples and words."""
+LARGEST = 0.85
+"""Of a picture's side: a key that is longer is left out."""
+ARC = 1.1
+"""Letters: the radius of a torque's sample."""
+CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
+"""0 left and top, 1 right and bottom; the first of several that are as good."""
+
+
+def emptiest_corner(
+    world: World, seen: Trajectory, sheet: Sheet, entries: Sequence[Entry]
+) -> tuple[int, int]:
+    """The corner where the key hides fewest objects, over the whole clip; `sheet` is the photo's own."""
+    reach = np.array([body.reach for body in world.bodies])[:, None]
+
+    def hides(corner: tuple[int, int]) -> int:
+        x0, y0, x1, y1 = _box(sheet, entries, corner)
+        nearest = np.clip(seen.poses[..., :2], (x0, y0), (x1, y1))
+        hidden = (np.abs(seen.poses[..., :2] - nearest) < reach).all(axis=-1)
+        return int(hidden.sum())
+
+    return min(CORNERS, key=hides)
+
+
+def write_key(rgb: U8, sheet: Sheet, entries: Sequence[Entry], corner: tuple[int, int]) -> None:
+    """Draw the key into a picture (H, W, 3) sRGB."""
+    letter = sheet.letter
+    samples = [_wide(entry, sheet) for entry in entries]
+    column = max(samples)
+    x0, y0, x1, y1 = _box(sheet, entries, corner)
+    wide, tall = x1 - x0, y1 - y0
+    if wide > LARGEST * sheet.size[0] or tall > LARGEST * sheet.size[1]:
+        return  # on a small picture the motion matters more
+    plate(rgb, (x0, y0, x1, y1), 0.5 * letter, OPAQUE)
+    words = Layer(sheet.size, 0.0)
+    y = y0 + PAD * letter
+    for entry, wide in zip(entries, samples, strict=True):
+        tall = _tall(entry, sheet)
+        layer = Layer(sheet.size, 0.0)
+        _sample(layer, sheet, entry, np.array([x0 + SIDE * letter + (column - wide) / 2, y + tall / 2]), wide)
+        layer.onto(rgb, COLOURS[entry.kind])
+        text = x1 - SIDE * letter - _text(sheet, entries) + text_width(entry.text, letter) / 2
+        words.words(entry.text, (text, y + tall / 2), letter)
+        y += tall
+    words.onto(rgb, WORDS)
+
+
+def _box(
+    sheet: Sheet, entries: Sequence[Entry], corner: tuple[int, int]
+) -> tuple[float, float, float, float]:
+    """x0, y0, x1, y1 px of the key's plate."""
+    letter = sheet.letter
+    column = max(_wide(entry, sheet) for entry in entries)
+    width = (2 * SIDE + GAP) * letter + column + _text(sheet, entries)
+    height = 2 * PAD * letter + sum(_tall(entry, sheet) for entry in entries)
+    margin = 0.9 * letter
+    x0 = sheet.size[0] - margin - width if corner[0] else margin
+    y0 = sheet.size[1] - margin - height if corner[1] else margin
+    return x0, y0, x0 + width, y0 + height
+
+
+def _text(sheet: Sheet, entries: Sequence[Entry]) -> float:
+    """px that the longest line of words takes."""
+    return max(text_width(entry.text, sheet.letter) for entry in entries)
+
+
+def _tall(entry: Entry, sheet: Sheet) -> float:
+    """px that a line takes."""
+    if entry.kind is Overlay.CONTACTS:
+        return max(ROW * sheet.letter, 2.6 * entry.size * sheet.unit)
+    return ROW * sheet.letter * (1.25 if entry.load is Load.TORQUE else 1.0)
+
+
+def _wide(entry: Entry, sheet: Sheet) -> float:
+    """px that a sample takes."""
+    if entry.load is Load.TORQUE:
+        return 2 * ARC * sheet.letter
+    return entry.size * sheet.unit * (2 if entry.kind is Overlay.CONTACTS else 1)
+
+
+def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array, wide: float) -> None:
+    """A sample that begins at `at` x px and has its middle at y px."""
+    middle = at + np.array([wide / 2, 0.0])
+    if entry.kind is Overlay.CONTACTS:
+        ring(layer, middle, entry.size * sheet.unit, sheet.pen)
+    elif entry.load is Load.TORQUE:
+        curved_arrow(layer, arc(middle, ARC * sheet.letter, entry.size), sheet.pen)
+    else:
+        straight_arrow(layer, at, at + np.array([wide, 0.0]), sheet.pen, struck=entry.load is Load.IMPULSE)
+
+
+# ----------------------------------------------------------------------
+# Names of objects at their centres: how large, and on which line where neighbours stand close.
+
+LEAST = 0.65
+"""Of a letter: as small as a name becomes on a small object."""
+LINE = 1.15
+"""Letters from line to line."""
+LINES = (0, -1, 1, -2, 2)
+
+
+def letter_size(body: Body, sheet: Sheet) -> float:
+    """px: the size of a name's letters."""
+    room = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
+    return sheet.letter * min(max(room, LEAST), 1.0)
+
+
+def label_lines(world: World, sheet: Sheet) -> tuple[int, ...]:
+    """By how many lines each name stands below its centre, so that neighbours' names at t = 0 can be read.
+
+    It is so for the whole clip: names do not hop. None leaves its object by more than half a line.
+    """
+    taken: list[tuple[float, float, float, float]] = []
+    lines = []
+    for body in world.bodies:
+        size = letter_size(body, sheet)
+        x, y = sheet.at(body.center).tolist()
+        wide, tall = text_width(body.name, size) / 2, size / 2
+        near = [line for line in LINES if abs(line) * LINE * size <= body.reach * sheet.zoom + size / 2]
+        crowds = []
+        for line in near:
+            row = y + line * LINE * size
+            over = [max(0.0, wide + w - abs(x - a)) for a, b, w, t in taken if abs(row - b) < tall + t]
+            crowds.append((sum(over), abs(line), line))
+        _, _, line = min(crowds)
+        taken.append((x, y + line * LINE * size, wide, tall))
+        lines.append(line)
+    return tuple(lines)
+
+
+def write_name(layer: Layer, sheet: Sheet, body: Body, center: tuple[float, float], line: int) -> None:
+    """A name at a centre, px of the frame, so many lines below it."""
+    size = letter_size(body, sheet)
+    layer.words(body.name, (center[0], center[1] + line * LINE * size), size)
+
+
+# ----------------------------------------------------------------------
+# Frames + World + Trajectory -> the same frames with outlines, arrows, trails, contacts and names drawn over
+# them.
+#
+# Drawn last, at the size of the output: `lens` says where a frame shows the photo's pixels.
+
 Lens = Callable[[Frame], Array]
 """Frame -> (2, 3): photo px (x, y, 1) -> px of the frame."""
 
@@ -43,13 +249,13 @@ STILL = 2.0
 
 
 @dataclass(frozen=True)
-class Clip:
+class OverlayClip:
     """What all frames of a clip share."""
 
     world: World
     seen: Trajectory
     """With samples enough for what is drawn."""
-    blows: list[Blow]
+    blows: list[Impact]
     scales: Scales
     key: list[Entry]
     corner: tuple[int, int]
@@ -60,17 +266,17 @@ class Clip:
     """By how many lines each name stands below its centre."""
 
 
-def photo(frame: Frame) -> Array:
+def identity_lens(frame: Frame) -> Array:
     """The lens of frames that show the photo as it is."""
     return np.eye(2, 3)
 
 
-def annotated(
+def annotate_frames(
     frames: Iterator[Frame],
     world: World,
     trajectory: Trajectory,
     kinds: Collection[Overlay],
-    lens: Lens = photo,
+    lens: Lens = identity_lens,
 ) -> Iterator[Frame]:
     """Frames with overlays of `kinds`. A frame's own time says what is drawn: they may come in any order.
 
@@ -93,39 +299,39 @@ def annotated(
         yield replace(frame, rgb=rgb)
 
 
-def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> Clip:
+def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> OverlayClip:
     """A clip's blows, scales and key."""
-    seen, found = trajectory, list[Blow]()
+    seen, found = trajectory, list[Impact]()
     if world.bodies and len(trajectory.times) > 1 and {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds):
-        seen = simulate(world, moments(trajectory, FINER, MOST // len(world.bodies)))
+        seen = simulate(world, sample_times(trajectory, FINER, MOST // len(world.bodies)))
     if Overlay.CONTACTS in kinds:
-        found = blows(world, seen, world.duration / max(len(world.times), 1) / FINER)
+        found = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
     scale = scales(world, trajectory, kinds, [blow.impulse for blow in found])
     flash = min(FLASH * world.duration / max(len(world.times), 1), world.duration / 6)
-    entries, whole = key(world, scale, kinds), Sheet(world.size, 1.0, np.eye(2, 3), 0.0, 0)
+    entries, whole = key_entries(world, scale, kinds), Sheet(world.size, 1.0, np.eye(2, 3), 0.0, 0)
     corner = emptiest_corner(world, trajectory, whole, entries) if entries else (0, 0)
-    return Clip(world, seen, found, scale, entries, corner, flash, staggered(world, whole))
+    return OverlayClip(world, seen, found, scale, entries, corner, flash, label_lines(world, whole))
 
 
-def sheet_of(clip: Clip, frame: Frame, lens: Array) -> Sheet:
+def sheet_of(clip: OverlayClip, frame: Frame, lens: Array) -> Sheet:
     """A frame's paper."""
     times, size = clip.seen.times, (frame.rgb.shape[1], frame.rgb.shape[0])
     sample = int(np.abs(times - frame.time).argmin()) if len(times) else 0
     return Sheet(size, max(size) / max(clip.world.size), np.asarray(lens, np.float64), frame.time, sample)
 
 
-def _poses(clip: Clip, sheet: Sheet) -> Array:
+def _poses(clip: OverlayClip, sheet: Sheet) -> Array:
     """(N, 3) px, px, rad, now."""
     return np.asarray(clip.seen.poses[sheet.sample])
 
 
-def _boundaries(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _boundaries(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     for wall in clip.world.walls:
         for chain in wall.chains:
             layer.line(sheet.at(chain), 1.2 * sheet.pen)
 
 
-def _trails(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Where centres have been by now."""
     times = clip.seen.times[: sheet.sample + 1]
     if len(times) < 2:
@@ -152,7 +358,7 @@ def _apart(path: Array) -> NDArray[np.int64]:
     return np.flatnonzero(crosses)
 
 
-def _outlines(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Shapes where they are now; a circle has a tick that shows how far it has turned."""
     for body, (x, y, angle) in zip(clip.world.bodies, _poses(clip, sheet).tolist(), strict=True):
         turn = rotation(angle)
@@ -166,19 +372,19 @@ def _outlines(clip: Clip, sheet: Sheet, layer: Layer) -> None:
             layer.line(sheet.at(points @ turn.T + (x, y)), sheet.pen, closed=True)
 
 
-def _velocities(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _velocities(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     ways = clip.scales.velocity * clip.seen.velocities[sheet.sample, :, :2]
     for pose, way in zip(_poses(clip, sheet), ways, strict=True):
         _arrow(sheet, layer, pose[:2], way)
 
 
-def _weights(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _weights(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
         if body.motion is Motion.DYNAMIC:
             _arrow(sheet, layer, pose[:2], clip.scales.force * body.mass * clip.world.gravity)
 
 
-def _forces(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _forces(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """The scene's pushes while they act; an impulse from when it is given, for a moment."""
     for push in clip.world.pushes:
         body, (x, y, angle) = clip.world.bodies[push.body], _poses(clip, sheet)[push.body].tolist()
@@ -207,17 +413,17 @@ def _arrow(
         straight_arrow(layer, tail, tail + along, sheet.pen, strength, struck=struck)
 
 
-def _left(clip: Clip, sheet: Sheet, since: float) -> float:
+def _left(clip: OverlayClip, sheet: Sheet, since: float) -> float:
     """Strength 1..0 of what is shown for a moment: full at first, then less."""
     return float(np.clip(1.6 * (1 - (sheet.time - since) / clip.flash), 0.0, 1.0))
 
 
-def _contacts(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """A dot wherever things touch now, a ring where a blow fell a moment ago; its area tells the impulse."""
     contacts, now = clip.seen.contacts, sheet.time + 1e-9
     lasting = (contacts.touch_times[:, 0] <= now) & (contacts.touch_times[:, 1] >= sheet.time)
     for first, second in contacts.touch_pairs[lasting].tolist():
-        points, gap = between(clip.world, _poses(clip, sheet), first, second)
+        points, gap = contact_points_between(clip.world, _poses(clip, sheet), first, second)
         if gap < STILL:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
@@ -229,25 +435,25 @@ def _contacts(clip: Clip, sheet: Sheet, layer: Layer) -> None:
             ring(layer, sheet.at(blow.at), radius * sheet.unit, sheet.pen, left)
 
 
-def _radius(clip: Clip, blow: Blow) -> float:
+def _radius(clip: OverlayClip, blow: Impact) -> float:
     """px of a blow's ring."""
     return float(np.sqrt(clip.scales.ring * blow.impulse))
 
 
-def _swallows(clip: Clip, strong: Blow, weak: Blow) -> bool:
+def _swallows(clip: OverlayClip, strong: Impact, weak: Impact) -> bool:
     """Whether a blow is but an echo of another, of the same two things at the same place."""
     same = strong is not weak and strong.pair == weak.pair and strong.impulse > weak.impulse
     return same and float(np.hypot(*(strong.at - weak.at))) < _radius(clip, strong)
 
 
-def _names(clip: Clip, sheet: Sheet, layer: Layer) -> None:
+def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     for body, pose, line in zip(clip.world.bodies, _poses(clip, sheet), clip.lines, strict=True):
         middle = sheet.at(pose[:2])
         if sheet.sees(middle):
             write_name(layer, sheet, body, (float(middle[0]), float(middle[1])), line)
 
 
-DRAW: Mapping[Overlay, Callable[[Clip, Sheet, Layer], None]] = {
+DRAW: Mapping[Overlay, Callable[[OverlayClip, Sheet, Layer], None]] = {
     Overlay.BOUNDARIES: _boundaries,
     Overlay.TRAILS: _trails,
     Overlay.OUTLINES: _outlines,

@@ -1,4 +1,4 @@
-"""World + Trajectory -> how long arrows are, and the key that says so: one scale of each kind for a whole clip."""
+"""Scales of overlay arrows and the entries of their key."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.scene.model import Load, Motion, Overlay
+from physgen.scene.scene import Load, Motion, Overlay
 from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], blows: Se
     )
 
 
-def key(world: World, scale: Scales, kinds: Collection[Overlay]) -> list[Entry]:
+def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list[Entry]:
     """The key's lines: for each scale, the largest round number in SI units whose sample is not too long."""
     longest = SAMPLE * max(world.size)
     meter = world.pixels_per_meter
@@ -119,11 +119,11 @@ def key(world: World, scale: Scales, kinds: Collection[Overlay]) -> list[Entry]:
     for kind, load, name, unit_size, unit, most in rows:
         if unit_size > 0:
             value = largest_round(most / unit_size)
-            found.append(Entry(kind, load, f"{name} {worded(value, unit)}", value * unit_size))
+            found.append(Entry(kind, load, f"{name} {value_text(value, unit)}", value * unit_size))
     if scale.ring > 0:
         value = largest_round((0.55 * RING * max(world.size)) ** 2 / (scale.ring * newton))
         size = float(np.sqrt(value * scale.ring * newton))
-        found.append(Entry(Overlay.CONTACTS, Load.IMPULSE, f"blow {worded(value, 'N·s')}", size))
+        found.append(Entry(Overlay.CONTACTS, Load.IMPULSE, f"blow {value_text(value, 'N·s')}", size))
     return found
 
 
@@ -145,7 +145,7 @@ def nearest_round(value: float) -> float:
     return low if value * value <= low * high else high
 
 
-def worded(value: float, unit: str) -> str:
+def value_text(value: float, unit: str) -> str:
     """A round number with its unit.
 
     >>> worded(0.005, "N·s"), worded(2000.0, "N"), worded(0.5, "m/s")

@@ -1,25 +1,130 @@
-"""Photo, label map and background -> one sprite an object: its light and coverage in a box of its own.
-
-At t = 0 the sprites laid over the background give the photo back exactly: what soft borders leave unexplained is kept
-beside the object that is on top there, and fades as the object leaves its place.
-"""
+"""Photo, label map and background to one sprite per object, with relief shading."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import cos, sin
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.photometry import decode
+from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
-from physgen.render.finer import doubled
-from physgen.render.relief import Relief
+
+# ----------------------------------------------------------------------
+# A picture -> the same at every half pixel, sharp, for linear interpolation.
 
 F32 = NDArray[np.float32]
+
+_LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
+HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
+"""Weights of the pixels 2.5, 1.5 and 0.5 px away."""
+
+
+def double_resolution(picture: F32) -> F32:
+    """(2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
+    return _halved(_halved(picture, 0), 1)
+
+
+def _halved(values: F32, axis: int) -> F32:
+    """Samples at half steps along an axis, by Lanczos' kernel of three lobes; the ends are far from any light.
+
+    Each is held between the least and the greatest of its four neighbours: no rings.
+    """
+    v = np.moveaxis(values, axis, 0)
+    out = np.empty((2 * len(v) - 1, *v.shape[1:]), np.float32)
+    out[::2] = v
+    p = np.concatenate([v[:1], v[:1], v, v[-1:], v[-1:]])
+    pairs = [p[k : k + len(v) - 1] + p[5 - k : 4 - k + len(v)] for k in range(3)]
+    between = sum((w * pair for w, pair in zip(HALFWAY, pairs, strict=True)), np.float32(0))
+    inner, outer = (v[:-1], v[1:]), (p[1 : len(v)], p[4 : 3 + len(v)])
+    low = np.minimum(np.minimum(*inner), np.minimum(*outer))
+    high = np.maximum(np.maximum(*inner), np.maximum(*outer))
+    np.clip(between, low, high, out=out[1::2])
+    return np.ascontiguousarray(np.moveaxis(out, 0, axis))
+
+
+# ----------------------------------------------------------------------
+# An object's normals -> how its shading changes as it turns in the picture's plane (Lambert; the paper,
+# section 3.3).
+#
+# Albedo need not be known: the photo's light times the ratio of two shadings is albedo times the new one.
+
+MOST_RELIGHTING = 3.0
+"""Times brighter or darker than in the photo, at most: beyond, normals or light are in error."""
+FACING = 0.02
+"""Of the shading, by which it must change somewhere for the normals to be worth keeping."""
+
+
+@dataclass(frozen=True)
+class Relief:
+    """Shading of one object on its sprite's box, by how far it has turned: Lambert's law is linear in the light."""
+
+    along: F32
+    """(h, w): intensity x (n . l) in the picture's plane, over the photo's shading."""
+    across: F32
+    """(h, w): the same with the light turned by a quarter from +x to +y."""
+    fixed: F32
+    """(h, w): the same along the view, which no turn changes."""
+    even: F32
+    """(h, w): ambient light over the photo's shading."""
+
+    def ratio(self, turn: float) -> F32:
+        """(h, w) by which light is multiplied where the object has turned by `turn` rad."""
+        facing: F32 = np.asarray(
+            cv2.addWeighted(self.along, cos(turn), self.across, -sin(turn), 0.0), np.float32
+        )
+        facing += self.fixed
+        np.maximum(facing, 0, out=facing)
+        facing += self.even
+        return np.asarray(np.clip(facing, 1 / MOST_RELIGHTING, MOST_RELIGHTING, out=facing), np.float32)
+
+
+def lambert(light: DistantLight, normals: F32) -> F32:
+    """(h, w) of normals (h, w, 3)."""
+    facing = normals @ np.array(light.direction, np.float32)
+    return np.asarray(
+        np.float32(light.ambient) + np.float32(light.intensity) * np.maximum(facing, 0), np.float32
+    )
+
+
+def relief_of(normals: F32, known: NDArray[np.bool_], light: DistantLight) -> Relief | None:
+    """`normals` (h, w, 3), of which those `known` (h, w) are the object's; None where turning changes nothing."""
+    if not known.any() or light.intensity <= 0:
+        return None
+    weight = known.astype(np.float32)
+    carried = np.where(known[..., None], normals, np.float32(0))
+    for sigma in (1.0, 3.0):
+        norm = cv2.GaussianBlur(weight, (0, 0), sigma)
+        spread = cv2.GaussianBlur(carried * weight[..., None], (0, 0), sigma)
+        new = (weight == 0) & (norm > 1e-3)
+        carried[new] = spread[new] / norm[new][:, None]
+        weight[new] = 1.0
+    carried[weight == 0] = (0.0, 0.0, 1.0)
+    carried /= np.maximum(np.linalg.norm(carried, axis=2, keepdims=True), 1e-6)
+    shade = np.maximum(lambert(light, carried), np.float32(0.05))
+    x, y, z = (np.float32(light.intensity * part) / shade for part in light.direction)
+    found = Relief(
+        along=np.asarray(carried[..., 0] * x + carried[..., 1] * y, np.float32),
+        # turned by a quarter, (x, y) is (-y, x)
+        across=np.asarray(carried[..., 1] * x - carried[..., 0] * y, np.float32),
+        fixed=np.asarray(carried[..., 2] * z, np.float32),
+        even=np.asarray(np.float32(light.ambient) / shade, np.float32),
+    )
+    changes = max(float(np.abs(found.ratio(turn)[known] - 1).mean()) for turn in (0.8, 1.6, 3.1, 4.7))
+    return found if changes > FACING else None
+
+
+# ----------------------------------------------------------------------
+# Photo, label map and background -> one sprite an object: its light and coverage in a box of its own.
+#
+# At t = 0 the sprites laid over the background give the photo back exactly: what soft borders leave
+# unexplained is kept
+# beside the object that is on top there, and fades as the object leaves its place.
+
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
@@ -83,7 +188,7 @@ class Sprite:
         Lanczos halfway between pixels, so that linear interpolation on this grid stays sharp and moves a picture by
         exactly what was asked; OpenCV's own cubic (a = -0.75) is off by up to 0.05 px.
         """
-        return doubled(np.dstack([self.light, self.coverage]))
+        return double_resolution(np.dstack([self.light, self.coverage]))
 
     @cached_property
     def within(self) -> tuple[int, int, int, int]:
@@ -96,7 +201,7 @@ class Sprite:
     @cached_property
     def fine_coverage(self) -> F32:
         """(2h - 1, 2w - 1): the coverage of `fine` alone."""
-        return doubled(self.coverage)
+        return double_resolution(self.coverage)
 
 
 def cut_sprites(

@@ -1,31 +1,185 @@
-"""Scene, World and sprites -> a Stage in true light: balls with a skin that turns, and shadows that move."""
+"""Scene, world and photo to a Stage: cut-out sprites, flat shapes, or a matte."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import inf, radians, tan
+from math import ceil, inf, radians, tan
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.geometry import Pose
-from physgen.percepts.maps import Percepts
+from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, bounds
+from physgen.geometry.raster import coverage_box
+from physgen.geometry.shadows import ShadowSetting, Silhouette
+from physgen.maps import Percepts
 from physgen.photometry import DistantLight, decode
-from physgen.render.apart import take_apart
-from physgen.render.ball import shading, skin
-from physgen.render.relief import relief
-from physgen.render.shadowed import SUNK, ground_below, silhouette
-from physgen.render.sprites import Sprite, anchored
-from physgen.render.stage import Actor, Stage
-from physgen.render.veils import reaching, veiling
-from physgen.scene.model import Scene, Solid, View
-from physgen.shadow.cast import Setting, Silhouette
+from physgen.render.ball import ball_from_photo, sphere_shading
+from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
+from physgen.render.shadow_decomposition import decompose_shadows
+from physgen.render.sprites import MARGIN, Sprite, anchored, relief_of
+from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
+from physgen.scene.scene import Scene, Solid, View
 
-F32 = NDArray[np.float32]
+# ----------------------------------------------------------------------
+# World without a photo -> sprites of flat shapes and a plain background with the boundaries drawn in.
+#
+# Lines are as wide as on a canvas of the scene's own size, `pen` times as wide on one that was `enlarged` so
+# many times.
+
 U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+
+PAPER = (244, 242, 238)
+INK = (70, 70, 74)
+PALETTE = (
+    (86, 130, 178), (214, 122, 84), (104, 160, 106), (196, 92, 104), (140, 116, 176),
+    (208, 172, 82), (92, 166, 172), (170, 128, 104), (196, 134, 170), (128, 134, 146),
+)  # fmt: skip
+"""sRGB, one an object in turn: apart in hue and close in lightness, so that no object shouts."""
+LARGE = 4_000_000
+"""px² that the sprite of one object may take in full."""
+FINE = 8
+"""Sub-pixels a side when lines are drawn."""
+
+
+def enlarged_world(world: World, outlines: Sequence[Outline], scale: float) -> tuple[World, list[Outline]]:
+    """Canvas, walls, bodies and outlines as large as they are on a canvas with `scale` pixels a photo pixel.
+
+    For drawing alone: masses, velocities and the like stay as they are.
+    """
+
+    def at(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (points + 0.5) * scale - 0.5
+
+    bodies = tuple(
+        replace(
+            body,
+            center=at(body.center),
+            radius=None if body.radius is None else body.radius * scale,
+            rings=tuple(ring * scale for ring in body.rings),
+        )
+        for body in world.bodies
+    )
+    walls = tuple(replace(wall, chains=tuple(map(at, wall.chains))) for wall in world.walls)
+    width, height = (ceil(side * scale - 1e-6) for side in world.size)
+    shapes: list[Outline] = [
+        Disc(at(shape.center), shape.radius * scale)
+        if isinstance(shape, Disc)
+        else Region(tuple(Ring(at(ring.outer), tuple(map(at, ring.holes))) for ring in shape.rings))
+        for shape in outlines
+    ]
+    return replace(world, size=(width, height), bodies=bodies, walls=walls), shapes
+
+
+def flat_background(world: World, pen: float = 1.0) -> U8:
+    """(H, W, 3) sRGB: paper, with walls as lines on the side away from the objects."""
+    width, height = world.size
+    scale = 4 if width * height <= 4_000_000 else 1
+    canvas = np.empty((height * scale, width * scale, 3), np.uint8)
+    canvas[:] = PAPER
+    for wall in world.walls:
+        for chain in wall.chains:
+            points = np.rint((chain + 0.5) * scale * 16).astype(np.int64)
+            points = np.clip(points, -(2**24), 2**24).astype(np.int32)
+            cv2.polylines(canvas, [points], False, INK, round(2 * scale * pen), cv2.LINE_AA, shift=4)
+    return np.asarray(cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def flat_sprites(
+    world: World, outlines: Sequence[Outline], order: Sequence[int], pen: float = 1.0
+) -> list[Sprite]:
+    """One sprite an object: its colour, a darker rim, and for circles a spoke that shows how it turns.
+
+    Of an object much larger than the canvas, only what lies in it and around is drawn.
+    """
+    sprites = []
+    width, height = world.size
+    around = min(max(width, height), LARGE // max(width, height))
+    for k in order:
+        x0, y0, x1, y1 = bounds(outlines[k])
+        window = (-around, -around, width + around, height + around)
+        alpha, (x0, y0) = coverage_box(outlines[k], window if (x1 - x0) * (y1 - y0) > LARGE else None)
+        if not alpha.size:
+            continue
+        alpha = np.pad(alpha, MARGIN)
+        corner = (x0 - MARGIN, y0 - MARGIN)
+        fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))
+        lines = _lines(world.bodies[k], corner, alpha.shape, pen)[..., None]
+        colour = fill * (1 - lines) + fill * 0.3 * lines
+        sprites.append(Sprite(k, corner, (alpha[..., None] * colour).astype(np.float32), alpha))
+    return sprites
+
+
+def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: float) -> F32:
+    """(h, w) in 0..1: how much of a pixel the rim and spoke cover."""
+    height, width = shape
+    fine = FINE if height * width < 250_000 else 2
+    canvas = np.zeros((height * fine, width * fine), np.uint8)
+    thick = max(1, round(1.5 * fine * pen))
+
+    def pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
+        return np.rint((points + body.center - corner + 0.5) * fine).astype(np.int32)
+
+    cv2.polylines(canvas, [pixels(ring) for ring in body.rings], True, 255, 2 * thick)
+    if body.radius is not None:
+        spoke = pixels(np.array([[0.0, 0.0], [body.radius, 0.0]]))
+        cv2.line(canvas, spoke[0].tolist(), spoke[1].tolist(), 255, thick)
+    return (cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0).astype(np.float32)
+
+
+# ----------------------------------------------------------------------
+# Stage -> its matte, a Stage of white things in the dark: drawn like any other, its light is the objects'
+# coverage.
+#
+# So coverage comes by the very path by which frames do, with soft borders, supersampling, exposure, camera
+# and size, on
+# the processor and on a GPU: it is right by construction, and stays so whatever the path learns.
+
+NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
+"""Even, from all around: nothing is shaded."""
+
+
+def matte_stage(stage: Stage) -> Stage:
+    """The same things, white without any shading, and nothing else: no photo, no boundaries, no shadows.
+
+    Whatever is no object of the scene, things of the photo that the scene leaves out among it, is dark.
+    """
+    return Stage(
+        background=np.zeros_like(stage.background),
+        sprites=[_white(sprite) for sprite in stage.sprites],
+        supersample=stage.supersample,
+        scale=stage.scale,
+    )
+
+
+def _white(sprite: Sprite) -> Sprite:
+    """A ball stays one, for its picture does not turn with it: of dark skin and white gloss all over."""
+    ball = sprite.ball
+    if ball is not None:
+        ball = replace(
+            ball,
+            skin=np.zeros_like(ball.skin),
+            gloss=np.ones_like(ball.gloss),
+            light=NO_LIGHT,
+            even=None,
+            trust=1.0,
+            fade=None,
+        )
+    return replace(sprite, light=three_channels(sprite.coverage), rest=None, ball=ball, relief=None)
+
+
+def matte_coverage(frame: Frame) -> F32:
+    """(H, W) 0..1 of all objects together: the linear light of a matte's frame."""
+    return decode(frame.rgb[..., 0])
+
+
+# ----------------------------------------------------------------------
+# Scene, World and sprites -> a Stage in true light: balls with a skin that turns, and shadows that move.
+
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
 
@@ -41,7 +195,7 @@ STEEP = 1.2
 """Rise over run from which a boundary is a wall, no floor."""
 
 
-def staged(
+def lit_stage(
     scene: Scene,
     world: World,
     sprites: Sequence[Sprite],
@@ -56,7 +210,7 @@ def staged(
     light = DistantLight(scene.light.direction, scene.light.intensity, scene.light.ambient)
     parts = [part for sprite in sprites for part in _parted(sprite, world.bodies[sprite.body])]
     top = world.view is View.TOP
-    setting = Setting(
+    setting = ShadowSetting(
         light=light,
         softness=scene.light.softness,
         top=top,
@@ -74,7 +228,7 @@ def staged(
     ]
     veils: list[F32 | None] = [None] * len(parts)
     if scene.render.shadows and maps.clean is not None:  # a light that somebody has seen shadows of
-        thrown = veiling(starts, reaching(starts, setting), setting)
+        thrown = occlusions(starts, occluders(starts, setting), setting)
         veils = [thrown.get(k) for k in range(len(starts))]
         shares = [
             1.0 if before is None else seen_share(sprite, actor, start, before, light)
@@ -99,7 +253,7 @@ def staged(
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
     gone = _ghosts(maps.labels, absent, coverage, grounds, top)
-    lit, left = take_apart(background, maps.clean, coverage, starts, rounds, setting, gone)
+    lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone)
     photo = decode(maps.rgb)
     if left is not None:  # the photo as it would be without what is left out
         photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(np.float32)
@@ -118,7 +272,7 @@ def _ghosts(
         own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
         thick = DEEP * float(np.sqrt(len(rows))) * (0.6 if top else 1.0)
         middle = Pose(float(columns.mean()), float(rows.mean()), 0.0)
-        found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, Actor(None, thick)))
+        found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, ShadowBody(None, thick)))
     return found
 
 
@@ -167,7 +321,9 @@ def _start(body: Body) -> Pose:
     return Pose(x, y, 0.0)
 
 
-def seen_share(sprite: Sprite, actor: Actor, start: Silhouette, before: F32, light: DistantLight) -> float:
+def seen_share(
+    sprite: Sprite, actor: ShadowBody, start: Silhouette, before: F32, light: DistantLight
+) -> float:
     """How much of a foretold veil (h, w) the photo shows on a thing, 0..1: light between things fills some of it.
 
     By least squares on the logarithm of its light, beside Lambert's shading of a ball and an even change over any face.
@@ -182,7 +338,7 @@ def seen_share(sprite: Sprite, actor: Actor, start: Silhouette, before: F32, lig
         u = (columns + sprite.corner[0] - start.center[0]) / actor.radius
         v = (rows + sprite.corner[1] - start.center[1]) / actor.radius
         z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-        level -= np.log(shading(light, *(part.astype(np.float32) for part in (u, v, z))))
+        level -= np.log(sphere_shading(light, *(part.astype(np.float32) for part in (u, v, z))))
     told = np.column_stack([np.ones(len(x)), x, y, -before[rows, columns]])
     told[:, 1:3] /= max(sprite.coverage.shape)
     trust = np.ones(len(x))
@@ -196,11 +352,11 @@ def seen_share(sprite: Sprite, actor: Actor, start: Silhouette, before: F32, lig
     return float(np.clip(found[3], 0, 1))
 
 
-def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> Actor:
+def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
     if loose:
-        return Actor(None, THREAD)
+        return ShadowBody(None, THREAD)
     ball = body.solid is Solid.SPHERE and sprite.coverage.max(initial=0) >= 1
-    return Actor(body.radius if ball else None, thickness(body, top))
+    return ShadowBody(body.radius if ball else None, thickness(body, top))
 
 
 def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
@@ -229,7 +385,7 @@ def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before
     colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
     if before is not None:
         colour *= np.exp(before)[..., None]
-    return replace(sprite, ball=skin(colour, sprite.corner, (x, y), body.radius, light, view))
+    return replace(sprite, ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view))
 
 
 def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
@@ -245,4 +401,4 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     there = np.s_[here[0].start - y0 : here[0].stop - y0, here[1].start - x0 : here[1].stop - x0]
     own[there] = normals[here]
     known[there] = sprite.coverage[there] > 0.7
-    return replace(sprite, relief=relief(own, known, light))
+    return replace(sprite, relief=relief_of(own, known, light))

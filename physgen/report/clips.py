@@ -1,4 +1,4 @@
-"""Folders -> the clips that physgen left in them at any depth, those that failed among them."""
+"""Finding the clips below some folders, including records of failed ones."""
 
 from __future__ import annotations
 
@@ -7,14 +7,94 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from physgen.problems import InputError
-from physgen.report.traces import ENDING, Trace, trace_in
-from physgen.scene.words import natural
+from physgen.files import write_atomic
+from physgen.problems import InputError, Problem, Severity
+from physgen.report.record import write_json
+from physgen.text import natural
+
+# ----------------------------------------------------------------------
+# A clip that failed -> `NAME.failed.json` beside where its folder would be, until it succeeds: for the
+# gallery.
+
+ENDING = ".failed.json"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What was to be made, and why it was not."""
+
+    scene: str
+    """Name of the folder that it would have got."""
+    path: str
+    """The scene's file, as it was given."""
+    variant: str | None
+    overrides: tuple[str, ...]
+    command: tuple[str, ...]
+    problems: tuple[str, ...]
+    """Errors, one line each."""
+    warnings: tuple[str, ...] = ()
+
+
+def failure_of(
+    scene: str,
+    path: str,
+    variant: str | None,
+    overrides: Sequence[str],
+    command: Sequence[str],
+    problems: Sequence[Problem],
+) -> Failure:
+    """Of what a run was given, and the problems that it ended with, warnings among them."""
+    errors = tuple(str(p) for p in problems if p.severity is Severity.ERROR)
+    warnings = tuple(str(p) for p in problems if p.severity is Severity.WARNING)
+    return Failure(scene, path, variant, tuple(overrides), tuple(command), errors, warnings)
+
+
+def write_failure(out: Path, trace: Failure, page: str) -> None:
+    """Write it and its `page`, whole, in place of an earlier one; a file of somebody else's there stays as it is."""
+    file = out / f"{trace.scene}{ENDING}"
+    if file.exists() and read_failure(file) is None:
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(file, {"failed": 1, **vars(trace)})
+    write_atomic(file.with_suffix(".html"), page.encode("utf-8"))
+
+
+def remove_failure(out: Path, scene: str) -> None:
+    """The clip is there: take away what an earlier failure left, if it is ours."""
+    file = out / f"{scene}{ENDING}"
+    if read_failure(file) is not None:
+        for left in (file.with_suffix(".html"), file):
+            with suppress(OSError):
+                left.unlink()
+
+
+def read_failure(file: Path) -> Failure | None:
+    """What a file tells; None where it is none of ours."""
+    try:
+        told: Mapping[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        if told["failed"] != 1:
+            return None
+        lists = {name: _texts(told[name]) for name in ("overrides", "command", "problems", "warnings")}
+        variant = None if told["variant"] is None else str(told["variant"])
+        return Failure(str(told["scene"]), str(told["path"]), variant, **lists)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _texts(values: Any) -> tuple[str, ...]:
+    if not isinstance(values, list):
+        raise TypeError
+    return tuple(map(str, values))
+
+
+# ----------------------------------------------------------------------
+# Folders -> the clips that physgen left in them at any depth, those that failed among them.
 
 FILMS = ("video.mp4", "video.webp", "video.gif", "frames/00000.png")
 """What a clip may be shown by, the best first."""
@@ -103,7 +183,7 @@ def _below(root: Path) -> Iterator[Clip]:
             continue
         folders[:] = sorted((name for name in folders if not name.startswith(".")), key=natural)
         for name in sorted((name for name in files if name.endswith(ENDING)), key=natural):
-            trace = trace_in(here / name)
+            trace = read_failure(here / name)
             if trace is not None:
                 yield _failed(here / name, trace)
 
@@ -160,7 +240,7 @@ def _rendered(folder: Path) -> Clip | None:
         return None
 
 
-def _failed(file: Path, trace: Trace) -> Clip:
+def _failed(file: Path, trace: Failure) -> Clip:
     return Clip(
         file,
         trace.scene,

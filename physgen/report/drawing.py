@@ -1,4 +1,4 @@
-"""Scene, world or trajectory -> an SVG that stands by itself: no style sheet, no script, nothing outside it."""
+"""Scenes, worlds and trajectories as self-contained SVG."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.placed import starts
+from physgen.compile.appearance import photo_poses
 from physgen.compile.world import World
-from physgen.render.marks import arrow
-from physgen.report.encoded import jpeg
-from physgen.report.holds import drawn
-from physgen.report.templates import template
-from physgen.scene.model import Load, Scene
+from physgen.render.drawing import arrow
+from physgen.report.html import jpeg, template
+from physgen.report.parameters import constraint_drawing
+from physgen.scene.scene import Load, Scene
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -35,9 +34,9 @@ STILL = 2.0
 
 def scene_svg(scene: Scene, world: World, photo: U8 | None) -> str:
     """`photo` (H, W, 3) sRGB, None for a scene without one; it is left out where things are put elsewhere at t = 0."""
-    photo = None if starts(world) else photo
+    photo = None if photo_poses(world) else photo
     labels = {item.name: item.label for item in scene.objects}
-    return _drawn(world, labels, photo, drawn(scene, world), f"The scene {scene.name}")
+    return _drawn(world, labels, photo, constraint_drawing(scene, world), f"The scene {scene.name}")
 
 
 def world_svg(world: World) -> str:

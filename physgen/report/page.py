@@ -1,4 +1,4 @@
-"""Scene, world and run record -> report.html. Everything from outside is escaped."""
+"""The HTML report page of a clip, and the page of a scene that failed."""
 
 from __future__ import annotations
 
@@ -12,24 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import __version__
-from physgen.compile.pairs import pair_table
-from physgen.compile.world import World
+from physgen.compile.world import World, pair_table
+from physgen.files import resource
 from physgen.problems import Problem
-from physgen.report.embedded import Film
-from physgen.report.encoded import jpeg
-from physgen.report.fanned import Section, dimmed
-from physgen.report.highlighted import lines
-from physgen.report.holds import drawn, listed
-from physgen.report.parameters import COLUMNS, edits, parameter_rows
+from physgen.report.films import Film
+from physgen.report.html import highlight_lines, jpeg, script_json, template
+from physgen.report.parameters import COLUMNS, constraint_drawing, constraint_rows, edits, parameter_rows
 from physgen.report.perception import Perception
 from physgen.report.player import Data
 from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, versions
-from physgen.report.refinement import refinement
-from physgen.report.retouched import Retouched
-from physgen.report.templates import script_json, template
-from physgen.resources import resource
-from physgen.scene.model import Load, Play, Render, Scene, View
+from physgen.report.refinement import RefinementStrip, refinement
+from physgen.report.uncertainty import UncertaintySection, dimmed_photo
+from physgen.scene.scene import Load, Play, Render, Scene, View
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -53,8 +48,8 @@ def report_page(
     scene_text: str,
     player: Data | None = None,
     seen: Perception | None = None,
-    retouched: Retouched | None = None,
-    fan: Section | None = None,
+    retouched: RefinementStrip | None = None,
+    fan: UncertaintySection | None = None,
 ) -> str:
     """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
@@ -93,8 +88,8 @@ def report_page(
         data=None if player is None else script_json(player),
         script=_script(),
         arrows=_arrows(world),
-        held=drawn(scene, world),
-        holds=listed(scene),
+        held=constraint_drawing(scene, world),
+        holds=constraint_rows(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
         world=_world_facts(scene, world),
         engine=_engine(record),
@@ -104,7 +99,7 @@ def report_page(
         perception=seen,
         retouched=retouched,
         fan=fan,
-        dimmed=None if fan is None else dimmed(first),
+        dimmed=None if fan is None else dimmed_photo(first),
         provenance=provenance(record, scene_text, _file(scene)),
         version=__version__,
     )
@@ -137,7 +132,7 @@ def failed_page(
         ],
         command=shlex.join(command),
         scene_text=scene_text,
-        lines=lines(scene_text) if scene_text.count("\n") <= MOST_LINES else [],
+        lines=highlight_lines(scene_text) if scene_text.count("\n") <= MOST_LINES else [],
         wrong={place.line for place in mine},
         versions=versions(),
     )

@@ -1,4 +1,4 @@
-"""Run record and scene -> everything that is needed to repeat a run, as data for the report's template."""
+"""Everything needed to repeat a run, as data for the report page."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from physgen.report.highlighted import highlighted
+from physgen.report.html import highlight_yaml
 from physgen.report.record import RunRecord, StageTime, peak_memory, versions
 
 SLICES = 8
@@ -91,7 +91,7 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
 
 
 def _text(title: str, text: str) -> Text:
-    return Text(title, highlighted(text), text.count("\n") + (not text.endswith("\n")))
+    return Text(title, highlight_yaml(text), text.count("\n") + (not text.endswith("\n")))
 
 
 def _timed(record: RunRecord) -> list[tuple[str, StageTime]]:

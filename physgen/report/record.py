@@ -1,4 +1,4 @@
-"""What a run read, did and made, as data -> manifest.json."""
+"""The run record: what a run read, did and made, written as manifest.json."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import __version__
-from physgen.machine import this_machine
-from physgen.scene.model import Scene
-from physgen.whole import write_whole
+from physgen.environment import this_machine
+from physgen.files import write_atomic
+from physgen.scene.scene import Scene
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
 REFINING = ("torch", "diffusers")
@@ -183,7 +183,7 @@ def source_of(path: Path, folder: Path) -> str:
 
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
-    write_whole(path, json_text(data).encode("utf-8"))
+    write_atomic(path, json_text(data).encode("utf-8"))
 
 
 def json_text(data: object) -> str:

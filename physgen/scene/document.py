@@ -1,13 +1,12 @@
-"""YAML text -> tree of Nodes: plain data in which every value knows its file, line and column.
-
-A scene file is untrusted input. It is read as a stream of events and never composed by PyYAML, whose C
-composer calls itself for each level and can crash; limits are counted on the way, the first excess ends it.
-"""
+"""Text of a scene file to a tree of nodes in which every value has its file, line and column."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -22,9 +21,152 @@ from yaml.events import (
 )
 
 from physgen.problems import InputError, Place, Problem
-from physgen.scene.node import Node, Source
-from physgen.scene.scalars import RefusedNumberError, Scalar, resolve
-from physgen.scene.words import dotted, quoted
+from physgen.text import dotted, quoted
+
+# ----------------------------------------------------------------------
+# Plain YAML scalar (text) -> None, bool, int, float or str, by YAML 1.2's core schema (section 10.3.2).
+#
+# PyYAML follows YAML 1.1, where `on` is true, `1.0e6` is text and `1:30` is 90; here they mean what they say.
+
+Scalar = bool | int | float | str | None
+
+MAX_NUMBER = 310
+"""Characters of the longest number: more than any float needs, and far below Python's limit on int(text)."""
+
+_WORDS: dict[str, bool | None] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?").fullmatch
+_BASE = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+").fullmatch
+_ENDLESS = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)").fullmatch
+_STARTS = frozenset("+-.0123456789")
+
+
+class RefusedNumberError(ValueError):
+    """A number that no scene can hold; `expected` and `fix` say why, in the words of a Problem."""
+
+    def __init__(self, expected: str, fix: str) -> None:
+        super().__init__(expected)
+        self.expected, self.fix = expected, fix
+
+
+def resolve(text: str) -> Scalar:
+    """What a plain (unquoted) scalar stands for.
+
+    Raises RefusedNumberError for NaN, infinities and numbers too long or too large for a float.
+
+    >>> [resolve(t) for t in ("on", "1.0e6", "0x1F", "0o17", "~", "True", "1_000", "-.5")]
+    ['on', 1000000.0, 31, 15, None, True, '1_000', -0.5]
+    """
+    if not text or text[0] not in _STARTS:
+        return _WORDS.get(text, text) if len(text) < 6 else text
+    if _NUMBER(text):
+        if "." not in text and "e" not in text and "E" not in text:
+            return int(text) if len(text) < 20 else int(_short(text))
+        number = float(text) if len(text) < 30 else float(_short(text))
+        if math.isinf(number):
+            raise RefusedNumberError("is too large a number", "write a finite number, at most 1.0e308")
+        return number
+    if _BASE(text):
+        return int(_short(text), 0)
+    if _ENDLESS(text):
+        raise RefusedNumberError("is not a finite number", "write a finite number")
+    return text
+
+
+def _short(text: str) -> str:
+    if len(text) > MAX_NUMBER:
+        raise RefusedNumberError(f"is a number of {len(text)} characters", f"write at most {MAX_NUMBER}")
+    return text
+
+
+# ----------------------------------------------------------------------
+# The tree between text and Scene: plain data in which every value knows where it was written.
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a value was written in: a file, or a flag of the command line."""
+
+    name: str
+    """As messages show it: the path as given, or `--set KEY=VALUE`."""
+    folder: Path
+    """Where the paths written in it start."""
+
+
+class Node:
+    """One value with its place: a scalar, a list of Nodes or a dict of Nodes. Nodes are never changed.
+
+    `line` and `column` count from 1 and are 0 for a flag; `key` is the line and column of the key that the
+    value belongs to, None in a list.
+    """
+
+    __slots__ = ("column", "key", "line", "source", "value")
+
+    def __init__(
+        self,
+        value: Scalar | list[Node] | dict[str, Node],
+        source: Source,
+        line: int = 0,
+        column: int = 0,
+        key: tuple[int, int] | None = None,
+    ) -> None:
+        self.value = value
+        self.source = source
+        self.line = line
+        self.column = column
+        self.key = key
+
+    @property
+    def place(self) -> Place:
+        """Where the value was written."""
+        return Place(self.source.name, self.line, self.column)
+
+    @property
+    def key_place(self) -> Place:
+        """Where its key was written."""
+        return Place(self.source.name, *self.key) if self.key else self.place
+
+    def with_value(self, value: Scalar | list[Node] | dict[str, Node]) -> Node:
+        """The same place with another value."""
+        return Node(value, self.source, self.line, self.column, self.key)
+
+
+def plain(node: Node) -> Any:
+    """The data alone: scalars, lists and dicts."""
+    value = node.value
+    if isinstance(value, dict):
+        return {key: plain(child) for key, child in value.items()}
+    if isinstance(value, list):
+        return [plain(child) for child in value]
+    return value
+
+
+def children(node: Node | None, *keys: str) -> dict[str, Node]:
+    """The mapping below `keys`, empty where there is none."""
+    for key in keys:
+        node = node.value.get(key) if node is not None and isinstance(node.value, dict) else None
+    return node.value if node is not None and isinstance(node.value, dict) else {}
+
+
+def items(node: Node | None) -> list[Node]:
+    """The items of a list, none where there is no list."""
+    return node.value if node is not None and isinstance(node.value, list) else []
+
+
+def whole(node: Node) -> list[int]:
+    """The numbers of a list that the schema says holds whole ones."""
+    numbers: Any = items(node)
+    return [int(item.value) for item in numbers]
+
+
+# ----------------------------------------------------------------------
+# YAML text -> tree of Nodes: plain data in which every value knows its file, line and column.
+#
+# A scene file is untrusted input. It is read as a stream of events and never composed by PyYAML, whose C
+# composer calls itself for each level and can crash; limits are counted on the way, the first excess ends it.
 
 MAX_BYTES = 8 * 2**20
 MAX_DEPTH = 50

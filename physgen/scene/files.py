@@ -12,13 +12,12 @@ import stat
 import warnings
 from pathlib import Path
 
-from physgen.pictures import EXIF_ORIENTATION, MOST_PIXELS, SCENE_FORMATS
+from physgen.files import Stamp, file_stamp
+from physgen.image_formats import EXIF_ORIENTATION, MOST_PIXELS, SCENE_FORMATS
 from physgen.problems import InputError, Problem
-from physgen.scene.document import MAX_BYTES, decode, read
-from physgen.scene.node import Node, Source
+from physgen.scene.document import MAX_BYTES, Node, Source, decode, read
 from physgen.scene.overlay import merge
-from physgen.scene.words import shown
-from physgen.whole import Stamp, stamped
+from physgen.text import shown
 
 MAX_EXTENDS = 10
 SUFFIXES = (".yaml", ".yml")
@@ -128,7 +127,7 @@ def _base(
         raise refused("does not exist", "write the path of a scene file, relative to this one") from None
     if not stat.S_ISREG(mode):
         raise refused("is not a file", "write the path of a scene file, relative to this one")
-    files[path] = stamped(path)  # before it is read: a save in between is noticed
+    files[path] = file_stamp(path)  # before it is read: a save in between is noticed
     return read_scene(path, beside(link.source.name, link.value))
 
 

@@ -1,7 +1,4 @@
-"""Corners of an outline (px) -> what is wrong with it: no area, or lines that cross.
-
-Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
-"""
+"""Checks of outlines: area and self-intersection."""
 
 from __future__ import annotations
 
@@ -12,7 +9,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from physgen.geometry import Array
+    from physgen.geometry.polygon import Array
+
 
 Corner = tuple[float, float]
 
@@ -139,6 +137,6 @@ def _grid(points: Sequence[Corner]) -> tuple[int, int] | None:
 
 def _opposite(a: Array, b: Array, c: Array, d: Array) -> NDArray[np.bool_]:
     """Whether c and d lie on opposite sides of the line ab, `(K, 2)` each."""
-    from physgen.geometry import cross
+    from physgen.geometry.polygon import cross
 
     return cross(b - a, c - a) * cross(b - a, d - a) < 0

@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 
 from physgen.problems import InputError, Problem
-from physgen.scene.document import read
-from physgen.scene.node import Node, Source
+from physgen.scene.document import Node, Source, read
 from physgen.scene.schema import Schema, expanded
-from physgen.scene.words import KeyPath, dotted, nearest, quoted
+from physgen.text import KeyPath, dotted, nearest, quoted
 
 SEALED = ("extends", "variants")
 """Keys that no edit may touch: they are done with before edits apply."""

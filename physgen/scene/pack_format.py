@@ -1,8 +1,4 @@
-"""What a pack may hold: its names, its sizes, its contents page; for who writes packs and who reads them.
-
-A pack is a zip, so that any tool opens it. Members are stored, not deflated: pictures are compressed already, and
-what zlib makes of a text differs from version to version, so the same scene would not be the same bytes everywhere.
-"""
+"""Format of packs: names, sizes and the contents page."""
 
 from __future__ import annotations
 

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from physgen.pictures import MOST_PIXELS, SCENE_FORMATS
-from physgen.scene.advice import measure
+from physgen.image_formats import MOST_PIXELS, SCENE_FORMATS
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
 from physgen.scene.files import MAX_EXTENDS, SUFFIXES
-from physgen.scene.schema import Schema, expanded
-from physgen.scene.words import example, listed
+from physgen.scene.schema import Schema, expanded, measure
+from physgen.text import example, listed
 
 EXAMPLE = """\
 physgen: 1

@@ -1,4 +1,4 @@
-"""`schemas/scene-1.schema.json` -> the schema without $ref, and documents with their defaults filled in."""
+"""The JSON Schema of scene files, its defaults, and the advice that messages derive from it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from physgen.resources import resource
+from physgen.files import resource
+from physgen.text import UNITS, example, listed, number
+
+# ----------------------------------------------------------------------
+# `schemas/scene-1.schema.json` -> the schema without $ref, and documents with their defaults filled in.
 
 Schema = dict[str, Any]
 
@@ -79,3 +83,55 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
         if key not in properties:
             filled[key] = with_defaults(value, rest) if isinstance(rest, dict) else value
     return filled
+
+
+# ----------------------------------------------------------------------
+# Part of the schema -> what a message advises to write: `write grams, e.g. 170`.
+
+
+def bounds(schema: Schema) -> tuple[float, float, bool]:
+    """Least and greatest value, and whether the least itself is left out."""
+    open_ = "exclusiveMinimum" in schema
+    least = schema["exclusiveMinimum"] if open_ else schema["minimum"]
+    return least, schema["maximum"], open_
+
+
+def limit(value: float) -> str:
+    """A bound as a person writes it.
+
+    >>> [limit(v) for v in (10, 0.01, 1.0e6, 1.0e15)]
+    ['10', '0.01', '1000000', '1.0e15']
+    """
+    if value == int(value) and abs(value) < 1e9:
+        return str(int(value))
+    return number(value)
+
+
+def measure(schema: Schema, unit: str, ranged: bool) -> str:
+    """What to write for a number: `grams above 0`, `a number from 0 to 10`; the unit alone where not `ranged`."""
+    least, greatest, open_ = bounds(schema)
+    what = "a whole number" if schema["type"] == "integer" else "a number"
+    if unit:
+        what = UNITS.get(unit, unit)
+        if not ranged:
+            return what
+    huge = greatest >= 1e9
+    if open_:
+        return f"{what} above {limit(least)}" + ("" if huge else f", at most {limit(greatest)}")
+    if huge:
+        return what if least <= -1e9 else f"{what} of at least {limit(least)}"
+    return f"{what} from {limit(least)} to {limit(greatest)}"
+
+
+def advice(schema: Schema) -> str:
+    """What to write for a part of the schema that is missing or of the wrong kind."""
+    if "enum" in schema or "const" in schema:
+        return f"write {listed(example(choice) for choice in schema.get('enum', [schema.get('const')]))}"
+    hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
+    kind, unit = schema["type"], schema.get("x-unit", "")
+    if kind in ("number", "integer"):
+        return f"write {measure(schema, unit, ranged=False)}{hint}"
+    if kind == "array":
+        return f"write a list{f' in {UNITS.get(unit, unit)}' if unit else ''}{hint}"
+    what = "a name" if "pattern" in schema else "text" if kind == "string" else "a mapping"
+    return f"write {what}{hint}"

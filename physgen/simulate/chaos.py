@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.scene.model import Motion
+from physgen.scene.scene import Motion
 from physgen.simulate.engine import Progress, silent, simulate
 
 Array = NDArray[np.float64]

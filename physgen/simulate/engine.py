@@ -1,4 +1,5 @@
-"""World -> Trajectory: a leapfrog on Chipmunk's contacts, with blows of our own and steps divided where they must be.
+"""World -> Trajectory: a leapfrog on Chipmunk's contacts, with blows of our own and steps divided where they must
+be.
 
 Positions are those of whole steps, velocities those of the middles between them (Störmer and Verlet): a half step is
 taken first, so that free fall is exact. Steps never depend on the samples: both lie on their own grids.
@@ -13,19 +14,20 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.springs import stiffest
 from physgen.compile.world import World
 from physgen.problems import InputError, Problem
-from physgen.simulate.chipmunk import CONTACT_BYTES, Chipmunk
-from physgen.simulate.divide import Reach
-from physgen.simulate.governor import Governor
-from physgen.simulate.kicks import Kick, Kicks
-from physgen.simulate.lasting import Lasting
-from physgen.simulate.ledger import LEFT, SCENE, Ledger
-from physgen.simulate.loads import Loads
-from physgen.simulate.scripts import Scripts
+from physgen.simulate.forces import (
+    EnergyEvent,
+    ForceFields,
+    Impulses,
+    ScriptedMotion,
+    StepForces,
+    stiffest_spring,
+)
+from physgen.simulate.recorder import DIVERGED_FIX, UNKNOWN_PLACE, Recorder, StepLog, recorded_trajectory
+from physgen.simulate.space import CONTACT_BYTES, Space
+from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.stepper import Stepper
-from physgen.simulate.tape import Tape, told
 from physgen.simulate.trajectory import Effort, Trajectory
 
 Array = NDArray[np.float64]
@@ -53,7 +55,7 @@ def simulate(
     times: Array | None = None,
     progress: Progress = silent,
     iterations: int | None = None,
-    tape: Tape | None = None,
+    tape: StepLog | None = None,
 ) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
@@ -77,7 +79,7 @@ class Running:
         world: World,
         times: Array | None = None,
         iterations: int | None = None,
-        tape: Tape | None = None,
+        tape: StepLog | None = None,
     ) -> None:
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._run = _Run(world, self.times, iterations, tape)
@@ -128,7 +130,7 @@ class Running:
 
     def told(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
-        return told(self._run.ledger, self._run.effort())
+        return recorded_trajectory(self._run.ledger, self._run.effort())
 
     @contextmanager
     def _told_by_name(self) -> Iterator[None]:
@@ -138,36 +140,36 @@ class Running:
                 yield
         except (OverflowError, np.linalg.LinAlgError) as error:
             found = f"leaves all numbers by t = {self._number * self._h:.3f} s"
-            raise InputError([Problem(SCENE, "world", "the motion", found, LEFT)]) from error
+            raise InputError([Problem(UNKNOWN_PLACE, "world", "the motion", found, DIVERGED_FIX)]) from error
 
 
 class _Run:
     """One world in motion."""
 
-    def __init__(self, world: World, times: Array, iterations: int | None, tape: Tape | None) -> None:
+    def __init__(self, world: World, times: Array, iterations: int | None, tape: StepLog | None) -> None:
         bodies = world.bodies
         self._world, self._tape = world, tape
-        self._space = Chipmunk(world)
+        self._space = Space(world)
         self._governor = Governor(world, iterations)
-        loads, self._scripts = Loads(world), Scripts(world)
-        self._lasting = Lasting(world, self._space, loads)
-        self.ledger = Ledger(world, self._space, loads, self._scripts, times)
+        loads, self._scripts = ForceFields(world), ScriptedMotion(world)
+        self._lasting = StepForces(world, self._space, loads)
+        self.ledger = Recorder(world, self._space, loads, self._scripts, times)
         moving = self._space.moving
         self._row = {int(body): row for row, body in enumerate(moving)}
         self._stepper = Stepper(world, self._space, self._lasting, self._governor)
-        self._kicks = Kicks(world)
-        self._reach = Reach(world, moving)
+        self._kicks = Impulses(world)
+        self._reach = StepDivider(world, moving)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._gravity = float(np.hypot(*world.gravity))
         self._h = 0.0
         self._loads = loads
         self._restless = loads.busy or self._scripts.busy
-        rate, name = stiffest(world)
+        rate, name = stiffest_spring(world)
         self._stiff = max(1, ceil(rate / world.steps_per_second / PHASE))
         if self._stiff > MOST_PARTS:
             found = f"needs every step divided into {self._stiff:,} parts"
             fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
-            raise InputError([Problem(SCENE, f"joints.{name}.stiffness", "", found, fix)])
+            raise InputError([Problem(UNKNOWN_PLACE, f"joints.{name}.stiffness", "", found, fix)])
         self._divided = self._most_parts = self._reviewed = 0
 
     def effort(self) -> Effort:
@@ -194,7 +196,7 @@ class _Run:
         while self._kicks.due(2e-12):
             kicks.append(self._kicks.give(velocity, pose, 0.0))
         velocity, lost = self._stepper.fit(pose, velocity)
-        kicks.append(Kick(0.0, lost, 0.0))
+        kicks.append(EnergyEvent(0.0, lost, 0.0))
         shown = velocity.copy()
         moving = self._space.moving
         state = np.concatenate([pose[moving] - velocity[moving] * h, velocity[moving]], axis=1)
@@ -263,7 +265,7 @@ class _Run:
             # velocities belong to the middle of a step: carry them to the middle of one of another length
             state[:, 3:] += self._stepper.pull * ((h - self._h) / (2 * self._h))
             self._h = h
-        kicks: list[Kick] = []
+        kicks: list[EnergyEvent] = []
         if self._kicks.due(end):
             state = self._stepper.state().copy() if state is None else state
             kicks = self._kicked(begin, end, state)
@@ -284,7 +286,7 @@ class _Run:
             contacts = len(step.words) // CONTACT_BYTES
             self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
 
-    def _kicked(self, begin: float, end: float, state: Array) -> list[Kick]:
+    def _kicked(self, begin: float, end: float, state: Array) -> list[EnergyEvent]:
         """Impulses that are given within this step, at their times, in the state (M, 6)."""
         moving, given = self._space.moving, []
         while self._kicks.due(end):
@@ -293,7 +295,7 @@ class _Run:
             velocity[moving], pose[moving] = state[:, 3:], state[:, :3]
             given.append(self._kicks.give(velocity, pose, since))
             velocity, lost = self._stepper.fit(pose, velocity)
-            given.append(Kick(begin + since, lost, 0.0))
+            given.append(EnergyEvent(begin + since, lost, 0.0))
             change = velocity[moving] - state[:, 3:]
             state[:, 3:] += change
             state[:, :3] -= change * since

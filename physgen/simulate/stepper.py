@@ -1,4 +1,4 @@
-"""One step of the engine: taken again where blows fall in it, with joints made whole at its end."""
+"""One step of the engine."""
 
 from __future__ import annotations
 
@@ -9,33 +9,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.scene.model import Motion
-from physgen.simulate.chipmunk import Chipmunk, Touching, leapt, places
-from physgen.simulate.governor import Governor
-from physgen.simulate.impacts import Blows, strike
-from physgen.simulate.joined import Assemblies
-from physgen.simulate.kicks import Kick
-from physgen.simulate.lasting import Forces, Lasting, Settled
-from physgen.simulate.ledger import Step
-from physgen.simulate.points import Things, contact_points
+from physgen.scene.scene import Motion
+from physgen.simulate.collisions import ContactProperties, Impacts, contact_points, resolve_impacts
+from physgen.simulate.forces import EnergyEvent, EnergyFlow, Forces, StepForces
+from physgen.simulate.joints import Assemblies
+from physgen.simulate.recorder import Step
+from physgen.simulate.space import Space, Touching, contact_places, contacts_jumped
+from physgen.simulate.step_control import Governor
 
 Array = NDArray[np.float64]
 
 ATTEMPTS = 8
 """Times that a step is taken again because blows changed what it does."""
-NOTHING = Settled(0.0, 0.0, None)
+NOTHING = EnergyFlow(0.0, 0.0, None)
 
 
 class Stepper:
     """Takes one step after the other."""
 
-    def __init__(self, world: World, space: Chipmunk, lasting: Lasting, governor: Governor) -> None:
+    def __init__(self, world: World, space: Space, lasting: StepForces, governor: Governor) -> None:
         bodies, walls = world.bodies, world.walls
         self._space, self._lasting, self._governor = space, lasting, governor
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         nothing = [0.0] * len(walls)
         surfaces = [surface for _, surface in world.surfaces]
-        self._things = Things(
+        self._things = ContactProperties(
             lightness=[1 / b.mass if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
             ease=[1 / b.moment if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
             friction=[surface.friction for surface in surfaces],
@@ -53,7 +51,7 @@ class Stepper:
         wide[: len(bodies)] = self._center
         self._wide, self._fast = wide, np.zeros_like(wide)
         self._cornered = any(b.radius is None for b in bodies)
-        self._words, self._places, self._states = b"", places(b""), b""
+        self._words, self._places, self._states = b"", contact_places(b""), b""
         self._calm = True
         self.pull = np.zeros((len(space.moving), 3))
         """(M, 3): change of the velocities in the last step."""
@@ -74,13 +72,15 @@ class Stepper:
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
 
-    def take(self, end: float, h: float, state: Array | None, kicks: list[Kick], first: bool = False) -> Step:
+    def take(
+        self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
+    ) -> Step:
         """Step to the time `end`; again, with other velocities, where blows fall. state (M, 6): as placed."""
         self.steps += 1
         M = len(self._space.moving)
         before = None if state is None else state[:, 3:].copy()
         original: Array | None = None
-        blows: list[Blows] = []
+        blows: list[Impacts] = []
         self._lasting.begin()
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
@@ -96,7 +96,7 @@ class Stepper:
                 self._lasting.press()
             states, words, numbers = self._space.step(h)
             blow = None
-            leap = self._cornered and leapt(places(numbers), self._places)
+            leap = self._cornered and contacts_jumped(contact_places(numbers), self._places)
             surprise = self.suspicious or leap
             # the last try is taken as it comes: what still closes then does not bounce
             if attempt < ATTEMPTS - 1 and (surprise or words != self._words):
@@ -133,7 +133,7 @@ class Stepper:
         self.stirred |= not self._calm
         self._words, self.suspicious = words, False
         if self._cornered:
-            self._places = places(numbers)
+            self._places = contact_places(numbers)
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
         used = before if before is not None else self.state()[:, 3:]
         self.pull = velocity[:, 3:] - used
@@ -163,7 +163,7 @@ class Stepper:
         surprise: bool,
         first: bool,
         load: Forces | None,
-    ) -> Blows | None:
+    ) -> Impacts | None:
         """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way.
 
         What touched before closes by what the solver left undone, and does not bounce, but for a `surprise`.
@@ -186,7 +186,7 @@ class Stepper:
         drift[: len(self._dynamic)] = self._lasting.drift(load)
         drift[was.first] = drift[was.second] = 0.0
         drift[self._held] = 0.0
-        return strike(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
+        return resolve_impacts(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
 
 
 def _pairs(touch: Touching, things: int) -> list[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""What a simulation gives: poses, velocities, contacts and energy at exact sample times; and its file."""
+"""The result of a simulation: poses, velocities, contacts and energy at sample times; its file and rest times."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry import Pose
-from physgen.showing import html
-from physgen.whole import write_whole
+from physgen.files import write_atomic
+from physgen.geometry.polygon import Pose
+from physgen.notebook_display import html
+
+# ----------------------------------------------------------------------
+# What a simulation gives: poses, velocities, contacts and energy at exact sample times; and its file.
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -128,7 +131,7 @@ class Trajectory:
         path.parent.mkdir(parents=True, exist_ok=True)
         buffer = io.BytesIO()
         np.savez_compressed(buffer, allow_pickle=False, **self.as_arrays())
-        write_whole(path, buffer.getvalue())
+        write_atomic(path, buffer.getvalue())
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Flat names of the archive's arrays."""
@@ -203,3 +206,103 @@ def read_trajectory(path: Path) -> Trajectory:
             energy=Energy(**parts["energy"]),
             effort=Effort(**{name: value.item() for name, value in parts["effort"].items()}),
         )
+
+
+# ----------------------------------------------------------------------
+# Trajectory -> when each body comes to rest, and which touches are new: what tables, events and sentences
+# mean by it.
+#
+# All that is told of rest is as fine as the samples; touches the engine times itself.
+
+REST_SPEED = 1.0
+"""px/s: what is slower is at rest, if it turns slower than `STILL_TURN` too."""
+REST_TURN = 1.0
+"""degrees/s."""
+REST_DURATION = 0.1
+"""s for which it must have been so at the clip's end: what hangs at the top of its way does not rest."""
+START_TIME = 0.005
+"""s: whom an object touches so early, it stood at or on before: it meets nobody by that."""
+
+
+def resting_mask(trajectory: Trajectory) -> NDArray[np.bool_]:
+    """(T, N): whether a body moves and turns no faster than one at rest may."""
+    velocity = trajectory.velocities
+    turning = np.abs(velocity[..., 2:])
+    if trajectory.rolls.shape[1]:
+        turning = np.concatenate([turning, np.abs(trajectory.rolls)], axis=2)
+    slow = np.hypot(velocity[..., 0], velocity[..., 1]) < REST_SPEED
+    return np.asarray(slow & (np.degrees(turning) < REST_TURN).all(axis=2))
+
+
+def rest_times(trajectory: Trajectory) -> list[float | None]:
+    """s of each body: the first sample from which on it rests, 0 where it always does; None: it moves to the end."""
+    found = []
+    for quiet in resting_mask(trajectory).T:
+        moving = np.flatnonzero(~quiet)
+        since = int(moving[-1]) + 1 if len(moving) else 0
+        over = since == len(quiet) or trajectory.times[-1] - trajectory.times[since] < REST_DURATION - 1e-9
+        found.append(None if over else float(trajectory.times[since]))
+    return found
+
+
+def new_touches(trajectory: Trajectory) -> NDArray[np.bool_]:
+    """(E,): touches of pairs that did not touch from the start."""
+    contacts = trajectory.contacts
+    pairs = [tuple(pair) for pair in contacts.touch_pairs.tolist()]
+    early = contacts.touch_times[:, 0] < START_TIME
+    old = {pair for pair, soon in zip(pairs, early.tolist(), strict=True) if soon}
+    return np.array([pair not in old for pair in pairs], bool)
+
+
+# ----------------------------------------------------------------------
+# How spheres on a table have turned in space: rotation vectors of many steps -> quaternions after each.
+#
+# Quaternions are (w, x, y, z), unit, of the turn since t = 0 about the image axes, +z into the photo (right
+# hand).
+
+
+def quaternions_from_vectors(vector: Array) -> Array:
+    """Rotation vectors (..., 3) rad -> quaternions (..., 4)."""
+    half = vector / 2
+    angle = np.sqrt((half**2).sum(axis=-1, keepdims=True))
+    return np.concatenate([np.cos(angle), half * np.sinc(angle / np.pi)], axis=-1)
+
+
+def compose_quaternions(later: Array, earlier: Array) -> Array:
+    """The quaternions (..., 4) of turning by `earlier`, then by `later` (Hamilton's product)."""
+    a, b = np.moveaxis(later, -1, 0), np.moveaxis(earlier, -1, 0)
+    return np.stack(
+        [
+            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+        ],
+        axis=-1,
+    )
+
+
+def cumulative_quaternions(vectors: Array, start: Array) -> Array:
+    """(S, N, 4) quaternions after each of S steps of rotation vectors (S, N, 3), begun at (N, 4).
+
+    Products of neighbours, then of neighbours' neighbours (Hillis and Steele, Commun. ACM 29, 1170, 1986): as many
+    passes as S has binary digits.
+    """
+    done = quaternions_from_vectors(vectors)
+    reach = 1
+    while reach < len(done):
+        done = np.concatenate([done[:reach], compose_quaternions(done[reach:], done[:-reach])])
+        reach *= 2
+    done = compose_quaternions(done, np.broadcast_to(start, done.shape))
+    return np.asarray(done / np.sqrt((done**2).sum(axis=-1, keepdims=True)))
+
+
+def rotation_matrices(quaternion: Array) -> Array:
+    """(..., 4) -> rotation matrices (..., 3, 3) about the image axes, +z into the photo."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -69,7 +69,7 @@ def _sample(store: Store, k: int, rng: np.random.Generator) -> tuple[NDArray[np.
     how = cv2.INTER_AREA if side > CROP else cv2.INTER_LINEAR
     rgb = cv2.resize(store.rgb[k][box], (CROP, CROP), interpolation=how)
     # not centred: the shipped weights see labels half a pixel of their grid too low, which inference undoes;
-    # with INTER_NEAREST_EXACT here the next ones will not, and the two lines in physgen/perceive/learned/network.py go
+    # with INTER_NEAREST_EXACT here the next ones will not, and the two lines in physgen/perceive/segment/network.py go
     labels = cv2.resize(
         np.ascontiguousarray(store.labels[k][box]), (HALF, HALF), interpolation=cv2.INTER_NEAREST
     )

@@ -24,10 +24,9 @@ from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
 from physgen.perceive.backends.segment_learned import choose, worth
-from physgen.perceive.learned import judge
-from physgen.perceive.learned.candidates import Candidates, candidates
-from physgen.perceive.learned.evidence import NAMES
-from physgen.perceive.learned.network import see
+from physgen.perceive.segment import candidates as judge
+from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates
+from physgen.perceive.segment.network import run_network
 
 SHIPPED = Path(judge.__file__).with_name(judge.JUDGE)
 FIRST = 5_000_000
@@ -69,7 +68,7 @@ def tried(work: int | tuple[Path, str]) -> Tried:
     """A drawn picture of a seed, or one of a folder."""
     cv2.setNumThreads(1)
     picture = draw(work, SIDE) if isinstance(work, int) else Picture.load(*work)
-    found = candidates(picture.rgb, see(picture.rgb))
+    found = candidates(picture.rgb, run_network(picture.rgb))
     return Tried(found, fits(found, picture))
 
 
@@ -127,7 +126,7 @@ def judged(some: Sequence[Tried]) -> dict[str, list]:
             for name in ("mean", "spread", "weights", "biases")
         }
         for one in some[1 - half :: 2]:
-            fit = worth(one.found, judge.expected(one.found.evidence, numbers))
+            fit = worth(one.found, judge.expected_fit(one.found.evidence, numbers))
             chosen = choose(one.found, fit)
             pairs += list(zip(fit[chosen].tolist(), (one.fit[chosen] >= RIGHT).tolist(), strict=True))
     fit, right = counted(pairs)
@@ -175,7 +174,7 @@ def main() -> None:
     told = judged(some)
     args.output.write_text(json.dumps(told) + "\n")
     print(
-        f"{len(NAMES)} numbers a proposal; right by expected fit: {list(zip(told['fit'], told['right'], strict=True))}",
+        f"{len(FEATURES)} numbers a proposal; right by expected fit: {list(zip(told['fit'], told['right'], strict=True))}",
         file=sys.stderr,
     )
 

@@ -1,5 +1,5 @@
 // A ball's skin, light and gloss -> the ball as it has turned in space: skin turns, light stays.
-// The same rule as physgen.render.balls: a point of the side that the photo does not show has its mirror image's colour.
+// The same rule as physgen.render.atlas: a point of the side that the photo does not show has its mirror image's colour.
 
 const RIM = 0.955; // of the radius: beyond it the skin goes on as it is there
 const CODE = Uint8ClampedArray.from({ length: 4097 }, (_, k) => {

@@ -1,5 +1,5 @@
 // Shapes at their poses -> where two of them are nearest: one or two points, and the gap, px.
-// The same rule as physgen.render.touches.between: points of one contact differ by little in their gaps.
+// The same rule as physgen.render.contacts.contact_points_between: points of one contact differ by little in their gaps.
 
 const CIRCLES = 0.15, FACES = 0.75, APART = 3;
 

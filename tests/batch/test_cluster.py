@@ -18,14 +18,14 @@ import dask_cluster
 import pytest
 from dask_cluster import Cluster, hands_of, waited
 
-from physgen.batch.cluster import farm, hands, home
-from physgen.batch.cluster.farm import run_on
-from physgen.batch.pool import Done, Job, State
+from physgen.batch import cluster, cluster_worker
+from physgen.batch.cluster import run_on_cluster
+from physgen.batch.run import Done, Job, State
 from physgen.batch.workers import LostError
-from physgen.cli import main
+from physgen.cli.main import main
+from physgen.export.video import Format
 from physgen.pipeline import Page
 from physgen.problems import InputError
-from physgen.report.video import Format
 
 MADE_BY_MACHINES = ("stages", "peak_memory_mib", "command")
 """What manifests of one clip need not agree on."""
@@ -135,8 +135,8 @@ def test_workers_of_a_scheduler_make_the_same_whether_they_see_the_folders_or_no
     if way == "shipped":
         flags += ["--ship"]
     if way == "unseen":  # another disk has another file under the same name
-        monkeypatch.setattr(home, "stamped", lambda path: (1, 2, 3))
-        monkeypatch.setattr(home.Home, "_token", lambda self, out: "no-such-file")
+        monkeypatch.setattr(cluster, "file_stamp", lambda path: (1, 2, 3))
+        monkeypatch.setattr(cluster.Home, "_token", lambda self, out: "no-such-file")
     if way == "stored":  # only this process sees it
         out = "memory://farmed"
     _, said = rendered(capfd, *flags, "-o", out, "--cluster", two.flag)
@@ -175,7 +175,7 @@ def test_a_scene_that_is_wrong_fails_alone_in_the_same_words(two: Cluster, lesso
 def test_a_worker_killed_midway_takes_no_clip_along(two: Cluster, lesson: Path) -> None:
     out = lesson.parent / "out"
     ended: list[Done] = []
-    with closing(run_on(two.flag, 1, jobs_of(lesson, out, 12))) as results:
+    with closing(run_on_cluster(two.flag, 1, jobs_of(lesson, out, 12))) as results:
         for done in results:
             ended.append(done)
             if len(ended) == 3:
@@ -187,7 +187,7 @@ def test_a_worker_killed_midway_takes_no_clip_along(two: Cluster, lesson: Path) 
 
 
 def run_on_this_machine(jobs: Sequence[Job]) -> Iterator[Done]:
-    from physgen.batch.pool import run
+    from physgen.batch.run import run
 
     return map(run, jobs)
 
@@ -209,7 +209,7 @@ class Fatal(str):
 def test_a_clip_that_always_kills_its_process_fails_alone(lesson: Path) -> None:
     jobs = jobs_of(lesson, lesson.parent / "out", 5)
     jobs[2] = replace(jobs[2], command=(Fatal("_exit(7)"),))
-    ended = list(run_on("dask", 2, jobs))
+    ended = list(run_on_cluster("dask", 2, jobs))
     assert [done.state for done in ended] == [State.FAILED if k == 2 else State.MADE for k in range(5)]
     assert "its process ended with exit code 7" in str(ended[2].problems[0])
 
@@ -218,7 +218,7 @@ def test_a_clip_that_always_kills_its_worker_fails_alone(workers: Cluster, lesso
     workers.staff(3)
     jobs = jobs_of(lesson, lesson.parent / "out", 7)
     jobs[2] = replace(jobs[2], command=(Fatal("kill(__import__('os').getppid(), 9)"),))
-    ended = list(run_on(workers.flag, 1, jobs))
+    ended = list(run_on_cluster(workers.flag, 1, jobs))
     assert [done.job.name for done in ended if done.folder is None] == ["clip-2"]
     assert "its workers died each time" in str(ended[2].problems[0])
     assert [worker.poll() for worker in workers.workers].count(None) == 1  # one in company, and one alone
@@ -237,7 +237,7 @@ def test_who_stops_leaves_nothing_running_and_the_scheduler_alone(two: Cluster, 
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=interrupt).start()
-    with pytest.raises(KeyboardInterrupt), closing(run_on(two.flag, 1, jobs)) as results:
+    with pytest.raises(KeyboardInterrupt), closing(run_on_cluster(two.flag, 1, jobs)) as results:
         next(results)
     assert len(busy) == 2
     waited(lambda: not any(Path(f"/proc/{hand}").exists() for hand in busy))
@@ -246,22 +246,22 @@ def test_who_stops_leaves_nothing_running_and_the_scheduler_alone(two: Cluster, 
 
 
 def test_workers_with_another_physgen_are_refused(two: Cluster, lesson: Path, monkeypatch) -> None:
-    ours = farm.here()
-    monkeypatch.setattr(farm, "here", lambda: {**ours, "numpy": "1.0", "sources": "0" * 64})
-    monkeypatch.setattr("physgen.batch.cluster.versions.here", farm.here)
+    ours = cluster.here()
+    monkeypatch.setattr(cluster, "here", lambda: {**ours, "numpy": "1.0", "sources": "0" * 64})
+    monkeypatch.setattr("physgen.batch.cluster_worker.here", cluster.here)
     with pytest.raises(InputError) as error:
-        list(run_on(two.flag, 1, jobs_of(lesson, lesson.parent / "out", 2)))
+        list(run_on_cluster(two.flag, 1, jobs_of(lesson, lesson.parent / "out", 2)))
     (problem,) = error.value.problems
     assert problem.found.startswith("worker tcp://127.0.0.1:")
     assert problem.expected == (
         f"has numpy {ours['numpy']}, and here is numpy 1.0: its clips would not be the same"
     )
-    monkeypatch.setattr(farm, "here", lambda: {**ours, "sources": "0" * 64})
-    monkeypatch.setattr("physgen.batch.cluster.versions.here", farm.here)
+    monkeypatch.setattr(cluster, "here", lambda: {**ours, "sources": "0" * 64})
+    monkeypatch.setattr("physgen.batch.cluster_worker.here", cluster.here)
     with pytest.raises(
         InputError, match=f"has sources {ours['sources'][:12]}, and here is sources 000000000000"
     ):
-        list(run_on(two.flag, 1, jobs_of(lesson, lesson.parent / "out", 2)))
+        list(run_on_cluster(two.flag, 1, jobs_of(lesson, lesson.parent / "out", 2)))
 
 
 def test_refined_clips_ask_for_a_gpu_where_the_cluster_has_any(
@@ -281,20 +281,22 @@ def test_refined_clips_ask_for_a_gpu_where_the_cluster_has_any(
         replace(job, overrides=(*job.overrides, "refine.backend=none", "refine.backend=wan"))
         for job in others
     ]
-    assert farm.wants_gpu(replace(plain, device="cuda"))
-    assert not farm.wants_gpu(replace(plain, overrides=("refine.backend=wan", "refine.backend=none")))
-    assert not farm.wants_gpu(plain)
+    assert cluster.wants_gpu(replace(plain, device="cuda"))
+    assert not cluster.wants_gpu(replace(plain, overrides=("refine.backend=wan", "refine.backend=none")))
+    assert not cluster.wants_gpu(plain)
     lesson.write_text(lesson.read_text() + "refine: {backend: wan}\n")
-    assert farm.wants_gpu(plain)
+    assert cluster.wants_gpu(plain)
     lesson.write_text(lesson.read_text().removesuffix("refine: {backend: wan}\n"))
-    assert all(map(farm.wants_gpu, asks))
-    monkeypatch.setattr(farm, "wants_gpu", lambda job: job.name != "clip-0")
-    assert all(done.folder for done in run_on(two.flag, 1, [plain, *others]))  # nobody has any: nobody waits
+    assert all(map(cluster.wants_gpu, asks))
+    monkeypatch.setattr(cluster, "wants_gpu", lambda job: job.name != "clip-0")
+    assert all(
+        done.folder for done in run_on_cluster(two.flag, 1, [plain, *others])
+    )  # nobody has any: nobody waits
     gpu = two.hire("--resources", "GPU=1")
     watch = Watch()
     two.scheduler.add_plugin(watch, name="watch")
     again = [replace(job, out=str(lesson.parent / "again")) for job in others]
-    assert all(done.folder for done in run_on(two.flag, 1, again))
+    assert all(done.folder for done in run_on_cluster(two.flag, 1, again))
     (address,) = {w.address for w in two.scheduler.workers.values() if w.resources.get("GPU")}
     assert set(made) == {address}
     two.scheduler.remove_plugin("watch")
@@ -309,27 +311,27 @@ def test_results_are_pulled_in_order_and_jobs_as_they_are_needed(two: Cluster, l
             pulled.append(job)
             yield job
 
-    with closing(run_on(two.flag, 1, jobs(), 400)) as results:
+    with closing(run_on_cluster(two.flag, 1, jobs(), 400)) as results:
         for k in range(4):
             assert next(results).job.name == f"clip-{k}"
-            assert len(pulled) <= k + 1 + 2 * farm.AHEAD
+            assert len(pulled) <= k + 1 + 2 * cluster.AHEAD
     assert len(pulled) < 60
 
 
 def test_many_workers_get_several_jobs_at_a_time(two: Cluster, lesson: Path, monkeypatch) -> None:
-    monkeypatch.setattr(farm, "FEW", 1)
+    monkeypatch.setattr(cluster, "FEW", 1)
     parcels = []
     monkeypatch.setattr(
-        farm._Farm,
+        cluster._Farm,
         "_begin",
-        lambda self, tasks, answers, begin=farm._Farm._begin: (
+        lambda self, tasks, answers, begin=cluster._Farm._begin: (
             parcels.append(len(tasks)),
             begin(self, tasks, answers),
         ),
     )
     jobs = jobs_of(lesson, lesson.parent / "out", 24)
     jobs[1] = replace(jobs[1], command=(Fatal("_exit(7)"),))
-    ended = list(run_on(two.flag, 1, jobs, len(jobs)))
+    ended = list(run_on_cluster(two.flag, 1, jobs, len(jobs)))
     assert [done.job.name for done in ended] == [job.name for job in jobs]
     assert [done.job.name for done in ended if done.folder is None] == ["clip-1"]
     assert max(parcels) == 2
@@ -337,9 +339,9 @@ def test_many_workers_get_several_jobs_at_a_time(two: Cluster, lesson: Path, mon
 
 
 def test_what_is_no_cluster_is_told(lesson: Path, capsys, monkeypatch) -> None:
-    from physgen.batch.cluster import hired
+    from physgen.batch import cluster
 
-    monkeypatch.setattr(hired, "TIMEOUT", 0.3)
+    monkeypatch.setattr(cluster, "TIMEOUT", 0.3)
 
     def said(*flags: str) -> str:
         assert main(["render", str(lesson), "-o", str(lesson.parent / "out"), *flags]) == 2
@@ -365,11 +367,11 @@ def test_what_is_no_cluster_is_told(lesson: Path, capsys, monkeypatch) -> None:
 
 def test_nobody_wants_a_hand_that_works_for_nobody(monkeypatch) -> None:
     """What is cancelled ends at once; a hand that has nothing to do goes."""
-    crew = hands.Crew()
+    crew = cluster_worker.Crew()
     made = []
     start = subprocess.Popen
     monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: made.append(start(*a, **k)) or made[-1])
-    monkeypatch.setattr(hands, "IDLE", 0.2)
+    monkeypatch.setattr(cluster_worker, "IDLE", 0.2)
     with pytest.raises(LostError, match="no more wanted"):
         crew.ask("", ({}, b"", None), lambda: False)
     answer = crew.ask("", ({}, b"", None), lambda: True)  # versions differ: it says so
@@ -384,7 +386,7 @@ def test_a_scheduler_that_is_lost_ends_the_run(lesson: Path, tmp_path: Path) -> 
     with dask_cluster.cluster(tmp_path / "own") as own:
         own.hire()
         jobs = jobs_of(lesson, lesson.parent / "out", 400)
-        with closing(run_on(own.flag, 1, jobs, 400)) as results:
+        with closing(run_on_cluster(own.flag, 1, jobs, 400)) as results:
             next(results)
             own.lose()
             with pytest.raises(

@@ -15,10 +15,10 @@ import pytest
 import webdataset
 import yaml
 
-from physgen.batch.dataset.found import clips
-from physgen.batch.dataset.shards import Shards
-from physgen.batch.dataset.splits import Splits, read_splits
-from physgen.cli import main
+from physgen.batch.clips import find_clips
+from physgen.batch.dataset_layouts import Shards
+from physgen.batch.dataset_samples import Splits, read_splits
+from physgen.cli.main import main
 from physgen.problems import InputError
 
 SCENE = """\
@@ -248,7 +248,7 @@ def test_links_that_lead_back_are_not_followed(made: Path, tmp_path: Path) -> No
     shutil.copytree(made / "few", copy / "few")
     (copy / "few" / "back").symlink_to(copy)
     (copy / "other").symlink_to(made / "labels")
-    assert [found.name for found in clips([copy])] == [
+    assert [found.name for found in find_clips([copy])] == [
         *(f"out/few/scene-{k}" for k in (1, 2, 3)),
         "out/other/scene-4",
     ]
@@ -353,7 +353,7 @@ def test_folders_are_walked_one_after_the_other(tmp_path: Path) -> None:
     (tmp_path / "web" / "manifest.json").write_text('{"name": "a web page"}')
     (tmp_path / "clip-2" / "inner").mkdir()
     (tmp_path / "clip-2" / "inner" / "manifest.json").write_text('{"manifest": 1, "samples": []}')
-    found = clips([tmp_path])
+    found = find_clips([tmp_path])
     assert next(found).folder == tmp_path / "b" / "clip"  # before the others are looked at
     assert [each.folder.name for each in found] == ["clip-2", "clip-10"]
 

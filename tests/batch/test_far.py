@@ -11,9 +11,9 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from physgen.batch import far, places
-from physgen.batch.fetched import fetched
-from physgen.cli import main
+from physgen.batch import remote, run
+from physgen.batch.remote_scene import fetch_scene
+from physgen.cli.main import main
 from physgen.problems import InputError
 
 SAME = ("samples", "frames", "inputs", "mark", "document", "video", "warnings", "scene", "effort")
@@ -92,7 +92,7 @@ def test_a_clip_is_not_there_before_all_of_it_is(store, lesson: Path, monkeypatc
     seen = []
 
     def watched(name: str):
-        plain = getattr(places.Far, name)
+        plain = getattr(remote.RemoteFolder, name)
 
         def method(self, *arguments):
             result = plain(self, *arguments)
@@ -105,7 +105,7 @@ def test_a_clip_is_not_there_before_all_of_it_is(store, lesson: Path, monkeypatc
                 seen.append(None)
             return result
 
-        monkeypatch.setattr(places.Far, name, method)
+        monkeypatch.setattr(remote.RemoteFolder, name, method)
 
     for name in ("write", "send", "remove"):
         watched(name)
@@ -173,13 +173,13 @@ def test_a_sweep_behind_urls_has_the_table_of_a_local_one(store, lesson: Path, c
 def test_what_a_scene_extends_is_fetched_and_told_by_its_url(store, lesson: Path) -> None:
     store.pipe_file("/all/base/scene.yaml", lesson.read_bytes())
     store.pipe_file("/all/mine/scene.yaml", b"extends: ../base/scene.yaml\nobjects: {ball: {mass: 10}}\n")
-    scene = fetched("memory://all/mine/scene.yaml")
+    scene = fetch_scene("memory://all/mine/scene.yaml")
     assert scene.parent.name == "mine"
     assert (scene.parent.parent / "base" / "scene.yaml").read_bytes() == lesson.read_bytes()
     store.pipe_file("/all/base/scene.yaml", lesson.read_bytes().replace(b"mass: 200", b"mass: heavy"))
     store.pipe_file("/all/mine2/scene.yaml", b"extends: ../base/scene.yaml\n")
     with pytest.raises(InputError) as error:
-        fetched("memory://all/mine2/scene.yaml")
+        fetch_scene("memory://all/mine2/scene.yaml")
     assert [str(p.place) for p in error.value.problems] == ["memory://all/base/scene.yaml:6:67"]
 
 
@@ -200,15 +200,17 @@ def test_a_scene_from_elsewhere_may_read_what_a_local_one_may(
     store, scene: str, said: str, monkeypatch
 ) -> None:
     asked: list[str] = []
-    plain = places.Far.fetch
+    plain = remote.RemoteFolder.fetch
     monkeypatch.setattr(
-        places.Far, "fetch", lambda self, name, *more: (asked.append(name), plain(self, name, *more))[1]
+        remote.RemoteFolder,
+        "fetch",
+        lambda self, name, *more: (asked.append(name), plain(self, name, *more))[1],
     )
     for name in ("/secret/scene.yaml", "/a/secret/photo.png", "/a/secret/scene.yaml"):
         store.pipe_file(name, b"physgen: 1\nsize: [9, 9]\nobjects: {}\n")
     store.pipe_file("/a/b/scene.yaml", scene.encode())
     with pytest.raises(InputError, match=said):
-        fetched("memory://a/b/scene.yaml")
+        fetch_scene("memory://a/b/scene.yaml")
     assert not [name for name in asked if "secret" in name or "etc" in name]
 
 
@@ -217,7 +219,7 @@ def test_a_store_may_have_files_of_any_name(store) -> None:
         fsspec.implementations.memory.MemoryFile(store, "/x", b"1")
     )
     store.pipe_file("/clips/good/manifest.json", b"{}")
-    assert list(places.far("memory://clips").files()) == ["good/manifest.json"]
+    assert list(remote.open_folder("memory://clips").files()) == ["good/manifest.json"]
 
 
 def test_libraries_that_are_missing_are_named(lesson: Path, capsys, monkeypatch) -> None:
@@ -228,7 +230,7 @@ def test_libraries_that_are_missing_are_named(lesson: Path, capsys, monkeypatch)
     )
     assert main(["render", str(lesson), "-o", "nowhere://clips"]) == 2
     assert "cannot be opened (Protocol not known: nowhere)" in capsys.readouterr().err
-    places.far.cache_clear()
+    remote.open_folder.cache_clear()
     monkeypatch.setitem(sys.modules, "fsspec.core", None)
     assert main(["render", "s3://bucket/scene.yaml", "-o", str(lesson.parent / "out")]) == 2
     assert "pip install 'physgen[remote]' s3fs" in capsys.readouterr().err
@@ -264,8 +266,8 @@ def test_a_place_that_cannot_be_written_is_one_failed_clip(store, lesson: Path, 
 
 
 def test_what_killed_runs_left_on_this_machine_goes(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(far.tempfile, "tempdir", str(tmp_path))
-    with far.own_folder() as folder:
+    monkeypatch.setattr(run.tempfile, "tempdir", str(tmp_path))
+    with run.own_folder() as folder:
         (folder / "half").write_text("x")
         assert folder.is_relative_to(tmp_path)
     (home,) = tmp_path.iterdir()
@@ -275,7 +277,7 @@ def test_what_killed_runs_left_on_this_machine_goes(tmp_path: Path, monkeypatch)
 
 def test_only_urls_import_fsspec(lesson: Path) -> None:
     code = (
-        "import sys; from physgen.cli import main; main(sys.argv[1:]); "
+        "import sys; from physgen.cli.main import main; main(sys.argv[1:]); "
         "assert not {'fsspec', 'dask', 'distributed'} & set(sys.modules)"
     )
     command = [

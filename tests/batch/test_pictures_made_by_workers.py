@@ -6,10 +6,10 @@ import shutil
 import time
 from pathlib import Path
 
-from physgen.cli import main
+from physgen.cli.main import main
+from physgen.files import machine_id
+from physgen.report.folders import FRESH
 from physgen.report.gallery import keep_pictures, write_gallery
-from physgen.report.leftovers import FRESH
-from physgen.whole import machine
 
 BALL = """\
 physgen: 1
@@ -59,7 +59,7 @@ def test_what_a_killed_worker_left_goes(tmp_path: Path) -> None:
     assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
     picture = next((out / "index.files").iterdir())
 
-    half = picture.with_name(f".{picture.name}.4194303-{machine()}.part")  # above any process number
+    half = picture.with_name(f".{picture.name}.4194303-{machine_id()}.part")  # above any process number
     half.write_bytes(b"RIFF")
     time.sleep(FRESH + 0.1)
     (tmp_path / "scene.yaml").write_text(BALL.replace("radius: 5", "radius: 6"))

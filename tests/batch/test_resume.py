@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.batch import finished
-from physgen.cli import main
-from physgen.scene.model import Scene
+from physgen.batch import resume
+from physgen.cli.main import main
+from physgen.scene.scene import Scene
 
 Render = Callable[..., dict[str, str]]
 
@@ -112,7 +112,7 @@ def test_a_clip_that_was_damaged_is_made_again(lesson: Path, render: Render) -> 
 
 def test_other_code_makes_every_clip_again(lesson: Path, render: Render, monkeypatch) -> None:
     render(lesson)
-    monkeypatch.setattr(finished, "CODE", finished.CODE[:-1])
+    monkeypatch.setattr(resume, "CODE", resume.CODE[:-1])
     assert render(lesson) == {"lesson": "made"}
 
 

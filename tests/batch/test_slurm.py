@@ -12,7 +12,7 @@ import dask
 import pytest
 from dask_cluster import alarmed, waited
 
-from physgen.cli import main
+from physgen.cli.main import main
 
 SBATCH = """\
 #!{python}

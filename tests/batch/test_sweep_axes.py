@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.batch.axes import Drawn, Listed, read_axes
-from physgen.batch.columns import Kind
 from physgen.batch.sweep import Design, planned
 from physgen.problems import InputError
+from physgen.tables import Kind
 
 
 def values(argument: str) -> list[Any]:

@@ -11,9 +11,7 @@ import pytest
 from scipy import stats
 
 from physgen.batch.axes import read_axes
-from physgen.batch.draws import read
-from physgen.batch.lots import lot, shuffled, stratified
-from physgen.batch.quantiles import below, between, normal
+from physgen.batch.distributions import below, between, lot, normal, read_distribution, shuffled, stratified
 from physgen.batch.sweep import Design, planned
 
 FEW = 1e-3
@@ -41,7 +39,10 @@ def test_draws_have_the_distribution(text: str, true: stats.rv_continuous, desig
 def test_bounds_are_kept_to_the_last_digits_however_far_from_the_mean() -> None:
     shares = np.array([1e-12, 1e-3, 0.25, 0.5, 0.9, 1 - 1e-9])
     for low, high in ((-1, 1), (-0.5, 30), (8, 9), (-np.inf, -3), (20, np.inf), (-36.5, -36.4)):
-        found = [read(f"~normal(10, 2, {10 + 2 * low}, {10 + 2 * high})").at(share).data for share in shares]
+        found = [
+            read_distribution(f"~normal(10, 2, {10 + 2 * low}, {10 + 2 * high})").at(share).data
+            for share in shares
+        ]
         assert found == pytest.approx(list(stats.truncnorm(low, high, 10, 2).ppf(shares)), rel=1e-10)
         assert all(10 + 2 * low <= value <= 10 + 2 * high for value in found)
     points = [*np.linspace(-37, 8, 91), 0.0]
@@ -49,7 +50,9 @@ def test_bounds_are_kept_to_the_last_digits_however_far_from_the_mean() -> None:
 
 
 def test_a_logarithm_of_negative_numbers_is_mirrored() -> None:
-    found = [-read("~loguniform(-100, -1)").at(share).data for share in np.linspace(0.01, 0.99, 99)]
+    found = [
+        -read_distribution("~loguniform(-100, -1)").at(share).data for share in np.linspace(0.01, 0.99, 99)
+    ]
     assert found == pytest.approx(list(stats.loguniform(1, 100).ppf(1 - np.linspace(0.01, 0.99, 99))))
 
 
@@ -100,7 +103,7 @@ def test_a_draw_depends_on_its_seed_key_and_number_alone() -> None:
 
 
 def test_draws_are_the_same_in_another_process_and_written_down() -> None:
-    code = "from physgen.batch.lots import lot, stratified; print(lot(3, 'a', 10**6), stratified(3, 'a', 5, 1000))"
+    code = "from physgen.batch.distributions import lot, stratified\\nprint(lot(3, 'a', 10**6), stratified(3, 'a', 5, 1000))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == [repr(lot(3, "a", 10**6)), repr(stratified(3, "a", 5, 1000))]
     # of the first version: a sweep that is repeated in a year has the same draws

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from physgen.batch.axes import read_axes
-from physgen.batch.each import apart
+from physgen.batch.axes import per_object, read_axes
 from physgen.batch.sweep import planned
 from physgen.problems import InputError
 
@@ -19,7 +18,7 @@ SCENE = {
 
 
 def keys(*arguments: str, scenes: tuple[Any, ...] = (SCENE,)) -> list[str]:
-    return [axis.argument for axis in apart(read_axes(arguments), scenes)]
+    return [axis.argument for axis in per_object(read_axes(arguments), scenes)]
 
 
 def said(*arguments: str, **more: Any) -> str:

@@ -11,10 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.batch.axes import read_axes
-from physgen.batch.naming import BYTES, name
-from physgen.batch.sweep import planned
+from physgen.batch.sweep import BYTES, clip_name, planned
 from physgen.batch.values import Value
-from physgen.scene.words import natural
+from physgen.text import natural
 
 
 def names(
@@ -64,7 +63,9 @@ def test_names_stay_when_a_sweep_grows() -> None:
 
 @given(st.lists(st.tuples(st.text(max_size=12), st.text(max_size=200)), max_size=12), st.integers(0, 10**7))
 def test_any_value_makes_a_name_for_a_file(told: list[tuple[str, str]], draw: int) -> None:
-    found = name(None, None, [3], draw, [(f"key{n}", Value("", data)) for n, (_, data) in enumerate(told)])
+    found = clip_name(
+        None, None, [3], draw, [(f"key{n}", Value("", data)) for n, (_, data) in enumerate(told)]
+    )
     assert len(found.encode()) <= BYTES
     assert not set(found) & set("/\\:*?\"<>| \0\n'$`~&;()[]{}!#")
     assert found.isprintable()

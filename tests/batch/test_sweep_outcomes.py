@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from physgen import pipeline
-from physgen.batch.columns import Cell
 from physgen.batch.outcomes import columns, outcomes
 from physgen.scene.schema import at
 from physgen.simulate.trajectory import Trajectory
+from physgen.tables import Cell
 
 G, FRAME = 500.0, 1 / 120
 HEAD = f"""\

@@ -16,14 +16,13 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.batch.verify import again
-from physgen.batch.verify.again import Claim, verify
-from physgen.batch.verify.motion import apart
-from physgen.batch.verify.verdict import Outcome, Recorded, Verdict, Why
-from physgen.cli import main
+from physgen.batch import verify as again
+from physgen.batch.compare import apart
+from physgen.batch.verify import Outcome, Recorded, Verdict, VerifyRequest, Why, verify
+from physgen.cli.main import main
+from physgen.export.video import Format
 from physgen.problems import InputError
-from physgen.report.video import Format
-from physgen.scene.packed import packed
+from physgen.scene.pack import pack_scene
 from physgen.simulate.trajectory import read_trajectory
 
 SCENE = """\
@@ -86,7 +85,7 @@ def edit(desk: Path, *changes: tuple[str, str]) -> None:
 
 
 def judged(desk: Path, **how: Any) -> Verdict:
-    return verify(Claim(desk / "out" / "desk", **how))
+    return verify(VerifyRequest(desk / "out" / "desk", **how))
 
 
 def manifest(desk: Path) -> dict[str, Any]:
@@ -353,19 +352,19 @@ def test_a_clip_that_was_refined_is_compared_as_it_was_drawn(desk: Path) -> None
 
 def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
     pack = tmp_path / "desk.physgen"
-    pack.write_bytes(packed(desk / "scene.yaml"))
+    pack.write_bytes(pack_scene(desk / "scene.yaml"))
     moved = tmp_path / "moved" / "clips"
     shutil.copytree(desk / "out", moved)
-    found = verify(Claim(moved / "desk"))
+    found = verify(VerifyRequest(moved / "desk"))
     assert found.outcome is Outcome.UNKNOWN
     assert [str(p) for p in found.problems] == [
         f"{moved / 'desk' / '../../scene.yaml'}: is not there; "
         "the clip or the scene was moved; name it with --scene FILE"
     ]
     for scene in (desk / "scene.yaml", pack):
-        assert verify(Claim(moved / "desk", scene)).outcome is Outcome.EQUAL
+        assert verify(VerifyRequest(moved / "desk", scene)).outcome is Outcome.EQUAL
     pipeline.render_scene(pack, tmp_path / "from", page=pipeline.Page.NONE)
-    assert verify(Claim(tmp_path / "from" / "desk")).outcome is Outcome.EQUAL
+    assert verify(VerifyRequest(tmp_path / "from" / "desk")).outcome is Outcome.EQUAL
     rewrite(desk, lambda told: told.pop("source"))
     assert [str(p) for p in judged(desk).problems] == [
         f"{desk / 'out' / 'desk' / 'manifest.json'}: does not say where its scene is: "
@@ -447,7 +446,7 @@ def test_one_manifest_of_nonsense_keeps_no_other_clip_from_being_told(
 
     for name in ("damaged", "good", "odd", "pipe"):
         shutil.copytree(desk / "out" / "desk", desk / "tree" / name / "desk")
-    monkeypatch.setattr(again, "read_told", partial(odd, again.read_told))
+    monkeypatch.setattr(again, "read_manifest", partial(odd, again.read_manifest))
     told = (desk / "tree" / "damaged" / "desk" / "manifest.json").read_text()
     endless = json.loads(told) | {"video": {"size": [float("inf"), 1]}}
     (desk / "tree" / "damaged" / "desk" / "manifest.json").write_text(json.dumps(endless))
@@ -483,7 +482,7 @@ def test_what_fails_is_a_verdict(desk: Path, monkeypatch: pytest.MonkeyPatch) ->
     def full(path: Path) -> None:
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr(again, "read_told", full)
+    monkeypatch.setattr(again, "read_manifest", full)
     found = judged(desk)
     assert found.outcome is Outcome.UNKNOWN
     assert "failed: " in found.line()

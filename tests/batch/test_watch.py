@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from physgen.cli import main
+from physgen.cli.main import main
 
 
 @pytest.fixture

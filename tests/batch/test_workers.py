@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from physgen.batch.workers import AHEAD, LostError, spread
+from physgen.batch.workers import AHEAD, LostError, run_parallel
 
 
 def slow_when_odd(item: int) -> tuple[int, int]:
@@ -69,7 +69,7 @@ def told(item: int, error: LostError) -> str:
 
 
 def test_results_come_in_the_order_of_the_items_from_several_processes() -> None:
-    got = list(spread(slow_when_odd, range(12), 2, never))
+    got = list(run_parallel(slow_when_odd, range(12), 2, never))
     assert [square for square, _ in got] == [n * n for n in range(12)]
     processes = {process for _, process in got}
     assert len(processes) == 2
@@ -77,7 +77,7 @@ def test_results_come_in_the_order_of_the_items_from_several_processes() -> None
 
 
 def test_one_worker_is_this_process() -> None:
-    assert {process for _, process in spread(slow_when_odd, range(3), 1, never)} == {os.getpid()}
+    assert {process for _, process in run_parallel(slow_when_odd, range(3), 1, never)} == {os.getpid()}
 
 
 def test_items_are_pulled_as_workers_get_free() -> None:
@@ -88,7 +88,7 @@ def test_items_are_pulled_as_workers_get_free() -> None:
             pulled.append(n)
             yield n
 
-    results = spread(slow_when_odd, items(), 2, never)
+    results = run_parallel(slow_when_odd, items(), 2, never)
     assert not pulled
     for n in range(4):
         next(results)
@@ -98,28 +98,28 @@ def test_items_are_pulled_as_workers_get_free() -> None:
 
 
 def test_an_item_whose_process_is_killed_is_tried_again(tmp_path: Path) -> None:
-    assert list(spread(partial(fatal_once, tmp_path), range(8), 2, never)) == list(range(8))
+    assert list(run_parallel(partial(fatal_once, tmp_path), range(8), 2, never)) == list(range(8))
     assert {path.name for path in tmp_path.iterdir()} == {"2", "5"}
 
 
 def test_an_item_that_kills_its_process_twice_is_lost_and_no_other() -> None:
-    got = list(spread(fatal, range(6), 2, told))
+    got = list(run_parallel(fatal, range(6), 2, told))
     assert got == [0, 1, 2, "3: its process ended with exit code 7", 4, 5]
 
 
 def test_what_work_raises_is_raised_here() -> None:
     with pytest.raises(LookupError, match="no such thing"):
-        list(spread(faulty, range(4), 2, never))
+        list(run_parallel(faulty, range(4), 2, never))
 
 
 @pytest.mark.parametrize(("items", "said"), [([0, 1], "SingularError: a"), ([0, 2], "pickle")])
 def test_what_cannot_be_handed_back_is_told_as_it_is(items: list[int], said: str) -> None:
     with pytest.raises(RuntimeError, match=said):
-        list(spread(strange, items, 2, never))
+        list(run_parallel(strange, items, 2, never))
 
 
 def test_who_stops_early_leaves_no_process_behind(tmp_path: Path) -> None:
-    results = spread(partial(naps, tmp_path), range(4), 2, never)
+    results = run_parallel(partial(naps, tmp_path), range(4), 2, never)
     with pytest.raises(KeyboardInterrupt):
         _interrupted(results, tmp_path)
     assert _all_gone(tmp_path)

@@ -10,8 +10,8 @@ from physics.sliding_disc import coupling, stop
 from physics.tabletop import mean_distance
 from pytest import approx
 
-from physgen.outline.outline import Region, Ring
-from physgen.outline.outline import mean_distance as of_outline
+from physgen.geometry.polygon import Region, Ring
+from physgen.geometry.polygon import mean_distance as of_outline
 
 G = 980.0
 

@@ -16,10 +16,9 @@ from physics.engines import Unsupported, make
 from physics.engines.mjcf import spring
 from worlds import GRAVITY, ball, box, floor, push, world
 
-from physgen.compile.pairs import surface
-from physgen.compile.world import Field, Joint, Wall, World
+from physgen.compile.world import Field, Joint, Wall, World, surface
 from physgen.problems import InputError
-from physgen.scene.model import Combine, FieldKind, JointKind, Load, Motion, Solid
+from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 

@@ -17,7 +17,9 @@ def test_bars_are_met(row: Row, tmp_path: Path) -> None:
         write_scenes(row, index, tmp_path)
         done[index, None] = run_draw(row, index, tmp_path)
     result = record(row, DRAWS, (), done)
-    found = [f"{one['name']}: {one['error']} over {one['bar']:g} in {one['worst']}" for one in result["measures"]]
+    found = [
+        f"{one['name']}: {one['error']} over {one['bar']:g} in {one['worst']}" for one in result["measures"]
+    ]
     assert result["passed"], "; ".join([*found, *result["problems"]])
 
 

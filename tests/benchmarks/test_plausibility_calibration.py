@@ -13,8 +13,8 @@ from plausibility.trial import Said
 
 from physgen.evaluate.plausibility.judge import judge
 from physgen.evaluate.plausibility.reading.clips import from_world
-from physgen.fan.statistics import mean_of_two
 from physgen.simulate.engine import simulate
+from physgen.simulate.uncertainty_summary import interval_of_mean
 
 FPS = 24
 SEED = 7001
@@ -103,6 +103,6 @@ def test_the_interval_of_balanced_accuracy_holds_it_as_often_as_it_says() -> Non
     for right, wrong in zip(
         random.binomial(72, 0.96, trials), random.binomial(366, 0.95, trials), strict=True
     ):
-        low, high = mean_of_two((int(right), 72), (int(wrong), 366))
+        low, high = interval_of_mean((int(right), 72), (int(wrong), 366))
         held += low <= (0.96 + 0.95) / 2 <= high
     assert held / trials == pytest.approx(0.95, abs=0.02)

@@ -19,9 +19,9 @@ import pytest
 from test_floors import PACKAGE, imports
 
 from physgen import pipeline
-from physgen.cache.keys import ROOMS, code_version, guidance_key, key
+from physgen.pipeline.cache_keys import ROOMS, code_version, guidance_key, key
 from physgen.report.record import inputs
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 SCENE = """\
 physgen: 1
@@ -238,7 +238,7 @@ def test_a_scene_without_a_photo_has_one(tmp_path: Path) -> None:
 def test_processes_agree(folder: Path) -> None:
     code = (
         "import sys\nfrom pathlib import Path\nfrom physgen import pipeline\n"
-        "from physgen.cache.keys import guidance_key\nfrom physgen.report.record import inputs\n"
+        "from physgen.pipeline.cache_keys import guidance_key\nfrom physgen.report.record import inputs\n"
         "path = Path(sys.argv[1])\nscene = pipeline.load(path)\n"
         "print(guidance_key(scene, inputs(scene, path), 'cpu'))"
     )
@@ -291,7 +291,7 @@ def copy(tmp_path: Path) -> Callable[..., dict[str, str]]:
     """Tells the version of a copy of the code that may be edited first."""
     shutil.copytree(PACKAGE, tmp_path / "physgen", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
-        "import json, physgen\nfrom physgen.cache.keys import ROOMS, code_version\n"
+        "import json, physgen\nfrom physgen.pipeline.cache_keys import ROOMS, code_version\n"
         "print(json.dumps([physgen.__file__, code_version(ROOMS)]))"
     )
 
@@ -334,7 +334,7 @@ def test_all_code_that_makes_frames_is_counted() -> None:
     """Whatever the pipeline's steps import, and what that imports: none lies outside the rooms."""
     steps = {"load", "percepts", "compile", "simulate", "stage", "filled", "shot", "render"}
     tree = ast.parse((PACKAGE / "pipeline" / "stages.py").read_text(encoding="utf-8"))
-    todo = ["physgen.render.backends.torch_frames"]
+    todo = ["physgen.render.torch_frames"]
     for step in tree.body:
         if isinstance(step, ast.FunctionDef) and step.name in steps:
             steps.remove(step.name)

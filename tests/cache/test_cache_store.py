@@ -16,10 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from physgen.cache import store as stores
-from physgen.cache.locks import LEASE
-from physgen.cache.sealed import INDEX
-from physgen.cache.store import MOST_BYTES, Store, opened
+from physgen.pipeline import cache as stores
+from physgen.pipeline.cache import INDEX, LEASE, MOST_BYTES, Store, open_store
 from physgen.problems import InputError, Problem
 
 KB = 1000
@@ -194,7 +192,7 @@ def test_one_that_is_read_stays(tmp_path: Path) -> None:
 WORK = """
 import sys, time
 from pathlib import Path
-from physgen.cache.store import Store
+from physgen.pipeline.cache import Store
 store = Store(Path(sys.argv[1]))
 with getattr(store, sys.argv[2])("s-a") as got:
     if sys.argv[2] == "fill":
@@ -332,13 +330,13 @@ def test_others_cannot_look_into_it(store: Store) -> None:
     ],
 )
 def test_the_bound_is_told_by_the_environment(said: str, most: int) -> None:
-    assert opened({"XDG_CACHE_HOME": "/a", "PHYSGEN_CACHE_BYTES": said}).most_bytes == most
+    assert open_store({"XDG_CACHE_HOME": "/a", "PHYSGEN_CACHE_BYTES": said}).most_bytes == most
 
 
 @pytest.mark.parametrize("said", ["much", "-1", "1 GiB", "nan", "1e", "5 5"])
 def test_a_bound_that_is_none_is_refused(said: str) -> None:
     with pytest.raises(InputError, match=r"PHYSGEN_CACHE_BYTES: .* is not a number of bytes; write"):
-        opened({"PHYSGEN_CACHE_BYTES": said})
+        open_store({"PHYSGEN_CACHE_BYTES": said})
 
 
 def test_where_a_file_system_knows_no_locks_what_was_used_today_stays(
@@ -368,13 +366,13 @@ def test_where_a_file_system_knows_no_locks_what_was_used_today_stays(
 
 def test_where_it_lies(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/somebody")
-    assert opened({"XDG_CACHE_HOME": "/a"}).root == Path("/a/physgen/stages")
+    assert open_store({"XDG_CACHE_HOME": "/a"}).root == Path("/a/physgen/stages")
     for home in ("", "relative"):  # the standard has relative ones ignored
-        assert opened({"XDG_CACHE_HOME": home}).root == Path("/home/somebody/.cache/physgen/stages")
+        assert open_store({"XDG_CACHE_HOME": home}).root == Path("/home/somebody/.cache/physgen/stages")
 
 
 def test_no_test_touches_the_users_own() -> None:
-    assert Path.home() / ".cache" not in opened().root.parents
+    assert Path.home() / ".cache" not in open_store().root.parents
 
 
 def test_entries_are_listed_once_a_hundredth_of_the_bound_was_added(

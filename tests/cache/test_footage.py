@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.cache.footage import Add, Footage, footage
-from physgen.cache.store import Store
+from physgen.pipeline.cache import Store
+from physgen.pipeline.footage import Add, Footage, footage
 from physgen.problems import Problem
 from physgen.simulate.trajectory import Trajectory
 

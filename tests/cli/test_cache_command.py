@@ -8,20 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from physgen.cache.locks import LEASE
-from physgen.cache.store import opened
-from physgen.cli import main
+from physgen.cli.main import main
+from physgen.pipeline.cache import LEASE, open_store
 
 
 def put(key: str, size: int) -> None:
-    with opened().fill(key) as filling:
+    with open_store().fill(key) as filling:
         assert filling is not None
         (filling.folder / "data").write_bytes(b"x" * size)
 
 
 def test_show_of_nothing_makes_nothing(capsys) -> None:
     assert main(["cache", "show"]) == 0
-    root = opened().root
+    root = open_store().root
     assert capsys.readouterr().out == f"{root}\nall       0 entries, 0 bytes of 5 GB\n"
     assert main(["cache", "clear"]) == 0
     assert capsys.readouterr().out == f"{root}: 0 entries removed, 0 bytes freed\n"
@@ -34,7 +33,7 @@ def test_show_and_clear(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     put("guidance-a", 1_500_000)
     put("guidance-b", 2_500_000)
     put("other-c", 300)
-    store = opened()
+    store = open_store()
     os.utime(store.root / "guidance-b" / LEASE, (1_000_000_000, 1_000_000_000))
     small = sum(p.stat().st_size for p in (store.root / "other-c").iterdir())
     assert main(["cache", "show"]) == 0
@@ -68,7 +67,7 @@ def test_show_and_clear(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_answers_of_a_language_model_stay(capsys) -> None:
-    answer = opened().root.parent / "vlm" / "ab" / "answer.json"
+    answer = open_store().root.parent / "vlm" / "ab" / "answer.json"
     answer.parent.mkdir(parents=True)
     answer.write_text("{}")
     assert main(["cache", "clear"]) == 0
@@ -106,7 +105,7 @@ def test_a_wrong_bound_gets_one_line(capsys, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_folder_that_cannot_be_cleared_is_told_of(capsys, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    (opened().root / ".lock").mkdir(parents=True)
+    (open_store().root / ".lock").mkdir(parents=True)
     assert main(["cache", "clear"]) == 1
     told = capsys.readouterr().err
-    assert told == f"{opened().root / '.lock'}: Is a directory\n"
+    assert told == f"{open_store().root / '.lock'}: Is a directory\n"

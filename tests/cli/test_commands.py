@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.simulate.trajectory import read_trajectory
 
 LESSON = """\
@@ -381,7 +381,7 @@ def test_backends_and_schema_print(capsys) -> None:
 def test_a_command_imports_only_what_it_uses() -> None:
     def modules(*arguments: str) -> set[str]:
         code = (
-            "import sys\nfrom physgen.cli import main\n"
+            "import sys\nfrom physgen.cli.main import main\n"
             f"try:\n    main({list(arguments)!r})\nexcept SystemExit:\n    pass\n"
             "print('\\n'.join(sys.modules), file=sys.stderr)"
         )

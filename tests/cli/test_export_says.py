@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from physgen.cli import main
+from physgen.cli.main import main
 
 SCENE = """\
 physgen: 1

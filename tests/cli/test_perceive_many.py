@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.cli import main
+from physgen.cli.main import main
 
 
 @pytest.fixture

@@ -16,13 +16,13 @@ import pytest
 from PIL import Image
 from pytest import approx
 
-from physgen import backends
-from physgen.backends import Backend
-from physgen.cli import main
+from physgen import registry
+from physgen.cli.main import main
+from physgen.export.video import Format, open_video
 from physgen.problems import InputError
-from physgen.refine.refining import How, Refinement
-from physgen.refine.roles import Said
-from physgen.report.video import Format, open_video
+from physgen.refine.denoiser import PromptSettings
+from physgen.refine.fusion import Refinement, RefineSettings
+from physgen.registry import Backend
 from physgen.scene.schema import at
 
 SIZE, COUNT, FPS = (45, 34), 6, 12.0
@@ -63,8 +63,8 @@ def stopped(setup):
 
 @pytest.fixture(autouse=True)
 def _rows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    others = tuple(row for row in backends.BACKENDS if row.role != "refine")
-    monkeypatch.setattr(backends, "BACKENDS", (*others, *ROWS))
+    others = tuple(row for row in registry.BACKENDS if row.role != "refine")
+    monkeypatch.setattr(registry, "BACKENDS", (*others, *ROWS))
     monkeypatch.setitem(sys.modules, "test_refine_command", sys.modules[__name__])
     monkeypatch.chdir(tmp_path)
 
@@ -145,8 +145,8 @@ def test_frames_are_those_of_algorithm_1_to_the_byte(
     assert main(["refine", "frames", "--masks", "masks", "-o", "new", *how, *words]) == 0
     assert capsys.readouterr() == ("new\n", "")
     rgb, cover = drawn()
-    said = Said("a disc", "blur", 3.5)
-    direct = Refinement(gaussian.Gaussian(), How(0.4, 3, 20, 7, said, 0.25, 0.5, 0), SIZE, COUNT)
+    said = PromptSettings("a disc", "blur", 3.5)
+    direct = Refinement(gaussian.Gaussian(), RefineSettings(0.4, 3, 20, 7, said, 0.25, 0.5, 0), SIZE, COUNT)
     wanted = list(direct.frames(list(rgb), list(cover / np.float32(255))))
     assert np.array_equal(pictures(tmp_path / "new"), wanted)
     assert np.abs(np.stack(wanted).astype(int) - rgb).mean() > 3
@@ -249,7 +249,7 @@ def test_without_masks_everything_may_change_and_that_is_said(frames: Path, tmp_
         '--prompt "billiard balls on green cloth"',
     ]
     rgb, cover = drawn()
-    how = How(0.5, 5, 50, 0, Said("", "", None), 0.0, 1.0, 0)
+    how = RefineSettings(0.5, 5, 50, 0, PromptSettings("", "", None), 0.0, 1.0, 0)
     direct = Refinement(gaussian.Gaussian(), how, SIZE, COUNT).frames(
         list(rgb), [0 * cover[0] / np.float32(1)] * COUNT
     )
@@ -435,7 +435,7 @@ def test_a_full_disk_is_one_message_and_the_old_video_is_still_there(
     (tmp_path / "new.mp4").write_bytes(b"old")
     code = (
         "import resource, sys\n"
-        "from physgen import backends\nfrom physgen.cli import main\n"
+        "from physgen import backends\nfrom physgen.cli.main import main\n"
         "row = backends.Backend('refine', 'exact', 'gaussian:made', '', told=True)\n"
         "backends.BACKENDS = (*(r for r in backends.BACKENDS if r.role != 'refine'), row)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
@@ -443,7 +443,7 @@ def test_a_full_disk_is_one_message_and_the_old_video_is_still_there(
         f"sys.exit(main([*run, '-o', {output!r}]))"
     )
     before = sorted(tmp_path.rglob("*"))
-    paths = [str(Path(gaussian.__file__).parent), str(Path(backends.__file__).parent.parent)]
+    paths = [str(Path(gaussian.__file__).parent), str(Path(registry.__file__).parent.parent)]
     run = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path[:0] = {paths!r}\n{code}"],
         capture_output=True,
@@ -470,9 +470,9 @@ def test_a_picture_too_large_for_the_format_is_refused_before_the_model_runs(tmp
 def test_the_same_work_can_be_asked_for_from_python(
     frames: Path, masks: Path, tmp_path: Path, capsys
 ) -> None:
-    from physgen.crew import Plan, choices
-    from physgen.refine_video import refine_video
-    from physgen.scene.freeze import refinement
+    from physgen.pipeline.refine_video import refine_video
+    from physgen.registry import Plan, choices
+    from physgen.scene.load import refinement
     from physgen.scene.schema import with_defaults
 
     settings = refinement(with_defaults({"strength": 0.2}, at("refine")))
@@ -492,13 +492,13 @@ def test_the_same_work_can_be_asked_for_from_python(
 def test_a_crew_keeps_its_model_for_the_next_video_and_a_plan_lets_it_go(
     frames: Path, tmp_path: Path
 ) -> None:
-    from physgen.crew import Crew, Plan, choices
-    from physgen.refine_video import refine_video
-    from physgen.scene.freeze import refinement
+    from physgen.pipeline.refine_video import refine_video
+    from physgen.registry import Backends, Plan, choices
+    from physgen.scene.load import refinement
     from physgen.scene.schema import with_defaults
 
     settings = refinement(with_defaults({}, at("refine")))
-    crew = Crew(Plan(choices(["refine=exact"])))
+    crew = Backends(Plan(choices(["refine=exact"])))
     model = crew.get("refine")
     for name in ("a.mp4", "b.mp4"):
         refine_video(frames, None, tmp_path / name, settings, crew)

@@ -16,8 +16,8 @@ import pyarrow.parquet
 import pytest
 
 from physgen import tables
-from physgen.batch import asked
-from physgen.cli import main
+from physgen.batch import sweep_files
+from physgen.cli.main import main
 
 LESSON = """\
 physgen: 1
@@ -93,9 +93,9 @@ def test_the_same_again_makes_nothing_and_gives_the_same_table(lesson: Path, tmp
     assert {p: p.stat().st_mtime_ns for p in times} == times
     changed = [p.name for p in before if before[p] != after[p]]
     assert changed in ([], ["sweep.json"])  # which holds the command
-    told = asked.read_asked(out)
+    told = sweep_files.read_sweep_record(out)
     assert told is not None
-    again = asked.sweep_of(told)
+    again = sweep_files.sweep_of(told)
     assert [point.name for point in again] == sorted(p.name for p in out.iterdir() if p.is_dir())[:3]
     assert told["sha256"] == hashlib.sha256(lesson.read_bytes()).hexdigest()
     assert (out / told["scene"]).resolve() == lesson.resolve()
@@ -225,7 +225,7 @@ def test_whole_numbers_too_large_for_floats_have_their_tables(lesson: Path, tmp_
 
 
 def test_what_parquet_cannot_hold_leaves_the_csv(tmp_path: Path) -> None:
-    from physgen.batch.columns import Column, Kind
+    from physgen.tables import Column, Kind
 
     (tmp_path / "sweep.parquet").write_text("of the run before")
     with tables.Table(tmp_path / "sweep", [Column("n", Kind.WHOLE)]) as made:
@@ -331,13 +331,13 @@ def test_each_object_has_draws_of_its_own_where_asked(lesson: Path, tmp_path: Pa
 
 
 def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monkeypatch) -> None:
-    from physgen.batch import rows
+    from physgen.batch import sweep_files
 
     def stop(*arguments: object) -> None:
         assert (tmp_path / "out" / "sweep.part.csv").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(rows, "row", stop)
+    monkeypatch.setattr(sweep_files, "row", stop)
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 130
     monkeypatch.undo()
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
@@ -350,7 +350,7 @@ def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monk
 
 
 def test_rows_by_the_ten_thousand_go_out_in_groups(tmp_path: Path) -> None:
-    from physgen.batch.columns import Column, Kind
+    from physgen.tables import Column, Kind
 
     columns = [Column("n", Kind.WHOLE), Column("x"), Column("word", Kind.TEXT), Column("on", Kind.TRUTH)]
     with tables.Table(tmp_path / "sweep", columns) as made:
@@ -372,7 +372,7 @@ def test_rows_by_the_ten_thousand_go_out_in_groups(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
-    from physgen.batch.columns import Column, Kind
+    from physgen.tables import Column, Kind
 
     (tmp_path / "sweep.csv").write_text("of the run before\n")
 

@@ -14,9 +14,9 @@ import pytest
 from PIL import Image
 from pytest import approx
 
-from physgen.clips.reading import in_folder, open_clip
+from physgen.export.video import Format, open_video
 from physgen.problems import InputError
-from physgen.report.video import Format, open_video
+from physgen.videos import in_folder, read_video
 
 COLOURS = [
     (128, 128, 128),
@@ -80,14 +80,14 @@ def bare_mp4(path: Path, frames: list[np.ndarray], tag: int | None, times=None, 
 
 def told(path: Path) -> str:
     with pytest.raises(InputError) as error:
-        open_clip(path)
+        read_video(path)
     [problem] = error.value.problems
     return str(problem)
 
 
 def test_what_we_write_comes_back_in_its_colours(tmp_path: Path) -> None:
     frames = [np.full((32, 48, 3), colour, np.uint8) for colour in COLOURS]
-    clip = open_clip(written(tmp_path, Format.MP4, frames))
+    clip = read_video(written(tmp_path, Format.MP4, frames))
     assert (clip.size, len(clip.frames), clip.fps, clip.remarks) == ((48, 32), 7, 24.0, ())
     for colour, frame in zip(COLOURS, clip.frames, strict=True):
         assert frame[16, 24].astype(int) == approx(np.array(colour), abs=1)
@@ -98,7 +98,7 @@ def test_colours_of_other_programs_are_read_by_their_own_matrix(
     tmp_path: Path, tag: int | None, lines: int
 ) -> None:
     frames = [np.full((lines, 48, 3), colour, np.uint8) for colour in COLOURS]
-    clip = open_clip(bare_mp4(tmp_path / "a.mp4", frames, tag))
+    clip = read_video(bare_mp4(tmp_path / "a.mp4", frames, tag))
     for colour, frame in zip(COLOURS, clip.frames, strict=True):
         assert frame[lines // 2, 24].astype(int) == approx(np.array(colour), abs=2)
 
@@ -109,7 +109,9 @@ def test_untagged_high_definition_is_read_as_players_do(tmp_path: Path) -> None:
     y = 0.299 * red + 0.587 * green + 0.114 * blue
     u, v = (blue - y) / 1.772, (red - y) / 1.402
     seen = np.array([y + 1.5748 * v, y - 0.1873 * u - 0.4681 * v, y + 1.8556 * u])
-    clip = open_clip(bare_mp4(tmp_path / "a.mp4", [np.full((720, 16, 3), (200, 30, 30), np.uint8)] * 2, None))
+    clip = read_video(
+        bare_mp4(tmp_path / "a.mp4", [np.full((720, 16, 3), (200, 30, 30), np.uint8)] * 2, None)
+    )
     assert clip.frames[0][9, 9].astype(int) == approx(seen, abs=2)
 
 
@@ -117,7 +119,7 @@ def test_untagged_high_definition_is_read_as_players_do(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", [Format.GIF, Format.WEBP])
 def test_gif_and_webp_are_as_another_reader_sees_them(tmp_path: Path, size, kind: Format) -> None:
     path = written(tmp_path, kind, drawn(size))
-    clip = open_clip(path)
+    clip = read_video(path)
     assert (clip.size, clip.fps) == (size, approx(24, rel=0.03))
     assert clip.remarks == ()
     if kind is Format.GIF:
@@ -136,7 +138,7 @@ def test_a_png_that_plays_is_exact_and_lies_on_white(tmp_path: Path) -> None:
     frames[3][:8, :8, 3] = 0
     pages = [Image.fromarray(frame) for frame in frames]
     pages[0].save(tmp_path / "a.png", save_all=True, append_images=pages[1:], duration=50)
-    clip = open_clip(tmp_path / "a.png")
+    clip = read_video(tmp_path / "a.png")
     assert clip.fps == approx(20)
     wanted = drawn()
     wanted[3][:8, :8] = 255
@@ -150,7 +152,7 @@ def test_a_folder_is_read_in_the_order_people_count(tmp_path: Path) -> None:
     for other in ("notes.txt", ".hidden.png", "Thumbs.db"):
         (tmp_path / other).write_text("no picture")
     (tmp_path / "sub").mkdir()
-    clip = open_clip(tmp_path)
+    clip = read_video(tmp_path)
     assert np.array_equal(np.stack(list(clip.frames)), frames)
     assert clip.fps is None
     assert [p.name for p in in_folder(tmp_path)][-2:] == ["f10.png", "f11.png"]
@@ -158,7 +160,7 @@ def test_a_folder_is_read_in_the_order_people_count(tmp_path: Path) -> None:
 
 def test_one_picture_is_a_video_of_one_frame(tmp_path: Path) -> None:
     Image.fromarray(drawn()[0]).save(tmp_path / "a.png")
-    clip = open_clip(tmp_path / "a.png")
+    clip = read_video(tmp_path / "a.png")
     assert len(clip.frames) == 1
     assert np.array_equal(clip.frames[0], drawn()[0])
 
@@ -180,7 +182,7 @@ def turned(path: Path, a: int, b: int, c: int, d: int) -> Path:
 @pytest.mark.parametrize(("matrix", "turns"), [((0, 1, -1, 0), -1), ((-1, 0, 0, -1), 2), ((0, -1, 1, 0), 1)])
 def test_a_phone_held_on_its_side_is_read_upright(tmp_path: Path, matrix, turns: int) -> None:
     path = written(tmp_path, Format.MP4, drawn())
-    clip, plain = open_clip(turned(path, *matrix)), open_clip(path)
+    clip, plain = read_video(turned(path, *matrix)), read_video(path)
     assert clip.size == ((48, 32) if turns == 2 else (32, 48))
     assert np.array_equal(clip.frames[2], np.rot90(plain.frames[2], turns))
     seen = cv2.VideoCapture(str(path.with_name("turned.mp4"))).read()[1][..., ::-1]
@@ -189,13 +191,13 @@ def test_a_phone_held_on_its_side_is_read_upright(tmp_path: Path, matrix, turns:
 
 def test_a_mirrored_video_is_read_as_it_is_shown(tmp_path: Path) -> None:
     path = written(tmp_path, Format.MP4, drawn())
-    clip, plain = open_clip(turned(path, -1, 0, 0, 1)), open_clip(path)
+    clip, plain = read_video(turned(path, -1, 0, 0, 1)), read_video(path)
     assert np.array_equal(clip.frames[2], plain.frames[2][:, ::-1])
 
 
 @pytest.mark.parametrize("kind", [Format.MP4, Format.GIF, Format.WEBP, Format.PNG])
 def test_frames_are_the_same_in_whatever_order_they_are_asked_for(tmp_path: Path, kind: Format) -> None:
-    frames = open_clip(written(tmp_path, kind, drawn(count=9))).frames
+    frames = read_video(written(tmp_path, kind, drawn(count=9))).frames
     whole = list(frames)
     for index in (8, 0, 3, 3, 4, 2, -1, 7):
         assert np.array_equal(frames[index], whole[index])
@@ -209,7 +211,7 @@ def test_frames_are_the_same_in_whatever_order_they_are_asked_for(tmp_path: Path
 
 def test_a_file_that_loses_frames_while_it_is_read_is_told_of(tmp_path: Path) -> None:
     path = written(tmp_path, Format.MP4, drawn(count=9))
-    frames = open_clip(path).frames
+    frames = read_video(path).frames
     written(tmp_path, Format.MP4, drawn(count=4))
     with pytest.raises(
         InputError, match="has lost frames since it was opened; leave it as it is while it is read"
@@ -231,21 +233,21 @@ def test_sound_is_said_to_be_dropped(tmp_path: Path) -> None:
         container.mux(sound.encode(silence))
         for stream in (video, sound):
             container.mux(stream.encode(None))
-    [remark] = open_clip(path).remarks
+    [remark] = read_video(path).remarks
     assert str(remark) == f"{path}: warning: has sound; the new video has none"
 
 
 def test_uneven_times_and_oblong_pixels_are_said(tmp_path: Path) -> None:
     times = [0, 4, 8, 12, 52, 56, 60]
     path = bare_mp4(tmp_path / "a.mp4", drawn(), 1, times, Fraction(4, 3))
-    shape, uneven = map(str, open_clip(path).remarks)
+    shape, uneven = map(str, read_video(path).remarks)
     assert shape == f"{path}: warning: has pixels of 4/3 times their height; the new video's are square"
     assert "shows some frames for 0.04 s, others for 0.4 s; now all are shown equally long, at" in uneven
     pages = [Image.fromarray(frame) for frame in drawn()]
     pages[0].save(
         tmp_path / "a.gif", save_all=True, append_images=pages[1:], duration=[40, 40, 40, 400, 40, 40, 40]
     )
-    [uneven] = open_clip(tmp_path / "a.gif").remarks
+    [uneven] = read_video(tmp_path / "a.gif").remarks
     assert (
         "shows some frames for 0.04 s, others for 0.4 s; now all are shown equally long, at 10.94 fps"
         in str(uneven)

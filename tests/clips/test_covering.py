@@ -10,10 +10,9 @@ import pytest
 from PIL import Image
 from pytest import approx
 
-from physgen.clips.covering import Coverage, open_coverage
-from physgen.clips.reading import open_clip
+from physgen.export.video import Format, open_video
 from physgen.problems import InputError
-from physgen.report.video import Format, open_video
+from physgen.videos import Coverage, open_coverage, read_video
 
 SIZE = (24, 16)
 SOFT = np.zeros((16, 24), np.uint8)
@@ -39,7 +38,7 @@ def saved(folder: Path, *pictures: Image.Image, kind: str = "png", **how) -> Pat
 
 
 def opened(masks: Path, video: Path) -> Coverage:
-    return open_coverage(masks, open_clip(video))
+    return open_coverage(masks, read_video(video))
 
 
 def told(masks: Path, video: Path) -> str:

@@ -11,9 +11,9 @@ import pytest
 from pytest import approx
 
 from physgen import pipeline
-from physgen.compile.pairs import pair_table
+from physgen.compile.world import pair_table
 from physgen.problems import InputError
-from physgen.scene.model import Motion
+from physgen.scene.scene import Motion
 
 
 def scene(tmp_path: Path, body: str, head: str = "size: [200, 150]"):

@@ -10,9 +10,9 @@ import pytest
 from pytest import approx
 
 from physgen import pipeline
-from physgen.compile import attach
+from physgen.compile import compile
 from physgen.problems import InputError
-from physgen.scene.model import FieldKind, JointKind
+from physgen.scene.scene import FieldKind, JointKind
 
 BODY = """\
 objects:
@@ -93,7 +93,7 @@ fields:
 
 
 def test_endless_pulls_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(attach, "MOST_PULLS", 5)
+    monkeypatch.setattr(compile, "MOST_PULLS", 5)
     fields = "".join(f"  f{k}: {{wind: [1, 0], drag: 1}}\n" for k in range(3))
     with pytest.raises(
         InputError, match="fields: 6 pulls of fields on objects are too many; name the objects"

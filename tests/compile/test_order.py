@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.scene.document import read
-from physgen.scene.node import Source, plain
-from physgen.scene.words import natural
+from physgen.scene.document import Source, plain, read
 from physgen.scene.write import scene_text
+from physgen.text import natural
 
 FULL = Path(__file__).parents[1] / "scene" / "full.yaml"
 SECTIONS = ("objects", "boundaries", "joints", "fields", "variants")

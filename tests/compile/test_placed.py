@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.compile.placed import pictured
+from physgen.compile.appearance import body_in_photo
 from physgen.compile.world import World
-from physgen.export.places import Still
+from physgen.export.correspondence import PhotoPose
 from physgen.render.stage import Frame
 from physgen.report.drawing import scene_svg
 
@@ -69,7 +69,7 @@ def shown() -> tuple[Frame, Frame, np.ndarray]:
         compiled = pipeline.compile(scene, maps)
         run = pipeline.simulate(compiled.world)
         frames.append(next(iter(pipeline.render(pipeline.stage(scene, compiled, maps), run))))
-    still = Still.of(run, compiled.world)
+    still = PhotoPose.of(run, compiled.world)
     return frames[0], frames[1], still.poses[8]
 
 
@@ -105,7 +105,7 @@ def test_what_is_drawn_over_the_photo_is_where_the_photo_shows_it(
     for edits in ((), ("objects.domino-9.place=[880, 200, 140]",)):
         scene = pipeline.load(text, edits)
         world = pipeline.compile(scene, pipeline.percepts(scene)).world
-        bodies.append(pictured(world.bodies[8]))
+        bodies.append(body_in_photo(world.bodies[8]))
         assert (scene_svg(scene, world, shown[0].rgb).count("<image") == 1) is not bool(edits)
     np.testing.assert_allclose(
         bodies[1].rings[0] + bodies[1].center, bodies[0].rings[0] + bodies[0].center, atol=1e-9

@@ -10,9 +10,8 @@ import pytest
 from pytest import approx
 
 from physgen import pipeline
-from physgen.compile.reach import Lines
-from physgen.geometry import polygon_moments
-from physgen.outline.outline import Disc
+from physgen.compile.reach import WallSegments
+from physgen.geometry.polygon import Disc, polygon_moments
 from physgen.problems import InputError
 
 HEIGHT, WIDTH = 150, 200
@@ -71,7 +70,7 @@ def test_what_stands_on_a_mask_touches_it(tmp_path: Path, shape: str) -> None:
     c = compiled(tmp_path, "objects: {a: {mask: 1}}\nboundaries: {hill: {mask: 7}}")
     body = c.world.bodies[0]
     assert (body.radius is not None) == (shape == "ball")
-    lines = Lines(c.world.walls)
+    lines = WallSegments(c.world.walls)
     assert lines.across(body).get(0, 0.0) < 0.01
     assert lines.across(body, np.array([0.0, 0.3]))[0] > 0.2  # it is in contact, not above
 

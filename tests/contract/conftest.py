@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from physgen.backends import Setup
+from physgen.registry import Setup
 
 
 class Tiny:
@@ -43,7 +43,7 @@ class Tiny:
 @pytest.fixture(scope="session")
 def video(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
     """Kind of weights, options -> a video model that runs on tiny ones; with the same options, the same model."""
-    from physgen import backends
+    from physgen import registry
     from tests.contract.tiny_video import VARIANTS
 
     root, paths, made = tmp_path_factory.mktemp("video"), {}, {}
@@ -54,7 +54,7 @@ def video(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Callable[...,
             paths[variant] = build(root / variant)
         key = (variant, dtype, *sorted(options.items()))
         if key not in made:
-            made[key] = backends.make("refine", row, Setup(paths[variant], "cpu", dtype, options))
+            made[key] = registry.make("refine", row, Setup(paths[variant], "cpu", dtype, options))
         return made[key]
 
     return model

@@ -11,20 +11,29 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.roles import Category, LightGuess, Matter, Name, Segments, Setting, Shadows, Thing
+from physgen import registry
+from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.perceive.roles import (
+    BoundaryGuess,
+    Category,
+    LightGuess,
+    Matter,
+    Name,
+    PhotoObject,
+    Segments,
+    Shadows,
+)
 from physgen.photometry import DistantLight, decode
-from physgen.refine.refining import How, Refinement
-from physgen.refine.roles import Denoiser, Said
-from physgen.scene.model import View
+from physgen.refine.denoiser import Denoiser, PromptSettings
+from physgen.refine.fusion import Refinement, RefineSettings
+from physgen.scene.scene import View
 
-ROWS = list(backends.BACKENDS)
+ROWS = list(registry.BACKENDS)
 """All of them: a library that is missing fails here, and hides nothing."""
 SIZE = 160, 120
 
 
-def photo() -> tuple[np.ndarray, np.ndarray, list[Thing]]:
+def photo() -> tuple[np.ndarray, np.ndarray, list[PhotoObject]]:
     """A ball and a block on a table before a wall."""
     width, height = SIZE
     random = np.random.default_rng(1)
@@ -43,8 +52,8 @@ def photo() -> tuple[np.ndarray, np.ndarray, list[Thing]]:
     rgb = cv2.GaussianBlur(rgb, (0, 0), 0.7)
     corners = np.array([[99.5, 54.5], [129.5, 54.5], [129.5, 94.5], [99.5, 94.5]])
     things = [
-        Thing(1, Disc(np.array([45.0, 75.0]), 20.0), "ball"),
-        Thing(2, Region((Ring(corners),)), "wooden block"),
+        PhotoObject(1, Disc(np.array([45.0, 75.0]), 20.0), "ball"),
+        PhotoObject(2, Region((Ring(corners),)), "wooden block"),
     ]
     return np.clip(rgb, 0, 255).astype(np.uint8), labels, things
 
@@ -96,9 +105,9 @@ def check_physics(run, rgb, labels, things):
 
 
 def surfaces(rgb, labels, things):
-    setting = backends.make("boundary")(rgb, labels, things, None)
-    normals = backends.make("normals")(rgb, labels, things, setting)
-    return normals, backends.make("intrinsic")(rgb, labels, normals)
+    setting = registry.make("boundary")(rgb, labels, things, None)
+    normals = registry.make("normals")(rgb, labels, things, setting)
+    return normals, registry.make("intrinsic")(rgb, labels, normals)
 
 
 def check_depth(run, rgb, labels, things):
@@ -114,7 +123,7 @@ def check_depth(run, rgb, labels, things):
 def check_normals(run, rgb, labels, things):
     for view in (View.SIDE, View.TOP):
         for seen in (things, []):
-            setting = backends.make("boundary")(rgb, labels, seen, view)
+            setting = registry.make("boundary")(rgb, labels, seen, view)
             normals = run(rgb, labels if seen else np.zeros_like(labels), seen, setting)
             assert normals.shape == rgb.shape
             assert normals.dtype == np.float32
@@ -122,7 +131,7 @@ def check_normals(run, rgb, labels, things):
             assert normals[..., 2].min() > -1e-3  # what is seen faces the viewer
     if hasattr(run, "close"):  # a model: with random weights it knows nothing of balls
         return
-    setting = backends.make("boundary")(rgb, labels, things, View.SIDE)
+    setting = registry.make("boundary")(rgb, labels, things, View.SIDE)
     normals = run(rgb, labels, things, setting)
     y, x = np.mgrid[: labels.shape[0], : labels.shape[1]]
     u, v = (x - 45) / 20, (y - 75) / 20
@@ -188,11 +197,11 @@ def check_inpaint(run, rgb, labels, things):
 
 def check_shadow(run, rgb, labels, things):
     coverage = (labels > 0).astype(np.float32)
-    matter = backends.make("physics")(rgb, things, None)
-    light = backends.make("light")(rgb, labels, things, *surfaces(rgb, labels, things))
+    matter = registry.make("physics")(rgb, things, None)
+    light = registry.make("light")(rgb, labels, things, *surfaces(rgb, labels, things))
     y, x = np.mgrid[: labels.shape[0], : labels.shape[1]]
     for view in (View.SIDE, View.TOP):
-        setting = backends.make("boundary")(rgb, labels, things, view)
+        setting = registry.make("boundary")(rgb, labels, things, view)
         found = run(rgb, coverage, labels, things, matter, setting, light)
         assert isinstance(found, Shadows)
         assert 0 <= found.confidence <= 1
@@ -206,7 +215,7 @@ def check_shadow(run, rgb, labels, things):
     shadow = cv2.GaussianBlur(np.clip(20.5 - np.hypot(x - 60, y - 88), 0, 1), (0, 0), 2)
     seen = np.rint(table * (1 - 0.4 * shadow[..., None])).astype(np.uint8)
     ball = np.where(labels == 1, labels, 0).astype(np.uint16)
-    setting = backends.make("boundary")(seen, ball, things[:1], View.TOP)
+    setting = registry.make("boundary")(seen, ball, things[:1], View.TOP)
     even = LightGuess(DistantLight((0.0, 0.0, 1.0), 0.8, 0.4), 0.1, "")
     found = run(seen, (ball > 0).astype(np.float32), ball, things[:1], matter, setting, even)
     assert found.clean is not None
@@ -237,7 +246,7 @@ def check_boundary(run, rgb, labels, things):
     }
     for view in (None, View.SIDE, View.TOP):
         setting = run(rgb, labels, things, view, **given)
-        assert isinstance(setting, Setting)
+        assert isinstance(setting, BoundaryGuess)
         assert view is None or setting.view is view
         assert len({wall.name for wall in setting.walls}) == len(setting.walls)
         for wall in setting.walls:
@@ -250,7 +259,7 @@ def check_boundary(run, rgb, labels, things):
 
 def check_refine(run, rgb, labels, things):
     assert isinstance(run, Denoiser)
-    how = How(0.5, 1, 4, 3, Said("a ball", "blur", None), 0.0, 1.0, 0)
+    how = RefineSettings(0.5, 1, 4, 3, PromptSettings("a ball", "blur", None), 0.0, 1.0, 0)
     guidance = [np.ascontiguousarray(rgb[60:83, k : k + 37]) for k in range(3)]
     ball = [np.ones((23, 37), np.float32)] * 3
     whole = Refinement(run, replace(how, stop=0), (37, 23), 3, weight=lambda k, count: 0.0)
@@ -290,13 +299,13 @@ CHECKS = {
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.role}-{row.name}")
-def test_keeps_to_its_role(row: backends.Backend, scenery, tiny, request: pytest.FixtureRequest):
+def test_keeps_to_its_role(row: registry.Backend, scenery, tiny, request: pytest.FixtureRequest):
     if row.name == "vlm":
         request.getfixturevalue("vlm_stub")
     if "torchvision" in row.needs:
         request.getfixturevalue("torchvision_stub")
     known = (row.role, row.name) in tiny
-    run = backends.make(row.role, row.name, tiny.setup(row.role, row.name) if known else None)
+    run = registry.make(row.role, row.name, tiny.setup(row.role, row.name) if known else None)
     if row.role in CHECKS:
         CHECKS[row.role](run, *scenery)
     else:
@@ -310,6 +319,6 @@ def test_keeps_to_its_role(row: backends.Backend, scenery, tiny, request: pytest
 
 
 def test_every_role_has_a_check():
-    from physgen.perceive.scene import ROLES
+    from physgen.perceive.perceive import ROLES
 
-    assert {*ROLES, "refine", "features", "flow"} == set(CHECKS) == set(backends.roles())
+    assert {*ROLES, "refine", "features", "flow"} == set(CHECKS) == set(registry.roles())

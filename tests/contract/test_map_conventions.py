@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import torch
 
-from physgen import backends
-from physgen.backends import Setup
+from physgen import registry
 from physgen.perceive.backends.depth_anything import FARTHEST, receding
 from physgen.photometry import decode, encode, encode_u8, luminance
+from physgen.registry import Setup
 from tests.contract import tiny_maps
 
 H, W = 48, 64
@@ -40,7 +40,7 @@ def says(pipe, *maps: np.ndarray) -> None:
 
 
 def test_marigolds_normals_come_out_right_side_up(tiny):
-    run = backends.make("normals", "marigold", tiny.setup("normals", "marigold"))
+    run = registry.make("normals", "marigold", tiny.setup("normals", "marigold"))
     true, inside = ball()
     says(run._pipe, true * (1, -1, 1))  # theirs: y up
     found = run(PHOTO, NOTHING, [], None)
@@ -53,7 +53,7 @@ def test_marigolds_normals_come_out_right_side_up(tiny):
 
 
 def test_marigolds_normals_stay_unit_and_seen_in_another_size(tiny):
-    run = backends.make("normals", "marigold", tiny.setup("normals", "marigold"))
+    run = registry.make("normals", "marigold", tiny.setup("normals", "marigold"))
     true, _ = ball()
     says(run._pipe, true * (1, -1, 1))
     photo = np.full((3 * H, 3 * W, 3), 120, np.uint8)
@@ -65,7 +65,7 @@ def test_marigolds_normals_stay_unit_and_seen_in_another_size(tiny):
 
 
 def test_marigolds_depth_is_larger_farther(tiny):
-    run = backends.make("depth", "marigold", tiny.setup("depth", "marigold"))
+    run = registry.make("depth", "marigold", tiny.setup("depth", "marigold"))
     true = 1 - Y / (H - 1)  # a floor that recedes upwards
     says(run._pipe, np.repeat((2 * true - 1)[..., None], 3, -1))  # theirs: 0 near, 1 far
     found = run(PHOTO)
@@ -85,7 +85,7 @@ def answers(run, raw: np.ndarray) -> None:
 
 
 def test_depth_anythings_inverse_depth_becomes_depth(tiny):
-    run = backends.make("depth", "depth-anything", tiny.setup("depth", "depth-anything"))
+    run = registry.make("depth", "depth-anything", tiny.setup("depth", "depth-anything"))
     true = 1 + 2 * (1 - Y / (H - 1))  # 1 m at the lower border, 3 m at the upper
     answers(run, (7.5 / true).astype(np.float32))  # theirs: inverse, in any scale
     found = run(PHOTO)
@@ -106,7 +106,7 @@ def test_the_sky_is_far_and_nearness_keeps_its_order():
 
 def test_metric_depth_stays_in_metres(tmp_path):
     path = tiny_maps.depth_anything(tmp_path / "metric", "metric")
-    run = backends.make("depth", "depth-anything", Setup(str(path), "cpu", options={"resolution": 70}))
+    run = registry.make("depth", "depth-anything", Setup(str(path), "cpu", options={"resolution": 70}))
     answers(run, np.where(Y < 20, np.float32(4), np.float32(2)).astype(np.float32))
     found = run(PHOTO)
     assert found[4, 9] == pytest.approx(4)
@@ -127,7 +127,7 @@ def lit_scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_marigolds_lighting_is_linear_and_up_to_scale(tiny, scales):
     albedo, shading, gloss = lit_scene()
     photo = encode_u8(albedo * shading[..., None] + gloss[..., None])
-    run = backends.make("intrinsic", "marigold", tiny.setup("intrinsic", "marigold"))
+    run = registry.make("intrinsic", "marigold", tiny.setup("intrinsic", "marigold"))
     grey = [np.repeat((m * k)[..., None], 3, -1) for m, k in zip((shading, gloss), scales, strict=True)]
     says(run._pipe, *(2 * m - 1 for m in (albedo, *grey)))
     found = run(photo, NOTHING, None)
@@ -144,7 +144,7 @@ def test_marigolds_appearance_is_in_srgb(tmp_path):
     albedo, shading, _ = lit_scene()
     photo = encode_u8(albedo * shading[..., None])
     path = tiny_maps.marigold("intrinsic", target_properties=tiny_maps.APPEARANCE)(tmp_path / "appearance")
-    run = backends.make("intrinsic", "marigold", Setup(str(path), "cpu"))
+    run = registry.make("intrinsic", "marigold", Setup(str(path), "cpu"))
     says(run._pipe, 2 * encode(albedo) - 1, np.zeros((H, W, 3)))
     found = run(photo, NOTHING, None)
     assert found.albedo == pytest.approx(albedo, abs=0.02)

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import torch
 
-from physgen import backends
-from physgen.backends import Setup
-from physgen.crew import Crew, choices
-from physgen.crew import Plan as Chosen
-from physgen.perceive.backends.options import Real, Text, Whole, read
-from physgen.perceive.scene import Found, perceive
+from physgen import registry
+from physgen.perceive.backends.models import RealNumber, Text, WholeNumber, read_options
+from physgen.perceive.perceive import perceive
+from physgen.perceive.roles import Detections
 from physgen.problems import InputError
+from physgen.registry import Backends, Setup, choices
+from physgen.registry import Plan as Chosen
 from tests.contract.test_backends_contract import photo
 from tests.contract.tiny_maps import MODELS, stable_diffusion
 
@@ -44,7 +44,7 @@ def asked(role: str, run, rgb: np.ndarray):
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_photos_of_any_size(row, tiny):
-    run = backends.make(*row, tiny.setup(*row))
+    run = registry.make(*row, tiny.setup(*row))
     random = np.random.default_rng(3)
     for shape in ((97, 301), (301, 97), (1, 1), (3, 900), (16, 16)):
         rgb = random.integers(0, 256, (*shape, 3), np.uint8)
@@ -57,10 +57,10 @@ def test_photos_of_any_size(row, tiny):
 def test_the_seed_decides_and_nothing_else(row, tiny):
     rgb = photo()[0]
     torch.manual_seed(1)
-    first = asked(row[0], backends.make(*row, tiny.setup(*row)), rgb)
+    first = asked(row[0], registry.make(*row, tiny.setup(*row)), rgb)
     torch.manual_seed(2)
-    again = asked(row[0], backends.make(*row, tiny.setup(*row, seed=0)), rgb)
-    other = asked(row[0], backends.make(*row, tiny.setup(*row, seed=1)), rgb)
+    again = asked(row[0], registry.make(*row, tiny.setup(*row, seed=0)), rgb)
+    other = asked(row[0], registry.make(*row, tiny.setup(*row, seed=1)), rgb)
     assert first.tobytes() == again.tobytes()
     assert not np.array_equal(first, other)
 
@@ -68,8 +68,8 @@ def test_the_seed_decides_and_nothing_else(row, tiny):
 @pytest.mark.parametrize("row", [row for row in ROWS if row[1] == "marigold"], ids=lambda r: "-".join(r))
 def test_steps_and_ensembles_are_options(row, tiny):
     rgb = photo()[0]
-    plain = backends.make(*row, tiny.setup(*row))
-    run = backends.make(*row, tiny.setup(*row, steps=1, ensemble=3, resolution=48))
+    plain = registry.make(*row, tiny.setup(*row))
+    run = registry.make(*row, tiny.setup(*row, steps=1, ensemble=3, resolution=48))
     assert {"steps": 1, "ensemble": 3, "resolution": 48, "seed": 0}.items() <= dict(run.note()).items()
     assert asked(row[0], run, rgb).tobytes() == asked(row[0], run, rgb).tobytes()
     assert not np.array_equal(asked(row[0], run, rgb), asked(row[0], plain, rgb))
@@ -79,7 +79,7 @@ def test_steps_and_ensembles_are_options(row, tiny):
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_half_the_digits(row, tiny):
     told = tiny.setup(*row)
-    run = backends.make(*row, Setup(told.weights, "cpu", "bfloat16", told.options))
+    run = registry.make(*row, Setup(told.weights, "cpu", "bfloat16", told.options))
     found = asked(row[0], run, photo()[0])
     assert found.dtype == (np.uint8 if row[0] == "inpaint" else np.float32)
     assert np.isfinite(found).all()
@@ -88,7 +88,7 @@ def test_half_the_digits(row, tiny):
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_a_closed_model_is_gone(row, tiny):
-    run = backends.make(*row, tiny.setup(*row))
+    run = registry.make(*row, tiny.setup(*row))
     asked(row[0], run, photo()[0])
     held = getattr(run, "_pipe", None) or run._model
     network = getattr(held, "unet", held)
@@ -103,21 +103,21 @@ def test_a_closed_model_is_gone(row, tiny):
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_missing_weights_are_named(row):
     with pytest.raises(InputError) as caught:
-        backends.make(*row, Setup("nobody/no-such-weights"))  # before any work
+        registry.make(*row, Setup("nobody/no-such-weights"))  # before any work
     (problem,) = caught.value.problems
     assert problem.found == '"nobody/no-such-weights"'
     assert "hf download nobody/no-such-weights" in problem.fix
     if row[1] != "lama":  # the row's own
         with pytest.raises(InputError) as caught:
-            backends.make(*row, Setup())
-        assert backends.find(*row).weights[0].id in str(caught.value)
+            registry.make(*row, Setup())
+        assert registry.find(*row).weights[0].id in str(caught.value)
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row[1] != "lama"], ids=lambda r: "-".join(r))
 def test_a_folder_of_something_else_is_refused(row, tmp_path):
     (tmp_path / "notes.txt").write_text("no weights")
     with pytest.raises(InputError, match="does not load as"):
-        asked(row[0], backends.make(*row, Setup(str(tmp_path), "cpu")), photo()[0])
+        asked(row[0], registry.make(*row, Setup(str(tmp_path), "cpu")), photo()[0])
 
 
 def test_marigolds_weights_for_another_role_are_refused(tiny):
@@ -125,7 +125,7 @@ def test_marigolds_weights_for_another_role_are_refused(tiny):
     with pytest.raises(
         InputError, match=r"is a MarigoldNormalsPipeline: not for depth; write normals=marigold:"
     ):
-        backends.make("depth", "marigold", Setup(str(path), "cpu"))(photo()[0])
+        registry.make("depth", "marigold", Setup(str(path), "cpu"))(photo()[0])
 
 
 def test_pickled_weights_are_not_opened(tmp_path, tiny):
@@ -133,7 +133,7 @@ def test_pickled_weights_are_not_opened(tmp_path, tiny):
     (path / "unet" / "diffusion_pytorch_model.safetensors").rename(path / "unet" / "elsewhere.safetensors")
     (path / "unet" / "diffusion_pytorch_model.bin").write_bytes(pickle.dumps(Trap(str(tmp_path / "ran"))))
     with pytest.raises(InputError, match="safetensors"):
-        asked("inpaint", backends.make("inpaint", "diffusion", Setup(str(path), "cpu")), photo()[0])
+        asked("inpaint", registry.make("inpaint", "diffusion", Setup(str(path), "cpu")), photo()[0])
     assert not (tmp_path / "ran").exists()
 
 
@@ -149,23 +149,23 @@ class Trap:
 
 def test_lama_without_a_file_says_what_to_write():
     with pytest.raises(InputError, match=r"names no file of weights; write inpaint=lama:PATH"):
-        backends.make("inpaint", "lama", Setup())
+        registry.make("inpaint", "lama", Setup())
 
 
 def test_what_is_no_torchscript_is_refused_unopened(tmp_path):
     text = tmp_path / "text.pt"
     text.write_text("hello")
     with pytest.raises(InputError, match="is to be a TorchScript file and is none"):
-        backends.make("inpaint", "lama", Setup(str(text)))
+        registry.make("inpaint", "lama", Setup(str(text)))
     bare = tmp_path / "bare.pt"
     torch.save({"weight": torch.zeros(3)}, bare)
     with pytest.raises(InputError, match="holds weights without their network"):
-        backends.make("inpaint", "lama", Setup(str(bare)))
+        registry.make("inpaint", "lama", Setup(str(bare)))
     trap = tmp_path / "trap.pt"
     with zipfile.ZipFile(trap, "w") as archive:
         archive.writestr("trap/data.pkl", pickle.dumps(Trap(str(tmp_path / "ran"))))
     with pytest.raises(InputError):
-        backends.make("inpaint", "lama", Setup(str(trap)))
+        registry.make("inpaint", "lama", Setup(str(trap)))
     assert not (tmp_path / "ran").exists()
 
 
@@ -182,7 +182,7 @@ def test_lama_is_shown_numbers_of_its_kind(tmp_path, tiny):
             return image
 
     torch.jit.script(Asks()).save(str(tmp_path / "asks.pt"))
-    run = backends.make("inpaint", "lama", Setup(str(tmp_path / "asks.pt"), "cpu"))
+    run = registry.make("inpaint", "lama", Setup(str(tmp_path / "asks.pt"), "cpu"))
     rgb, labels, _ = photo()
     rgb, hole = rgb[:117, :149], labels[:117, :149] > 0
     filled = run(rgb, hole)
@@ -198,13 +198,13 @@ def test_what_answers_no_picture_is_no_lama(tmp_path):
             return mask
 
     torch.jit.script(Odd()).save(str(tmp_path / "odd.pt"))
-    run = backends.make("inpaint", "lama", Setup(str(tmp_path / "odd.pt"), "cpu"))
+    run = registry.make("inpaint", "lama", Setup(str(tmp_path / "odd.pt"), "cpu"))
     with pytest.raises(InputError, match="is no LaMa"):
         asked("inpaint", run, photo()[0])
 
 
 def test_what_the_safety_checker_withholds_is_painted_anew(tiny, monkeypatch):
-    run = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
+    run = registry.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
     kind, seeds = type(run._pipe), []
     real = kind.__call__
 
@@ -234,12 +234,12 @@ def test_what_the_safety_checker_withholds_is_painted_anew(tiny, monkeypatch):
 
 def test_without_a_prompt_nothing_guides_and_nothing_is_lost(tiny):
     rgb, labels, _ = photo()
-    free = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
-    bound = backends.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion", guidance=7.5))
+    free = registry.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
+    bound = registry.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion", guidance=7.5))
     found, same = free(rgb, labels == 1), bound(rgb, labels == 1)
     assert (free.note()["guidance"], bound.note()["guidance"]) == (1.0, 7.5)
     assert np.abs(found.astype(int) - same).max() <= 1
-    told = backends.make(
+    told = registry.make(
         "inpaint", "diffusion", tiny.setup("inpaint", "diffusion", prompt="a table", guidance=7.5)
     )
     assert np.abs(found.astype(int) - told(rgb, labels == 1)).max() > 1
@@ -247,9 +247,14 @@ def test_without_a_prompt_nothing_guides_and_nothing_is_lost(tiny):
 
 def test_every_wrong_option_is_told_at_once():
     told = Setup(options={"stepz": 3, "steps": 0, "seed": True, "scale": float("nan"), "prompt": 4})
-    known = {"steps": Whole(None, 1), "seed": Whole(7), "scale": Real(1.5), "prompt": Text("")}
+    known = {
+        "steps": WholeNumber(None, 1),
+        "seed": WholeNumber(7),
+        "scale": RealNumber(1.5),
+        "prompt": Text(""),
+    }
     with pytest.raises(InputError) as caught:
-        read(told, "marigold", known)
+        read_options(told, "marigold", known)
     assert sorted(map(str, caught.value.problems)) == [
         "physgen.toml: marigold.prompt: 4 is not text; the default is ''",
         "physgen.toml: marigold.scale: nan is not a number >= 0; the default is 1.5",
@@ -273,8 +278,8 @@ def test_a_photo_is_perceived_with_models_in_four_roles(tiny):
         device="cpu",
         options=tiny.options,
     )
-    crew = Crew(plan)
-    seen = perceive(rgb, Found(labels, "given", {1: 1.0, 2: 1.0}, {}), crew=crew)
+    crew = Backends(plan)
+    seen = perceive(rgb, Detections(labels, "given", {1: 1.0, 2: 1.0}, {}), crew=crew)
     maps = seen.percepts
     assert maps.depth is not None
     assert maps.depth.min() > 0

@@ -20,18 +20,19 @@ import numpy as np
 import pytest
 import torch
 
-from physgen import backends
-from physgen.backends import Setup
+from physgen import registry
 from physgen.problems import InputError
-from physgen.refine.backends import loading, sampling
-from physgen.refine.refining import How, Refinement
-from physgen.refine.roles import Denoiser, Said
+from physgen.refine.backends import sampling
+from physgen.refine.backends import sampling as loading
+from physgen.refine.denoiser import Denoiser, PromptSettings
+from physgen.refine.fusion import Refinement, RefineSettings
+from physgen.registry import Setup
 from tests.contract.tiny_video import VARIANTS, animatediff, cogvideox, wan
 
 ROWS = {"animatediff": "animatediff", "wan": "wan", "cogvideox": "cogvideox-2b"}
 """A kind of weights for each backend."""
 SIZE = 37, 23
-HOW = How(0.5, 1, 4, 0, Said("a red ball", "blur", 3.0), lock=0.0, detail=1.0, hold=0)
+HOW = RefineSettings(0.5, 1, 4, 0, PromptSettings("a red ball", "blur", 3.0), lock=0.0, detail=1.0, hold=0)
 Video = Callable[..., Any]
 
 
@@ -48,7 +49,9 @@ def clip(count: int, size=SIZE) -> tuple[list[np.ndarray], list[np.ndarray]]:
     return frames, coverage
 
 
-def refined(model: Denoiser, how: How = HOW, count: int = 7, size=SIZE, covers: float | None = None, **more):
+def refined(
+    model: Denoiser, how: RefineSettings = HOW, count: int = 7, size=SIZE, covers: float | None = None, **more
+):
     frames, coverage = clip(count, size)
     if covers is not None:
         coverage = [np.full(cover.shape, covers, np.float32) for cover in coverage]
@@ -79,7 +82,7 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
     """How far refined latents are from the guidance's, by latent frame: a decoder of random numbers tells little."""
     decoded: list[np.ndarray] = []
 
-    def distance(model: Denoiser, how: How, count: int = 7) -> np.ndarray:
+    def distance(model: Denoiser, how: RefineSettings, count: int = 7) -> np.ndarray:
         decoded.clear()
         real = type(model).decode
         monkeypatch.setattr(type(model), "decode", lambda own, z: decoded.append(z) or real(own, z))
@@ -104,7 +107,7 @@ def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
 
 @pytest.mark.parametrize("variant", ROWS.values())
 def test_strength_decides_how_far_it_goes(variant: str, video: Video, apart):
-    plain = replace(HOW, said=Said("a red ball", "", 1.0))
+    plain = replace(HOW, said=PromptSettings("a red ball", "", 1.0))
     ways = [(500, 0.002), (8, 0.125), (8, 0.5)]
     far = [apart(video(variant), replace(plain, steps=n, strength=s), 5).mean() for n, s in ways]
     assert far == sorted(far)
@@ -115,7 +118,7 @@ def test_strength_decides_how_far_it_goes(variant: str, video: Video, apart):
 def test_half_of_fifty_steps_run_and_twenty_are_fused(variant: str, video: Video):
     heard: list[tuple[str, int, int]] = []
     frames, coverage = clip(1)
-    how = replace(HOW, steps=50, stop=5, said=Said("", "", 1.0))
+    how = replace(HOW, steps=50, stop=5, said=PromptSettings("", "", 1.0))
     run = Refinement(video(variant), how, SIZE, 1, lambda *step: heard.append(step))
     list(run.frames(frames, coverage))
     assert heard == [("refine", k, 25) for k in range(26)]
@@ -143,7 +146,7 @@ def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
         return real(*told)
 
     for scale in (1.0, 2.0, 4.0):
-        z = model.begin(frames, Said("a red ball", "blur", scale), 4, 2)
+        z = model.begin(frames, PromptSettings("a red ball", "blur", scale), 4, 2)
         network = model._network
         network.predict = partial(counted, network.predict, scale)
         said[scale] = model.predict(model.noised(z, np.ones_like(z), 0), 0, 0)
@@ -201,11 +204,11 @@ def test_a_window_is_no_longer_than_the_model_can_see(video: Video):
 def test_a_first_frame_that_is_shown_is_seen(variant: str, video: Video):
     model, frames = video(variant), clip(13, (32, 32))[0]
     other = [np.full_like(frames[0], 200), *frames[1:]]
-    z = model.begin(frames, Said("", "", 1.0), 4, 2)
+    z = model.begin(frames, PromptSettings("", "", 1.0), 4, 2)
     one = model.predict(z, 0, 0)
-    model.begin(other, Said("", "", 1.0), 4, 2)
+    model.begin(other, PromptSettings("", "", 1.0), 4, 2)
     assert np.abs(one - model.predict(z, 0, 0)).max() > 1e-4
-    model.begin([frames[0], *other[1:]], Said("", "", 1.0), 4, 2)
+    model.begin([frames[0], *other[1:]], PromptSettings("", "", 1.0), 4, 2)
     assert np.allclose(one, model.predict(z, 0, 0))
 
 
@@ -296,7 +299,7 @@ def test_a_trial_leaves_the_video_under_way_alone(video: Video):
 
 @pytest.mark.parametrize("name", ROWS)
 def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
-    model = backends.make("refine", name, tiny.setup("refine", name))
+    model = registry.make("refine", name, tiny.setup("refine", name))
     first = refined(model, count=2)
     gone = weakref.ref(model._network.pipe.vae)
     model.close()
@@ -337,9 +340,9 @@ def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch)
         (5000, "auto", "model"), (6000, "auto", "none"), (10, "none", "none"), (10**9, "sequential", "sequential")
     ):  # fmt: skip
         monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device, free=free: (free, 10**9))
-        assert loading.placed(Pipe(), offload, "cuda:0") == how
+        assert loading.place_pipeline(Pipe(), offload, "cuda:0") == how
     assert Pipe.told == ["parts", "all", "all", "parts of parts"]
-    assert loading.placed(Pipe(), "auto", "cpu") == "none"
+    assert loading.place_pipeline(Pipe(), "auto", "cpu") == "none"
 
 
 # ---- options -----------------------------------------------------------------------------------------------------
@@ -362,14 +365,14 @@ def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
 )
 def test_the_vae_goes_in_tiles_where_it_is_told_to(variant: str, told: Any, tiled: bool, video: Video):
     model = video(variant, tiling=told)
-    model.begin(clip(1, (32, 32))[0], Said("", "", 1.0), 2, 1)
+    model.begin(clip(1, (32, 32))[0], PromptSettings("", "", 1.0), 2, 1)
     assert model.note()["tiling"] is model._network.pipe.vae.use_tiling is tiled
 
 
 def test_the_vae_goes_in_tiles_where_frames_are_larger_than_it_was_trained_on(video: Video):
     model = video("cogvideox-2b", resolution=256)
     for side, tiled in ((64, False), (80, True), (64, False)):
-        model.begin([np.zeros((side, side, 3), np.uint8)], Said("", "", 1.0), 2, 1)
+        model.begin([np.zeros((side, side, 3), np.uint8)], PromptSettings("", "", 1.0), 2, 1)
         assert model.note()["tiling"] is model._network.pipe.vae.use_tiling is tiled
 
 
@@ -392,12 +395,12 @@ def test_wrong_options_are_told(options: dict[str, Any], message: str, video: Vi
 
 
 def made(name: str, weights: str) -> Any:
-    return backends.make("refine", name, Setup(weights, "cpu"))
+    return registry.make("refine", name, Setup(weights, "cpu"))
 
 
 @pytest.mark.parametrize("name", ROWS)
 def test_missing_weights_are_named_before_any_work(name: str):
-    own = [weights.id for weights in backends.find("refine", name).weights]
+    own = [weights.id for weights in registry.find("refine", name).weights]
     for said, ids in ((f"nobody/no-{name}", [f"nobody/no-{name}"]), ("", own)):
         with pytest.raises(InputError) as caught:
             made(name, said)
@@ -466,7 +469,7 @@ def test_broken_weights_are_told_when_they_are_read(tmp_path: Path):
 
 def test_weights_larger_than_the_memory_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     model = made("wan", wan(tmp_path / "wan"))
-    monkeypatch.setattr(loading, "unmoved", lambda *_, **__: torch.empty(1 << 50))
+    monkeypatch.setattr(loading, "load_pipeline_on_cpu", lambda *_, **__: torch.empty(1 << 50))
     with pytest.raises(
         InputError, match=r'--refine: ".*" does not fit into the memory: .*; choose a smaller'
     ):
@@ -523,7 +526,7 @@ def test_the_record_tells_which_weights(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_the_adapter_alone_is_put_into_the_rows_own_base(tmp_path: Path):
     adapter = animatediff(tmp_path).split(",")[0]
-    own = backends.find("refine", "animatediff").weights[1].id
+    own = registry.find("refine", "animatediff").weights[1].id
     for said in (adapter, f"{adapter},"):
         with pytest.raises(InputError, match=f'"{own}" holds the weights'):
             made("animatediff", said)

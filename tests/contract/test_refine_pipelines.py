@@ -17,8 +17,8 @@ import pytest
 import torch
 from PIL import Image
 
+from physgen.refine.denoiser import PromptSettings
 from physgen.refine.fusion import fused
-from physgen.refine.roles import Said
 
 STEPS = 8
 WORDS, NOT = "a red ball,  &amp; a cup", "blur"
@@ -93,7 +93,7 @@ class Both:
     def __init__(self, variant: str, model: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         self.theirs, self.model, self.frames = THEIRS[variant], model, clip(THEIRS[variant])
         self.count = round(STEPS * self.theirs.strength)
-        self.z0 = model.begin(self.frames, Said(WORDS, NOT, 3.0), STEPS, self.count)
+        self.z0 = model.begin(self.frames, PromptSettings(WORDS, NOT, 3.0), STEPS, self.count)
         self.noise = np.random.default_rng(0).standard_normal(self.z0.shape, np.float32)
         self.scheduler = scheduler(variant)
         self.behind = self.theirs.kind.startswith(("Wan", "Animate"))  # channels before frames
@@ -225,7 +225,7 @@ def test_latents_become_the_frames_that_theirs_become(both: Both):
 @pytest.mark.parametrize("latents", [2, 4])
 def test_an_even_number_of_cogvideox_latents_shows_what_they_show_with_more_behind(latents: int, video: Any):
     model = video("cogvideox-2b")
-    model.begin(clip(THEIRS["cogvideox-2b"])[:5], Said("", "", 1.0), 2, 1)
+    model.begin(clip(THEIRS["cogvideox-2b"])[:5], PromptSettings("", "", 1.0), 2, 1)
     z = np.random.default_rng(4).standard_normal((latents + 1, 4, 4, 6), np.float32)
     even, odd = (np.concatenate(list(model.decode(part))) for part in (z[:-1], z))
     assert len(even) == 1 + 4 * (latents - 1)

@@ -8,7 +8,7 @@ import torch
 from diffusers import CogVideoXDDIMScheduler, DDIMScheduler
 from pytest import approx
 
-from physgen.refine.backends.schedules import ddim
+from physgen.refine.backends.sampling import ddim
 
 SCHEDULERS = {
     "animatediff": lambda: DDIMScheduler(

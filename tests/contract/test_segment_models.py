@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from physgen import backends
-from physgen.backends import Setup
-from physgen.perceive.backends.cut_sam import Sam, Sam2, pixels
-from physgen.perceive.backends.detect_grounding_dino import GroundingDino
-from physgen.perceive.given import from_prompts
-from physgen.perceive.roles import Category, Meant, Segments
+from physgen import registry
+from physgen.perceive.backends.segment_grounded import GroundingDino, Sam, Sam2, pixels
+from physgen.perceive.roles import Category, PromptedMask, Segments
+from physgen.perceive.segment.prompts import from_prompts
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 GROUNDED = "grounding-dino+sam", "grounding-dino+sam2"
 KINDS = [Category("wall", False), Category("Red Ball", True), Category("domino", True), Category("cup", True)]
@@ -97,7 +96,7 @@ def light(detector, said):
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @pytest.mark.parametrize("name", GROUNDED)
 def test_masks_land_where_the_boxes_are(name, size, tiny):
-    run = backends.make("segment", name, tiny.setup("segment", name))
+    run = registry.make("segment", name, tiny.setup("segment", name))
     ball, wall, domino = (0.1, 0.5, 0.4, 0.8), (0.0, 0.1, 1.0, 0.45), (0.6, 0.5, 0.7, 0.95)
     light(
         run._detector(),
@@ -134,7 +133,7 @@ def test_masks_land_where_the_boxes_are(name, size, tiny):
 
 def test_a_mask_in_two_pieces_is_asked_for_again(tiny):
     name = "grounding-dino+sam"
-    run = backends.make("segment", name, tiny.setup("segment", name))
+    run = registry.make("segment", name, tiny.setup("segment", name))
     light(run._detector(), [((0.1, 0.1, 0.9, 0.5), "domino", 0.9)])
     cutter = run._cutting()
 
@@ -205,7 +204,7 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
 
 @pytest.mark.parametrize("size", SIZES[:2], ids=str)
 def test_sam3_answers_noun_by_noun(size, tiny):
-    run = backends.make("segment", "sam3", tiny.setup("segment", "sam3"))
+    run = registry.make("segment", "sam3", tiny.setup("segment", "sam3"))
     tokens, model = run._model()
     ball, cup = rectangle((72, 72), 0.1, 0.5, 0.4, 0.8), rectangle((72, 72), 0.6, 0.2, 0.8, 0.9)
     asked = []
@@ -235,7 +234,7 @@ def test_sam3_answers_noun_by_noun(size, tiny):
 @pytest.mark.parametrize("name", [*GROUNDED, "sam3"])
 def test_half_as_long_numbers_do(name, tiny):
     setup = tiny.setup("segment", name)
-    run = backends.make("segment", name, Setup(setup.weights, "cpu", "bfloat16"))
+    run = registry.make("segment", name, Setup(setup.weights, "cpu", "bfloat16"))
     found = run(photo(60, 80), KINDS)
     assert isinstance(found, Segments)
     assert run.note()["dtype"] == "bfloat16"
@@ -267,7 +266,7 @@ def test_what_a_model_does_not_know_is_found_without_it():
             return Segments(np.zeros(rgb.shape[:2], np.uint16), np.zeros(0))
 
         def meant(self, rgb, boxes, points):
-            return [Meant(mask, 0.9) for _ in (*boxes, *points)]
+            return [PromptedMask(mask, 0.9) for _ in (*boxes, *points)]
 
     found = from_prompts(rgb, [(38, 28, 44, 34)], [], Blind())
     assert np.count_nonzero(found.labels[30:60, 40:80]) > 0.8 * 1200

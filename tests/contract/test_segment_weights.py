@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 
-from physgen import backends
-from physgen.backends import Setup
+from physgen import registry
 from physgen.perceive.backends import models
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 
 def photo(height, width):
@@ -36,7 +36,7 @@ def photo(height, width):
 )
 def test_weights_that_are_not_here_are_named(weights, message):
     with pytest.raises(InputError) as error:
-        backends.make("segment", "grounding-dino+sam", Setup(weights, "cpu"))(photo(30, 40))
+        registry.make("segment", "grounding-dino+sam", Setup(weights, "cpu"))(photo(30, 40))
     assert message in str(error.value)
     if not weights:
         assert "run hf download IDEA-Research/grounding-dino-tiny, or write ROLE=NAME:PATH" in str(
@@ -46,16 +46,16 @@ def test_weights_that_are_not_here_are_named(weights, message):
 
 def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
     dino, sam = tiny.setup("segment", "grounding-dino+sam").weights.split(",")
-    run = backends.make("segment", "grounding-dino+sam", Setup(f"{dino}", "cpu"))
+    run = registry.make("segment", "grounding-dino+sam", Setup(f"{dino}", "cpu"))
     assert run.weights == (dino, "facebook/sam-vit-huge")
-    run = backends.make("segment", "grounding-dino+sam", Setup(f",{sam}", "cpu"))
+    run = registry.make("segment", "grounding-dino+sam", Setup(f",{sam}", "cpu"))
     assert run.weights == ("IDEA-Research/grounding-dino-tiny", sam)
     (tmp_path / "config.json").write_text("{")
-    run = backends.make("segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu"))
+    run = registry.make("segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu"))
     with pytest.raises(InputError, match="does not load as SAM"):
         run.meant(photo(30, 40), [(1, 1, 9, 9)], [])
     with pytest.raises(InputError, match=r"sam3\.threshold: 'high' is not a number"):
-        backends.make("segment", "sam3", Setup("", "cpu", options={"threshold": "high"}))
+        registry.make("segment", "sam3", Setup("", "cpu", options={"threshold": "high"}))
 
 
 def test_a_device_that_is_not_here_is_refused():

@@ -17,7 +17,7 @@ import httpx
 import pytest
 from served import Killable, Served, client
 
-from physgen.edit.server.serving import Editor, Place
+from physgen.edit.app import Editor, Place
 
 SCENES = Path(__file__).parents[2] / "scenes"
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx
 
-from physgen.edit.server.serving import Editor
+from physgen.edit.app import Editor
 
 
 @dataclass

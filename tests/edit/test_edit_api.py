@@ -18,9 +18,9 @@ from schemathesis.generation.modes import GenerationMode
 from schemathesis.specs.openapi import checks as told
 from served import Served
 
-from physgen.edit.motion import unpacked
-from physgen.edit.server.events import Windows
-from physgen.edit.server.openapi import document
+from physgen.edit.api import document
+from physgen.edit.guard import Windows
+from physgen.edit.live import unpacked
 from physgen.materials import materials
 
 CHECKS = [

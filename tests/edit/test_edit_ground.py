@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import yaml
 
-from physgen import backends
-from physgen.cli import main
-from physgen.edit.correct import correct
+from physgen import registry
+from physgen.cli.main import main
+from physgen.edit.corrections import correct
 from physgen.edit.live import Live
-from physgen.perceive.relaid import apart
+from physgen.perceive.refresh import wall_distance
 from physgen.pipeline import load
 from physgen.simulate.trajectory import read_trajectory
 
@@ -89,7 +89,7 @@ def walls(text: str) -> dict[str, Any]:
 def farthest(one: dict[str, Any], other: dict[str, Any]) -> float:
     """px: of any wall of each from the nearest of the other."""
     return max(
-        min(apart(wall, mate) for mate in mates.values())
+        min(wall_distance(wall, mate) for mate in mates.values())
         for some, mates in ((one, other), (other, one))
         for wall in some.values()
     )
@@ -124,7 +124,7 @@ def test_what_a_person_moved_or_took_out_stays_so(perceive: Perceive, bundled: P
     now = walls(text)
     assert now["floor"] == moved
     assert gone not in now
-    assert any(apart(wall, before["frame"]) == 0 for wall in now.values())
+    assert any(wall_distance(wall, before["frame"]) == 0 for wall in now.values())
 
 
 def test_a_scene_of_a_persons_own_walls_gets_no_others(
@@ -173,7 +173,7 @@ def test_what_was_held_is_let_go_once_something_holds_it(
     stays: bool,
 ) -> None:
     """Where perception said `static`, and no person. (A made-up role says what is held: the small mask is.)"""
-    make, real = backends.make, backends.make("boundary")
+    make, real = registry.make, registry.make("boundary")
 
     def said(rgb: Any, labels: Any, things: Any, view: Any) -> Any:
         small = {one.id for one in things if 0 < (mask & (labels == one.id)).sum() < 0.95 * mask.sum()}
@@ -181,7 +181,7 @@ def test_what_was_held_is_let_go_once_something_holds_it(
 
     mask = truth(bundled, "ramp") == 1
     folder = Path(shutil.copytree(perceive("ramp", 1), tmp_path / "scene"))  # as it is really perceived
-    monkeypatch.setattr("physgen.backends.make", lambda role: said if role == "boundary" else make(role))
+    monkeypatch.setattr("physgen.registry.make", lambda role: said if role == "boundary" else make(role))
 
     def edit(text: str) -> str:
         return re.sub(r"(?=\n    from:\n      mask)", f"\n    motion: static  # {remark}", text)

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 import yaml
 
-from physgen.cli import main
-from physgen.edit.correct import correct
+from physgen.cli.main import main
+from physgen.edit.corrections import correct, drift
 from physgen.edit.live import Live
-from physgen.edit.stillness import drift
 
 SIDE = 256
 FLOOR = 230

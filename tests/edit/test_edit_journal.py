@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from served import Killable, Served
 
 from physgen.edit.document import Document
+from physgen.edit.draft import BusyError, Draft, draft_folder, running_at
+from physgen.edit.errors import EditError
 from physgen.edit.history import History, State, difference, patched
-from physgen.edit.journal import BusyError, Draft, draft_folder, running_at
-from physgen.edit.others import Watch
-from physgen.edit.refusing import EditError
+from physgen.edit.session import Watch
 from physgen.problems import InputError
 
 TEXT = "physgen: 1\nsize: [64, 48]\nobjects: {}\n"

@@ -19,11 +19,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from served import Served, client
 
-from physgen.edit.ops import edited
-from physgen.edit.others import Watch
-from physgen.edit.refusing import EditError
-from physgen.edit.server import asked
-from physgen.edit.server.limits import BODY, MAX_VALUES
+from physgen.edit import api
+from physgen.edit.errors import EditError
+from physgen.edit.guard import BODY, MAX_VALUES
+from physgen.edit.operations import edited
+from physgen.edit.session import Watch
 
 Serve = Callable[..., Served]
 SCENE = """physgen: 1
@@ -108,7 +108,7 @@ KINDS: dict[str, tuple[Callable[[int], bytes], tuple[bytes, bytes]]] = {
 def test_a_body_takes_little_memory(kind) -> None:
     one, around = KINDS[kind]
     with pytest.raises(EditError) as refused:
-        asked.parsed(filled(10**9, one, around))
+        api.parsed(filled(10**9, one, around))
     assert refused.value.why.value == 400
     for part in (1, 2, 3, 4, 5):  # the largest of these that is taken is near the limit
         body = filled(MAX_VALUES // part - 10, one, around)
@@ -117,7 +117,7 @@ def test_a_body_takes_little_memory(kind) -> None:
         def work(body: bytes = body) -> None:
             nonlocal taken
             try:
-                asked.parsed(body)
+                api.parsed(body)
             except EditError:
                 taken = False
 
@@ -132,7 +132,7 @@ def test_a_refused_body_is_never_made_into_values() -> None:
 
     def work() -> None:
         with pytest.raises(EditError):
-            asked.parsed(body)
+            api.parsed(body)
 
     assert peak(work) < 2**20 < len(body)
 
@@ -141,7 +141,7 @@ def test_a_long_text_is_one_value() -> None:
     text = ', [{\\"\n' * (BODY // 11)
     body = json.dumps({"text": text}).encode()
     assert BODY * 0.8 < len(body) < BODY
-    assert asked.parsed(body) == {"text": text}
+    assert api.parsed(body) == {"text": text}
 
 
 PLAIN = st.none() | st.booleans() | st.integers() | st.text()
@@ -160,13 +160,13 @@ def test_no_body_has_more_values_than_are_counted(told) -> None:
             data = text.encode()
         except UnicodeEncodeError:
             continue
-        counted = sum(1 for _ in asked._MARKS.finditer(data))
+        counted = sum(1 for _ in api._MARKS.finditer(data))
         assert values(told) - 1 <= counted <= 3 * values(told)
 
 
 def test_others_are_answered_while_a_body_is_read(serving: Serve, monkeypatch) -> None:
     served = serving("physics/05-slide")
-    parsed, begun, done = asked.parsed, threading.Event(), threading.Event()
+    parsed, begun, done = api.parsed, threading.Event(), threading.Event()
     order: list[str] = []
 
     def slow(data: bytes) -> dict[str, Any]:
@@ -176,7 +176,7 @@ def test_others_are_answered_while_a_body_is_read(serving: Serve, monkeypatch) -
 
     version = served.look()["version"]
     body = {"version": version, "variant": None, "text": served.state["text"] + "# more\n"}
-    monkeypatch.setattr(asked, "parsed", slow)
+    monkeypatch.setattr(api, "parsed", slow)
     with ThreadPoolExecutor(1) as pool, client(served.address) as other:
 
         def large() -> int:
@@ -261,7 +261,7 @@ def test_a_change_that_cannot_be_taken_in_is_told_on_stderr(tmp_path: Path) -> N
     path.write_text("a")
     program = f"""
 import pathlib, threading
-from physgen.edit.others import Watch
+from physgen.edit.session import Watch
 path, came, calls = pathlib.Path({str(path)!r}), threading.Event(), []
 def changed():
     calls.append(1)

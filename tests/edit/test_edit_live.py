@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from physgen.cli import main
-from physgen.edit.live import Live, Look
-from physgen.edit.motion import COLUMNS, Film, unpacked
-from physgen.edit.ops import edited
+from physgen.cli.main import main
+from physgen.edit.live import COLUMNS, Film, Live, Look, unpacked
+from physgen.edit.operations import edited
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 
 Copy = Callable[[str], Path]

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 import yaml
 
-from physgen.cli import main
-from physgen.edit.correct import Corrected, correct, mask_png
+from physgen.cli.main import main
+from physgen.edit.corrections import Corrected, correct, mask_png
+from physgen.edit.errors import EditError
 from physgen.edit.live import Live
-from physgen.edit.ops import edited
-from physgen.edit.reasons import forgotten
-from physgen.edit.refusing import EditError
-from physgen.edit.tools import stroke
-from physgen.percepts.maps import read_percepts
+from physgen.edit.mask_tools import stroke
+from physgen.edit.operations import edited
+from physgen.edit.yaml_edit import forgotten
+from physgen.maps import read_percepts
 
 W, H = 240, 160
 Y, X = np.mgrid[:H, :W]
@@ -167,7 +167,7 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
 def test_a_stroke_without_end_is_refused_and_one_over_what_is_painted_costs_nothing(monkeypatch) -> None:
     far = [[float(x), 0.0] for x in range(20_000)]
     assert stroke(far, 2000.0, (64, 64)).all()
-    monkeypatch.setattr("physgen.edit.tools.MOST_LOOKED", 10_000)
+    monkeypatch.setattr("physgen.edit.mask_tools.MOST_LOOKED", 10_000)
     with pytest.raises(EditError, match="too long for its width"):
         stroke([[-35.0, -35.0]] * 200, 60.0, (64, 64))
 

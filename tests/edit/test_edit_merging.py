@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.edit.merging import merged
+from physgen.edit.document import merged
 
 LINES = st.lists(st.sampled_from("abcdefgh"), min_size=4, max_size=14, unique=True)
 

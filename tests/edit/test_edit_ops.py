@@ -12,16 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from physgen.edit import surgery
-from physgen.edit.marked import marked
-from physgen.edit.ops import edited
-from physgen.edit.patching import same
-from physgen.edit.refusing import EditError
-from physgen.scene.build import Opened
-from physgen.scene.document import read
-from physgen.scene.node import Node, Source, plain
+from physgen.edit import yaml_edit
+from physgen.edit.errors import EditError
+from physgen.edit.operations import edited
+from physgen.edit.yaml_tree import marked, same
+from physgen.scene.document import Node, Source, plain, read
+from physgen.scene.load import Opened
 from physgen.scene.overlay import Edit, apply, edits_of_variant, variants_of
-from physgen.scene.words import dotted
+from physgen.text import dotted
 
 ROOT = Path(__file__).parents[2]
 BUNDLED = [*sorted((ROOT / "scenes").rglob("*.yaml")), ROOT / "tests/scene/full.yaml"]
@@ -319,10 +317,10 @@ def test_every_style_of_yaml_takes_every_change(document, draw) -> None:
     if kind == "put":
         value = draw.draw(SMALL)
         reached(want, path[:-1])[path[-1]] = value
-        new = surgery.put(text, path, value)
+        new = yaml_edit.put(text, path, value)
     elif kind == "drop":
         del reached(want, path[:-1])[path[-1]]
-        new = surgery.drop(text, path)
+        new = yaml_edit.drop(text, path)
         if len(above) == 1 and len(path) > 1:
             first, last = span(root, path[:-1])
     else:
@@ -330,12 +328,12 @@ def test_every_style_of_yaml_takes_every_change(document, draw) -> None:
         holder = reached(want, path)
         if isinstance(holder, list):
             holder.append(value)
-            new = surgery.append(text, path, value)
+            new = yaml_edit.append(text, path, value)
         elif isinstance(holder, dict) or holder is None:
             if holder is None:
                 reached(want, path[:-1])[path[-1]] = holder = {}
             holder["new"] = value
-            new = surgery.put(text, (*path, "new"), value)
+            new = yaml_edit.put(text, (*path, "new"), value)
         else:
             return
     assert same(data(new), want)
@@ -362,7 +360,7 @@ def last_of(text: str, root: Node, path: tuple[str | int, ...], last: int) -> in
 def test_a_second_reader_reads_the_same(document, draw) -> None:
     text, _ = document
     path = draw.draw(st.sampled_from(paths(tree(text))))
-    new = surgery.put(text, path, draw.draw(st.sampled_from([1, "red ball", [1, 2], {"a": {"b": "c d"}}])))
+    new = yaml_edit.put(text, path, draw.draw(st.sampled_from([1, "red ball", [1, 2], {"a": {"b": "c d"}}])))
     second = YAML(typ="safe", pure=True).load(new)
     assert second == data(new)
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from desk import Desk, seated
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.simulate.trajectory import read_trajectory
 
 G = 400.0

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from desk import NARROW, Desk, seated
 
-from physgen.cli import main
+from physgen.cli.main import main
 
 SCENE = """\
 physgen: 1

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from physgen.cli import main
-from physgen.edit.refusing import EditError
-from physgen.edit.rendering import Rendering
+from physgen.cli.main import main
+from physgen.edit.errors import EditError
+from physgen.edit.render_job import Rendering
 
 Copy = Callable[[str], Path]
 

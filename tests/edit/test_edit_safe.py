@@ -14,11 +14,10 @@ from pathlib import Path
 import pytest
 from served import Served
 
-from physgen.edit.server.app import part
-from physgen.edit.server.guard import BODY, Guard
-from physgen.edit.server.openapi import document
-from physgen.edit.server.serving import invited
-from physgen.resources import resource
+from physgen.edit.api import document
+from physgen.edit.app import invited, part
+from physgen.edit.guard import BODY, Guard
+from physgen.files import resource
 
 Serve = Callable[..., Served]
 GUARDED = [(path, method) for path, ways in document()["paths"].items() for method in ways]

@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 from served import Killable, Served
 
-from physgen.cli import main
-from physgen.cli.editing import edit as _edit  # noqa: F401 the command imports without the server
-from physgen.edit import correct, document
-from physgen.edit.others import Watch
-from physgen.edit.session import Asked
+from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports without the server
+from physgen.cli.main import main
+from physgen.edit import corrections, document
+from physgen.edit.session import Asked, Watch
 
 Serve = Callable[..., Served]
 
@@ -370,16 +369,16 @@ def test_of_two_corrections_at_once_the_second_is_asked_for_again(
 ) -> None:
     served = serving(disc)
     assert served.editor is not None
-    session, real = served.editor.session, correct.write_patched
+    session, real = served.editor.session, corrections.write_patched
     served.look()
 
     def overtaken(*arguments: Any) -> Any:
         """Another window's correction is made while this one is written."""
-        monkeypatch.setattr(correct, "write_patched", real)
+        monkeypatch.setattr(corrections, "write_patched", real)
         session.correct(Asked(1), eraser(served, 8))
         return real(*arguments)
 
-    monkeypatch.setattr(correct, "write_patched", overtaken)
+    monkeypatch.setattr(corrections, "write_patched", overtaken)
     answer = served.send("/api/mask", op=eraser(served))
     assert (answer.status_code, answer.json()["version"]) == (409, 2)
     erased(served)
@@ -398,7 +397,7 @@ def test_a_correction_after_somebody_removed_the_draft(serving: Serve, disc: Pat
 
 def test_a_draft_that_is_removed_during_a_correction(serving: Serve, disc: Path, monkeypatch) -> None:
     served = serving(disc)
-    real = correct.correct
+    real = corrections.correct
 
     def slow(*arguments: Any) -> Any:
         made = real(*arguments)
@@ -407,7 +406,7 @@ def test_a_draft_that_is_removed_during_a_correction(serving: Serve, disc: Path,
         return made
 
     served.look()
-    monkeypatch.setattr(correct, "correct", slow)
+    monkeypatch.setattr(corrections, "correct", slow)
     assert served.send("/api/mask", op=eraser(served)).status_code == 409
     erased(served)
     assert served.send("/api/save").status_code == 200
@@ -539,7 +538,7 @@ def test_a_port_that_is_taken_is_told_of(serving: Serve, tmp_path, capsys) -> No
 def test_without_the_extra_one_line_says_how_to_get_it(tmp_path, monkeypatch, capsys) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
-    monkeypatch.setattr("physgen.cli.editing.find_spec", lambda name: None)
+    monkeypatch.setattr("physgen.cli.edit.find_spec", lambda name: None)
     assert main(["edit", str(scene), "--no-browser"]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1

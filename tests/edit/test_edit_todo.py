@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import yaml
 
-from physgen.edit.correct import correct
+from physgen.edit.corrections import correct
 from physgen.edit.live import Live
-from physgen.edit.ops import edited
+from physgen.edit.operations import edited
 
 SCENE = """\
 physgen: 1

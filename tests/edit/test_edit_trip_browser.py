@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from desk import seated
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.pipeline import load
 
 SMALL = 256

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from desk import Desk, seated
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.simulate.trajectory import read_trajectory
 
 SCENE = """\

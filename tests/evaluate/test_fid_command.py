@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.fid.fitted import Fit, Rule
 from physgen.evaluate.fid.motion import pictured
 from physgen.evaluate.fid.sides import sources
@@ -115,7 +115,7 @@ def test_a_flows_colours_are_those_of_the_wheel() -> None:
 
 def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Strips, frames as physgen leaves them among other files, videos: the same clips, the same distances."""
-    from physgen.report.video import Format, open_video
+    from physgen.export.video import Format, open_video
 
     strips, rendered, films = (tmp_path / name for name in ("strips", "rendered", "films"))
     for folder in (strips, rendered, films):

@@ -8,7 +8,7 @@ import pytest
 from physgen.evaluate.plausibility.judge import Verdict, judge
 from physgen.evaluate.plausibility.tracks import Form, Given, Tracks
 from physgen.problems import InputError
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 FPS = 30.0
 RNG = np.random.default_rng(3)

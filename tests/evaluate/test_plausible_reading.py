@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.plausibility.judge import judge
 from physgen.evaluate.plausibility.reading import read
 from physgen.evaluate.plausibility.reading.asked import Asked
 from physgen.problems import InputError
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 FPS, FRAMES, RADIUS, G = 25, 24, 9.0, 400.0
 T = np.arange(FRAMES) / FPS

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from physgen import pipeline
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.controllability.answers import answers
 from physgen.evaluate.controllability.closed import rolled, slid
 from physgen.evaluate.controllability.monotone import kendall, spearman

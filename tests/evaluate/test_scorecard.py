@@ -14,7 +14,7 @@ from physics import ROWS, examples
 from physics.page import page
 
 from physgen import pipeline
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.findings import text
 from physgen.evaluate.physics import (
     Case,

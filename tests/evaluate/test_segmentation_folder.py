@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.matching import Patch
 from physgen.evaluate.photos import pairs
 from physgen.evaluate.segmentation import judge_photo
-from physgen.percepts.photo import read_image
+from physgen.photos import read_image
 from physgen.problems import InputError
 
 DISCS = [(60, 60, 24), (150, 70, 28), (110, 150, 26), (24, 180, 28)]

@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physgen.evaluate.curves import (
-    THRESHOLDS,
-    average_precision,
-    counts,
-    curve,
-    precisions,
-    reliability,
-)
+from physgen.evaluate.curves import THRESHOLDS, average_precision, counts, curve, precisions, reliability
 from physgen.evaluate.matching import Judged, Patch, judge, overlaps, patches, shared
 
 Masks = list[NDArray[np.bool_]]

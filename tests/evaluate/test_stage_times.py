@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import machine
-from physgen.cli import main
+from physgen import environment
+from physgen.cli.main import main
 from physgen.evaluate.runtime.runs import read_runs
 
 WALLS = (1.0, 5.0, 2.0)
@@ -152,7 +152,7 @@ def test_a_photo_is_perceived_and_rendered_now(tmp_path: Path, capsys: pytest.Ca
     told = told_of(*flags, capsys=capsys)
     names = {row["name"] for row in told["rows"] if row["kind"] == "stage"}
     assert {"perceive segment", "perceive inpaint", "simulate", "render", "encode"} <= names
-    assert told["machines"] == [str(machine.this_machine())]
+    assert told["machines"] == [str(environment.this_machine())]
     assert told["runs"][0]["size"] == [80, 64]
     assert all(row["cpu"] is not None for row in told["rows"])
     assert "data:image/svg+xml" in (tmp_path / "page" / "index.html").read_text()
@@ -165,19 +165,19 @@ def test_a_manifest_names_the_machine(tmp_path: Path) -> None:
     )
     assert main(["render", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out")]) == 0
     told = json.loads((tmp_path / "out" / "a" / "manifest.json").read_text())
-    assert told["platform"] == machine.this_machine().as_dict()
+    assert told["platform"] == environment.this_machine().as_dict()
     assert told["platform"]["cores"] >= 1
     (run,) = read_runs([tmp_path / "out"])
-    assert run.machine == str(machine.this_machine())
+    assert run.machine == str(environment.this_machine())
 
 
 def test_without_its_drivers_program_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    machine.gpu.cache_clear()
+    environment.gpu.cache_clear()
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert machine.gpu() == ""
+    assert environment.gpu() == ""
     fake = tmp_path / "nvidia-smi"
     fake.write_text("#!/bin/sh\necho 'NVIDIA A40, 46068 MiB'\n")
     fake.chmod(0o755)
-    machine.gpu.cache_clear()
-    assert machine.gpu() == "NVIDIA A40, 46068 MiB"
-    machine.gpu.cache_clear()
+    environment.gpu.cache_clear()
+    assert environment.gpu() == "NVIDIA A40, 46068 MiB"
+    environment.gpu.cache_clear()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.study.answers import Answers, files_in, read_answers
 from physgen.evaluate.study.key import Key, read_key
 from physgen.evaluate.study.results import findings

@@ -14,14 +14,14 @@ import pytest
 from scipy import stats
 from vlm_stub import BALL, Stub, said
 
-from physgen.cli import main
-from physgen.crew import Crew
+from physgen.cli.main import main
 from physgen.evaluate.properties.answers import Answer, read_answers
 from physgen.evaluate.properties.asked import ask
 from physgen.evaluate.properties.scores import masses, order
 from physgen.evaluate.properties.table import SHIPPED, Form, Item, Objects, read_table
-from physgen.fan.statistics import wilson
 from physgen.problems import InputError
+from physgen.registry import Backends
+from physgen.simulate.uncertainty_summary import wilson
 
 TABLE = """\
 title: two balls and a box
@@ -105,10 +105,10 @@ def test_the_shipped_table_is_a_test_and_no_source() -> None:
 def test_size_is_told_by_the_scale() -> None:
     """A solid steel ball weighs its volume times 7.85 g/cm³, and eight times that at twice the size."""
     one, two = (Item(f"b{d}", "steel ball", Form.BALL, (d,), 1.0) for d in (60.0, 120.0))
-    told = ask(Objects("", "", (one, two), ()), Crew(), True, lambda *_: None)
+    told = ask(Objects("", "", (one, two), ()), Backends(), True, lambda *_: None)
     assert told["b60.0"].mass == pytest.approx(7.85 * pi / 6 * 6**3, rel=0.01)
     assert told["b120.0"].mass == pytest.approx(8 * 7.85 * pi / 6 * 6**3, rel=0.01)
-    hidden = ask(Objects("", "", (one, two), ()), Crew(), False, lambda *_: None)
+    hidden = ask(Objects("", "", (one, two), ()), Backends(), False, lambda *_: None)
     assert hidden["b60.0"].mass == hidden["b120.0"].mass
 
 
@@ -119,11 +119,11 @@ def test_a_photo_is_asked_about_where_there_is_one(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "photo.png"), np.full((60, 80, 3), 128, np.uint8))
     row = "objects:\n  b: {label: steel ball, form: ball, size: [40], mass: 263, photo: photo.png, mask: mask.png}\n"
     table = read_table(written(tmp_path / "t.yaml", row))
-    told = ask(table, Crew(), True, lambda *_: None)["b"].mass
+    told = ask(table, Backends(), True, lambda *_: None)["b"].mass
     assert told == pytest.approx(7.85 * pi / 6 * 4**3, rel=0.1)  # 40 px are 40 mm
     cv2.imwrite(str(tmp_path / "mask.png"), mask[:-1])
     with pytest.raises(InputError, match="differs from the 80 x 60 px"):
-        ask(table, Crew(), True, lambda *_: None)
+        ask(table, Backends(), True, lambda *_: None)
 
 
 def test_right_answers_are_right_and_turned_ones_are_not(
@@ -279,9 +279,9 @@ def test_the_studio_is_asked_at_both_scales(bundled: Path, tmp_path: Path) -> No
     home.mkdir(parents=True)
     (home / "truth.json").write_text(truth.read_text())
     (tmp_path / "scenes").symlink_to(bundled)
-    kinds = ask_photos(tmp_path / "studio" / "truth", Crew(), lambda *_: None)
+    kinds = ask_photos(tmp_path / "studio" / "truth", Backends(), lambda *_: None)
     assert [(one.true.mass, one.count) for one in kinds] == [(58, 1), (56, 1)]
     assert all(one.scaled.mass == pytest.approx(57.7, rel=0.05) for one in kinds)
     (home / "truth.json").write_text("{}")
     with pytest.raises(InputError, match="is no truth of the studio"):
-        ask_photos(tmp_path / "studio" / "truth", Crew(), lambda *_: None)
+        ask_photos(tmp_path / "studio" / "truth", Backends(), lambda *_: None)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.cli import main
+from physgen.cli.main import main
 
 SIDE = """\
 physgen: 1

@@ -8,7 +8,7 @@ from pathlib import Path
 from physgen import pipeline
 from physgen.export.event_detection import Event, EventKind
 from physgen.export.events import story
-from physgen.export.truth import Clip
+from physgen.export.labels import Clip
 
 G = 500.0
 HEAD = f"""\

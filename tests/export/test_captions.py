@@ -11,7 +11,7 @@ import pytest
 from storied import clip, clip_of
 
 from physgen.export.events import story
-from physgen.export.truth import Clip
+from physgen.export.labels import Clip
 
 CAN = """\
   ball:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.simulate.trajectory import read_trajectory
 
 W, H, FRAMES, FPS = 72, 48, 7, 8

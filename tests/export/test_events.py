@@ -142,7 +142,9 @@ def test_both_files_say_the_same_and_name_what_the_scene_names(tmp_path: Path) -
             )
             assert row["frame"] == np.ceil(row["time_s"] * 60 - 1e-6)
     assert (tmp_path / "made" / "caption.txt").read_text() == data["caption"] + "\n"
-    assert [said["text"] for said in data["sentences"]] == [clause.text for clause in told.shared(story).clauses]
+    assert [said["text"] for said in data["sentences"]] == [
+        clause.text for clause in told.shared(story).clauses
+    ]
 
 
 def test_newtons_need_somebody_who_says_how_large_it_is(tmp_path: Path) -> None:

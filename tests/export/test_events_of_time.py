@@ -9,7 +9,7 @@ from storied import BALL, clip, clip_of
 
 from physgen.export.event_detection import Event, EventKind
 from physgen.export.events import ClipTimes, story
-from physgen.export.truth import Clip
+from physgen.export.labels import Clip
 
 SCENES = Path(__file__).parents[2] / "scenes"
 

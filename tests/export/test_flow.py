@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physgen.cli import main
-from physgen.export.flo import GONE, HIDDEN, SEEN
+from physgen.cli.main import main
+from physgen.export.flow import GONE, HIDDEN, SEEN
 from physgen.simulate.trajectory import read_trajectory
 
 F32 = NDArray[np.float32]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from physgen.export.writing import KINDS
-from physgen.flags.exporting import NAMES
+from physgen.cli.export import NAMES
+from physgen.export.formats import FORMATS
 
 
 def test_the_help_names_the_formats_there_are() -> None:
-    assert tuple(kind.name for kind in KINDS) == NAMES
+    assert tuple(kind.name for kind in FORMATS) == NAMES

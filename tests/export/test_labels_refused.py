@@ -9,8 +9,8 @@ import pytest
 from labelled import hall, labelled
 from PIL import Image
 
-from physgen.cli import main
-from physgen.export import writing
+from physgen.cli.main import main
+from physgen.export import formats
 
 ALL = "coco,davis,youtubevos,mot,mots"
 
@@ -50,7 +50,7 @@ def test_as_many_as_a_palette_holds(tmp_path) -> None:
 
 
 def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr(writing, "find_spec", lambda name: None)
+    monkeypatch.setattr(formats, "find_spec", lambda name: None)
     assert (
         main(["export", str(hall(tmp_path)), "--format", "coco,mot,mots", "-o", str(tmp_path / "out")]) == 2
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from physgen.cli import main
+from physgen.cli.main import main
 
 SCENE = """\
 physgen: 1

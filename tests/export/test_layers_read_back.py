@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.photometry import decode, encode_u8
 from physgen.simulate.trajectory import read_trajectory
 

@@ -19,7 +19,7 @@ from pycocotools import mask as coco_mask
 from pycocotools.cocoeval import COCOeval
 from pytest import approx
 
-from physgen.export.runs import compressed
+from physgen.export.masks import compressed
 
 QUIET = {"PRINT_RESULTS": False, "PRINT_CONFIG": False, "TIME_PROGRESS": False, "DISPLAY_LESS_PROGRESS": True}
 QUIET |= {

@@ -13,9 +13,9 @@ import pytest
 from storied import BALL, clip
 
 from physgen import tables
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.export.physics import Physics, physics
-from physgen.export.trajectory import Motions
+from physgen.export.trajectory import TrajectoryTables
 
 TWO = BALL + "  crate: {shape: {box: {center: [250, 165], size: [30, 30]}}, mass: 40, friction: 0.9}\n"
 SCALE = "world.pixels_per_meter=250"
@@ -26,7 +26,7 @@ def written(tmp_path: Path, *edits: str, objects: str = TWO) -> tuple[pd.DataFra
     told = clip(tmp_path, objects, "objects.ball.velocity=[80, -50]", *edits)
     made = tmp_path / "made"
     made.mkdir()
-    Motions(made, told).close()
+    TrajectoryTables(made, told).close()
     with np.load(made / "trajectory.npz", allow_pickle=False) as file:
         arrays = dict(file)
     return pd.read_csv(made / "trajectory.csv"), arrays, told

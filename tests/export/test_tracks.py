@@ -232,7 +232,7 @@ def test_paint_stays_with_its_point(photo: Path, export) -> None:
 
 @pytest.mark.parametrize("objects", ["{a: {shape: {circle: {center: [20, 20], radius: 8}}}}", "{}"])
 def test_scenes_without_a_photo_or_objects(objects: str, tmp_path: Path) -> None:
-    from physgen.cli import main
+    from physgen.cli.main import main
 
     scene = tmp_path / "flat.yaml"
     scene.write_text(

@@ -124,7 +124,7 @@ def test_boxes_hold_masks_however_large_they_are_filmed(edits: tuple[str, ...], 
 def test_torch_tells_the_same_whole_masks(tmp_path) -> None:
     clip = Labelled(hall(tmp_path), (), Path())
     drawn = pipeline.render(clip.filming.stage, clip.trajectory, device="cpu")
-    from physgen.render.backends.torch_frames import render_frames_torch
+    from physgen.render.torch_frames import render_frames_torch
 
     others = render_frames_torch(clip.filming.stage, clip.trajectory, device="cpu")
     for mine, other in zip(drawn, others, strict=True):

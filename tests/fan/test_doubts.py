@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.compile.assemble import assembled
-from physgen.fan.doubt import doubts, light_doubt
-from physgen.fan.draws import directions, drawn, numbers
+from physgen.compile.compile import compile_shapes
+from physgen.simulate.uncertain_values import directions, drawn, numbers, uncertain_light, uncertain_values
 
 BASE = """\
 physgen: 1
@@ -37,7 +36,7 @@ def load(tmp_path: Path, text: str = BASE, overrides: list[str] | None = None, v
 
 
 def paths(scene, variant: str | None = None) -> set[str]:
-    return {doubt.path.removeprefix("objects.") for doubt in doubts(scene, variant)}
+    return {doubt.path.removeprefix("objects.") for doubt in uncertain_values(scene, variant)}
 
 
 ALL = {
@@ -50,7 +49,7 @@ def test_only_what_somebody_guessed_is_drawn(tmp_path: Path) -> None:
     """No mass of what does not move, nothing that is sure, no mask."""
     scene = load(tmp_path)
     assert paths(scene) == ALL
-    assert light_doubt(scene).source.text == "shadows"
+    assert uncertain_light(scene).source.text == "shadows"
     assert paths(load(tmp_path, BASE.replace(" 0.4, friction: table 0.7", ", friction: table"))) == ALL - {
         "ball.mass",
         "ball.friction",
@@ -75,8 +74,8 @@ def test_what_a_person_set_is_certain(
 
 
 def test_a_light_that_a_person_turned_is_certain(tmp_path: Path) -> None:
-    assert light_doubt(load(tmp_path, BASE, ["light.direction=[0, -1, 0]"])) is None
-    assert light_doubt(load(tmp_path, BASE.replace(", from: shadows 0.8", ""))) is None
+    assert uncertain_light(load(tmp_path, BASE, ["light.direction=[0, -1, 0]"])) is None
+    assert uncertain_light(load(tmp_path, BASE.replace(", from: shadows 0.8", ""))) is None
 
 
 def test_what_a_later_file_says_is_certain(tmp_path: Path) -> None:
@@ -88,34 +87,37 @@ def test_what_a_later_file_says_is_certain(tmp_path: Path) -> None:
 def test_draws_are_their_own(tmp_path: Path) -> None:
     """The k-th draw is the same however many there are, whoever else is there, in whatever order."""
     scene = load(tmp_path)
-    found = {d.path: col for d, col in zip(doubts(scene), numbers(doubts(scene), 7, 40).T, strict=True)}
-    again = numbers(doubts(scene), 7, 9)
+    found = {
+        d.path: col
+        for d, col in zip(uncertain_values(scene), numbers(uncertain_values(scene), 7, 40).T, strict=True)
+    }
+    again = numbers(uncertain_values(scene), 7, 9)
     assert np.array_equal(again, np.array(list(found.values())).T[:9])
-    fewer = doubts(load(tmp_path, BASE, ["objects.block=null", "boundaries.floor=null"]))
+    fewer = uncertain_values(load(tmp_path, BASE, ["objects.block=null", "boundaries.floor=null"]))
     assert {d.path for d in fewer} == {"objects.ball.mass", "objects.ball.friction", "objects.other.mass"}
     for doubt, column in zip(fewer, numbers(fewer, 7, 40).T, strict=True):
         assert np.array_equal(column, found[doubt.path]), doubt.path
-    other = numbers(doubts(scene), 8, 40)
+    other = numbers(uncertain_values(scene), 8, 40)
     assert not (other == np.array(list(found.values())).T).any()
-    lit = light_doubt(scene)
+    lit = uncertain_light(scene)
     assert np.array_equal(directions(lit, 7, 40)[:5], directions(lit, 7, 5))
 
 
 def test_what_is_called_alike_is_alike(tmp_path: Path) -> None:
     """Of one matter, whatever that is; each as far off as its own confidence says."""
-    names = {d.path: k for k, d in enumerate(doubts(load(tmp_path)))}
-    values = numbers(doubts(load(tmp_path)), 0, 50)
+    names = {d.path: k for k, d in enumerate(uncertain_values(load(tmp_path)))}
+    values = numbers(uncertain_values(load(tmp_path)), 0, 50)
     heavy = np.log(values[:, names["objects.block.density"]] / 0.2) / np.log(1 / 0.3)
     # a density and a mass are two parameters: only equal ones go together
     other = np.log(values[:, names["objects.other.mass"]] / 40) / np.log(1 / 0.6)
     assert abs(np.corrcoef(heavy, other)[0, 1]) < 0.5
     text = BASE.replace("density: 0.2", "mass: 20").replace("density: by eye", "mass: by eye")
-    found = doubts(load(tmp_path, text))
+    found = uncertain_values(load(tmp_path, text))
     columns = dict(zip((d.path for d in found), numbers(found, 0, 50).T, strict=True))
     heavy = np.log(columns["objects.block.mass"] / 20) / np.log(1 / 0.3)
     assert np.allclose(heavy, np.log(columns["objects.other.mass"] / 40) / np.log(1 / 0.6))
     guessed = text.replace("mask: given 0.2", "label: shape 0.0")
-    found = doubts(load(tmp_path, guessed))
+    found = uncertain_values(load(tmp_path, guessed))
     columns = dict(zip((d.path for d in found), numbers(found, 0, 50).T, strict=True))
     own = np.log(columns["objects.block.mass"] / 20) / np.log(1 / 0.3)
     assert abs(np.corrcoef(own, heavy)[0, 1]) < 0.5, "a name that is a mere guess makes nothing alike"
@@ -124,10 +126,10 @@ def test_what_is_called_alike_is_alike(tmp_path: Path) -> None:
 def test_a_draw_is_the_scene_with_other_numbers(tmp_path: Path) -> None:
     """Beside the way of files and flags: masses, moments and pairs follow."""
     scene = load(tmp_path)
-    found, compiled = doubts(scene), pipeline.compile(scene, None)
+    found, compiled = uncertain_values(scene), pipeline.compile(scene, None)
     values = numbers(found, 3, 4)
     for row in values:
-        world = assembled(drawn(scene, found, row), compiled.shapes).world
+        world = compile_shapes(drawn(scene, found, row), compiled.shapes).world
         flags = [f"{doubt.path}={value!r}" for doubt, value in zip(found, row.tolist(), strict=True)]
         written = pipeline.compile(load(tmp_path, BASE, flags), None).world
         for body, other in zip(world.bodies, written.bodies, strict=True):

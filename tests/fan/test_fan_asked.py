@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from physgen.batch.pool import Job
-from physgen.cli import main
-from physgen.report.video import Format
+from physgen.batch.run import Job
+from physgen.cli.main import main
+from physgen.export.video import Format
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = """\

@@ -10,18 +10,19 @@ import pytest
 from scipy import stats
 
 from physgen import pipeline
-from physgen.fan.fan import Fan, fan
-from physgen.fan.outcome import Fate
-from physgen.fan.verdict import verdicts
+from physgen.simulate.uncertainty import Ensemble, Fate, simulate_ensemble
+from physgen.simulate.uncertainty_summary import verdicts
 
 SLOPE = 24.0
 """degrees."""
 
 
-def made(tmp_path: Path, text: str, count: int, seed: int = 0, overrides: list[str] | None = None) -> Fan:
+def made(
+    tmp_path: Path, text: str, count: int, seed: int = 0, overrides: list[str] | None = None
+) -> Ensemble:
     (tmp_path / "scene.yaml").write_text(text)
     scene = pipeline.load(tmp_path / "scene.yaml", overrides or [])
-    return fan(scene, pipeline.compile(scene, None), count, seed)
+    return simulate_ensemble(scene, pipeline.compile(scene, None), count, seed)
 
 
 def ramp(friction: float, said: str) -> str:

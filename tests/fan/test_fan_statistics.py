@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from physgen.fan.statistics import along, correlation, radius, ranks, telling, wilson
+from physgen.simulate.uncertainty_summary import along, chance_level, correlation, radius, ranks, wilson
 
 
 @pytest.mark.parametrize(("count", "total"), [(0, 2), (13, 32), (32, 32), (1, 1000)])
@@ -32,7 +32,7 @@ def test_noise_is_seldom_a_cause() -> None:
     for _ in range(200):
         outcome, columns = random.random(32) < 0.4, random.normal(size=(20, 32))
         best = max(abs(correlation(column, outcome.astype(float))) for column in columns)
-        passed += best >= telling(32, 20)
+        passed += best >= chance_level(32, 20)
     assert passed <= 20
 
 

@@ -6,10 +6,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from physgen.fan.doubt import Doubt, LightDoubt
-from physgen.fan.draws import directions, numbers, shares
-from physgen.fan.spread import POWERS, Cone, cone, spread, widest
-from physgen.scene.said import Source
+from physgen.scene.provenance import Source
+from physgen.simulate.uncertain_values import (
+    POWERS,
+    Cone,
+    UncertainLight,
+    UncertainValue,
+    cone,
+    directions,
+    numbers,
+    shares,
+    spread,
+    widest,
+)
 
 MANY = 3000
 SOURCE = Source("guess", "table", 0.5)
@@ -23,10 +32,10 @@ def truth(parameter: str, value: float, sure: float) -> stats.rv_continuous:
     return stats.truncnorm(-np.inf, (np.log(10) - np.log(value)) / sigma, np.log(value), sigma)
 
 
-def of(parameter: str, value: float, sure: float, **more: object) -> Doubt:
+def of(parameter: str, value: float, sure: float, **more: object) -> UncertainValue:
     found = spread(parameter, value, sure)
     assert found is not None
-    return Doubt("objects", "a", parameter, value, SOURCE, found, **more)
+    return UncertainValue("objects", "a", parameter, value, SOURCE, found, **more)
 
 
 def unbounded(parameter: str, values: np.ndarray) -> np.ndarray:
@@ -96,7 +105,7 @@ def test_directions_are_as_von_mises_and_fisher_have_them() -> None:
     axis = np.array([0.3, -0.6, 0.74]) / np.linalg.norm([0.3, -0.6, 0.74])
     for sure in (0.2, 0.9):
         made = cone(tuple(axis), sure)
-        drawn = directions(LightDoubt(SOURCE, made), 2, MANY)
+        drawn = directions(UncertainLight(SOURCE, made), 2, MANY)
         assert np.allclose(np.linalg.norm(drawn, axis=1), 1)
         known = stats.vonmises_fisher(axis, made.concentration).rvs(MANY, random_state=4)
         assert stats.ks_2samp(drawn @ axis, known @ axis).pvalue > 1e-3
@@ -115,7 +124,8 @@ def test_directions_are_as_von_mises_and_fisher_have_them() -> None:
 def test_what_is_half_alike_keeps_its_own_distribution() -> None:
     """Shared doubts change what two things have in common, not what each of them is."""
     doubts = [
-        Doubt("objects", name, "mass", 10.0, SOURCE, spread("mass", 10.0, 0.5), "block", 0.5) for name in "ab"
+        UncertainValue("objects", name, "mass", 10.0, SOURCE, spread("mass", 10.0, 0.5), "block", 0.5)
+        for name in "ab"
     ]
     drawn = np.log2(numbers(doubts, 3, MANY) / 10)  # sure 0.5: a factor of 2 is one standard deviation
     for column in drawn.T:

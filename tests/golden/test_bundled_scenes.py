@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.pytest_plugin import GoldenFixture, Motion, Pixels
+from physgen.batch.tolerances import Motion, Pixels
+from physgen.pytest_plugin import GoldenFixture
 from physgen.simulate.engine import simulate
 
 SCENES = {"billiards": 12, "dominoes": 12, "wall-ball": 6}

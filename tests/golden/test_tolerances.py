@@ -11,14 +11,11 @@ import pytest
 from PIL import Image
 from pytest import approx
 
-from physgen.golden.asking import SIDE, Asked, Motion, Pixels
-from physgen.golden.causes import causes
-from physgen.golden.checking import Check, checked
-from physgen.golden.drawn import drawn
-from physgen.golden.files import read
-from physgen.golden.moved import Moved, moved, too_coarse
-from physgen.golden.taking import Still
-from physgen.golden.tracks import track, units
+from physgen.batch.changes import causes
+from physgen.batch.compare import Moved, drawn, moved, too_coarse
+from physgen.batch.golden import Check, checked
+from physgen.batch.golden_files import Still, read, track, units
+from physgen.batch.tolerances import SIDE, GoldenOptions, Motion, Pixels
 from physgen.pipeline import Warm
 from physgen.simulate.trajectory import Trajectory
 
@@ -37,7 +34,7 @@ objects:
 def fall(tmp_path_factory: pytest.TempPathFactory) -> Check:
     path = tmp_path_factory.mktemp("fall") / "scene.yaml"
     path.write_text(FALL)
-    return checked(path, "scene.yaml", "test", Asked(motion=Motion(px_per_s=1.0)), Warm())
+    return checked(path, "scene.yaml", "test", GoldenOptions(motion=Motion(px_per_s=1.0)), Warm())
 
 
 def compared(then: Trajectory, now: Trajectory, allowed: Motion, until: float | None = None) -> Moved:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from physgen.geometry import rotation
+from physgen.geometry.polygon import rotation
 
 
 def grid(size):

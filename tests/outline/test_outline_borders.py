@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from drawings import blob_labels, dense
 
-from physgen.geometry import polygon_moments
-from physgen.outline.borders import trace_borders, walk
-from physgen.outline.simplify import crossings, distances_to_line, simplify
+from physgen.geometry.polygon import polygon_moments
+from physgen.geometry.regions import trace_borders, walk
+from physgen.geometry.simplify import crossings, distances_to_line, simplify
 
 
 def rings(traced, label, lines):

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from drawings import blob_labels, box_mask, disc_mask, iou
 
-from physgen.geometry import rotation
-from physgen.outline.fit import CIRCLE_IOU, clean, fit_outline
-from physgen.outline.outline import Disc, Region, mass_properties
-from physgen.outline.raster import coverage
+from physgen.geometry.fitting import CIRCLE_IOU, fit_outline, without_specks
+from physgen.geometry.polygon import Disc, Region, mass_properties, rotation
+from physgen.geometry.raster import coverage
 
 
 @pytest.mark.parametrize("radius", [6.0, 20.3, 44.8, 150.2, 600.4])
@@ -97,7 +96,7 @@ def test_holes_and_pieces_stay_and_specks_go():
 def test_regions_match_their_masks(seed):
     mask = blob_labels(seed, size=96, smooth=5.0) == 1
     found = fit_outline(mask)
-    kept = clean(mask)
+    kept = without_specks(mask)
     assert iou(coverage(found, (96, 96)), kept) > 0.93
     m = mass_properties(found)
     rows, columns = np.nonzero(kept)

@@ -10,8 +10,7 @@ from drawings import L_SHAPE, U_SHAPE, box, circle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.geometry import rotation
-from physgen.outline.outline import Disc, Region, Ring, bounds, mass_properties
+from physgen.geometry.polygon import Disc, Region, Ring, bounds, mass_properties, rotation
 
 
 def region(outer, *holes):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from drawings import L_SHAPE, box
 
-from physgen.geometry import rotation
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.outline.overlap import overlap_depth
+from physgen.geometry.convex import overlap_depth
+from physgen.geometry.polygon import Disc, Region, Ring, rotation
 
 
 def disc(x, y, radius):

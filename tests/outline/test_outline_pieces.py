@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from drawings import L_SHAPE, U_SHAPE, blob_labels, box, circle
 
-from physgen.geometry import cross, polygon_moments, rotation
-from physgen.outline.outline import Region, Ring, mass_properties
-from physgen.outline.pieces import SLIVER, convex_pieces
-from physgen.outline.shared import fit_regions
+from physgen.geometry.convex import SLIVER, convex_pieces
+from physgen.geometry.polygon import Region, Ring, cross, mass_properties, polygon_moments, rotation
+from physgen.geometry.regions import fit_regions
 
 
 def check(region):

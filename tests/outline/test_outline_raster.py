@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from drawings import L_SHAPE, box
 
-from physgen.outline.outline import Disc, Region, Ring, mass_properties
-from physgen.outline.raster import coverage, coverage_box
+from physgen.geometry.polygon import Disc, Region, Ring, mass_properties
+from physgen.geometry.raster import coverage, coverage_box
 
 
 def test_a_pixel_covers_half_a_pixel_to_each_side():

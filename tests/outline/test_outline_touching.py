@@ -5,14 +5,12 @@ import numpy as np
 import pytest
 from drawings import blob_labels, box_mask, disc_mask, iou
 
-from physgen.outline.borders import trace_borders
-from physgen.outline.fit import fit_outline
-from physgen.outline.outline import Disc, Region, bounds, mass_properties
-from physgen.outline.overlap import overlap_depth
-from physgen.outline.raster import coverage
-from physgen.outline.shared import close_gaps, fit_regions
-from physgen.outline.simplify import crossings
-from physgen.outline.touching import fit_outlines, touching
+from physgen.geometry.convex import overlap_depth
+from physgen.geometry.fitting import fit_outline, fit_outlines, touching_masks
+from physgen.geometry.polygon import Disc, Region, bounds, mass_properties
+from physgen.geometry.raster import coverage
+from physgen.geometry.regions import close_gaps, fit_regions, trace_borders
+from physgen.geometry.simplify import crossings
 
 
 def gap(a, b):
@@ -51,7 +49,7 @@ def test_a_rack_is_a_lattice_without_overlap(spread, seed):
     assert len({disc.radius for disc in found.values()}) == 1
     pairs = [(a, b) for a in found for b in found if a < b]
     assert min(gap(found[a], found[b]) for a, b in pairs) >= 0
-    assert max(gap(found[a], found[b]) for a, b in touching(labels, list(found))) <= 0.5
+    assert max(gap(found[a], found[b]) for a, b in touching_masks(labels, list(found))) <= 0.5
     for i, disc in found.items():
         assert disc.center == pytest.approx(centers[i - 1], abs=0.4 + spread)
         assert iou(coverage(disc, labels.shape), labels == i) >= 0.95 - 0.06 * spread
@@ -223,7 +221,7 @@ def test_the_pyramid_meets_without_overlap(peer_scenes):
     assert len(found[13].rings[0].holes) == 1
     for i, region in found.items():
         assert iou(coverage(region, (512, 512)), labels == i) >= 0.97
-    for a, b in touching(labels, list(found)):
+    for a, b in touching_masks(labels, list(found)):
         one, other = (np.concatenate([r.outer for r in found[i].rings]) for i in (a, b))
         assert np.hypot(*(one[:, None] - other[None]).transpose(2, 0, 1)).min() <= 0.5
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.roles import Setting, Thing
+from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.perceive.roles import BoundaryGuess, PhotoObject
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 SIZE = 240, 240
 """px: width, height."""
 FRONT = np.array([0.0, 0.0, 1.0], np.float32)
 
 
-def setting(view: View = View.SIDE) -> Setting:
-    return Setting(view, 1.0, "", ())
+def setting(view: View = View.SIDE) -> BoundaryGuess:
+    return BoundaryGuess(view, 1.0, "", ())
 
 
 def towards(x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -33,7 +33,7 @@ def rendered(
 def ball(center=(118.0, 121.0), radius=60.0, number=1):
     """A ball's normals before a wall, its labels, and the thing."""
     normals, inside = sphere_normals(SIZE[1], SIZE[0], center, radius)
-    thing = Thing(number, Disc(np.array(center), radius), "ball")
+    thing = PhotoObject(number, Disc(np.array(center), radius), "ball")
     return normals, np.where(inside, number, 0).astype(np.uint16), thing
 
 
@@ -52,7 +52,7 @@ def boxed(left, right, top, bottom):
     labels[top:bottom, left:right] = 1
     a, b, c, d = left - 0.5, right - 0.5, top - 0.5, bottom - 0.5
     ring = Ring(np.array([[a, c], [b, c], [b, d], [a, d]]))
-    return labels, Thing(1, Region((ring,)), "block")
+    return labels, PhotoObject(1, Region((ring,)), "block")
 
 
 def plain(colour=(0.5, 0.32, 0.2), wall=(0.12, 0.16, 0.2), labels=None) -> np.ndarray:

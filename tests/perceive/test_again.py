@@ -12,10 +12,10 @@ import yaml
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.cli import main
+from physgen.cli.main import main
+from physgen.maps import read_labels
 from physgen.materials import kind
-from physgen.percepts.maps import read_labels
-from physgen.scene.model import BoxPrompt, PointPrompt, Scene
+from physgen.scene.scene import BoxPrompt, PointPrompt, Scene
 
 CENTRES = {"ball-1": (60, 70), "ball-2": (150, 75), "ball-3": (240, 70)}
 RADIUS = 30

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physgen import backends
+from physgen import registry
 
 SIZE = 160
 EDGE = 90
@@ -33,7 +33,7 @@ def test_an_edge_goes_on_behind_a_plank_that_lies_nearly_along_it(slope: float) 
     hole = (abs(y - EDGE - slope * (x - 34)) < 12) & (x > 22) & (x < 135)
     photo = truth.copy()
     photo[hole] = [120, 60, 30]
-    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 4
+    assert off(registry.make("inpaint")(photo, hole), truth, hole) < 4
 
 
 def test_an_edge_seen_at_the_photos_borders_alone_goes_on_between() -> None:
@@ -42,7 +42,7 @@ def test_an_edge_seen_at_the_photos_borders_alone_goes_on_between() -> None:
     hole = (abs(x - SIZE / 2) < SIZE / 2 - 10) & (abs(y - EDGE) < 20 + 8 * np.sin(x / 9))
     photo = truth.copy()
     photo[hole] = [30, 60, 120]
-    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 6
+    assert off(registry.make("inpaint")(photo, hole), truth, hole) < 6
 
 
 def test_a_hidden_corner_of_a_box_is_a_corner() -> None:
@@ -52,7 +52,7 @@ def test_a_hidden_corner_of_a_box_is_a_corner() -> None:
     hole = np.hypot(x - 80, y - 100) < 42
     photo = truth.copy()
     photo[hole] = [120, 60, 30]
-    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 3
+    assert off(registry.make("inpaint")(photo, hole), truth, hole) < 3
 
 
 def test_nothing_is_carried_on_where_there_is_no_border() -> None:
@@ -61,4 +61,4 @@ def test_nothing_is_carried_on_where_there_is_no_border() -> None:
     hole[60:100, 20:140] = True
     photo = truth.copy()
     photo[hole] = 0
-    assert off(backends.make("inpaint")(photo, hole), truth, hole) < 1
+    assert off(registry.make("inpaint")(photo, hole), truth, hole) < 1

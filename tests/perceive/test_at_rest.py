@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.compile.assemble import compile_scene
-from physgen.outline.outline import Disc, Region, Ring
+from physgen.compile.compile import compile_scene
+from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.perceive.backends.boundary_support import support
-from physgen.perceive.boxes import rectangle
-from physgen.perceive.equilibrium import contacts, pushing, unheld
-from physgen.perceive.given import from_masks
-from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import outlined, perceive
-from physgen.perceive.upheld import depth_within, free_parts
+from physgen.perceive.document import write_scene
+from physgen.perceive.perceive import fit_objects, perceive
+from physgen.perceive.segment.prompts import from_masks
+from physgen.perceive.support.equilibrium import contacts, nonnegative_least_squares, unstable_objects
+from physgen.perceive.support.ground_contact import fit_rectangle
+from physgen.perceive.support.supports import depth_inside, free_parts
 
 W, H = 256, 192
 
@@ -113,14 +113,14 @@ def test_what_nobody_pushes_stays(draw, tmp_path):
     assert perceived.document["world"]["view"] == ("top" if draw is from_above else "side")
     assert not any(one.get("motion") == "static" for one in perceived.document["objects"].values())
     path = tmp_path / "scene.yaml"
-    lay_out(perceived, None, "photo", path)
+    write_scene(perceived, None, "photo", path)
     scene = pipeline.load(path, ["forces=[]", "world.duration=2"])
     poses = pipeline.simulate(compile_scene(scene, perceived.percepts.labels).world).poses
     assert np.hypot(*np.moveaxis(poses[..., :2] - poses[:1, :, :2], -1, 0)).max() <= 1.0
 
 
 def perceived_walls(photo: Photo, labels: np.ndarray, rgb: np.ndarray):
-    things, _ = outlined(rgb, from_masks(labels))
+    things, _ = fit_objects(rgb, from_masks(labels))
     return things, support()(np.ascontiguousarray(rgb), np.ascontiguousarray(labels), things, None)
 
 
@@ -132,7 +132,7 @@ def test_supports_enter_no_shape(draw):
         for a, b in zip(wall.points, wall.points[1:], strict=False):
             along = np.linspace(a, b, 400)
             for thing in things:
-                assert depth_within(setting.outlines.get(thing.id, thing.outline), along).max() <= 0.12, wall
+                assert depth_inside(setting.outlines.get(thing.id, thing.outline), along).max() <= 0.12, wall
 
 
 @pytest.mark.parametrize("draw", [slope, levels, stack], ids=lambda draw: draw.__name__)
@@ -178,17 +178,17 @@ def test_friction_decides_whether_a_block_stays_on_a_slope():
     outline = Region((Ring(block(0, 0, 40, 20).rings[0].outer @ turn),))
     ground = np.array([[-50.0, 0], [100, 0]]) @ turn
     found = contacts([outline], [ground])
-    assert unheld([outline], found, {}, default=np.tan(a) * 1.2) == []
-    assert unheld([outline], found, {}, default=np.tan(a) * 0.8) == [0]
+    assert unstable_objects([outline], found, {}, default=np.tan(a) * 1.2) == []
+    assert unstable_objects([outline], found, {}, default=np.tan(a) * 0.8) == [0]
 
 
 def test_what_overhangs_too_far_falls_and_a_counterweight_holds_it():
     ground = np.array([[-100.0, 0], [300, 0]])
     foot, beam = block(0, 0, 40, 40), block(22, -40, 100, 10)
     found = contacts([foot, beam], [ground])
-    assert unheld([foot, beam], found, {}) == [1]
+    assert unstable_objects([foot, beam], found, {}) == [1]
     both = [foot, block(0, -40, 70, 10), block(0, -50, 30, 60)]
-    assert unheld(both, contacts(both, [ground]), {}) == []
+    assert unstable_objects(both, contacts(both, [ground]), {}) == []
 
 
 def test_three_balls_roll_apart_unless_something_is_beside_them():
@@ -196,15 +196,15 @@ def test_three_balls_roll_apart_unless_something_is_beside_them():
     balls = [
         Disc(np.array([x, y]), 10.0) for x, y in ((-10.0, -10.0), (10.0, -10.0), (0.0, -10 - np.sqrt(300)))
     ]
-    assert unheld(balls, contacts(balls, [ground]), {}, default=0.1) != []
+    assert unstable_objects(balls, contacts(balls, [ground]), {}, default=0.1) != []
     beside = [np.array([[s * 20.0, -40], [s * 20.0, 0]]) for s in (-1, 1)]
-    assert unheld(balls, contacts(balls, [ground, *beside]), {}, default=0.1) == []
+    assert unstable_objects(balls, contacts(balls, [ground, *beside]), {}, default=0.1) == []
 
 
 def test_forces_only_push():
     matrix = np.array([[1.0, -1.0], [0.0, 1.0]])
-    assert pushing(matrix, np.array([1.0, 2.0])) == pytest.approx([3.0, 2.0])
-    assert pushing(matrix, np.array([-1.0, 0.0])) == pytest.approx([0.0, 0.5])
+    assert nonnegative_least_squares(matrix, np.array([1.0, 2.0])) == pytest.approx([3.0, 2.0])
+    assert nonnegative_least_squares(matrix, np.array([-1.0, 0.0])) == pytest.approx([0.0, 0.5])
 
 
 def test_a_chain_is_cut_where_it_would_enter_something():
@@ -222,8 +222,8 @@ def test_a_ragged_rectangle_is_a_box_and_a_trapezium_is_none():
     border = np.concatenate(
         [a + along * (b - a) for a, b in zip(true, np.roll(true, -1, axis=0), strict=True)]
     )
-    box = rectangle(Region((Ring(border + rng.uniform(-0.4, 0.4, border.shape)),)))
+    box = fit_rectangle(Region((Ring(border + rng.uniform(-0.4, 0.4, border.shape)),)))
     assert box is not None
     assert np.abs(np.sort(box.rings[0].outer, axis=0) - np.sort(true, axis=0)).max() < 0.6
     slanted = np.array([[24.0, 20], [40, 20], [44, 90], [20, 90]])
-    assert rectangle(Region((Ring(slanted),))) is None
+    assert fit_rectangle(Region((Ring(slanted),))) is None

@@ -5,8 +5,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.perceive.borrow import fewer
+from physgen import registry
+from physgen.perceive.inpaint.patch_match import thin_out
 
 MIB = 2**20
 
@@ -23,7 +23,7 @@ def test_long_photos_take_little_memory(height: int, width: int) -> None:
     photo = np.clip(truth + grain, 0, 255).astype(np.uint8)
     hole = (abs(along - 700) < 40) & (across > long // 4) & (across < 3 * long // 4)
     photo[hole] = 0
-    inpaint = backends.make("inpaint")
+    inpaint = registry.make("inpaint")
     tracemalloc.start()
     filled = inpaint(photo, hole)
     peak = tracemalloc.get_traced_memory()[1]
@@ -39,7 +39,7 @@ def test_a_long_line_through_a_long_hole_takes_little_memory() -> None:
     hole = (abs(x - 800) < 300) & (abs(y - 40) < 20)
     truth = photo.astype(float)
     photo[hole] = 255
-    inpaint = backends.make("inpaint")
+    inpaint = registry.make("inpaint")
     tracemalloc.start()
     filled = inpaint(photo, hole)
     peak = tracemalloc.get_traced_memory()[1]
@@ -50,8 +50,8 @@ def test_a_long_line_through_a_long_hole_takes_little_memory() -> None:
 
 def test_fewer_places_are_spread_evenly() -> None:
     places = np.argwhere(np.ones((60, 200), bool))
-    some = fewer(places, 1000)
+    some = thin_out(places, 1000)
     assert 990 <= len(some) <= 1010
     count, _, _ = np.histogram2d(some[:, 0], some[:, 1], [3, 10])
     assert count.min() > 0.6 * count.mean()
-    assert np.array_equal(fewer(places, 12000), places)
+    assert np.array_equal(thin_out(places, 12000), places)

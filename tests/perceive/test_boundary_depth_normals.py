@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import yaml
 
-from physgen import backends
-from physgen.perceive.given import from_masks
-from physgen.perceive.roles import Scenery, Setting
-from physgen.perceive.scene import outlined
-from physgen.perceive.upheld import depth_within
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_image
+from physgen import registry
+from physgen.maps import read_labels
+from physgen.perceive.perceive import fit_objects
+from physgen.perceive.roles import BoundaryGuess, Scenery
+from physgen.perceive.segment.prompts import from_masks
+from physgen.perceive.support.supports import depth_inside
+from physgen.photos import read_image
 from physgen.problems import InputError
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 WIDTH, HEIGHT, FOCAL = 512, 384, 600.0
 CX, CY = 255.5, 120.0
@@ -69,14 +69,14 @@ class Drawn:
         inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
         self.put(inside, np.full_like(self.u, z), (0, 0, 1), colour, label, scenery)
 
-    def run(self, view=None, scenery=False, noise=0.0, scale=1.0, shift=0.0) -> Setting:
+    def run(self, view=None, scenery=False, noise=0.0, scale=1.0, shift=0.0) -> BoundaryGuess:
         random = np.random.default_rng(3)
         depth = np.where(np.isfinite(self.depth), self.depth, self.depth[np.isfinite(self.depth)].max())
         depth = depth + noise * np.ptp(depth) * random.normal(0, 1, depth.shape)
         normals = self.normals + noise * 6 * random.normal(0, 1, self.normals.shape)
         normals = (normals / np.linalg.norm(normals, axis=2, keepdims=True)).astype(np.float32)
-        things, _ = outlined(self.rgb, from_masks(self.labels))
-        run = backends.make("boundary", "depth-normals")
+        things, _ = fit_objects(self.rgb, from_masks(self.labels))
+        run = registry.make("boundary", "depth-normals")
         kept = Scenery(self.scenery, {1: "table", 2: "brick wall", 9: "wall"}) if scenery else None
         setting = run(
             self.rgb, self.labels, things, view,
@@ -86,7 +86,7 @@ class Drawn:
         for wall in setting.walls[1:]:
             for a, b in pairwise(np.array(wall.points)):
                 points = a + np.linspace(0, 1, 50)[:, None] * (b - a)
-                assert all(depth_within(outline, points).max() < 0.1 for outline in outlines), wall
+                assert all(depth_inside(outline, points).max() < 0.1 for outline in outlines), wall
         return setting
 
 
@@ -94,7 +94,7 @@ def px(x: float, y: float, z: float = DISTANCE) -> tuple[float, float]:
     return CX + FOCAL * x / z, CY + FOCAL * y / z
 
 
-def off(setting: Setting, start, end, frame=False) -> float:
+def off(setting: BoundaryGuess, start, end, frame=False) -> float:
     """px from an edge to the nearest wall, at most but for 5 % at its ends: mean over it."""
     start, end = np.array(start, float), np.array(end, float)
     points = start + np.linspace(0.03, 0.97, 200)[:, None] * (end - start)
@@ -254,9 +254,9 @@ def test_what_is_no_plane_is_no_edge():
 @pytest.mark.parametrize("depth", [None, np.zeros((HEIGHT, WIDTH), np.float32)])
 def test_no_depth_is_said_and_how_to_get_it(depth):
     drawn = table()
-    things, _ = outlined(drawn.rgb, from_masks(drawn.labels))
+    things, _ = fit_objects(drawn.rgb, from_masks(drawn.labels))
     with pytest.raises(InputError) as error:
-        backends.make("boundary", "depth-normals")(
+        registry.make("boundary", "depth-normals")(
             drawn.rgb, drawn.labels, things, None, depth=depth, normals=drawn.normals
         )
     assert "depth=depth-anything" in str(error.value)
@@ -277,8 +277,8 @@ def peer(name: str):
 )
 def test_peers_edges_are_found(name, view):
     rgb, labels, depth, normals, sim = peer(name)
-    things, _ = outlined(rgb, from_masks(labels))
-    run = backends.make("boundary", "depth-normals")
+    things, _ = fit_objects(rgb, from_masks(labels))
+    run = registry.make("boundary", "depth-normals")
     setting = run(rgb, labels, things, None, depth=depth, normals=normals)
     assert setting.view is view
     for start, end in sim["edge_list"]:

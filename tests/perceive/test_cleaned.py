@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from physgen.perceive.cleaned import (
+from physgen.perceive.segment.masks import (
     Cut,
     distinct,
     distinct_boxes,

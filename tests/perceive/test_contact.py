@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.darkened import missing, standing_out
-from physgen.perceive.roles import LightGuess, Setting, Shadows, Thing, Wall
+from physgen import registry
+from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
+from physgen.perceive.shadow.ambient_shade import contrast_over_chance, missing_light
 from physgen.photometry import DistantLight
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 WIDTH, HEIGHT, FLOOR = 480, 320, 240.5
 GUESS = LightGuess(DistantLight((0.0, -0.6, 0.8), 0.8, 0.4), 0.1, "")
@@ -41,18 +41,20 @@ def stones(dark: float, moved: tuple[int, int] = (0, 0)) -> tuple[Shadows, np.nd
     away = np.full((HEIGHT, WIDTH), 1e3)
     for k, (cx, cy, r) in enumerate(DISCS, 1):
         labels[np.hypot(x - cx, y - cy) <= r] = k
-        things.append(Thing(k, Disc(np.array([cx, cy]), r), "curling stone"))
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), r), "curling stone"))
         away = np.minimum(away, np.abs(np.hypot(x - cx - moved[0], y - cy - moved[1]) - r))
     lit = ice()
     background = srgb(lit * np.exp(-dark * np.exp(-away / 6))[..., None])
-    found = role(background, labels, things, Setting(View.TOP, 1.0, "", ()))
+    found = role(background, labels, things, BoundaryGuess(View.TOP, 1.0, "", ()))
     return found, np.where(labels > 0, -1.0, away), srgb(lit)
 
 
-def role(background: np.ndarray, labels: np.ndarray, things: list[Thing], setting: Setting) -> Shadows:
-    matter = backends.make("physics")(background, things, None)
+def role(
+    background: np.ndarray, labels: np.ndarray, things: list[PhotoObject], setting: BoundaryGuess
+) -> Shadows:
+    matter = registry.make("physics")(background, things, None)
     coverage = (labels > 0).astype(np.float32)
-    return backends.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
+    return registry.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
 
 
 def test_rims_of_stones_are_found_and_lifted() -> None:
@@ -91,7 +93,9 @@ def plank(dark: float) -> tuple[Shadows, np.ndarray]:
     grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
     picture = np.array([0.42, 0.36, 0.30]) * np.exp(0.03 * grain / grain.std() - dark * below)[..., None]
     floor = Wall("floor", ((-0.5, FLOOR), (WIDTH - 0.5, FLOOR)), 0.5, 0.5, 0.9, "", "")
-    found = role(srgb(picture), labels, [Thing(1, outline, "board")], Setting(View.SIDE, 1.0, "", (floor,)))
+    found = role(
+        srgb(picture), labels, [PhotoObject(1, outline, "board")], BoundaryGuess(View.SIDE, 1.0, "", (floor,))
+    )
     open_ = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
     return found, open_ & (below > 0.3)
 
@@ -115,12 +119,14 @@ def test_missing_light_is_measured_across_paint() -> None:
     background = srgb(ice() * np.exp(-0.3 * spot)[..., None])
     suspect = np.hypot(x - 120, y - 160) < 40
     free = np.ones((HEIGHT, WIDTH), np.float32)
-    dark = missing(background, free, suspect, 50.0, from_above=True)
+    dark = missing_light(background, free, suspect, 50.0, from_above=True)
     inner = np.hypot(x - 120, y - 160) < 22
     assert np.median(dark[inner]) == pytest.approx(0.3, abs=0.05)
-    contrast, times = standing_out(dark, free > 0, inner, suspect & ~spot, [(90, 0), (180, 60), (240, -60)])
+    contrast, times = contrast_over_chance(
+        dark, free > 0, inner, suspect & ~spot, [(90, 0), (180, 60), (240, -60)]
+    )
     assert contrast == pytest.approx(0.3, abs=0.05)
     assert times > 6
     elsewhere = np.roll(inner, 240, 1), np.roll(suspect & ~spot, 240, 1)
-    _, times = standing_out(dark, free > 0, *elsewhere, [(-240, 0)])
+    _, times = contrast_over_chance(dark, free > 0, *elsewhere, [(-240, 0)])
     assert times == 0, "the spot is darker"

@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.equilibrium import MANY, TILTED, UNHELD, contacts, pushing, unheld
-from physgen.perceive.interior import unbalanced
+from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.perceive.support.equilibrium import (
+    MANY,
+    TILTED,
+    UNHELD,
+    contacts,
+    nonnegative_least_squares,
+    unbalanced_forces,
+    unstable_objects,
+)
 
 GROUND = np.array([[-500.0, 0.0], [900.0, 0.0]])
 
@@ -28,15 +35,15 @@ def test_a_block_slips_where_the_slope_is_steeper_than_friction(degrees):
     found = contacts([outline], [turned(GROUND, degrees)])
     limit = np.tan(np.radians(abs(degrees)))
     sure = np.tan(np.radians(abs(degrees)) + TILTED)
-    assert unheld([outline], found, {}, default=0.97 * limit) == [0]
-    assert unheld([outline], found, {}, default=1.03 * sure) == []
+    assert unstable_objects([outline], found, {}, default=0.97 * limit) == [0]
+    assert unstable_objects([outline], found, {}, default=1.03 * sure) == []
 
 
 def test_a_tall_block_tips_on_a_slope_that_would_hold_it():
     for height, stands in ((30, True), (90, False)):  # tan 20 degrees is 0.36: width over height
         outline = Region((Ring(turned(block(0, 0, 20, height).rings[0].outer, 20)),))
         found = contacts([outline], [turned(GROUND, 20)])
-        assert (unheld([outline], found, {}, default=2.0) == []) is stands
+        assert (unstable_objects([outline], found, {}, default=2.0) == []) is stands
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -45,7 +52,7 @@ def test_a_block_over_an_edge_by_more_than_half_falls(side, over, stands):
     edge = np.array([[-300.0, 0.0], [0.0, 0.0]]) * (side, 1)
     x = -100 * (1 - over) if side > 0 else -100 * over
     outline = block(x, 0, 100, 20)
-    assert (unheld([outline], contacts([outline], [edge]), {}) == []) is stands
+    assert (unstable_objects([outline], contacts([outline], [edge]), {}) == []) is stands
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -55,9 +62,9 @@ def test_a_leaning_plank_needs_its_wall(side):
     ground = GROUND + np.array([0, points[:, 1].max()])
     far = points[:, 0].max() if side > 0 else points[:, 0].min()
     wall = np.array([[far, -300.0], [far, points[:, 1].max()]])
-    assert unheld([plank], contacts([plank], [ground]), {}, default=0.6) == [0]
-    assert unheld([plank], contacts([plank], [ground, wall]), {}, default=0.6) == []
-    assert unheld([plank], contacts([plank], [ground, wall]), {}, default=0.02) == [0]
+    assert unstable_objects([plank], contacts([plank], [ground]), {}, default=0.6) == [0]
+    assert unstable_objects([plank], contacts([plank], [ground, wall]), {}, default=0.6) == []
+    assert unstable_objects([plank], contacts([plank], [ground, wall]), {}, default=0.02) == [0]
 
 
 def bricks(rows: int, across: int) -> list[Region]:
@@ -67,24 +74,24 @@ def bricks(rows: int, across: int) -> list[Region]:
 def test_a_large_pile_stands_and_only_what_lacks_support_is_held():
     pile = bricks(8, 8)
     assert len(pile) > MANY
-    assert unheld(pile, contacts(pile, [GROUND]), {}) == []
+    assert unstable_objects(pile, contacts(pile, [GROUND]), {}) == []
     overhang = block(24 * 8, -12 * 8, 60, 12)  # on the last of the top row by a fifth
     more = [*pile, overhang]
-    assert unheld(more, contacts(more, [GROUND]), {}) == [len(pile)]
+    assert unstable_objects(more, contacts(more, [GROUND]), {}) == [len(pile)]
     short = np.array([[-10.0, 0.0], [100.0, 0.0]])
-    held = unheld(pile, contacts(pile, [short]), {})
+    held = unstable_objects(pile, contacts(pile, [short]), {})
     assert held
-    assert unheld(pile, contacts(pile, [short]), {}, fixed=held) == []
+    assert unstable_objects(pile, contacts(pile, [short]), {}, fixed=held) == []
 
 
 def test_what_is_known_of_a_group_stays_known():
     pile = [*bricks(2, 2), Disc(np.array([300.0, -40.0]), 10.0)]
     found = contacts(pile, [GROUND])
     known: dict = {}
-    first = unheld(pile, found, {}, known=known)
+    first = unstable_objects(pile, found, {}, known=known)
     assert first == [4]
     assert len(known) == 2
-    assert unheld(pile, found, {}, known=known) == first
+    assert unstable_objects(pile, found, {}, known=known) == first
     assert len(known) == 2
 
 
@@ -100,5 +107,5 @@ def test_both_methods_leave_the_same_unbalanced():
                 if i >= 0:
                     matrix[3 * i : 3 * i + 3, m] += three
         wanted = rng.normal(size=(count, 3))
-        rest = wanted.ravel() - matrix @ pushing(matrix, wanted.ravel())
-        assert unbalanced(pairs, parts, wanted).ravel() == pytest.approx(rest, abs=UNHELD / 2)
+        rest = wanted.ravel() - matrix @ nonnegative_least_squares(matrix, wanted.ravel())
+        assert unbalanced_forces(pairs, parts, wanted).ravel() == pytest.approx(rest, abs=UNHELD / 2)

@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.geometry import Array
+from physgen import registry
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.materials import kind
-from physgen.outline.outline import Disc, Outline, Region, Ring, bounds
-from physgen.perceive.extent import extent, revolved
-from physgen.perceive.roles import Thing
-from physgen.perceive.scale import scale
+from physgen.perceive.roles import PhotoObject
+from physgen.perceive.scale import object_extent, photo_scale, revolve
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,14 +45,14 @@ SPHERE = 50 * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
 )
 def test_volumes_of_revolution_are_those_of_closed_forms(points: Array, volume: float, degrees: float):
     axis = turned(np.array([[0.0, 1.0]]), degrees)[0] - [300, 200]
-    assert revolved(region(turned(points, degrees)), axis).volume == pytest.approx(volume, rel=0.02)
+    assert revolve(region(turned(points, degrees)), axis).volume == pytest.approx(volume, rel=0.02)
 
 
 def test_a_handle_is_left_out():
     """A mug: a cylinder, and a ring at its right side."""
     outer = [[-40, -60], [40, -60], [40, -45], [75, -45], [75, 45], [40, 45], [40, 60], [-40, 60]]
     hole = [[42, -30], [42, 30], [62, 30], [62, -30]]
-    found = revolved(region(outer, hole), np.array([0.0, 1.0]))
+    found = revolve(region(outer, hole), np.array([0.0, 1.0]))
     assert found.volume == pytest.approx(pi * 40**2 * 120, rel=0.06)
     assert found.diameter == pytest.approx(80, rel=0.06)
 
@@ -65,22 +63,22 @@ def test_a_handle_is_left_out():
 def test_a_book_is_as_deep_as_the_side_that_it_hides(width: int, height: int, depth: int):
     """It stands, shows its back, lies, and lies with its short edge to the front."""
     shown = region([[0, 0], [2 * width, 0], [2 * width, 2 * height], [0, 2 * height]])
-    found = extent(shown, kind("book"))
+    found = object_extent(shown, kind("book"))
     assert found.volume == pytest.approx(2 * width * 2 * height * 2 * depth, rel=0.02)
     assert found.per_mm == pytest.approx(2, rel=0.02)
 
 
 def test_a_coin_has_one_volume_from_both_sides():
     what = kind("euro coin")
-    face = extent(Disc(np.zeros(2), 116.25), what)
-    edge = extent(region([[0, 0], [232.5, 0], [232.5, 23.3], [0, 23.3]]), what)
+    face = object_extent(Disc(np.zeros(2), 116.25), what)
+    edge = object_extent(region([[0, 0], [232.5, 0], [232.5, 23.3], [0, 23.3]]), what)
     assert face.volume == pytest.approx(pi * 116.25**2 * 23.3, rel=0.01)
     assert edge.volume == pytest.approx(face.volume, rel=0.01)
 
 
 def grams(label: str, outline: Outline, pixels_per_meter: float) -> float:
-    thing = Thing(1, outline, label)
-    return backends.make("physics")(np.zeros((500, 500, 3), np.uint8), [thing], pixels_per_meter)[1].mass
+    thing = PhotoObject(1, outline, label)
+    return registry.make("physics")(np.zeros((500, 500, 3), np.uint8), [thing], pixels_per_meter)[1].mass
 
 
 def test_balls_weigh_what_they_weigh():
@@ -120,10 +118,10 @@ def weighed(scenes: list[str], *, true_scale: bool) -> tuple[int, int]:
             outline = drawn(item)
             x0, y0, x1, y1 = bounds(outline)
             cut = min(x0, y0) < -0.5 or x1 > width - 0.5 or y1 > height - 0.5
-            things.append(Thing(item["id"], outline, item["label"], cut))
-        told = scale(things, {thing.id: kind(thing.label) for thing in things})
+            things.append(PhotoObject(item["id"], outline, item["label"], cut))
+        told = photo_scale(things, {thing.id: kind(thing.label) for thing in things})
         per_meter = truth["pixels_per_meter"] if true_scale else told and told.pixels_per_meter
-        matter = backends.make("physics")(np.zeros((height, width, 3), np.uint8), things, per_meter)
+        matter = registry.make("physics")(np.zeros((height, width, 3), np.uint8), things, per_meter)
         ratios = [matter[item["id"]].mass / item["mass_g"] for item in truth["objects"]]
         right += sum(0.5 <= ratio <= 2 for ratio in ratios)
         count += len(ratios)
@@ -142,11 +140,11 @@ def test_masses_of_the_studio(half: str, given: float, labels: float):
 
 def test_an_unknown_scale_is_taken_to_be_half_a_metre_and_hardly_believed():
     """Two labels that may be guesses tell no scale: who knows it says so."""
-    cups = [Thing(k, region([[0, 0], [94, 0], [94, 82], [0, 82]]), "cup") for k in (1, 2)]
-    physics = backends.make("physics")
+    cups = [PhotoObject(k, region([[0, 0], [94, 0], [94, 82], [0, 82]]), "cup") for k in (1, 2)]
+    physics = registry.make("physics")
     found = physics(np.zeros((400, 600, 3), np.uint8), cups, None)
     assert "taking the photo to show 0.5 m" in found[1].reason
     assert found[1].confidence <= 0.3
     assert found[1].mass == physics(np.zeros((400, 600, 3), np.uint8), cups, 1200)[1].mass
-    ball = [Thing(1, Disc(np.zeros(2), 30), "golf ball")]
+    ball = [PhotoObject(1, Disc(np.zeros(2), 30), "golf ball")]
     assert physics(np.zeros((400, 600, 3), np.uint8), ball, None)[1].confidence <= 0.3

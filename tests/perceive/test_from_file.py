@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends, pipeline
-from physgen.backends import Setup
-from physgen.cli import main
+from physgen import pipeline, registry
+from physgen.cli.main import main
 from physgen.perceive.backends.from_file import parted
-from physgen.perceive.scene import UNKNOWN
-from physgen.percepts.photo import read_photo
+from physgen.perceive.perceive import UNKNOWN
 from physgen.photometry import decode
+from physgen.photos import read_photo
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 WIDTH, HEIGHT = 96, 64
 
@@ -27,7 +27,7 @@ def rgb() -> np.ndarray:
 
 
 def made(role: str, path) -> object:
-    return backends.make(role, "file", Setup(str(path)))
+    return registry.make(role, "file", Setup(str(path)))
 
 
 def test_normals_keep_their_frame_in_any_size_and_of_any_length(tmp_path, rgb):
@@ -177,7 +177,7 @@ def test_files_that_are_not_there_or_no_maps(tmp_path):
         (str(tmp_path / "no.npy"), "is not there"),
     ):
         with pytest.raises(InputError) as error:
-            backends.make("depth", "file", Setup(text))
+            registry.make("depth", "file", Setup(text))
         assert message in str(error.value)
     for content in (b"no", b""):
         for name in ("x.npy", "x.png"):

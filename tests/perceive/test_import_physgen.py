@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from physgen.perceive.document import write_scene
 from physgen.perceive.import_physgen import import_physgen
-from physgen.perceive.lay_out import lay_out
-from physgen.perceive.scene import perceive
+from physgen.perceive.perceive import perceive
 from physgen.problems import InputError, Severity
-from physgen.scene.build import load
-from physgen.scene.model import Circle, Combine, Load, Polygon, Solid, View
+from physgen.scene.load import load
+from physgen.scene.scene import Circle, Combine, Load, Polygon, Solid, View
 
 SIM = """\
 cat: two
@@ -65,7 +65,7 @@ def folder(path: Path, sim: str = SIM) -> Path:
 @pytest.fixture
 def scene(tmp_path: Path):
     found = import_physgen(folder(tmp_path / "two"))
-    lay_out(found, tmp_path / "two" / "original.png", "original", tmp_path / "scene.yaml")
+    write_scene(found, tmp_path / "two" / "original.png", "original", tmp_path / "scene.yaml")
     return load(tmp_path / "scene.yaml")
 
 
@@ -223,7 +223,7 @@ def test_no_folder(tmp_path: Path):
 )
 def test_the_paper_s_scenes(peer_scenes: Path, tmp_path: Path, name: str, objects: int, view: str):
     found = import_physgen(peer_scenes / name)
-    lay_out(found, peer_scenes / name / "original.png", "original", tmp_path / "scene.yaml")
+    write_scene(found, peer_scenes / name / "original.png", "original", tmp_path / "scene.yaml")
     scene = load(tmp_path / "scene.yaml")
     assert len(scene.objects) == objects
     assert scene.world.view.value == view
@@ -241,9 +241,9 @@ def test_the_paper_s_scenes(peer_scenes: Path, tmp_path: Path, name: str, object
     [("pool", "top", 1), ("domino", "side", 2), ("pig_ball", "side", 2), ("boxes", "side", 2)],
 )
 def test_the_paper_s_photos_perceived(peer_scenes: Path, name: str, view: str, walls: int):
-    from physgen.perceive.given import from_masks
-    from physgen.percepts.maps import read_labels
-    from physgen.percepts.photo import read_image
+    from physgen.maps import read_labels
+    from physgen.perceive.segment.prompts import from_masks
+    from physgen.photos import read_image
 
     rgb = read_image(peer_scenes / name / "original.png")
     document = perceive(rgb, from_masks(read_labels(peer_scenes / name / "mask.png"))).document

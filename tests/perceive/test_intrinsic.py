@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends
+from physgen import registry
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from tests.perceive.lambertian import ball, plain, rendered, towards
 
@@ -17,7 +17,7 @@ RED, BLUE = np.array([0.5, 0.12, 0.08]), np.array([0.08, 0.14, 0.35])
 
 def parted(linear, labels=NOTHING, normals=FACING):
     rgb = encode_u8(np.clip(linear, 0, 1))
-    return decode(rgb), backends.make("intrinsic", "retinex")(rgb, labels, normals)
+    return decode(rgb), registry.make("intrinsic", "retinex")(rgb, labels, normals)
 
 
 def checker() -> np.ndarray:
@@ -51,7 +51,7 @@ def test_a_plain_balls_light_is_shading():
     light = DistantLight(towards(-0.6, -0.5, 0.6), 0.8, 0.2)
     albedo = plain(labels=labels)
     rgb = rendered(normals, albedo, light)
-    found = backends.make("intrinsic", "retinex")(rgb, labels, normals)
+    found = registry.make("intrinsic", "retinex")(rgb, labels, normals)
     own = cv2.erode((labels > 0).astype(np.uint8), np.ones((7, 7))) > 0
     rest, before = (np.log(luminance(a))[own].std() for a in (found.albedo, decode(rgb)))
     assert rest < 0.5 * before

@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 from pytest import approx
 
-from physgen.perceive.learned.candidates import rescaled
-from physgen.perceive.learned.evidence import NAMES, evidence
-from physgen.perceive.learned.network import OFFSETS, WEIGHTS, Seen, see
-from physgen.perceive.learned.parts import parts
-from physgen.perceive.proposals.proposal import Proposal, cut_out
+from physgen.perceive.segment.candidates import FEATURES, network_proposals, proposal_features, rescaled
+from physgen.perceive.segment.network import OFFSETS, WEIGHTS, NetworkMaps, run_network
+from physgen.perceive.segment.proposals import Proposal, cut_out
 
 
-def true_maps(labels: np.ndarray, sure: float = 0.97) -> Seen:
+def true_maps(labels: np.ndarray, sure: float = 0.97) -> NetworkMaps:
     """What a network would say that is right everywhere, and almost sure."""
     on = labels > 0
     border = np.zeros(labels.shape, bool)
@@ -35,7 +33,7 @@ def true_maps(labels: np.ndarray, sure: float = 0.97) -> Seen:
 
     normals = np.zeros((*labels.shape, 3), np.float32)
     normals[..., 2] = 1
-    return Seen(said(on), said(border), said(pairs), normals, np.zeros(labels.shape, np.float32))
+    return NetworkMaps(said(on), said(border), said(pairs), normals, np.zeros(labels.shape, np.float32))
 
 
 def touching() -> np.ndarray:
@@ -58,7 +56,7 @@ def whole(mask: np.ndarray) -> Proposal:
 
 def test_every_object_is_among_the_parts() -> None:
     labels = touching()
-    found = parts(true_maps(labels), 14, labels.size // 2)
+    found = network_proposals(true_maps(labels), 14, labels.size // 2)
     for k in range(1, 8):
         if k == 6:  # a proposal has no hole: the ring is found with what it holds
             truth = (labels == 6) | (labels == 7)
@@ -75,8 +73,8 @@ def test_evidence_tells_wholes_from_halves_and_pairs() -> None:
     seen = true_maps(labels)
     half = labels == 5
     half[:, 45:] = False
-    told = evidence([whole(labels == 5), whole(half), whole((labels == 4) | (labels == 5))], seen)
-    at = {name: k for k, name in enumerate(NAMES)}
+    told = proposal_features([whole(labels == 5), whole(half), whole((labels == 4) | (labels == 5))], seen)
+    at = {name: k for k, name in enumerate(FEATURES)}
     object_, part, pair = told
     assert object_[at["foreground"]] == approx(0.97, abs=0.01)
     assert (
@@ -96,8 +94,8 @@ def test_evidence_tells_wholes_from_halves_and_pairs() -> None:
 def test_what_the_photo_cuts_is_told() -> None:
     labels = np.zeros((60, 60), np.uint8)
     labels[20:40, :20] = 1
-    told = evidence([whole(labels == 1)], true_maps(labels))[0]
-    assert told[NAMES.index("cut by the photo")] == approx(
+    told = proposal_features([whole(labels == 1)], true_maps(labels))[0]
+    assert told[FEATURES.index("cut by the photo")] == approx(
         20 / 78, abs=0.02
     )  # 20 of its 76 border pixels and corners
 
@@ -118,14 +116,14 @@ def test_a_proposal_keeps_its_place_on_another_grid() -> None:
 
 
 def test_the_shipped_network_is_small_and_sees_mirrored_what_is_mirrored() -> None:
-    from physgen.perceive.learned import network
+    from physgen.perceive.segment import network
 
     file = network.Path(network.__file__).with_name(WEIGHTS)
     assert file.stat().st_size < 10e6
     rng = np.random.default_rng(0)
     photo = cv2.GaussianBlur(rng.integers(0, 255, (192, 256, 3), np.uint8), (0, 0), 3)
     cv2.circle(photo, (90, 96), 40, (200, 60, 40), -1)
-    seen, mirrored = see(photo), see(np.ascontiguousarray(photo[:, ::-1]))
+    seen, mirrored = run_network(photo), run_network(np.ascontiguousarray(photo[:, ::-1]))
     assert seen.foreground.shape == (192, 256)
     assert np.abs(seen.foreground - mirrored.foreground[:, ::-1]).mean() < 0.1
     assert np.abs(np.linalg.norm(seen.normals, axis=2) - 1).max() < 1e-3
@@ -133,7 +131,7 @@ def test_the_shipped_network_is_small_and_sees_mirrored_what_is_mirrored() -> No
 
 def test_what_was_seen_last_is_kept() -> None:
     photo = np.random.default_rng(0).integers(0, 255, (64, 80, 3)).astype(np.uint8)
-    seen = see(photo)
-    assert see(photo.copy()) is seen
-    assert see(255 - photo) is not seen
+    seen = run_network(photo)
+    assert run_network(photo.copy()) is seen
+    assert run_network(255 - photo) is not seen
     assert not seen.normals.flags.writeable

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from physgen import backends
-from physgen.perceive.lifted import refilled
+from physgen import registry
+from physgen.perceive.shadow.shadow_removal import refill_background
 
 rng = np.random.default_rng(0)
 y, x = np.mgrid[:120, :200]
@@ -20,22 +20,22 @@ def never(*_: object) -> None:
 
 
 def test_where_nothing_was_lifted_the_first_fill_stays() -> None:
-    inpaint = backends.make("inpaint")
+    inpaint = registry.make("inpaint")
     coverage = LEFT.astype(np.float32)
     photo = np.where(LEFT[..., None], np.uint8(20), FLOOR)
     background = inpaint(photo, LEFT)
-    assert np.array_equal(refilled(background, background, coverage, never), background)  # type: ignore[arg-type]
+    assert np.array_equal(refill_background(background, background, coverage, never), background)  # type: ignore[arg-type]
 
 
 def test_only_the_fill_near_a_lifted_shadow_changes() -> None:
     """Two balls, one with a shadow: behind the other nothing changes, and behind this one no shadow is left."""
-    inpaint = backends.make("inpaint")
+    inpaint = registry.make("inpaint")
     both = LEFT | RIGHT
     coverage = both.astype(np.float32)
     dark = np.where(SHADOW[..., None], FLOOR // 3, FLOOR)
     background = inpaint(np.where(both[..., None], np.uint8(20), dark), both)
     lifted = np.where(SHADOW[..., None], FLOOR, background)
-    clean = refilled(lifted, background, coverage, inpaint)
+    clean = refill_background(lifted, background, coverage, inpaint)
     assert np.array_equal(clean[LEFT], background[LEFT])
     before, after = (abs(p[RIGHT].astype(float) - FLOOR[RIGHT]).mean() for p in (background, clean))
     assert after <= before

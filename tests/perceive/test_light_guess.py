@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.perceive.lambert import highlights
+from physgen import registry
+from physgen.perceive.maps.lambert import highlights
 from physgen.photometry import DistantLight, encode_u8
-from physgen.scene.model import View
+from physgen.scene.scene import View
 from tests.perceive.lambertian import ball, boxed, degrees, plain, rendered, setting, towards
 
 SKY = [
@@ -16,9 +16,9 @@ SKY = [
 
 
 def found(rgb, labels, things):
-    normals = backends.make("normals")(rgb, labels, things, setting(View.TOP))
-    return backends.make("light")(
-        rgb, labels, things, normals, backends.make("intrinsic")(rgb, labels, normals)
+    normals = registry.make("normals")(rgb, labels, things, setting(View.TOP))
+    return registry.make("light")(
+        rgb, labels, things, normals, registry.make("intrinsic")(rgb, labels, normals)
     )
 
 

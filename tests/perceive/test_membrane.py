@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from physgen.perceive.backends.inpaint_fill import fill
-from physgen.perceive.lines import carried
-from physgen.perceive.membrane import membrane, seamless
+from physgen.perceive.inpaint.edge_continuation import continue_edges
+from physgen.perceive.inpaint.poisson import harmonic_fill, seamless
 
 H, W = 90, 130
 Y, X = np.mgrid[:H, :W].astype(np.float32)
@@ -25,20 +25,20 @@ def blob(kind: str) -> np.ndarray:
 def test_a_plane_is_harmonic(kind: str, plane: tuple[float, float, float]):
     whole = (plane[0] * X + plane[1] * Y + plane[2])[:, :, None]
     hole = blob(kind)
-    filled = membrane(np.where(hole[:, :, None], np.float32(-77), whole), hole, 1e-4)
+    filled = harmonic_fill(np.where(hole[:, :, None], np.float32(-77), whole), hole, 1e-4)
     assert np.abs(filled - whole).max() < 2e-3
 
 
 def test_a_saddle_is_harmonic():
     whole = ((X - 60) ** 2 - (Y - 45) ** 2)[:, :, None] / 50
     hole = blob("disc")
-    assert np.abs(membrane(np.where(hole[:, :, None], 0, whole), hole, 1e-4) - whole).max() < 2e-3
+    assert np.abs(harmonic_fill(np.where(hole[:, :, None], 0, whole), hole, 1e-4) - whole).max() < 2e-3
 
 
 def test_no_value_leaves_the_range_around_the_hole():
     random = np.random.default_rng(0)
     picture = random.uniform(50, 60, (H, W, 3)).astype(np.float32)
-    filled = membrane(picture, blob("disc"))
+    filled = harmonic_fill(picture, blob("disc"))
     assert filled.min() >= 49.9
     assert filled.max() <= 60.1
 
@@ -46,13 +46,13 @@ def test_no_value_leaves_the_range_around_the_hole():
 def test_a_hole_at_the_border_continues_level():
     picture = np.repeat(Y[:, :, None], 3, 2)
     hole = (X < 30) & (np.abs(Y - 45) < 25)
-    assert np.abs(membrane(np.where(hole[:, :, None], 0, picture), hole, 1e-3) - picture).max() < 0.05
+    assert np.abs(harmonic_fill(np.where(hole[:, :, None], 0, picture), hole, 1e-3) - picture).max() < 0.05
 
 
 def test_nothing_known_or_nothing_missing():
     picture = np.ones((9, 9, 1), np.float32)
     for hole in (np.zeros((9, 9), bool), np.ones((9, 9), bool)):
-        assert np.array_equal(membrane(picture, hole), picture)
+        assert np.array_equal(harmonic_fill(picture, hole), picture)
 
 
 def test_seamless_is_the_continuation_of_the_photo():
@@ -156,7 +156,7 @@ def test_a_border_is_carried_on_as_it_enters():
     soft = 1 / (1 + np.exp(-(y - 70 - 0.3 * x) / 2))
     picture = np.repeat((60 + 120 * soft)[:, :, None], 3, 2).astype(np.float32)
     hole = np.hypot(x - 100, y - 100) < 30
-    drawn, strips = carried(np.where(hole[:, :, None], 255, picture).astype(np.float32), hole)
+    drawn, strips = continue_edges(np.where(hole[:, :, None], 255, picture).astype(np.float32), hole)
     assert (strips & (np.abs(y - 70 - 0.3 * x) < 6)).sum() > 0.95 * (
         hole & (np.abs(y - 70 - 0.3 * x) < 6)
     ).sum()

@@ -4,18 +4,18 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends
+from physgen import registry
 from physgen.perceive.backends.normals_blended import _shared
-from physgen.perceive.forms import cushion, hidden_ball, turned
+from physgen.perceive.maps.shape_normals import cushion_tilts, hidden_ball, solid_of_revolution
 from physgen.photometry import DistantLight
-from physgen.scene.model import View
+from physgen.scene.scene import View
 from tests.perceive.lambertian import apart, ball, boxed, can, plain, rendered, setting, towards
 
 LIGHT = DistantLight(towards(-0.6, -0.5, 0.6), 0.8, 0.2)
 
 
 def seen(rgb, labels, things, view=View.SIDE):
-    return backends.make("normals")(rgb, labels, things, setting(view))
+    return registry.make("normals")(rgb, labels, things, setting(view))
 
 
 def test_a_ball_is_a_sphere():
@@ -79,7 +79,7 @@ def test_an_ellipse_blows_up_to_an_ellipsoid():
     y, x = np.mgrid[:100, :140].astype(np.float32)
     u, v = (x - 69.5) / 60, (y - 49.5) / 40
     own = u * u + v * v <= 1
-    field = cushion(own)
+    field = cushion_tilts(own)
     depth = np.sqrt(2 / (1 / 60**2 + 1 / 40**2))
     z = np.sqrt(np.clip(1 - u * u - v * v, 0, 1))
     true = np.stack([u / 60, v / 40, z / depth], -1)
@@ -93,7 +93,7 @@ def test_a_cone_is_turned():
     for row in range(10, 110):
         half = 10 + 0.3 * (row - 10)
         own[row, int(60 - half) : int(60 + half)] = True
-    field = turned(own).field()
+    field = solid_of_revolution(own).field()
     assert field[60, 60, 1] == pytest.approx(-0.3 / np.hypot(1, 0.3), abs=0.03)
     assert abs(field[60, 60, 0]) < 0.05
 

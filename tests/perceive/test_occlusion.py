@@ -11,8 +11,8 @@ import yaml
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.cli import main
-from physgen.perceive.occlusion import Order, layers, orders
+from physgen.cli.main import main
+from physgen.perceive.maps.occlusion import OcclusionOrder, drawing_layers, occlusion_orders
 
 Labels = NDArray[np.uint16]
 Y, X = np.mgrid[:160, :240]
@@ -35,7 +35,9 @@ def painted(*masks: NDArray[np.bool_]) -> Labels:
 
 
 def told(labels: Labels) -> set[tuple[int, int]]:
-    return {(one.front, one.behind) for one in orders(labels, np.unique(labels[labels > 0]).tolist())}
+    return {
+        (one.front, one.behind) for one in occlusion_orders(labels, np.unique(labels[labels > 0]).tolist())
+    }
 
 
 OVERLAPPING = {
@@ -78,19 +80,19 @@ def test_what_only_touches_is_told_nothing(masks: tuple[NDArray[np.bool_], ...])
 
 
 def test_layers_rise_from_the_back() -> None:
-    found = [Order(3, 2, 0.8), Order(2, 1, 0.7), Order(3, 1, 0.6)]
-    assert layers(found)[0] == {2: 1, 3: 2}
+    found = [OcclusionOrder(3, 2, 0.8), OcclusionOrder(2, 1, 0.7), OcclusionOrder(3, 1, 0.6)]
+    assert drawing_layers(found)[0] == {2: 1, 3: 2}
 
 
 def test_a_ring_is_broken_where_it_is_least_sure() -> None:
-    found = [Order(1, 2, 0.9), Order(2, 3, 0.6), Order(3, 1, 0.8)]
-    level, kept = layers(found)
+    found = [OcclusionOrder(1, 2, 0.9), OcclusionOrder(2, 3, 0.6), OcclusionOrder(3, 1, 0.8)]
+    level, kept = drawing_layers(found)
     assert [(one.front, one.behind) for one in kept] == [(1, 2), (3, 1)]
     assert level == {1: 1, 3: 2}
 
 
 def test_what_a_person_set_stays_and_the_rest_follows() -> None:
-    level, _ = layers([Order(2, 1, 0.8), Order(3, 2, 0.8)], {2: 5})
+    level, _ = drawing_layers([OcclusionOrder(2, 1, 0.8), OcclusionOrder(3, 2, 0.8)], {2: 5})
     assert level == {3: 6}
 
 

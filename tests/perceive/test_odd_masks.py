@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.cli import main
+from physgen.cli.main import main
 
 SIZE = 240, 160
 STILL = 1.0

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.painted import frame, painted, shown, widened, windows
+from physgen.perceive.inpaint.painting import frame, inpaint_windows, shown, widened, windows
 
 H, W = 256, 512
 Y, X = np.mgrid[:H, :W]
@@ -26,7 +26,7 @@ def test_outside_the_hole_the_photo_stays_whatever_is_painted():
     rgb = np.random.default_rng(0).integers(0, 256, (H, W, 3), np.uint8)
     hole = disc(100, 100, 20) | disc(300, 200, 40)
     before = rgb.copy()
-    filled = painted(rgb, hole, lambda part, wanted: 255 - part, 64)
+    filled = inpaint_windows(rgb, hole, lambda part, wanted: 255 - part, 64)
     assert np.array_equal(filled[~hole], rgb[~hole])
     assert np.array_equal(rgb, before)
 
@@ -36,7 +36,7 @@ def test_without_a_hole_or_without_a_photo_nobody_is_asked(hole):
     def never(part, wanted):
         raise AssertionError
 
-    assert np.array_equal(painted(ramp(), hole, never, 64), ramp())
+    assert np.array_equal(inpaint_windows(ramp(), hole, never, 64), ramp())
 
 
 def test_a_painters_shift_of_colour_is_taken_away():
@@ -46,7 +46,7 @@ def test_a_painters_shift_of_colour_is_taken_away():
     def tinted(part, wanted):  # knows the wall, and paints all of it in a tint of its own
         return np.clip(ramp().astype(int) + np.array([9, -6, 4]), 0, 255).astype(np.uint8)
 
-    filled = painted(photo, hole, tinted, max(H, W))
+    filled = inpaint_windows(photo, hole, tinted, max(H, W))
     assert np.abs(filled.astype(int) - ramp())[hole].max() <= 2
 
 
@@ -60,7 +60,7 @@ def test_a_contact_shadow_beside_the_hole_is_painted_over_not_continued():
         seen["around"] = part[cv2.dilate(wanted.astype(np.uint8), np.ones((3, 3))).astype(bool) & ~wanted]
         return np.where(wanted[..., None], ramp(), part)
 
-    filled = painted(photo, hole, even, max(H, W))
+    filled = inpaint_windows(photo, hole, even, max(H, W))
     assert seen["around"].min() > 60  # no dark rim for the painter to continue
     deep = disc(250, 120, 15)
     assert np.abs(filled.astype(int) - ramp())[deep].max() <= 3

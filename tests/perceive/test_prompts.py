@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.cli import main
-from physgen.perceive.given import from_prompts, in_box
+from physgen.cli.main import main
 from physgen.perceive.roles import Segments
-from physgen.scene.model import Box, BoxPrompt, PointPrompt
+from physgen.perceive.segment.prompts import from_prompts, segment_box
+from physgen.scene.scene import Box, BoxPrompt, PointPrompt
 
 Photo = tuple[NDArray[np.uint8], NDArray[np.uint16]]
 Sides = tuple[float, float, float, float]
@@ -77,7 +77,7 @@ def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 def test_a_box_drawn_by_hand(draw: Callable[[], Photo], by: Sides) -> None:
     rgb, labels = draw()
     found = {
-        k: overlap(in_box(rgb, moved(tight(labels == k), by)).mask, labels == k)
+        k: overlap(segment_box(rgb, moved(tight(labels == k), by)).mask, labels == k)
         for k in range(1, labels.max() + 1)
     }
     assert min(found.values()) >= GOOD, found
@@ -98,9 +98,9 @@ def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
 def test_a_box_gives_the_same_mask_again_and_mirrored() -> None:
     rgb, labels = balls()
     box = moved(tight(labels == 3), (0.1, 0.1, 0.1, 0.1))
-    first = in_box(rgb, box).mask
-    assert np.array_equal(first, in_box(rgb.copy(), box).mask)
-    mirrored = in_box(np.ascontiguousarray(rgb[:, ::-1]), (300 - box[0] - box[2], *box[1:])).mask
+    first = segment_box(rgb, box).mask
+    assert np.array_equal(first, segment_box(rgb.copy(), box).mask)
+    mirrored = segment_box(np.ascontiguousarray(rgb[:, ::-1]), (300 - box[0] - box[2], *box[1:])).mask
     assert overlap(first, mirrored[:, ::-1]) > 0.93
 
 
@@ -110,7 +110,7 @@ def test_a_box_around_nothing_still_gives_a_mask(kind: str) -> None:
     if kind == "noise":
         rgb = np.random.default_rng(0).integers(0, 256, rgb.shape).astype(np.uint8)
     for box in ((20, 20, 30, 30), (-5, -5, 200, 200), (60, 3, 8, 70)):
-        meant = in_box(rgb, box)
+        meant = segment_box(rgb, box)
         assert meant.mask.shape == (80, 90)
         assert meant.mask.any()
         assert meant.confidence < 0.1

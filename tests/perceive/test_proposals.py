@@ -6,13 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.proposals.choose import best_set, exclusions
-from physgen.perceive.proposals.circles import discs
-from physgen.perceive.proposals.gradient import colour_gradient, sample
-from physgen.perceive.proposals.proposal import Proposal, cut_out, distinct, overlap, unions, variants
-from physgen.perceive.proposals.regions import basins, merge_tree
-from physgen.perceive.proposals.score import looks, normals
-from physgen.perceive.proposals.tighten import tighten
+from physgen.perceive.segment.gradient import colour_gradient, sample
+from physgen.perceive.segment.proposals import (
+    Proposal,
+    contour_normals,
+    cut_out,
+    distinct,
+    overlap,
+    score_proposals,
+    unions,
+    variants,
+)
+from physgen.perceive.segment.regions import basins, discs, merge_tree
+from physgen.perceive.segment.selection import best_set, exclusions, tighten
 
 
 def rectangle(x: int, y: int, width: int, height: int) -> Proposal:
@@ -109,14 +115,14 @@ def test_normals_point_out_of_a_contour_however_it_runs() -> None:
     circle = np.rint(50 + 30 * np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 190)), np.sin(t)], 1))
     for contour in (circle, circle[::-1]):
         outward = (contour - 50) / np.linalg.norm(contour - 50, axis=1, keepdims=True)
-        assert (normals(contour.astype(np.int32)) * outward).sum(1).min() > 0.9
+        assert (contour_normals(contour.astype(np.int32)) * outward).sum(1).min() > 0.9
 
 
 def test_the_whole_outscores_a_part_and_a_shifted_copy() -> None:
     colour = np.full((100, 100, 3), (40, 0, 0), np.float32)
     colour[30:70, 20:80] = (80, 10, 30)
     forms = [rectangle(20, 30, 60, 40), rectangle(20, 30, 30, 40), rectangle(28, 38, 60, 40)]
-    score = looks(forms, colour, colour_gradient(colour)).score
+    score = score_proposals(forms, colour, colour_gradient(colour)).score
     assert score[0] > 1.2 * max(score[1:])
 
 

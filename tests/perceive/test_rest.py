@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physgen.outline.outline import Disc, Region, Ring
+from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.perceive.backends.boundary_support import support
-from physgen.perceive.rest import carried, foot, lower_hull
-from physgen.perceive.roles import Thing
-from physgen.scene.model import View
+from physgen.perceive.roles import PhotoObject
+from physgen.perceive.support.ground_contact import find_foot, is_carried, lower_hull
+from physgen.scene.scene import View
 
 W, H = 400, 300
 GAP = 0.13
@@ -23,9 +23,11 @@ class Desk:
         self.rgb = np.full((H, W, 3), (90, 120, 160), np.uint8)
         self.rgb[horizon:] = (150, 100, 60)
         self.labels = np.zeros((H, W), np.uint16)
-        self.things: list[Thing] = []
+        self.things: list[PhotoObject] = []
 
-    def block(self, x: float, y: float, w: float, h: float, tilt: float = 0.0, cut: bool = False) -> Thing:
+    def block(
+        self, x: float, y: float, w: float, h: float, tilt: float = 0.0, cut: bool = False
+    ) -> PhotoObject:
         """Its lower left corner at x, y; its foot rises by `tilt` px to the right."""
         points = np.array([[x, y], [x, y - h], [x + w, y - h - tilt], [x + w, y - tilt]])
         self.labels[round(y - h + 0.5) : round(y + 0.5), round(x + 0.5) : round(x + w + 0.5)] = (
@@ -33,14 +35,14 @@ class Desk:
         )
         return self._add(Region((Ring(points),)), cut)
 
-    def ball(self, x: float, y: float, r: float) -> Thing:
+    def ball(self, x: float, y: float, r: float) -> PhotoObject:
         """Resting at height y."""
         rows, columns = np.mgrid[:H, :W]
         self.labels[np.hypot(columns - x, rows - y + r) <= r] = len(self.things) + 1
         return self._add(Disc(np.array([x, y - r]), r), False)
 
-    def _add(self, outline: Disc | Region, cut: bool) -> Thing:
-        self.things.append(Thing(len(self.things) + 1, outline, "", cut))
+    def _add(self, outline: Disc | Region, cut: bool) -> PhotoObject:
+        self.things.append(PhotoObject(len(self.things) + 1, outline, "", cut))
         return self.things[-1]
 
     def walls(self, view: View | None = View.SIDE):
@@ -49,7 +51,7 @@ class Desk:
         return {wall.name: np.array(wall.points) for wall in setting.walls}
 
 
-def penetration(wall: np.ndarray, thing: Thing) -> float:
+def penetration(wall: np.ndarray, thing: PhotoObject) -> float:
     """How far a thing reaches under a wall, px; negative: how far above it stays."""
     hull = lower_hull(thing.outline)
     return float((hull[:, 1] - np.interp(hull[:, 0], wall[:, 0], wall[:, 1])).max())
@@ -122,8 +124,8 @@ def test_what_is_carried_needs_no_floor():
     desk = Desk()
     below = [desk.block(100, 240, 50, 50), desk.block(160, 240, 50, 50)]
     above = desk.block(130, 190, 50, 50)
-    assert carried(above, desk.labels, desk.things)
-    assert not any(carried(t, desk.labels, desk.things) for t in below)
+    assert is_carried(above, desk.labels, desk.things)
+    assert not any(is_carried(t, desk.labels, desk.things) for t in below)
     assert set(desk.walls()) == {"frame", "floor"}
 
 
@@ -131,7 +133,7 @@ def test_a_leaning_thing_is_not_carried():
     desk = Desk()
     desk.block(100, 240, 50, 50)
     side = desk.block(145, 189.5, 120, 60)  # its centre of mass is beyond the block
-    assert not carried(side, desk.labels, desk.things)
+    assert not is_carried(side, desk.labels, desk.things)
 
 
 def test_another_height_gets_a_ledge_of_its_own():
@@ -171,7 +173,7 @@ def test_cut_things_need_no_floor():
 
 def test_the_foot_is_the_edge_under_the_centre_of_mass():
     points = np.array([[0, 0], [40, 0], [38, 50], [30, 52], [10, 51], [2, 49]], float)
-    stand = foot(Thing(1, Region((Ring(points),))))
+    stand = find_foot(PhotoObject(1, Region((Ring(points),))))
     assert stand.left.tolist() == [10, 51]
     assert stand.right.tolist() == [30, 52]
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.materials import kind
-from physgen.outline.outline import Disc, Outline, Region, Ring
-from physgen.perceive.roles import Thing
-from physgen.perceive.scale import DEFAULT, ENOUGH, Scale, scale, stated
+from physgen.perceive.roles import PhotoObject
+from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, Scale, photo_scale, scale_entry
 
 
 def told(*things: tuple[str, Outline], cut: bool = False, sure: float = 1.0) -> Scale | None:
-    numbered = [Thing(k, outline, label, cut) for k, (label, outline) in enumerate(things)]
+    numbered = [PhotoObject(k, outline, label, cut) for k, (label, outline) in enumerate(things)]
     kinds = {thing.id: kind(thing.label) for thing in numbered}
-    return scale(numbered, kinds, dict.fromkeys(kinds, sure))
+    return photo_scale(numbered, kinds, dict.fromkeys(kinds, sure))
 
 
 def disc(width: float) -> Disc:
@@ -37,7 +37,10 @@ def test_what_tells_nothing():
     assert told(("ball", disc(40)), ("wooden block", box(30, 30))) is None
     assert told(("billiard ball", disc(40)), cut=True) is None
     assert told(("billiard ball", disc(40)), sure=0.5) is None
-    assert told(("domino", box(40, 39))) is None or told(("domino", box(40, 39))).confidence < ENOUGH
+    assert (
+        told(("domino", box(40, 39))) is None
+        or told(("domino", box(40, 39))).confidence < MIN_SCALE_CONFIDENCE
+    )
     assert told(("plank", box(400, 20))) is None
 
 
@@ -47,11 +50,11 @@ def test_agreement_makes_it_surer_and_disagreement_less_sure():
     one, three = told(mug), told(mug, apple, egg)
     assert one is not None
     assert three is not None
-    assert three.confidence > one.confidence > ENOUGH
+    assert three.confidence > one.confidence > MIN_SCALE_CONFIDENCE
     assert three.pixels_per_meter == pytest.approx(1000, rel=0.05)
     apart = told(mug, ("apple", disc(150)))
     assert apart is not None
-    assert apart.confidence < ENOUGH
+    assert apart.confidence < MIN_SCALE_CONFIDENCE
 
 
 def test_one_wrong_label_of_four_is_outvoted():
@@ -63,9 +66,9 @@ def test_one_wrong_label_of_four_is_outvoted():
 
 def test_a_person_s_number_wins_and_an_unsure_one_is_only_mentioned():
     sure, unsure = Scale(700, 0.9, "from balls"), Scale(640, 0.3, "from a bottle")
-    assert stated(500, sure)[0] == 500
-    assert stated(None, sure)[0] == 700
-    value, sentence = stated(None, unsure)
-    assert value == DEFAULT
+    assert scale_entry(500, sure)[0] == 500
+    assert scale_entry(None, sure)[0] == 700
+    value, sentence = scale_entry(None, unsure)
+    assert value == DEFAULT_SCALE
     assert "640" in sentence
-    assert stated(None, None)[0] == DEFAULT
+    assert scale_entry(None, None)[0] == DEFAULT_SCALE

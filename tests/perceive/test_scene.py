@@ -6,17 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.crew import Crew, Plan, choices
-from physgen.perceive import words
-from physgen.perceive.given import at_point, from_masks, from_prompts, in_box
-from physgen.perceive.lay_out import lay_out
+from physgen.maps import read_labels
+from physgen.perceive import document
+from physgen.perceive.document import write_scene
+from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Segments
-from physgen.perceive.scene import perceive
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_image
+from physgen.perceive.segment.prompts import from_masks, from_prompts, segment_box, segment_point
+from physgen.photos import read_image
 from physgen.problems import InputError
-from physgen.scene.build import load
-from physgen.scene.model import Box, Circle, Motion, View
+from physgen.registry import Backends, Plan, choices
+from physgen.scene.load import load
+from physgen.scene.scene import Box, Circle, Motion, View
 
 
 def desk() -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +57,7 @@ def test_a_photo_becomes_a_valid_scene(tmp_path: Path):
         "shadow",
     ]
     cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
-    lay_out(found, tmp_path / "photo.png", "photo", tmp_path / "scene.yaml")
+    write_scene(found, tmp_path / "photo.png", "photo", tmp_path / "scene.yaml")
     scene = load(tmp_path / "scene.yaml")
     assert scene.world.view is View.SIDE
     assert scene.world.gravity == (0, 980)
@@ -158,7 +158,7 @@ def test_specks_are_no_objects():
 def test_an_unknown_backend_is_refused_before_any_work():
     rgb, labels = desk()
     with pytest.raises(InputError, match="did you mean fill"):
-        perceive(rgb, from_masks(labels), crew=Crew(Plan(choices(["inpaint=fil"]))))
+        perceive(rgb, from_masks(labels), crew=Backends(Plan(choices(["inpaint=fil"]))))
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
@@ -167,14 +167,14 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 def test_a_box_finds_what_is_in_it():
     rgb, labels = desk()
-    assert overlap(in_box(rgb, (15, 74, 50, 50)).mask, labels == 7) > 0.85
+    assert overlap(segment_box(rgb, (15, 74, 50, 50)).mask, labels == 7) > 0.85
 
 
 def test_a_point_finds_what_is_of_one_colour():
     rgb, labels = desk()
-    assert overlap(at_point(rgb, (100, 95), None).mask, labels == 300) > 0.85
+    assert overlap(segment_point(rgb, (100, 95), None).mask, labels == 300) > 0.85
     whole = np.where(labels == 300, np.uint16(1), np.uint16(0))
-    found = at_point(rgb, (100, 95), Segments(whole, np.array([0.9])))
+    found = segment_point(rgb, (100, 95), Segments(whole, np.array([0.9])))
     assert np.array_equal(found.mask, labels == 300)
     assert found.confidence == 0.9
 
@@ -200,8 +200,8 @@ def test_prompts_are_numbered_and_collected():
 
 def test_slugs_make_valid_names():
     for label in ("Ball", "8 ball", "été à la plage", "", "---", "x" * 200, "a\nb"):
-        assert words.slug(label)[0].isalpha()
-        assert len(words.slug(label)) <= 60
+        assert document.slug(label)[0].isalpha()
+        assert len(document.slug(label)) <= 60
 
 
 def test_a_label_renames_its_object_alone() -> None:

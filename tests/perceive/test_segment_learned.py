@@ -10,10 +10,9 @@ import pytest
 
 from physgen import pipeline
 from physgen.perceive.backends.segment_learned import segment
-from physgen.perceive.found import Found
-from physgen.perceive.lay_out import lay_out
-from physgen.perceive.roles import Doubt
-from physgen.perceive.scene import perceive
+from physgen.perceive.document import write_scene
+from physgen.perceive.perceive import perceive
+from physgen.perceive.roles import Detections, Doubt
 
 
 def noise(size: tuple[int, int]) -> np.ndarray:
@@ -66,9 +65,9 @@ def test_any_picture_gives_labels_in_order(photo) -> None:
 
 def test_a_photo_without_objects_becomes_an_empty_scene(tmp_path: Path) -> None:
     rgb = np.full((96, 128, 3), (90, 120, 140), np.uint8)
-    made = perceive(rgb, Found(np.zeros((96, 128), np.uint16), "learned", {}, {}))
+    made = perceive(rgb, Detections(np.zeros((96, 128), np.uint16), "learned", {}, {}))
     out = tmp_path / "empty.yaml"
-    said = lay_out(made, None, "empty", out)
+    said = write_scene(made, None, "empty", out)
     assert "nothing in the photo looks like" in said
     scene = pipeline.load(out, ["render.frames=2"])
     assert not scene.objects
@@ -84,9 +83,9 @@ def test_a_doubtful_thing_can_be_switched_on(tmp_path: Path) -> None:
     labels[np.hypot(*(np.mgrid[:120, :160] - np.array([60, 40])[:, None, None])) <= 20] = 1
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     round_ = [(round(110 + 20 * float(np.cos(a)), 1), round(60 + 20 * float(np.sin(a)), 1)) for a in turn]
-    found = Found(labels, "learned", {1: 0.9}, {}, doubtful=[Doubt(round_, 0.31)])
+    found = Detections(labels, "learned", {1: 0.9}, {}, doubtful=[Doubt(round_, 0.31)])
     out = tmp_path / "scene.yaml"
-    said = lay_out(perceive(rgb, found), None, "photo", out)
+    said = write_scene(perceive(rgb, found), None, "photo", out)
     assert len(pipeline.load(out).objects) == 1
     [line] = [line for line in said.splitlines() if "maybe-1:" in line]
     assert "0.31" in line

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.roles import LightGuess, Setting, Shadows, Thing, Wall
+from physgen import registry
+from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
 from physgen.photometry import DistantLight
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 WIDTH, HEIGHT = 480, 320
 FLOOR, TILT, THICK = 240.5, 0.12, 40
@@ -58,17 +58,19 @@ def seen(blocks: list[tuple[int, int, int]], shade: np.ndarray, mirror: bool = F
         labels[top:241, x0 : x1 + 1] = k
         a, b = (WIDTH - 1 - x1, WIDTH - 1 - x0) if mirror else (x0, x1)
         ring = [[a - 0.5, top - 0.5], [b + 0.5, top - 0.5], [b + 0.5, FLOOR], [a - 0.5, FLOOR]]
-        things.append(Thing(k, Region((Ring(np.array(ring)),)), "wooden block"))
+        things.append(PhotoObject(k, Region((Ring(np.array(ring)),)), "wooden block"))
     if mirror:
         background, labels = np.ascontiguousarray(background[:, ::-1]), np.ascontiguousarray(labels[:, ::-1])
     floor = Wall("floor", ((-0.5, FLOOR), (WIDTH - 0.5, FLOOR)), 0.5, 0.5, 0.9, "", "")
-    return role(background, labels, things, Setting(View.SIDE, 1.0, "", (floor,)))
+    return role(background, labels, things, BoundaryGuess(View.SIDE, 1.0, "", (floor,)))
 
 
-def role(background: np.ndarray, labels: np.ndarray, things: list[Thing], setting: Setting) -> Shadows:
-    matter = backends.make("physics")(background, things, None)
+def role(
+    background: np.ndarray, labels: np.ndarray, things: list[PhotoObject], setting: BoundaryGuess
+) -> Shadows:
+    matter = registry.make("physics")(background, things, None)
     coverage = (labels > 0).astype(np.float32)
-    return backends.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
+    return registry.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
 
 
 def overlap(one: np.ndarray, other: np.ndarray) -> float:
@@ -132,11 +134,11 @@ def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
     each = []
     for k, (cx, cy, r) in enumerate(balls, 1):
         labels[np.hypot(x - cx, y - cy) <= r] = k
-        things.append(Thing(k, Disc(np.array([cx, cy]), r), "ball"))
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), r), "ball"))
         each.append(np.hypot((x - cx - r) / 2**0.5, y - cy) <= r)
         np.maximum(shade, cv2.GaussianBlur(each[-1].astype(np.float32), (0, 0), 1.0), out=shade)
     background = srgb(surface() * (1 - 0.55 * shade)[..., None])
-    found = role(background, labels, things, Setting(View.TOP, 1.0, "", ()))
+    found = role(background, labels, things, BoundaryGuess(View.TOP, 1.0, "", ()))
     assert found.owners is not None
     open_ = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
     for k, one in enumerate(each, 1):
@@ -156,7 +158,7 @@ def test_a_filled_hole_has_the_texture_of_what_is_around(kind) -> None:
     hole[120:200, 180:280] = True
     hidden = photo.copy()
     hidden[hole] = (30, 60, 200)
-    filled = backends.make("inpaint")(hidden, hole).astype(np.float32)
+    filled = registry.make("inpaint")(hidden, hole).astype(np.float32)
     inner, around = np.s_[128:192, 188:272], np.s_[128:192, 320:404]
     fine = filled - cv2.GaussianBlur(filled, (0, 0), 2.0)
     assert fine[inner].std() == pytest.approx(fine[around].std(), rel=0.2)

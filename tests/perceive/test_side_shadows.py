@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.lifted import refilled
-from physgen.perceive.roles import LightGuess, Setting, Thing, Wall
+from physgen import registry
+from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Wall
+from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.photometry import DistantLight
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 WIDTH, HEIGHT = 480, 320
 FLOOR = 240.5
@@ -63,16 +63,16 @@ def photo(shade: np.ndarray, blocks: list[tuple[int, int, int]], picture: np.nda
     for k, (x0, x1, top) in enumerate(blocks, 1):
         labels[top:241, x0 : x1 + 1] = k
         ring = np.array([[x0 - 0.5, top - 0.5], [x1 + 0.5, top - 0.5], [x1 + 0.5, 240.5], [x0 - 0.5, 240.5]])
-        things.append(Thing(k, Region((Ring(ring),)), "wooden block"))
+        things.append(PhotoObject(k, Region((Ring(ring),)), "wooden block"))
     return srgb(picture * (1 - shade)[..., None]), labels, things
 
 
 def lift(background, labels, things, walls=None):
     floor = Wall("floor", ((-0.5, FLOOR), (WIDTH - 0.5, FLOOR)), 0.5, 0.5, 0.9, "", "")
-    setting = Setting(View.SIDE, 1.0, "", (floor,) if walls is None else walls)
-    matter = backends.make("physics")(background, things, None)
+    setting = BoundaryGuess(View.SIDE, 1.0, "", (floor,) if walls is None else walls)
+    matter = registry.make("physics")(background, things, None)
     coverage = (labels > 0).astype(np.float32)
-    return backends.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
+    return registry.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
 
 
 BLOCKS = [(120, 149, 180), (250, 279, 190)]
@@ -137,14 +137,14 @@ def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
     shade = np.zeros((HEIGHT, WIDTH), np.float32)
     for x0, x1, top in blocks:
         np.maximum(shade, cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, 1.3, -0.8), out=shade)
-    truth, inpaint = srgb(room()), backends.make("inpaint")
+    truth, inpaint = srgb(room()), registry.make("inpaint")
     background, labels, things = photo(0.55 * shade, blocks, room())
     coverage = (labels > 0).astype(np.float32)
     background[labels > 0] = 20
     background = inpaint(background, coverage > 0)
     found = lift(background, labels, things)
     assert found.clean is not None
-    clean = refilled(found.clean, background, coverage, inpaint)
+    clean = refill_background(found.clean, background, coverage, inpaint)
     hidden = (labels == 2) & (shade > 0.9)
     before, after = (np.abs(p.astype(int) - truth).mean(-1)[hidden].mean() for p in (background, clean))
     assert hidden.sum() > 100
@@ -171,7 +171,7 @@ def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
     things = []
     for k, (cx, cy, r) in enumerate(balls, 1):
         labels[np.hypot(x - cx, y - cy) <= r] = k
-        things.append(Thing(k, Disc(np.array([cx, cy]), r), "ball"))
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), r), "ball"))
         mx, my = 240 + 0.93 * (cx - 240) + 70, 160 + 0.93 * (cy - 160) + 55
         u, v = ((x - mx) * 70 + (y - my) * 55) / 89, ((y - my) * 70 - (x - mx) * 55) / 89
         shade += np.clip(0.93 * r + 0.5 - np.hypot(u / 1.25, v), 0, 1).astype(np.float32)

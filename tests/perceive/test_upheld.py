@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from physgen.outline.outline import Disc, Outline, Region, Ring
-from physgen.perceive.equilibrium import contacts, unheld
-from physgen.perceive.rest import foot
-from physgen.perceive.roles import Thing, Wall
-from physgen.perceive.upheld import upheld
+from physgen.geometry.polygon import Disc, Outline, Region, Ring
+from physgen.perceive.roles import PhotoObject, Wall
+from physgen.perceive.support.equilibrium import contacts, unstable_objects
+from physgen.perceive.support.ground_contact import find_foot
+from physgen.perceive.support.supports import add_supports
 
 FLOOR = Wall("floor", ((-100.0, 0.0), (900.0, 0.0)), 0.6, 0.4, 1.0, "", "")
 
@@ -20,11 +20,11 @@ def block(x: float, y: float, w: float, h: float) -> Region:
 
 
 def upholding(outlines: list[Outline]) -> tuple[list[Wall], frozenset[int]]:
-    things = [Thing(k + 1, outline) for k, outline in enumerate(outlines)]
-    walls, held = upheld(things, [FLOOR], {}, 0.6, 0.4)
+    things = [PhotoObject(k + 1, outline) for k, outline in enumerate(outlines)]
+    walls, held = add_supports(things, [FLOOR], {}, 0.6, 0.4)
     chains = [np.array(wall.points) for wall in (FLOOR, *walls)]
     fixed = [i - 1 for i in held]
-    assert unheld(outlines, contacts(outlines, chains), {}, fixed, default=0.4) == []
+    assert unstable_objects(outlines, contacts(outlines, chains), {}, fixed, default=0.4) == []
     return walls, held
 
 
@@ -68,8 +68,8 @@ def test_a_pile_of_a_hundred_blocks_ends():
 
 def test_a_few_px_are_level():
     points = np.array([[149.5, 99.33], [152.5, 99.8], [152.5, 103.67], [149.5, 103.2]])
-    assert foot(Thing(1, Region((Ring(points),)))).slope == 0
-    assert foot(Thing(1, Region((Ring(points * 10),)))).slope == pytest.approx(0.157, abs=0.01)
+    assert find_foot(PhotoObject(1, Region((Ring(points),)))).slope == 0
+    assert find_foot(PhotoObject(1, Region((Ring(points * 10),)))).slope == pytest.approx(0.157, abs=0.01)
 
 
 def wedge_and_balls(side: int) -> list[Outline]:

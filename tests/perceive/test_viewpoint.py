@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from physgen.perceive.viewpoint import seen_from
-from physgen.scene.model import View
+from physgen.perceive.support.viewpoint import guess_view
+from physgen.scene.scene import View
 
 
 def row_of_boxes(height: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -30,7 +30,7 @@ def row_of_boxes(height: int, width: int) -> tuple[np.ndarray, np.ndarray, np.nd
 )
 def test_photos_of_any_format_have_a_view(size):
     rgb, labels, normals = row_of_boxes(*size)
-    view, sure, reason = seen_from(rgb, labels, normals, 0, 10)
+    view, sure, reason = guess_view(rgb, labels, normals, 0, 10)
     assert view is View.SIDE
     assert 0.5 <= sure <= 0.98
     assert reason
@@ -39,10 +39,10 @@ def test_photos_of_any_format_have_a_view(size):
 def test_a_background_hardly_seen_tells_nothing_wrong():
     rgb, labels, normals = row_of_boxes(20, 3000)
     small = normals[::3, ::12]  # 7 rows: things and what is next to them cover nearly all
-    _, sure, _ = seen_from(rgb, labels, np.ascontiguousarray(small), 0, 10)
+    _, sure, _ = guess_view(rgb, labels, np.ascontiguousarray(small), 0, 10)
     assert 0.5 <= sure <= 0.98
     for rows in (1, 2, 3):
-        _, sure, _ = seen_from(rgb, labels, normals[:rows], 0, 10)
+        _, sure, _ = guess_view(rgb, labels, normals[:rows], 0, 10)
         assert 0.5 <= sure <= 0.98
 
 
@@ -50,8 +50,8 @@ def test_a_mirrored_photo_gives_the_same_view():
     rgb, labels, normals = row_of_boxes(192, 256)
     labels[:, :60] = 0
     turned = normals[:, ::-1] * np.array([-1, 1, 1], np.float32)
-    one = seen_from(rgb, labels, normals, 0, 8)
-    other = seen_from(*(np.ascontiguousarray(a[:, ::-1]) for a in (rgb, labels)), turned, 0, 8)
+    one = guess_view(rgb, labels, normals, 0, 8)
+    other = guess_view(*(np.ascontiguousarray(a[:, ::-1]) for a in (rgb, labels)), turned, 0, 8)
     assert one[0] is other[0]
     assert one[1] == pytest.approx(other[1], abs=0.02)
     assert one[2] == other[2]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from physgen.percepts.maps import Percepts, read_labels, read_percepts, write_assets
-from physgen.percepts.photo import read_image
+from physgen.files import write_with_backup
+from physgen.maps import Percepts, read_labels, read_percepts, write_assets
+from physgen.photos import read_image
 from physgen.problems import InputError
-from physgen.whole import write_kept
 
 H, W = 40, 60
 
@@ -94,7 +94,7 @@ def test_nothing_painted_is_lost(percepts: Percepts, tmp_path: Path) -> None:
     assert (tmp_path / "masks.png~2").read_bytes() == b"by hand again"
     write_assets(percepts, tmp_path, told.append)
     assert [path.name for path in told] == ["masks.png~", "masks.png~2"]
-    write_kept(tmp_path / "new", b"1")
+    write_with_backup(tmp_path / "new", b"1")
     assert not (tmp_path / "new~").exists()
 
 

@@ -15,9 +15,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
-from physgen.cli import main
-from physgen.perceive.smaller import smaller
-from physgen.percepts.photo import read_image, read_photo
+from physgen.cli.main import main
+from physgen.perceive.perceive import shrink_photo
+from physgen.photos import read_image, read_photo
 from physgen.problems import InputError
 
 F64 = NDArray[np.float64]
@@ -589,8 +589,8 @@ def test_a_photo_may_be_called_as_a_map(tmp_path: Path) -> None:
 def test_photos_are_made_smaller_in_linear_light() -> None:
     board = np.zeros((400, 600, 3), np.uint8)
     board[::2, ::2] = board[1::2, 1::2] = 255
-    small = smaller(board, 300)
+    small = shrink_photo(board, 300)
     assert small.shape == (200, 300, 3)
     assert (small == round(float(srgb(np.array(0.5))) * 255)).all()
     for level in range(256):
-        assert (smaller(np.full((9, 9, 3), level, np.uint8), 3) == level).all()
+        assert (shrink_photo(np.full((9, 9, 3), level, np.uint8), 3) == level).all()

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.backends import Setup
-from physgen.refine.roles import Grid, Said
+from physgen.refine.denoiser import Grid, PromptSettings
+from physgen.registry import Setup
 
 Array = NDArray[np.float64]
 SMALL = Grid(cell=4, side=8, area=10**9, stride=1, group=1, window=64)
@@ -53,11 +53,11 @@ class Gaussian:
         self.a = self.b = np.zeros(0)
         self.seen: list[tuple[int, int]] = []
         """First frame and length of every window that was predicted."""
-        self.said: Said | None = None
+        self.said: PromptSettings | None = None
         self.closed = False
 
     def begin(
-        self, frames: Sequence[NDArray[np.uint8]], said: Said, steps: int, count: int
+        self, frames: Sequence[NDArray[np.uint8]], said: PromptSettings, steps: int, count: int
     ) -> NDArray[np.float32]:
         """Means over cells, and over the frames of a latent."""
         height, width = frames[0].shape[:2]

@@ -13,9 +13,16 @@ from hypothesis import strategies as st
 from pytest import approx
 
 from physgen.problems import Place
-from physgen.refine.fusion import each_step, fused, rising, steps_fused, steps_run
-from physgen.refine.refining import How, no_step
-from physgen.refine.roles import Said
+from physgen.refine.denoiser import PromptSettings
+from physgen.refine.fusion import (
+    RefineSettings,
+    each_step,
+    fused,
+    no_steps_problem,
+    rising,
+    steps_fused,
+    steps_run,
+)
 
 STEPS, COUNT, STOP = 50, 25, 5
 MODELS = {"ddim": Gaussian, "flow": Straight}
@@ -23,7 +30,7 @@ MODELS = {"ddim": Gaussian, "flow": Straight}
 
 def model(kind: str, count: int = COUNT, steps: int = STEPS, spread: float = 0.5) -> Gaussian:
     made = MODELS[kind](spread=spread)
-    made.begin([np.zeros((8, 8, 3), np.uint8)], Said("", "", None), steps, count)
+    made.begin([np.zeros((8, 8, 3), np.uint8)], PromptSettings("", "", None), steps, count)
     return made
 
 
@@ -190,16 +197,18 @@ def test_fresh_noise_in_every_step_loses_what_the_same_keeps(mask: float, spread
         assert lost < 0.7 * kept
 
 
-HOW = How(0.5, 5, 50, 0, Said("", "", None), 0.0, 1.0, 0)
+HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("", "", None), 0.0, 1.0, 0)
 
 
 @given(steps=st.integers(1, 1000))
 def test_what_leaves_no_step_is_told_with_the_least_that_does(steps: int) -> None:
     from dataclasses import replace
 
-    problem = no_step(replace(HOW, steps=steps, strength=0.0), Place("scene.yaml", 3, 5), "refine.strength")
+    problem = no_steps_problem(
+        replace(HOW, steps=steps, strength=0.0), Place("scene.yaml", 3, 5), "refine.strength"
+    )
     assert str(problem).startswith(
         f"scene.yaml:3:5: refine.strength: 0 leaves none of {steps} steps to run; write at"
     )
     least = float(problem.fix.removeprefix("write at least ").partition(",")[0])
-    assert no_step(replace(HOW, steps=steps, strength=least), Place("x"), "") is None
+    assert no_steps_problem(replace(HOW, steps=steps, strength=least), Place("x"), "") is None

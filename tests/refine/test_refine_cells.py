@@ -10,8 +10,16 @@ from hypothesis import strategies as st
 from pytest import approx
 
 from physgen.photometry import decode
-from physgen.refine.cells import cells, fitted, frames_held, held, latent_frames, lengthened, over_time
-from physgen.refine.roles import Grid
+from physgen.refine.denoiser import Grid
+from physgen.refine.latents import (
+    cell_coverage,
+    fit_to_grid,
+    frames_held,
+    hold_weights,
+    latent_frames,
+    over_time,
+    pad_frames,
+)
 
 ANIMATEDIFF = Grid(8, 8, 512 * 512, 1, 1, 16)
 WAN = Grid(8, 16, 832 * 480, 4, 1, 21)
@@ -35,8 +43,8 @@ def test_known_counts() -> None:
 
 def test_short_clips_go_on_with_their_last_frame() -> None:
     frames = [np.full((2, 2, 3), k, np.uint8) for k in range(3)]
-    assert [int(f[0, 0, 0]) for f in lengthened(frames, 5)] == [0, 1, 2, 2, 2]
-    assert len(lengthened(frames, 3)) == 3
+    assert [int(f[0, 0, 0]) for f in pad_frames(frames, 5)] == [0, 1, 2, 2, 2]
+    assert len(pad_frames(frames, 3)) == 3
 
 
 @pytest.mark.parametrize("grid", [ANIMATEDIFF, WAN, PAIRS])
@@ -44,10 +52,10 @@ def test_short_clips_go_on_with_their_last_frame() -> None:
 @pytest.mark.parametrize("count", [1, 6, 9])
 def test_cells_hold_the_mean_coverage_of_their_pixels_and_frames(grid: Grid, size, count: int) -> None:
     rng = np.random.default_rng(count)
-    fit = fitted(size, grid)
+    fit = fit_to_grid(size, grid)
     masks = [fit.mask(rng.random(size[::-1]).astype(np.float32)) for _ in range(count)]
     latents = latent_frames(count, grid)
-    found = cells(iter(masks), latents, grid)
+    found = cell_coverage(iter(masks), latents, grid)
     width, height = fit.padded
     assert found.shape == (latents, 1, height // 8, width // 8)
     for f in range(latents):
@@ -64,7 +72,7 @@ def test_cells_hold_the_mean_coverage_of_their_pixels_and_frames(grid: Grid, siz
 def test_coverage_is_soft_where_nearest_would_lose_a_thin_thing() -> None:
     mask = np.zeros((32, 32), np.float32)
     mask[:, 9] = 1  # a rod one pixel wide, between the pixels that nearest would look at
-    found = cells([mask], 1, ANIMATEDIFF)[0, 0]
+    found = cell_coverage([mask], 1, ANIMATEDIFF)[0, 0]
     assert found[:, 1] == approx(1 / 8)
     assert not found[:, [0, 2, 3]].any()
     assert not cv2.resize(mask, (4, 4), interpolation=cv2.INTER_NEAREST).any()
@@ -77,7 +85,7 @@ def test_values_of_frames_go_to_their_latents() -> None:
 
 @given(width=st.integers(1, 3000), height=st.integers(1, 3000))
 def test_sizes_are_multiples_and_no_larger_than_a_model_knows(width: int, height: int) -> None:
-    fit = fitted((width, height), WAN)
+    fit = fit_to_grid((width, height), WAN)
     (sw, sh), (pw, ph) = fit.scaled, fit.padded
     assert pw % 16 == ph % 16 == 0
     assert 0 <= pw - sw < 16
@@ -92,7 +100,7 @@ def test_sizes_are_multiples_and_no_larger_than_a_model_knows(width: int, height
 @pytest.mark.parametrize("size", [(61, 35), (64, 48), (1, 1), (1, 40), (7, 5)])
 def test_frames_come_back_as_they_were_shown(size: tuple[int, int]) -> None:
     rgb = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3)).astype(np.uint8)
-    fit = fitted(size, WAN)
+    fit = fit_to_grid(size, WAN)
     shown = fit.shown(rgb)
     assert shown.shape == (*fit.padded[::-1], 3)
     back = fit.back(shown.astype(np.float32))
@@ -105,14 +113,14 @@ def test_large_frames_are_made_smaller_in_linear_light() -> None:
     """A fine chequerboard of black and white is half of the light, code 188, and not 128."""
     yy, xx = np.mgrid[:1600, :1600]
     board = np.repeat(((xx + yy) % 2 * 255).astype(np.uint8)[..., None], 3, axis=2)
-    shown = fitted((1600, 1600), Grid(8, 8, 800 * 800, 1, 1, 16)).shown(board)
+    shown = fit_to_grid((1600, 1600), Grid(8, 8, 800 * 800, 1, 1, 16)).shown(board)
     assert shown.shape == (800, 800, 3)
     assert decode(shown).mean() == approx(0.5, abs=0.005)
 
 
 @pytest.mark.parametrize("over", [1, 3, 9, 30])
 def test_what_is_held_falls_smoothly_from_all_to_nothing(over: int) -> None:
-    stay = held(40, over)
+    stay = hold_weights(40, over)
     assert stay[0] == 1
     assert not stay[over:].any()
     assert (np.diff(stay) <= 0).all()
@@ -120,4 +128,4 @@ def test_what_is_held_falls_smoothly_from_all_to_nothing(over: int) -> None:
         1 - stay[: over + 1][::-1], abs=1e-6
     )  # as slow at its end as at its start
     assert np.abs(np.diff(stay)).max() <= 1.5 / over + 1e-6
-    assert not held(40, 0).any()
+    assert not hold_weights(40, 0).any()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.refine.windows import blended, spans, weights
+from physgen.refine.latents import blend_predictions, weights, window_spans
 
 
 @given(
@@ -19,7 +19,7 @@ def test_all_is_covered_in_whole_groups_with_what_is_shared(
     window: int, extra: int, overlap: int, group: int
 ) -> None:
     total, window = group * (window + extra), group * window
-    found = spans(total, window, overlap, group)
+    found = window_spans(total, window, overlap, group)
     assert found[0][0] == 0
     assert found[-1][1] == total
     assert all(first % group == 0 for first, _ in found)
@@ -31,8 +31,8 @@ def test_all_is_covered_in_whole_groups_with_what_is_shared(
 
 
 def test_a_clip_that_fits_is_one_window() -> None:
-    assert spans(16, 16, 8) == [(0, 16)]
-    assert spans(5, 16, 8) == [(0, 5)]
+    assert window_spans(16, 16, 8) == [(0, 16)]
+    assert window_spans(5, 16, 8) == [(0, 5)]
 
 
 def test_weights_fall_only_towards_ends_that_another_window_goes_beyond() -> None:
@@ -43,11 +43,11 @@ def test_weights_fall_only_towards_ends_that_another_window_goes_beyond() -> Non
 
 @given(total=st.integers(1, 120), window=st.integers(1, 20), overlap=st.integers(0, 19))
 def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(total, window, overlap) -> None:
-    windows = spans(total, window, overlap)
+    windows = window_spans(total, window, overlap)
     z = np.random.default_rng(total).standard_normal((total, 2, 3, 1)).astype(np.float32)
-    ones = blended(lambda part, first: np.ones_like(part), z, windows)
+    ones = blend_predictions(lambda part, first: np.ones_like(part), z, windows)
     assert np.abs(ones - 1).max() < 1e-6
-    linear = blended(lambda part, first: 3 * part - 1, z, windows)
+    linear = blend_predictions(lambda part, first: 3 * part - 1, z, windows)
     assert np.abs(linear - (3 * z - 1)).max() < 5e-6
 
 
@@ -60,7 +60,7 @@ def test_windows_know_where_they_begin() -> None:
         assert part[0, 0, 0, 0] == first
         return part
 
-    assert np.allclose(blended(predict, z, spans(30, 16, 8)), z, atol=1e-5)
+    assert np.allclose(blend_predictions(predict, z, window_spans(30, 16, 8)), z, atol=1e-5)
     assert begun == [0, 7, 14]
 
 
@@ -73,10 +73,10 @@ def test_no_joint_shows_where_windows_disagree(total: int, window: int, group: i
     differ from those before. Where a window begins or ends that is about as much as inside of what windows share (a
     quarter more where three share), and everywhere less than 15 % of what a cut from one window to the next would be.
     """
-    windows = spans(total, window, window // 2, group)
+    windows = window_spans(total, window, window // 2, group)
     rng = np.random.default_rng(1)
     z = np.zeros((total, 1, 1, 2000), np.float32)
-    out = blended(lambda part, first: part + rng.standard_normal(2000, np.float32), z, windows)
+    out = blend_predictions(lambda part, first: part + rng.standard_normal(2000, np.float32), z, windows)
     change = np.sqrt(np.mean(np.diff(out[:, 0, 0], axis=0) ** 2, axis=1))
     borders = {at - 1 for first, last in windows for at in (first, last) if 0 < at < total}
     inside = [change[k] for k in range(total - 1) if k not in borders]

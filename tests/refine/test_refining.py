@@ -10,11 +10,10 @@ from gaussian import Gaussian, Straight
 from pytest import approx
 
 from physgen.problems import InputError
-from physgen.refine.prompts import prompt_of
-from physgen.refine.refining import How, Refinement, frames_of_hold
-from physgen.refine.roles import Denoiser, Grid, Said
+from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
+from physgen.refine.fusion import Refinement, RefineSettings, hold_frames, prompt_of
 
-HOW = How(0.5, 5, 50, 0, Said("balls", "", None), lock=0.0, detail=1.0, hold=0)
+HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("balls", "", None), lock=0.0, detail=1.0, hold=0)
 PLAIN = Grid(4, 8, 10**9, 1, 1, 64)
 GRIDS = {
     "plain": PLAIN,
@@ -42,7 +41,7 @@ def clip(size=(61, 35), count: int = 11) -> tuple[list[np.ndarray], list[np.ndar
 
 
 def refined(
-    model: Denoiser, how: How = HOW, size=(61, 35), count: int = 11, covers=None, **more
+    model: Denoiser, how: RefineSettings = HOW, size=(61, 35), count: int = 11, covers=None, **more
 ) -> list[np.ndarray]:
     frames, coverage = clip(size, count)
     coverage = coverage if covers is None else [np.full(f.shape[:2], covers, np.float32) for f in frames]
@@ -123,9 +122,9 @@ def test_no_joint_shows_where_windows_disagree_in_every_step() -> None:
     Root mean squares over cells of the change at windows' first and last frames, against those in between.
     """
     from physgen.refine.fusion import fused
-    from physgen.refine.windows import blended, spans
+    from physgen.refine.latents import blend_predictions, window_spans
 
-    total, windows = 45, spans(45, 16, 8)
+    total, windows = 45, window_spans(45, 16, 8)
     model = Moody()
     model.begin([np.zeros((160, 160, 3), np.uint8)], HOW.said, 50, 25)
     noise = np.random.default_rng(0).standard_normal((1, 3, 40, 40), np.float32).repeat(total, axis=0)
@@ -133,7 +132,9 @@ def test_no_joint_shows_where_windows_disagree_in_every_step() -> None:
         np.zeros((total, 3, 40, 40), np.float32),
         np.float32(0.5),
         noised=lambda z, k: model.noised(z, noise, k),
-        denoised=lambda z, k: model.stepped(blended(lambda p, f: model.predict(p, k, f), z, windows), z, k),
+        denoised=lambda z, k: model.stepped(
+            blend_predictions(lambda p, f: model.predict(p, k, f), z, windows), z, k
+        ),
         count=25,
         stop=5,
     )
@@ -160,7 +161,7 @@ def test_the_first_frame_is_kept_and_what_follows_leaves_it_slowly(grid: Grid) -
 
 
 def test_frames_of_hold_last_a_third_of_a_second_and_three_frames_at_least() -> None:
-    assert [frames_of_hold(fps) for fps in (30, 8, 1, 60)] == [9, 3, 3, 18]
+    assert [hold_frames(fps) for fps in (30, 8, 1, 60)] == [9, 3, 3, 18]
 
 
 def test_one_seed_gives_the_same_bytes_and_another_others() -> None:

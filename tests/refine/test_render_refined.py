@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends, cli, pipeline
-from physgen.backends import Backend
+from physgen import pipeline, registry
+from physgen.cli import main
+from physgen.registry import Backend
 
 SCENE = """\
 physgen: 1
@@ -35,15 +36,15 @@ def _exact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         Backend("refine", "exact", "gaussian:made", "Gaussian data.", told=True),
         Backend("refine", "broken", "gaussian:broken", "Raises.", told=True),
     )
-    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, *more))
-    monkeypatch.setattr("physgen.batch.pool._REFINERS", {})
+    monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, *more))
+    monkeypatch.setattr("physgen.batch.run._REFINERS", {})
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     Path("pair.yaml").write_text(SCENE, encoding="utf-8")
 
 
 def rendered(*flags: str, code: int = 0) -> dict[str, object]:
-    assert cli.main(["render", "pair.yaml", *flags]) == code
+    assert main.main(["render", "pair.yaml", *flags]) == code
     return json.loads(Path("out/pair/manifest.json").read_text(encoding="utf-8"))
 
 
@@ -153,7 +154,7 @@ def test_a_bare_name_takes_the_weights_of_the_configuration(monkeypatch: pytest.
     )
     Path("physgen.toml").write_text('[backend]\nrefine = "exact:some/weights"\n', encoding="utf-8")
     rendered("--refine", "exact")
-    monkeypatch.setattr("physgen.batch.pool._REFINERS", {})
+    monkeypatch.setattr("physgen.batch.run._REFINERS", {})
     rendered("--refine", "exact:other/weights")
     assert made == ["some/weights", "other/weights"]
 
@@ -201,7 +202,7 @@ def test_models_are_made_once_for_many_scenes(monkeypatch: pytest.MonkeyPatch) -
     made = []
     monkeypatch.setattr(gaussian, "made", lambda setup, make=gaussian.made: made.append(setup) or make(setup))
     shutil.copyfile("pair.yaml", "again.yaml")
-    assert cli.main(["render", "pair.yaml", "again.yaml", "--refine", "exact"]) == 0
+    assert main.main(["render", "pair.yaml", "again.yaml", "--refine", "exact"]) == 0
     assert len(made) == 1
 
 
@@ -209,7 +210,7 @@ def test_a_scene_without_objects_is_refined_all_over() -> None:
     Path("empty.yaml").write_text(
         "physgen: 1\nsize: [64, 48]\nobjects: {}\nrefine: {backend: exact, steps: 4, stop: 1}\n"
     )
-    assert cli.main(["render", "empty.yaml", "--set", "world.duration=0.3"]) == 0
+    assert main.main(["render", "empty.yaml", "--set", "world.duration=0.3"]) == 0
     told = json.loads(Path("out/empty/manifest.json").read_text(encoding="utf-8"))
     assert told["refine"]["prompt"] == ""
     assert told["refine"]["changes"]["objects"] is None

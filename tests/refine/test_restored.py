@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.photometry import decode, encode
-from physgen.refine.restored import restored
+from physgen.refine.fusion import restore_detail
 
 CODES = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
 NOTHING = np.zeros((16, 16), np.float32)
@@ -22,31 +22,33 @@ KEEP = {"detail": 1.0, "lock": 0.0, "held": 0.0}
 @pytest.mark.parametrize("lock", [0.0, 0.4, 1.0])
 def test_what_the_model_leaves_alone_is_the_guidance_to_the_byte(lock: float, held: float) -> None:
     cover = rng.random((16, 16)).astype(np.float32)
-    made = restored(CODES, GUIDED, GUIDED.copy(), cover, detail=1.0, lock=lock, held=held)
+    made = restore_detail(CODES, GUIDED, GUIDED.copy(), cover, detail=1.0, lock=lock, held=held)
     assert np.array_equal(made, CODES)
 
 
 def test_without_detail_it_is_what_the_decoder_gives() -> None:
-    made = restored(CODES, REFINED, GUIDED, NOTHING, detail=0.0, lock=0.0, held=0.0)
+    made = restore_detail(CODES, REFINED, GUIDED, NOTHING, detail=0.0, lock=0.0, held=0.0)
     assert np.array_equal(made, np.round(np.clip(REFINED.astype(np.float64), 0, 1) * 255).astype(np.uint8))
 
 
 def test_with_detail_it_is_the_guidance_and_what_changed() -> None:
     wanted = np.clip(CODES / 255 + REFINED.astype(np.float64) - GUIDED, 0, 1) * 255
-    made = restored(CODES, REFINED, GUIDED, NOTHING, **KEEP)
+    made = restore_detail(CODES, REFINED, GUIDED, NOTHING, **KEEP)
     assert np.abs(made - wanted).max() <= 0.5 + 1e-4
 
 
 @given(detail=st.floats(0, 1), lock=st.floats(0, 1))
 def test_a_frame_that_is_held_is_the_guidance_to_the_byte(detail: float, lock: float) -> None:
     assert np.array_equal(
-        restored(CODES, REFINED, GUIDED, NOTHING, detail=detail, lock=lock, held=1.0), CODES
+        restore_detail(CODES, REFINED, GUIDED, NOTHING, detail=detail, lock=lock, held=1.0), CODES
     )
 
 
 def test_a_frame_that_is_held_in_part_has_that_part_less_of_the_change() -> None:
     free, part = (
-        restored(CODES, REFINED / 8 + GUIDED, GUIDED, NOTHING, detail=1.0, lock=0.0, held=held).astype(int)
+        restore_detail(CODES, REFINED / 8 + GUIDED, GUIDED, NOTHING, detail=1.0, lock=0.0, held=held).astype(
+            int
+        )
         for held in (0.0, 0.75)
     )
     assert np.abs(part - CODES).max() > 5
@@ -58,8 +60,8 @@ def test_a_frame_that_is_held_in_part_has_that_part_less_of_the_change() -> None
 def test_locked_objects_are_the_guidance_to_the_byte_and_borders_mix_light() -> None:
     cover = np.zeros((16, 16), np.float32)
     cover[4:10, 4:10], cover[10, 4:10] = 1, 0.5
-    made = restored(CODES, REFINED, GUIDED, cover, detail=1.0, lock=1.0, held=0.0)
-    free = restored(CODES, REFINED, GUIDED, NOTHING, **KEEP)
+    made = restore_detail(CODES, REFINED, GUIDED, cover, detail=1.0, lock=1.0, held=0.0)
+    free = restore_detail(CODES, REFINED, GUIDED, NOTHING, **KEEP)
     assert np.array_equal(made[cover == 1], CODES[cover == 1])
     assert np.array_equal(made[cover == 0], free[cover == 0])
     half = 255 * encode((decode(free[10, 4:10]) + decode(CODES[10, 4:10])) / 2)
@@ -69,8 +71,8 @@ def test_locked_objects_are_the_guidance_to_the_byte_and_borders_mix_light() -> 
 
 def test_half_a_lock_is_half_the_light_of_objects() -> None:
     cover = np.ones((16, 16), np.float32)
-    half = restored(CODES, REFINED, GUIDED, cover, detail=1.0, lock=0.5, held=0.0)
-    free = restored(CODES, REFINED, GUIDED, NOTHING, **KEEP)
+    half = restore_detail(CODES, REFINED, GUIDED, cover, detail=1.0, lock=0.5, held=0.0)
+    free = restore_detail(CODES, REFINED, GUIDED, NOTHING, **KEEP)
     wanted = 255 * encode((decode(free) + decode(CODES)) / 2)
     assert np.abs(half - wanted).max() <= 1.0
 
@@ -78,7 +80,7 @@ def test_half_a_lock_is_half_the_light_of_objects() -> None:
 def test_codes_that_neither_side_changes_survive_the_mixing() -> None:
     """Guidance and refined equal: mixing in light gives each of the 256 codes back."""
     cover = np.full((16, 16), 0.37, np.float32)
-    made = restored(
+    made = restore_detail(
         CODES, CODES / np.float32(255), CODES / np.float32(255), cover, detail=0.0, lock=0.8, held=0.0
     )
     assert np.array_equal(made, CODES)

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import backends, pipeline
-from physgen.backends import Backend
-from physgen.cache.store import opened
+from physgen import pipeline, registry
+from physgen.pipeline.cache import open_store
+from physgen.registry import Backend
 from physgen.report import record
 
 SCENE = """\
@@ -29,7 +29,7 @@ refine: {backend: exact, steps: 4, stop: 1}
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     row = Backend("refine", "exact", "gaussian:made", "Gaussian data.", told=True)
-    monkeypatch.setattr(backends, "BACKENDS", (*backends.BACKENDS, row))
+    monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, row))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     home = tmp_path / "scene"
     home.mkdir()
@@ -63,8 +63,8 @@ def test_no_run_takes_them_for_those_of_the_new_photo(home: Path, monkeypatch: p
 
     monkeypatch.setattr(record, "inputs", late)
     old = frames(home)
-    assert not [entry for entry in opened().sizes() if entry.stage == "guidance"]
+    assert not [entry for entry in open_store().sizes() if entry.stage == "guidance"]
     new = frames(home)
     assert new != old
     assert new == frames(home) == frames(home, cached=False)
-    assert [entry for entry in opened().sizes() if entry.stage == "guidance"]
+    assert [entry for entry in open_store().sizes() if entry.stage == "guidance"]

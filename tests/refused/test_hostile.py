@@ -24,7 +24,7 @@ HANG = 60  # s on the wall
 READ = """
 import sys
 from physgen.problems import InputError
-from physgen.scene.build import load
+from physgen.scene.load import load
 try:
     load(sys.argv[1], sys.argv[2:])
 except InputError as error:
@@ -298,7 +298,7 @@ def test_a_scene_is_a_pipe_that_nobody_writes_into(tmp_path: Path) -> None:
 
 
 def test_a_scene_may_come_from_another_program(tmp_path: Path) -> None:
-    code = "import sys; from physgen.cli import main; sys.exit(main(['check', '/dev/stdin']))"
+    code = "import sys; from physgen.cli.main import main; sys.exit(main(['check', '/dev/stdin']))"
     run = subprocess.run(
         [sys.executable, "-c", code], input=HEAD, capture_output=True, text=True, cwd=tmp_path
     )

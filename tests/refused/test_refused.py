@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from physgen.problems import InputError
-from physgen.scene.build import load
+from physgen.scene.load import load
 
 CASES = Path(__file__).parent / "cases"
 NAMES = sorted(path.stem for path in CASES.glob("*.yaml"))

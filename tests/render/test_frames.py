@@ -8,8 +8,7 @@ import pytest
 from pytest import approx
 
 from physgen.photometry import decode, encode_u8
-from physgen.render.encoding import encoded
-from physgen.render.frames import render_frames
+from physgen.render.frames import encode_picture, render_frames
 from physgen.render.sprites import cut_sprites
 from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
@@ -173,4 +172,4 @@ def test_a_mirrored_scene_gives_mirrored_frames(photo) -> None:
 def test_bytes_are_those_of_the_table_everywhere() -> None:
     light = np.concatenate([np.linspace(-0.1, 1.2, 300_000), decode(np.arange(256, dtype=np.uint8))])
     light = light.astype(np.float32)[: len(light) // 3 * 3].reshape(-1, 1, 3)
-    assert np.array_equal(encoded(light), encode_u8(light))
+    assert np.array_equal(encode_picture(light), encode_u8(light))

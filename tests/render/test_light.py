@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
 from physgen.photometry import DistantLight, decode, encode_u8
-from physgen.render.ball import skin
-from physgen.render.balls import Balls
-from physgen.render.placing import Placement
-from physgen.render.relief import lambert, relief
-from physgen.render.sprites import Sprite
-from physgen.scene.model import View
-from physgen.shadow.cast import Setting, Silhouette
-from physgen.shadow.darkness import darkness
+from physgen.render.atlas import BallSprites
+from physgen.render.ball import ball_from_photo
+from physgen.render.sprites import Sprite, lambert, relief_of
+from physgen.render.stage import Placement
+from physgen.scene.scene import View
 from physgen.simulate.engine import simulate
 
 SUN = DistantLight((-0.36, -0.48, 0.8), 0.7, 0.35)
@@ -51,7 +49,7 @@ def turned(ball, center, turn, size, at):
     )
     box = np.s_[at[1] : at[1] + size[1], at[0] : at[0] + size[0]]
     shift = center[0] - ball.center[0], center[1] - ball.center[1]
-    [found] = Balls([sprite]).drawn([(0, Placement(box, space=turn, shift=shift))]).values()
+    [found] = BallSprites([sprite]).drawn([(0, Placement(box, space=turn, shift=shift))]).values()
     return found.light
 
 
@@ -59,7 +57,7 @@ def turned(ball, center, turn, size, at):
 def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
     r, size = 40.0, (101, 101)
     photo, _, _ = sphere(r, (50, 50), size, np.eye(3))
-    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
+    ball = ball_from_photo(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
     turn = cv2.Rodrigues(np.array(vector))[0]
     expected, z, was = sphere(r, (50, 50), size, turn)
     found = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss
@@ -72,7 +70,7 @@ def test_a_ball_turned_in_space_shows_what_it_should(vector) -> None:
 
 def test_a_ball_at_rest_is_the_photo() -> None:
     photo, z, _ = sphere(30.0, (40, 40), (81, 81), np.eye(3))
-    ball = skin(photo, (0, 0), (40.0, 40.0), 30.0, SUN, View.SIDE)
+    ball = ball_from_photo(photo, (0, 0), (40.0, 40.0), 30.0, SUN, View.SIDE)
     found = turned(ball, (40.0, 40.0), np.eye(3), (81, 81), (0, 0)) + ball.gloss
     off = np.abs(encode_u8(found).astype(int) - encode_u8(photo))
     assert off[z > 0.55].max() <= 2
@@ -87,7 +85,7 @@ def test_a_highlight_stays_where_the_light_is() -> None:
     y, x = np.mgrid[:101, :101]
     spot = np.exp(-((x - 50 - r * half[0]) ** 2 + (y - 50 - r * half[1]) ** 2) / (2 * 3.0**2))
     photo = np.minimum(photo * 0.4 + spot[..., None] * 2, 1).astype(np.float32)
-    ball = skin(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
+    ball = ball_from_photo(photo, (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
     spun = turned(ball, (50.0, 50.0), cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0], (101, 101), (0, 0))
     bright = (spun + ball.gloss).min(-1)
     assert np.hypot(*(np.unravel_index(bright.argmax(), bright.shape) - half[1::-1] * r - 50)) < 4
@@ -110,7 +108,7 @@ def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
         paint = np.where((np.sin(across) > 0)[..., None], [0.7, 0.12, 0.08], [0.62, 0.55, 0.36])
         return (paint * lambertian[..., None] * more).astype(np.float32)
 
-    ball = skin(ball_turned(0.0), (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
+    ball = ball_from_photo(ball_turned(0.0), (0, 0), (50.0, 50.0), r, SUN, View.SIDE)
     turn = cv2.Rodrigues(np.array([0.0, 0.0, 2.0]))[0]
     found, expected = turned(ball, (50.0, 50.0), turn, size, (0, 0)), ball_turned(2.0)
     inside = z > 0.4
@@ -131,7 +129,7 @@ def test_normals_turn_with_a_thing_and_its_light_does_not(turn) -> None:
     known = x * x + y * y < 0.8
     normals = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0.01))], -1).astype(np.float32)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    found = relief(normals, known, SUN)
+    found = relief_of(normals, known, SUN)
     c, s = np.cos(turn), np.sin(turn)
     turned = normals.copy()
     turned[..., 0], turned[..., 1] = c * x - s * y, s * x + c * y
@@ -143,11 +141,13 @@ def test_normals_turn_with_a_thing_and_its_light_does_not(turn) -> None:
 
 def test_a_flat_front_keeps_its_light() -> None:
     flat = np.broadcast_to(np.array([0, 0, 1], np.float32), (20, 20, 3))
-    assert relief(flat, np.ones((20, 20), bool), SUN) is None
+    assert relief_of(flat, np.ones((20, 20), bool), SUN) is None
 
 
 def setting(light=SUN, softness=1.0, top=True, **rest):
-    return Setting(light, softness, top, rest.get("tilt", 0.1), rest.get("backdrop", np.inf), (300, 300))
+    return ShadowSetting(
+        light, softness, top, rest.get("tilt", 0.1), rest.get("backdrop", np.inf), (300, 300)
+    )
 
 
 def disc(x, y, r):
@@ -162,7 +162,9 @@ def ball_at(x, y, r, floor=None):
 
 def test_a_ball_on_a_table_hides_the_sky_by_its_solid_angle() -> None:
     """Cosine-weighted, (1 + (d/r)^2)^(-3/2) for a ball that touches the table at distance 0."""
-    (x0, y0, _, _), dark = darkness(ball_at(150, 150, 20.0), setting(DistantLight((0, 0, 1), 0.0, 1.0)))
+    (x0, y0, _, _), dark = shadow_darkness(
+        ball_at(150, 150, 20.0), setting(DistantLight((0, 0, 1), 0.0, 1.0))
+    )
     for d in (5, 10, 15):
         left = np.exp(-dark[150 - y0, 150 + d - x0])
         assert left == pytest.approx(1 - 0.98 * (1 + (d / 20) ** 2) ** -1.5, abs=0.02)
@@ -171,7 +173,7 @@ def test_a_ball_on_a_table_hides_the_sky_by_its_solid_angle() -> None:
 def test_a_ball_on_a_table_throws_its_ellipse() -> None:
     r, (lx, ly, lz) = 20.0, SUN.direction
     bare = DistantLight(SUN.direction, 1.0, 0.0)
-    (x0, y0, x1, y1), dark = darkness(ball_at(150, 150, r), setting(bare, 0.1))
+    (x0, y0, x1, y1), dark = shadow_darkness(ball_at(150, 150, r), setting(bare, 0.1))
     shade = 1 - np.exp(-dark)
     y, x = np.mgrid[y0:y1, x0:x1]
     middle = np.array([(shade * x).sum(), (shade * y).sum()]) / shade.sum()
@@ -179,9 +181,9 @@ def test_a_ball_on_a_table_throws_its_ellipse() -> None:
     assert (shade / 0.98).sum() == pytest.approx(np.pi * r * r / lz, rel=0.05)
 
 
-def seen(what: Silhouette, place: Setting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def seen(what: Silhouette, place: ShadowSetting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns, rows and how much of the direct light is taken away there."""
-    (x0, y0, x1, y1), dark = darkness(what, place)
+    (x0, y0, x1, y1), dark = shadow_darkness(what, place)
     y, x = np.mgrid[y0:y1, x0:x1]
     return x, y, (1 - np.exp(-dark)) / 0.98
 
@@ -249,7 +251,9 @@ def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:
 def test_a_thing_that_rises_leaves_the_floor_to_the_light() -> None:
     shades = []
     for height in (0.0, 20.0, 80.0):
-        found = darkness(ball_at(150, 180 - height, 20.0, floor=200.0), setting(softness=8.0, top=False))
+        found = shadow_darkness(
+            ball_at(150, 180 - height, 20.0, floor=200.0), setting(softness=8.0, top=False)
+        )
         shades.append(float(found[1].max()))
     assert shades[0] > shades[1] > shades[2] > 0
 
@@ -337,7 +341,7 @@ def test_the_first_frame_is_the_photo_however_it_is_lit(name) -> None:
 def test_a_ball_of_which_little_is_seen_can_be_drawn(center) -> None:
     photo, _, _ = sphere(100.0, center, (60, 60), np.eye(3))
     light = DistantLight((0.3, 0.4, 0.866), 0.7, 0.35)
-    ball = skin(np.minimum(photo + 0.3, 1), (0, 0), center, 100.0, light, View.TOP)
+    ball = ball_from_photo(np.minimum(photo + 0.3, 1), (0, 0), center, 100.0, light, View.TOP)
     found = turned(ball, center, np.eye(3), (60, 60), (0, 0)) + ball.gloss
     assert np.isfinite(found).all()
 

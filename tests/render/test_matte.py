@@ -14,9 +14,9 @@ from pytest import approx
 
 from physgen import pipeline
 from physgen.photometry import decode
-from physgen.render.backends.torch_frames import render_frames_torch
-from physgen.render.matte import coverage, matte
-from physgen.render.shutter import shutter
+from physgen.render.camera import exposure_times
+from physgen.render.staging import matte_coverage, matte_stage
+from physgen.render.torch_frames import render_frames_torch
 from physgen.simulate.engine import simulate
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,7 +49,7 @@ class Clip:
         compiled = pipeline.compile(self.scene, self.maps)
         self.stage = pipeline.stage(self.scene, compiled, self.maps)
         self.plain = simulate(compiled.world)
-        times, self.parts = shutter(self.plain, compiled.world, blur)
+        times, self.parts = exposure_times(self.plain, compiled.world, blur)
         self.fine = self.plain if self.parts == 1 else simulate(compiled.world, times)
         self.take = pipeline.shot(self.scene, self.plain)
 
@@ -57,7 +57,7 @@ class Clip:
         return pipeline.render(stage or self.stage, self.fine, self.parts, self.take)
 
     def coverage(self) -> list[np.ndarray]:
-        return [coverage(frame) for frame in self.frames(matte(self.stage))]
+        return [matte_coverage(frame) for frame in self.frames(matte_stage(self.stage))]
 
 
 def inside(found: np.ndarray) -> np.ndarray:
@@ -112,7 +112,7 @@ def test_a_rolling_ball_of_a_photo_keeps_its_circle() -> None:
 def test_an_exposure_is_the_mean_of_its_moments(tmp_path: Path) -> None:
     clip = Clip(written(tmp_path, BALL), blur=0.8)
     assert clip.parts >= 4
-    sharp = [coverage(frame) for frame in pipeline.render(matte(clip.stage), clip.fine)]
+    sharp = [matte_coverage(frame) for frame in pipeline.render(matte_stage(clip.stage), clip.fine)]
     found = clip.coverage()
     assert len(sharp) == clip.parts * len(found)
     for k, one in enumerate(found):
@@ -218,6 +218,6 @@ def test_without_objects_nothing_is_covered(tmp_path: Path, shadows: str) -> Non
 
 def test_torch_draws_the_same_coverage() -> None:
     clip = Clip(ROOT / "scenes/billiards/scene.yaml", "render.frames=4", "render.supersample=2")
-    theirs = render_frames_torch(matte(clip.stage), clip.fine, device="cpu")
+    theirs = render_frames_torch(matte_stage(clip.stage), clip.fine, device="cpu")
     for ours, other in zip(clip.coverage(), theirs, strict=True):
-        assert np.abs(ours - coverage(other)).max() < 2 * CODE
+        assert np.abs(ours - matte_coverage(other)).max() < 2 * CODE

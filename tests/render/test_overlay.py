@@ -10,10 +10,10 @@ import pytest
 
 from physgen import pipeline
 from physgen.photometry import decode
-from physgen.render.overlay import annotated, filmed
-from physgen.render.scales import COLOURS, RING, largest_round, nearest_round, worded
-from physgen.render.touches import between
-from physgen.scene.model import Overlay
+from physgen.render.contacts import contact_points_between
+from physgen.render.overlay import annotate_frames, filmed
+from physgen.render.scales import COLOURS, RING, largest_round, nearest_round, value_text
+from physgen.scene.scene import Overlay
 
 THROWN = """\
 physgen: 1
@@ -67,7 +67,7 @@ class Clip:
     def drawn(self, *kinds: str, frames=None, **more):
         chosen = tuple(map(Overlay, kinds))
         frames = self.plain if frames is None else frames
-        return list(annotated(iter(frames), self.world, self.trajectory, chosen, **more))
+        return list(annotate_frames(iter(frames), self.world, self.trajectory, chosen, **more))
 
     def key(self, *kinds: str) -> dict[str, float]:
         """Words of the key and how large, px or rad, their samples are."""
@@ -349,16 +349,16 @@ boundaries: {floor: {segment: [[0, 160], [300, 160]]}}
 """,
     )
     poses = clip.trajectory.poses[0]
-    points, gap = between(clip.world, poses, 0, 1)
+    points, gap = contact_points_between(clip.world, poses, 0, 1)
     assert gap == pytest.approx(0, abs=1e-9)
     assert points == pytest.approx(np.array([[66, 62]]))
-    points, gap = between(clip.world, poses, 2, 4)
+    points, gap = contact_points_between(clip.world, poses, 2, 4)
     assert gap == pytest.approx(0, abs=1e-9)
     assert points[np.argsort(points[:, 0])] == pytest.approx(np.array([[180, 160], [220, 160]]))
-    points, gap = between(clip.world, poses, 2, 3)
+    points, gap = contact_points_between(clip.world, poses, 2, 3)
     assert gap == pytest.approx(40 - 20 * 2**0.5)
     assert points[0][1] == pytest.approx(125)
-    points, gap = between(clip.world, poses, 1, 4)
+    points, gap = contact_points_between(clip.world, poses, 1, 4)
     assert gap == pytest.approx(50)
     assert points == pytest.approx(np.array([[90, 160]]))
 
@@ -366,7 +366,7 @@ boundaries: {floor: {segment: [[0, 160], [300, 160]]}}
 def test_round_numbers() -> None:
     assert [largest_round(v) for v in (1, 4.99, 50, 0.07, 0.001)] == [1, 2, 50, 0.05, 0.001]
     assert [nearest_round(v) for v in (1.3, 1.5, 3, 3.3, 8)] == [1, 2, 2, 5, 10]
-    said = [worded(v, "N") for v in (0.0005, 0.02, 0.5, 20, 5000)]
+    said = [value_text(v, "N") for v in (0.0005, 0.02, 0.5, 20, 5000)]
     assert said == ["0.5 mN", "20 mN", "0.5 N", "20 N", "5 kN"]
 
 

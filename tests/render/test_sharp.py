@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.geometry import rotation
+from physgen.geometry.polygon import rotation
 from physgen.photometry import decode
 from physgen.render.frames import render_frames
 from physgen.render.stage import Stage

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from physgen import framing, pipeline
+from physgen import pipeline
+from physgen.geometry import framing
 from physgen.photometry import decode, encode_u8
-from physgen.render import shot as shots
-from physgen.render.shot import filmed, shot
-from physgen.render.shutter import shutter
+from physgen.render import camera as shots
+from physgen.render.camera import exposure_times, filmed, shot_of
 from physgen.render.stage import Frame
 from physgen.simulate.engine import simulate
 
@@ -43,7 +43,7 @@ def clip(tmp_path: Path, *overrides: str, blur: float = 0.0, text: str = BALL) -
     found = scene(tmp_path, *overrides, text=text)
     world = (compiled := pipeline.compile(found, None)).world
     trajectory = simulate(world)
-    times, parts = shutter(simulate(world), world, blur)
+    times, parts = exposure_times(simulate(world), world, blur)
     drawn = pipeline.stage(found, compiled, None)
     fine = trajectory if parts == 1 else simulate(world, times)
     return list(pipeline.render(drawn, fine, parts, pipeline.shot(found, trajectory)))
@@ -53,7 +53,7 @@ def taken(tmp_path: Path, *overrides: str, size: tuple[int, int] = (W, H)):
     """A shot of a picture of `size`."""
     text = f"physgen: 1\nsize: [{size[0]}, {size[1]}]\nworld: {{duration: 1}}\n"
     found = scene(tmp_path, *overrides, text=text)
-    return shot(found, simulate(pipeline.compile(found, None).world))
+    return shot_of(found, simulate(pipeline.compile(found, None).world))
 
 
 def seen(tmp_path: Path, rgb: np.ndarray, *overrides: str, time: float = 0.0) -> tuple[Frame, np.ndarray]:

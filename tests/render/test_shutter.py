@@ -7,7 +7,7 @@ import pytest
 
 from physgen import pipeline
 from physgen.photometry import decode
-from physgen.render.shutter import exposed, shutter
+from physgen.render.camera import exposure_times, mean_exposures
 from physgen.simulate.engine import simulate
 
 SCENE = """\
@@ -23,7 +23,7 @@ def frames(tmp_path, part):
     path.write_text(SCENE)
     scene = pipeline.load(path)
     compiled = pipeline.compile(scene, None)
-    times, parts = shutter(simulate(compiled.world), compiled.world, part)
+    times, parts = exposure_times(simulate(compiled.world), compiled.world, part)
     return list(
         pipeline.render(pipeline.stage(scene, compiled, None), simulate(compiled.world, times), parts)
     )
@@ -54,9 +54,9 @@ def test_it_is_the_mean_of_light(tmp_path) -> None:
     scene = pipeline.load(path)
     compiled = pipeline.compile(scene, None)
     stage = pipeline.stage(scene, compiled, None)
-    times, parts = shutter(simulate(compiled.world), compiled.world, 0.5)
+    times, parts = exposure_times(simulate(compiled.world), compiled.world, 0.5)
     each = [f.rgb for f in pipeline.render(stage, simulate(compiled.world, times))]
-    blurred = list(exposed(pipeline.render(stage, simulate(compiled.world, times)), parts))
+    blurred = list(mean_exposures(pipeline.render(stage, simulate(compiled.world, times)), parts))
     for k, frame in enumerate(blurred):
         mean = np.mean([decode(rgb) for rgb in each[k * parts : (k + 1) * parts]], axis=0)
         assert np.abs(decode(frame.rgb) - mean).max() < 0.006

@@ -12,10 +12,10 @@ import pytest
 import torch
 
 from physgen import pipeline
-from physgen.cli import main
-from physgen.render.backends import torch_frames
-from physgen.render.backends.torch_frames import render_frames_torch
+from physgen.cli.main import main
+from physgen.render import torch_frames
 from physgen.render.frames import render_frames
+from physgen.render.torch_frames import render_frames_torch
 
 ROOT = Path(__file__).resolve().parents[2]
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
@@ -141,7 +141,7 @@ def test_no_gpu_is_told_in_one_line(lesson: Path, tmp_path: Path, monkeypatch, c
 
 def test_without_torch_it_says_what_to_install(lesson: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     for module in ("torch_frames", "torch_cutout"):
-        monkeypatch.delitem(sys.modules, f"physgen.render.backends.{module}")
+        monkeypatch.delitem(sys.modules, f"physgen.render.{module}")
     monkeypatch.setitem(sys.modules, "torch", None)
     assert main(["render", str(lesson), "-o", str(tmp_path / "out"), "--device", "cuda"]) == 2
     said = capsys.readouterr().err

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.photometry import DistantLight
-from physgen.render.veils import reaching, veil
-from physgen.shadow.cast import Setting, Silhouette
+from physgen.render.occlusion import occluders, occlusion_of
 
 LIGHT = DistantLight((-0.6, -0.48, 0.64), 1.0, 0.25)
 
 
-def setting(top: bool, light=LIGHT) -> Setting:
-    return Setting(light, 0.5, top, 0.1, np.inf, (400, 400))
+def setting(top: bool, light=LIGHT) -> ShadowSetting:
+    return ShadowSetting(light, 0.5, top, 0.1, np.inf, (400, 400))
 
 
 def ball(x, y, r) -> Silhouette:
@@ -49,7 +49,7 @@ def hidden(point, what: Silhouette, top: bool) -> bool:
 @pytest.mark.parametrize("other", [ball(150, 160, 28), slab(120, 110, 30, 60, 90)], ids=["ball", "slab"])
 def test_the_shadow_on_a_ball_is_where_rays_say(top, other) -> None:
     onto = ball(190, 190, 30)
-    dark = veil(onto, [other], setting(top))
+    dark = occlusion_of(onto, [other], setting(top))
     assert dark is not None
     agree = total = 0
     for dy in range(-18, 19, 4):
@@ -67,19 +67,19 @@ def test_the_shadow_on_a_ball_is_where_rays_say(top, other) -> None:
 
 def test_as_much_light_is_lost_as_comes_straight() -> None:
     """Deep in the shadow the ambient part is left, of all that a face turned to the viewer gets."""
-    dark = veil(slab(100, 100, 40, 40, 10), [slab(40, 20, 100, 100, 200)], setting(True))
+    dark = occlusion_of(slab(100, 100, 40, 40, 10), [slab(40, 20, 100, 100, 200)], setting(True))
     lit = 1 - 0.98 * 0.64 / (0.64 + 0.25)
     assert np.exp(-dark[5, 5]) == pytest.approx(lit, rel=0.02)
 
 
 def test_things_of_one_height_throw_nothing_on_each_others_tops() -> None:
-    assert not reaching([slab(100, 100, 40, 40, 20), slab(60, 60, 39, 39, 20)], setting(True))
+    assert not occluders([slab(100, 100, 40, 40, 20), slab(60, 60, 39, 39, 20)], setting(True))
 
 
 def test_shadows_fall_away_from_the_light() -> None:
-    reach = reaching([ball(100, 100, 20), ball(150, 140, 20)], setting(True))
+    reach = occluders([ball(100, 100, 20), ball(150, 140, 20)], setting(True))
     assert reach == {1: [0]}, "the light comes from the upper left"
 
 
 def test_who_stands_far_off_throws_nothing() -> None:
-    assert not reaching([ball(100, 100, 20), ball(300, 300, 20)], setting(False))
+    assert not occluders([ball(100, 100, 20), ball(300, 300, 20)], setting(False))

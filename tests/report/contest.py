@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from physgen.percepts.maps import write_png
-from physgen.report.video import Format, open_video
+from physgen.export.video import Format, open_video
+from physgen.maps import write_png
 
 SIZE, FPS, FRAMES = (64, 48), 10, 8
 SHADES = {"ours": 200, "drift": 140, "melt": 80}

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from physgen.report.video import Format, open_video
+from physgen.export.video import Format, open_video
 
 SIZE, FPS, FRAMES = (48, 32), 10, 11
 

@@ -9,9 +9,8 @@ from typing import Any
 from browser import opened
 from exhibits import exhibit, failure
 
-from physgen.report.became import became
 from physgen.report.clips import clips_in
-from physgen.report.gallery import write_gallery
+from physgen.report.gallery import sweep_outcomes, write_gallery
 
 ROWS = (("slow", "812.44444", "1.25"), ("fast", "2100", ""), ("still", "0", "0.1"))
 SORTED = "() => [...document.querySelectorAll('[data-part=cards] > .clip .open')].map(e => e.textContent)"
@@ -42,7 +41,7 @@ def made(home: Path) -> Path:
 
 def test_outcomes_are_those_of_the_table_that_differ(tmp_path: Path) -> None:
     clips = clips_in([made(tmp_path)])
-    found = {end.column: end for end in became(clips)}
+    found = {end.column: end for end in sweep_outcomes(clips)}
     assert list(found) == ["peak_speed", "objects.ball.rest_time"]  # touches are 2 in all
     assert (found["objects.ball.rest_time"].name, found["peak_speed"].unit) == ("ball rest time", "px/s")
     told = {clip.name: value for clip, value in zip(clips, found["peak_speed"].values, strict=True)}
@@ -53,7 +52,7 @@ def test_a_table_that_is_none_says_nothing(tmp_path: Path) -> None:
     made(tmp_path)
     for text in ("", "a,b\n1,2\n", (tmp_path / "sweep.csv").read_text().replace("2100", "quick"), "\0" * 99):
         (tmp_path / "sweep.csv").write_text(text)
-        assert became(clips_in([tmp_path])) == []
+        assert sweep_outcomes(clips_in([tmp_path])) == []
 
 
 def test_cards_are_sorted_by_an_outcome_and_say_it(browser: Any, tmp_path: Path) -> None:

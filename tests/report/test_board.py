@@ -12,7 +12,7 @@ import pytest
 from contest import FPS, FRAMES, SIZE, contest, write_clip
 from exhibits import failure
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.board.scores import scores_of
 from physgen.evaluate.methods import methods_in
 from physgen.problems import InputError

@@ -11,7 +11,7 @@ from browser import PHONE, opened
 from contest import FPS, FRAMES, SHADES, contest, write_clip
 from exhibits import failure
 
-from physgen.cli import main
+from physgen.cli.main import main
 
 RUDE = "<script>window.broken = 1</script>"
 FIRST = (

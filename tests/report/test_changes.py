@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from physgen.report.changes import NEAR, Changes
-from physgen.report.strip import (
+from physgen.report.refinement import (
     COLUMNS,
     COOL,
     GAP,
     LINE,
     NARROWEST,
+    NEAR,
     PALE,
     PAPER,
     WARM,
     WIDEST,
+    RefinementChanges,
     _left,
-    full,
+    full_scale,
     panel,
 )
 
@@ -63,7 +64,7 @@ def test_known_changes_give_known_figures() -> None:
     refined[places == 0] += 10
     refined[(places > 0) & (places <= near)] -= 20
     refined[places > near] += 3
-    changes = Changes(2, 10.0)
+    changes = RefinementChanges(2, 10.0)
     for _ in range(2):
         changes.add(grey(100), refined, square())
     found = changes.figures()
@@ -78,12 +79,12 @@ def test_half_a_pixel_counts_half() -> None:
     coverage = 0.25 * square()  # nowhere half: nothing is near it
     refined = grey(100)
     refined[coverage > 0] = 140
-    changes = Changes(1, 10.0)
+    changes = RefinementChanges(1, 10.0)
     changes.add(grey(100), refined, coverage)
     found = changes.figures()
     assert (found["objects"], found["near"]) == (40, None)
     assert found["elsewhere"] == approx(0.75 * 400 * 40 / (W * H - 100), abs=1e-4)
-    nothing = Changes(1, 10.0)
+    nothing = RefinementChanges(1, 10.0)
     nothing.add(grey(100), refined, np.zeros((H, W), np.float32))
     assert nothing.figures()["objects"] is None
 
@@ -91,13 +92,13 @@ def test_half_a_pixel_counts_half() -> None:
 def test_another_colour_of_the_same_brightness_is_a_change() -> None:
     refined = grey(100)
     refined[..., 0], refined[..., 1], refined[..., 2] = 130, 92, 95
-    changes = Changes(1, 10.0)
+    changes = RefinementChanges(1, 10.0)
     changes.add(grey(100), refined, square())
     assert changes.figures()["all"] == approx((30 + 8 + 5) / 3, abs=1e-4)
 
 
 def test_jumps_are_those_of_neighbours() -> None:
-    changes = Changes(4, 8.0)
+    changes = RefinementChanges(4, 8.0)
     for before, after in ((100, 100), (104, 104), (105, 113), (105, 112)):
         changes.add(grey(before), grey(after), square())
     found = changes.figures()
@@ -112,7 +113,7 @@ def test_colours_say_how_much_and_where() -> None:
     refined[10:30, 60:90] = 80
     refined[40:60, 10:40] = 110  # half as much
     refined[Y0 + 4 : Y0 + 16, X0 + 4 : X0 + 16] = 104  # on the object, inside its outline
-    changes = Changes(1, 10.0)
+    changes = RefinementChanges(1, 10.0)
     changes.add(grey(100), refined, square())
     [(guidance, after, change)] = panels(changes.picture(), 1)
     assert (guidance == 100).all()
@@ -132,9 +133,9 @@ def test_colours_say_how_much_and_where() -> None:
 
 def test_few_odd_pixels_do_not_pale_the_rest() -> None:
     def levels(refined: np.ndarray) -> int:
-        changes = Changes(1, 10.0)
+        changes = RefinementChanges(1, 10.0)
         changes.add(grey(100), refined, square())
-        return full(changes._columns)
+        return full_scale(changes._columns)
 
     refined = grey(100)
     assert levels(refined) == 0
@@ -147,7 +148,7 @@ def test_few_odd_pixels_do_not_pale_the_rest() -> None:
 
 
 def test_where_nothing_changed_there_is_no_colour() -> None:
-    changes = Changes(3, 10.0)
+    changes = RefinementChanges(3, 10.0)
     for code in (10, 100, 250):
         changes.add(grey(code), grey(code), np.zeros((H, W), np.float32))
     page = changes.picture()
@@ -160,7 +161,7 @@ def test_where_nothing_changed_there_is_no_colour() -> None:
 
 @pytest.mark.parametrize(("count", "shown"), [(1, [0]), (4, [0, 1, 2, 3]), (11, [0, 2, 4, 6, 8, 10])])
 def test_columns_run_from_the_first_to_the_last(count: int, shown: list[int]) -> None:
-    changes = Changes(count, 10.0)
+    changes = RefinementChanges(count, 10.0)
     for k in range(count):
         changes.add(grey(20 * k), grey(20 * k + 5), square())
     page = changes.picture()
@@ -174,7 +175,7 @@ def test_columns_run_from_the_first_to_the_last(count: int, shown: list[int]) ->
     [(64, 36), (36, 64), (300, 300), (960, 540), (540, 960), (1920, 1080), (2000, 30), (30, 2000), (1, 1)],
 )
 def test_a_strip_of_any_size_has_room_for_its_words(size: tuple[int, int], count: int) -> None:
-    changes = Changes(count, 0.01)  # times as long as they come
+    changes = RefinementChanges(count, 0.01)  # times as long as they come
     rng = np.random.default_rng(0)
     for _ in range(count):
         coverage = (rng.random(size[::-1]) > 0.5).astype(np.float32)
@@ -195,14 +196,14 @@ def test_a_strip_of_any_size_has_room_for_its_words(size: tuple[int, int], count
 def test_a_large_picture_is_made_smaller_in_linear_light() -> None:
     board = np.zeros((1088, 1936, 3), np.uint8)
     board[::2], board[:, ::2] = 255, 255  # three of four white
-    changes = Changes(1, 10.0)
+    changes = RefinementChanges(1, 10.0)
     changes.add(board, board, np.zeros(board.shape[:2], np.float32))
     [(guidance, _, _)] = panels(changes.picture(), 1)
     assert guidance.mean() == approx(225, abs=1)  # 0.75 of the light
 
 
 def test_only_what_is_shown_is_kept() -> None:
-    changes = Changes(100, 25.0)
+    changes = RefinementChanges(100, 25.0)
     for _ in range(100):
         changes.add(grey(1), grey(2), square())
     assert len(changes._columns) == COLUMNS
@@ -213,7 +214,7 @@ def test_outlines_are_where_objects_cover_half_a_pixel() -> None:
     cv2.circle(coverage, (120, 68), 40, 1.0, -1)
     coverage = cv2.GaussianBlur(coverage, (0, 0), 3)
     coverage[:, 200:] = 1  # and something that leaves the frame
-    changes = Changes(1, 10.0)
+    changes = RefinementChanges(1, 10.0)
     changes.add(grey(100), grey(100), coverage)
     [(_, _, change)] = panels(changes.picture(), 1)
     y, x = np.nonzero(change[:, :190].mean(axis=2) < 150)

@@ -12,9 +12,9 @@ import pytest
 from browser import opened, report
 
 from physgen import pipeline
-from physgen.fan.fan import fan
-from physgen.fan.verdict import percent, verdicts
 from physgen.problems import Severity
+from physgen.simulate.uncertainty import simulate_ensemble
+from physgen.simulate.uncertainty_summary import percent, verdicts
 
 EDGE = """\
 physgen: 1
@@ -78,7 +78,7 @@ def test_the_python_way_gives_the_same_draws(clip: Path) -> None:
     """And so does any other run of that seed; the clip itself is the file's own."""
     scene = pipeline.load(clip.parent.parent / "edge.yaml")
     compiled = pipeline.compile(scene, None)
-    again = fan(scene, compiled, DRAWS, 5)
+    again = simulate_ensemble(scene, compiled, DRAWS, 5)
     assert again.table() == (clip / "fan.csv").read_text()
     plain = pipeline.render_scene(clip.parent.parent / "edge.yaml", clip.parent.parent / "plain")
     both = [json.loads((folder / "manifest.json").read_text()) for folder in (clip, plain)]
@@ -163,7 +163,7 @@ def test_a_fan_that_nobody_asks_for_again_goes_and_is_told(tmp_path: Path) -> No
 def test_light_alone_moves_nothing(tmp_path: Path) -> None:
     (tmp_path / "lit.yaml").write_text(re.sub(r",\s+from: {[^}]*}", "", EDGE))
     scene = pipeline.load(tmp_path / "lit.yaml")
-    found = fan(scene, pipeline.compile(scene, None), 9)
+    found = simulate_ensemble(scene, pipeline.compile(scene, None), 9)
     assert (found.poses == found.own_poses).all()
     assert all(told.decided and told.placed for told in verdicts(found))
     assert len(found.directions) == 9

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from physgen.files import machine_id
 from physgen.problems import InputError
-from physgen.report import leftovers
-from physgen.report.folder import output_folder, whole_folder
-from physgen.whole import machine
+from physgen.report import folders
+from physgen.report.folders import atomic_folder, output_folder
 
 
 def test_a_folder_appears_when_it_is_whole(tmp_path: Path) -> None:
     final = tmp_path / "deep" / "run"
-    with whole_folder(final) as folder:
+    with atomic_folder(final) as folder:
         (folder / "a").write_text("1")
         assert not final.exists()
     assert [p.name for p in final.iterdir()] == ["a"]
@@ -28,7 +28,7 @@ def test_an_error_leaves_the_old_folder_as_it_was(tmp_path: Path) -> None:
     (final / "old").write_text("1")
 
     def interrupted() -> None:
-        with whole_folder(final) as folder:
+        with atomic_folder(final) as folder:
             (folder / "new").write_text("2")
             raise KeyboardInterrupt
 
@@ -58,25 +58,25 @@ DEAD = 2**22 + 12345
 @pytest.fixture
 def later(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was just written is no more fresh."""
-    monkeypatch.setattr(leftovers, "FRESH", -1.0)
+    monkeypatch.setattr(folders, "FRESH", -1.0)
 
 
 @pytest.mark.usefixtures("later")
 def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path: Path) -> None:
-    (tmp_path / f".run.{DEAD}-{machine()}.part").mkdir()
-    (tmp_path / f".run.{DEAD}-{machine()}.old").mkdir()
-    (tmp_path / f".run.{DEAD}-{machine()}.old" / "kept").write_text("1")
+    (tmp_path / f".run.{DEAD}-{machine_id()}.part").mkdir()
+    (tmp_path / f".run.{DEAD}-{machine_id()}.old").mkdir()
+    (tmp_path / f".run.{DEAD}-{machine_id()}.old" / "kept").write_text("1")
     (tmp_path / "whole").mkdir()
-    (tmp_path / f".whole.{DEAD}-{machine()}.old").mkdir()
-    (tmp_path / f".index.html.{DEAD}-{machine()}.part").write_text("half")
-    (tmp_path / f".run.{os.getpid()}-{machine()}.old").mkdir()  # of somebody who lives
+    (tmp_path / f".whole.{DEAD}-{machine_id()}.old").mkdir()
+    (tmp_path / f".index.html.{DEAD}-{machine_id()}.part").write_text("half")
+    (tmp_path / f".run.{os.getpid()}-{machine_id()}.old").mkdir()  # of somebody who lives
     (tmp_path / ".running").mkdir()
     (tmp_path / ".mine.part").mkdir()
     (tmp_path / ".notes.2023.old").mkdir()
     (tmp_path / ".download.8831234.part").touch()
 
     def interrupted() -> None:
-        with whole_folder(tmp_path / "other"):
+        with atomic_folder(tmp_path / "other"):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -86,7 +86,7 @@ def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path
         ".download.8831234.part",
         ".mine.part",
         ".notes.2023.old",
-        f".run.{os.getpid()}-{machine()}.old",
+        f".run.{os.getpid()}-{machine_id()}.old",
         ".running",
         "run",
         "whole",
@@ -97,12 +97,12 @@ def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path
 @pytest.mark.usefixtures("later")
 def test_a_folder_that_is_being_filled_stays_whoever_fills_it(tmp_path: Path) -> None:
     """On another machine, its process's number says nothing here."""
-    busy = tmp_path / f".run.{DEAD}-{machine()}.part"
+    busy = tmp_path / f".run.{DEAD}-{machine_id()}.part"
     busy.mkdir()
-    with leftovers.in_use(busy):
-        leftovers.sweep(tmp_path)
+    with folders.lock_folder(busy):
+        folders.remove_leftovers(tmp_path)
         assert busy.is_dir()
-    leftovers.sweep(tmp_path)
+    folders.remove_leftovers(tmp_path)
     assert not busy.exists()
 
 
@@ -112,16 +112,16 @@ def test_what_another_machine_is_at_stays_for_a_day(tmp_path: Path, monkeypatch:
     theirs = [tmp_path / f".run.{DEAD}-0123abcd.part", tmp_path / f".index.html.{DEAD}-0123abcd.part"]
     theirs[0].mkdir()
     theirs[1].write_text("half")
-    monkeypatch.setattr(leftovers, "MINUTE", -1.0)
-    leftovers.sweep(tmp_path)
+    monkeypatch.setattr(folders, "MINUTE", -1.0)
+    folders.remove_leftovers(tmp_path)
     assert sorted(tmp_path.iterdir()) == sorted(theirs)
-    monkeypatch.setattr(leftovers, "DAY", -1.0)
-    leftovers.sweep(tmp_path)
+    monkeypatch.setattr(folders, "DAY", -1.0)
+    folders.remove_leftovers(tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 def test_what_is_fresh_and_has_no_lock_stays(tmp_path: Path) -> None:
-    (tmp_path / f".index.html.{DEAD}-{machine()}.part").write_text("half")
-    leftovers.sweep(tmp_path)
+    (tmp_path / f".index.html.{DEAD}-{machine_id()}.part").write_text("half")
+    folders.remove_leftovers(tmp_path)
     assert len(list(tmp_path.iterdir())) == 1
-    leftovers.sweep(tmp_path / "nowhere")
+    folders.remove_leftovers(tmp_path / "nowhere")

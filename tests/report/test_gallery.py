@@ -15,13 +15,13 @@ import pytest
 from exhibits import FRAMES, document, exhibit, failure, film, level, sweep
 from pytest import approx
 
-from physgen.cli import main
+from physgen.cli.main import main
+from physgen.export.video import PALETTE_FRAMES, Format, sample_frames
 from physgen.problems import InputError
 from physgen.report.clips import clips_in
-from physgen.report.gallery import told, write_gallery
-from physgen.report.posters import across, pictures, shown
-from physgen.report.swept import swept
-from physgen.report.video import PALETTE_FRAMES, Format, glimpses
+from physgen.report.films import poster_and_strip, strip_columns, strip_frames
+from physgen.report.gallery import format_value, write_gallery
+from physgen.report.sweep_keys import swept_keys
 
 SCENE = """\
 physgen: 1
@@ -118,7 +118,7 @@ def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_keys_of_a_sweep_and_their_values(tmp_path: Path) -> None:
-    keys = swept(clips_in([sweep(tmp_path, [50, 100, 200], [0.1, 0.9])]))
+    keys = swept_keys(clips_in([sweep(tmp_path, [50, 100, 200], [0.1, 0.9])]))
     assert [(key.path, key.name, key.unit) for key in keys] == [
         ("objects.*.mass", "mass", "g"),
         ("objects.ball.friction", "friction", ""),
@@ -129,7 +129,7 @@ def test_the_keys_of_a_sweep_and_their_values(tmp_path: Path) -> None:
 
 
 def test_a_clip_that_failed_has_the_values_that_it_was_told(tmp_path: Path) -> None:
-    keys = swept(clips_in([sweep(tmp_path, [50, 100], [0.1, 0.9], broken=3)]))
+    keys = swept_keys(clips_in([sweep(tmp_path, [50, 100], [0.1, 0.9], broken=3)]))
     assert [key.values for key in keys] == [(50, 50, 100, 100), (0.1, 0.9, 0.1, 0.9)]
 
 
@@ -143,7 +143,7 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
             world__view=("side", "top")[k // 3],
         )
         exhibit(tmp_path / f"{k}", scene)
-    keys = {key.path: key for key in swept(clips_in([tmp_path]))}
+    keys = {key.path: key for key in swept_keys(clips_in([tmp_path]))}
     assert {path: key.name for path, key in keys.items()} == {
         "objects.ball.mass": "ball mass",
         "objects.crate.mass": "crate mass",
@@ -159,7 +159,7 @@ def test_a_key_that_splits_the_clips_as_another_does_follows_it(tmp_path: Path) 
     for k, scale in enumerate((100, 200, 100)):
         scene = document(world__gravity=[0, 9.8 * scale], world__pixels_per_meter=scale)
         exhibit(tmp_path / f"{k}", scene, overrides=[f"world.pixels_per_meter={scale}"])
-    keys = swept(clips_in([tmp_path]))
+    keys = swept_keys(clips_in([tmp_path]))
     assert [(key.path, key.follows) for key in keys] == [
         ("world.pixels_per_meter", False),
         ("world.gravity[1]", True),
@@ -169,10 +169,10 @@ def test_a_key_that_splits_the_clips_as_another_does_follows_it(tmp_path: Path) 
 def test_settings_of_a_refinement_that_nobody_does_are_no_keys(tmp_path: Path) -> None:
     for k, strength in enumerate((0.3, 0.5)):
         exhibit(tmp_path / f"{k}", document(refine={"backend": "none", "strength": strength}), name="one")
-    assert swept(clips_in([tmp_path])) == []
+    assert swept_keys(clips_in([tmp_path])) == []
     exhibit(tmp_path / "2", document(refine={"backend": "wan", "strength": 0.5}), name="one")
     exhibit(tmp_path / "3", document(refine={"backend": "wan", "strength": 0.7}), name="one")
-    assert {key.path for key in swept(clips_in([tmp_path]))} == {"refine.backend", "refine.strength"}
+    assert {key.path for key in swept_keys(clips_in([tmp_path]))} == {"refine.backend", "refine.strength"}
 
 
 def test_a_failed_card_names_its_file_without_folders(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_a_failed_card_names_its_file_without_folders(tmp_path: Path) -> None:
 def test_scenes_of_other_things_differ_in_their_worlds_alone(tmp_path: Path) -> None:
     exhibit(tmp_path / "a", document(world__duration=2))
     exhibit(tmp_path / "b", document(objects={"cup": {"label": "cup", "mass": 3}}))
-    assert [(key.path, key.swept) for key in swept(clips_in([tmp_path]))] == [("world.duration", False)]
+    assert [(key.path, key.swept) for key in swept_keys(clips_in([tmp_path]))] == [("world.duration", False)]
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------
@@ -195,11 +195,14 @@ def test_scenes_of_other_things_differ_in_their_worlds_alone(tmp_path: Path) -> 
 def test_a_strip_runs_from_the_first_frame_to_the_last(kind: Format) -> None:
     """Read back by another library: the grey of each cell is that of its frame."""
     path = film(0, kind)
-    poster, strip = pictures(path / "00000.png" if kind is Format.PNG else path, FRAMES)
+    poster, strip = poster_and_strip(path / "00000.png" if kind is Format.PNG else path, FRAMES)
     grid = cv2.imdecode(np.frombuffer(strip, np.uint8), cv2.IMREAD_COLOR)
-    wide, high = grid.shape[1] // across(FRAMES), grid.shape[0] // -(-shown(FRAMES) // across(FRAMES))
-    for k in range(shown(FRAMES)):
-        x, y = k % across(FRAMES) * wide, k // across(FRAMES) * high
+    wide, high = (
+        grid.shape[1] // strip_columns(FRAMES),
+        grid.shape[0] // -(-strip_frames(FRAMES) // strip_columns(FRAMES)),
+    )
+    for k in range(strip_frames(FRAMES)):
+        x, y = k % strip_columns(FRAMES) * wide, k // strip_columns(FRAMES) * high
         known = (
             min(k, PALETTE_FRAMES - 1) if kind is Format.GIF else k
         )  # the greys of its first frames are all it has
@@ -209,9 +212,9 @@ def test_a_strip_runs_from_the_first_frame_to_the_last(kind: Format) -> None:
 
 
 def test_few_of_many_frames_are_evenly_apart() -> None:
-    three = [frame.mean() for frame in glimpses(film(), 3, 16)]
+    three = [frame.mean() for frame in sample_frames(film(), 3, 16)]
     assert three == approx([level(0), level(5), level(10)], abs=4)
-    assert max(glimpses(film(), 1, 16)[0].shape) == 16
+    assert max(sample_frames(film(), 1, 16)[0].shape) == 16
 
 
 def test_a_film_that_cannot_be_read_leaves_a_card_without_picture(tmp_path: Path) -> None:
@@ -303,7 +306,7 @@ def test_wrong_folders_are_refused_before_anything_is_written(tmp_path: Path, ca
 
 
 def test_values_are_written_alike_everywhere() -> None:
-    assert [told(v) for v in (0.1, 0.30000000000000004, 1e6, 12345678.0, -2.5e-9, 3.0)] == [
+    assert [format_value(v) for v in (0.1, 0.30000000000000004, 1e6, 12345678.0, -2.5e-9, 3.0)] == [
         "0.1",
         "0.3",
         "1000000",

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from browser import FALL, PHONE, opened
 
-from physgen.golden.asking import Asked
-from physgen.golden.checking import checked
+from physgen.batch.golden import checked
+from physgen.batch.tolerances import GoldenOptions
 from physgen.pipeline import Warm
 
 LABEL = "<script>window.broken = 1</script>"
@@ -22,7 +22,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "fall.yaml").write_text(FALL, encoding="utf-8")
     said = ""
     for overrides in ([], ["world.gravity=[0, 560]", f'objects.ball.label="{LABEL}"']):
-        check = checked(folder / "fall.yaml", "fall.yaml", f"test_{LABEL}.py::test", Asked(overrides), Warm())
+        check = checked(
+            folder / "fall.yaml", "fall.yaml", f"test_{LABEL}.py::test", GoldenOptions(overrides), Warm()
+        )
         if not overrides:
             check.write(folder / "fall.npz")
         said, _ = check.differs(folder / "fall.npz", folder / "fall.webp", folder)

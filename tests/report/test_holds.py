@@ -9,8 +9,8 @@ import numpy as np
 from pytest import approx
 
 from physgen import pipeline
-from physgen.report.holds import drawn, listed
 from physgen.report.page import report_page
+from physgen.report.parameters import constraint_drawing, constraint_rows
 from physgen.report.record import RunRecord
 
 SCENE = """\
@@ -40,7 +40,7 @@ def scene_and_world(tmp_path: Path):
 
 def test_what_is_listed(tmp_path: Path) -> None:
     scene, _ = scene_and_world(tmp_path)
-    rows = {row["name"]: [row[key] for key in ("kind", "on", "at", "how")] for row in listed(scene)}
+    rows = {row["name"]: [row[key] for key in ("kind", "on", "at", "how")] for row in constraint_rows(scene)}
     assert rows == {
         "drive": [
             "motor",
@@ -58,7 +58,7 @@ def test_what_is_listed(tmp_path: Path) -> None:
 
 def test_what_is_drawn(tmp_path: Path) -> None:
     scene, world = scene_and_world(tmp_path)
-    shapes = drawn(scene, world)
+    shapes = constraint_drawing(scene, world)
     lines = [(line["kind"], line["x1"], line["y1"], line["x2"], line["y2"]) for line in shapes["lines"]]
     assert lines == [
         ("rod", 90, 60, 50, 60),

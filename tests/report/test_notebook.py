@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from IPython.core.formatters import DisplayFormatter
 
-from physgen import notebook, pipeline
+from physgen import pipeline
+from physgen.pipeline import notebook
 from physgen.problems import InputError
 
 SVG = "{http://www.w3.org/2000/svg}"

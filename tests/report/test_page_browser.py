@@ -13,10 +13,10 @@ from browser import LANDS, G, V, ball, fallen, middle, opened, report
 from pytest import approx
 
 from physgen import pipeline
+from physgen.files import resource
 from physgen.problems import InputError
-from physgen.render.touches import between
+from physgen.render.contacts import contact_points_between
 from physgen.report.page import PARTS, failed_page
-from physgen.resources import resource
 
 OUTSIDE = """() => [...document.querySelectorAll('body *')]
   .filter(e => !e.closest('.scroll, pre, svg, .unseen, .skip, [hidden], script'))
@@ -225,7 +225,7 @@ boundaries:
     for _ in range(60):
         poses = np.column_stack([random.uniform(20, 180, (4, 2)), random.uniform(-4, 4, 4)])
         first, second = sorted(random.choice(5, 2, replace=False).tolist())
-        points, gap = between(world, poses, first, second)
+        points, gap = contact_points_between(world, poses, first, second)
         cases.append([[{"x": x, "y": y, "a": a} for x, y, a in poses.tolist()], first, second])
         expected.append((gap, points.mean(axis=0)))
     parts = [

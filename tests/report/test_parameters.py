@@ -6,7 +6,7 @@ from pathlib import Path
 
 from physgen import pipeline
 from physgen.report.parameters import edits, parameter_rows
-from physgen.scene.said import Source, source
+from physgen.scene.provenance import Source, source
 
 BASE = """\
 physgen: 1

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from physgen.cli import main
-from physgen.report.perceived import CAPTION, GAP, WIDTH, _rings
+from physgen.cli.main import main
+from physgen.report.perception import CAPTION, GAP, WIDTH, _rings
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -12,11 +12,10 @@ import pytest
 from PIL import Image
 
 from physgen import pipeline
-from physgen.percepts.maps import Percepts
-from physgen.report.lamp import light_picture
-from physgen.report.perception import Picture, compared, perception
-from physgen.report.templates import template
-from physgen.scene.model import Light
+from physgen.maps import Percepts
+from physgen.report.html import template
+from physgen.report.perception import Picture, compared, light_picture, perception
+from physgen.scene.scene import Light
 
 LESSON = """\
 physgen: 1

@@ -14,8 +14,8 @@ from PIL import Image
 from pytest import approx
 
 from physgen import pipeline
+from physgen.report.html import script_json
 from physgen.report.player import player_data
-from physgen.report.templates import script_json
 from physgen.simulate.engine import simulate
 
 BOUNCE = """\

@@ -12,7 +12,7 @@ from browser import LANDS, PHONE, V, ball, fallen, middle, opened, report
 from pytest import approx
 
 from physgen import pipeline
-from physgen.report.video import Format
+from physgen.export.video import Format
 
 # ---- it opens, and it moves as it should ---------------------------------------------------------------------------
 

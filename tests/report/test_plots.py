@@ -15,9 +15,8 @@ import pytest
 from PIL import Image
 
 from physgen import pipeline
-from physgen.cli import main
-from physgen.report.plots.look import DARK, LIGHT, stroke
-from physgen.report.plots.units import ENERGY, IMPULSE, Units
+from physgen.cli.main import main
+from physgen.report.plots.style import DARK, ENERGY, IMPULSE, LIGHT, Units, stroke
 
 SVG = "{http://www.w3.org/2000/svg}"
 SPEED, RISE, GRAVITY = 150.0, -180.0, 400.0

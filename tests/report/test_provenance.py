@@ -10,21 +10,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.report.highlighted import highlighted, lines
+from physgen.report.html import highlight_lines, highlight_yaml, template
 from physgen.report.provenance import provenance
 from physgen.report.record import RunRecord, StageTime
-from physgen.report.templates import template
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def plain(text: str) -> str:
-    return html.unescape(re.sub(r"</?span[^>]*>", "", str(highlighted(text))))
+    return html.unescape(re.sub(r"</?span[^>]*>", "", str(highlight_yaml(text))))
 
 
 def marked(text: str, kind: str) -> list[str]:
     return [
-        html.unescape(m) for m in re.findall(rf'<span class="y-{kind}">(.*?)</span>', highlighted(text), re.S)
+        html.unescape(m)
+        for m in re.findall(rf'<span class="y-{kind}">(.*?)</span>', highlight_yaml(text), re.S)
     ]
 
 
@@ -47,9 +47,9 @@ def test_no_text_loses_a_letter(text: str) -> None:
 
 @given(st.text(alphabet="ab1.-:#'\"[]{},\n |>&*!%@`\t~<é☃\\", max_size=60))
 def test_line_by_line_no_letter_is_lost_either(text: str) -> None:
-    bare = [html.unescape(re.sub(r"</?span[^>]*>", "", str(line))) for line in lines(text)]
+    bare = [html.unescape(re.sub(r"</?span[^>]*>", "", str(line))) for line in highlight_lines(text)]
     assert bare == text.removesuffix("\n").split("\n")
-    assert all(str(line).count("<span") == str(line).count("</span>") for line in lines(text))
+    assert all(str(line).count("<span") == str(line).count("</span>") for line in highlight_lines(text))
 
 
 def test_words_are_what_yaml_says_they_are() -> None:
@@ -69,7 +69,7 @@ e: <script>
     assert marked(text, "comment") == ["# a comment: 3", "# the end"]
     assert marked(text, "string")[:3] == ['"# no comment"', "off", "1_0"]
     assert "several lines # no comment\n  and more: 3" in marked(text, "string")[3]
-    assert "<script>" not in highlighted(text)
+    assert "<script>" not in highlight_yaml(text)
 
 
 def record() -> RunRecord:

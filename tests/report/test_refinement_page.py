@@ -11,13 +11,12 @@ from PIL import Image
 from pytest import approx
 
 from physgen import pipeline
-from physgen.report.changes import Changes
 from physgen.report.clips import clips_in
-from physgen.report.embedded import Film
+from physgen.report.films import Film
 from physgen.report.page import report_page
 from physgen.report.perception import compared
 from physgen.report.record import RunRecord, write_json
-from physgen.report.retouched import Retouched, retouched
+from physgen.report.refinement import RefinementChanges, RefinementStrip, refinement_strip
 
 SCENE = """\
 physgen: 1
@@ -44,7 +43,7 @@ NOTE = {
 
 
 def page_of(
-    tmp_path: Path, refine: dict | None, video: str = "video.mp4", shown: Retouched | None = None
+    tmp_path: Path, refine: dict | None, video: str = "video.mp4", shown: RefinementStrip | None = None
 ) -> str:
     (tmp_path / "scene.yaml").write_text(SCENE)
     scene = pipeline.load(tmp_path / "scene.yaml")
@@ -60,13 +59,13 @@ def pixels(uri: str) -> np.ndarray:
 
 
 def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
-    changes, coverage = Changes(3, 8.0), np.zeros((20, 40), np.float32)
+    changes, coverage = RefinementChanges(3, 8.0), np.zeros((20, 40), np.float32)
     coverage[5:15, 5:15] = 1
     for k in range(3):
         before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + 3 * k))
         changes.add(before, after, coverage)
     pair = compared("refined", "Refined", "", ("before", before), ("after", after))
-    shown = retouched(pair, changes.columns)
+    shown = refinement_strip(pair, changes.columns)
     page = page_of(tmp_path, {**NOTE, "changes": changes.figures()}, shown=shown)
     start = page.index('<section id="refinement"')
     section = page[start : page.index("</section>", start)]

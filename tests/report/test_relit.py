@@ -13,7 +13,7 @@ from PIL import Image
 from physgen import pipeline
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.report.perception import Comparison, Picture
-from physgen.report.relit import relit
+from physgen.report.relighting import relighting_comparison
 
 SIZE, RADIUS = (160, 120), 22
 WHERE = np.array([70, 55])
@@ -42,7 +42,7 @@ def pair(tmp_path: Path, *overrides: str) -> Comparison | None:
     scene = pipeline.load(tmp_path / "scene.yaml", overrides)
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
-    return relit(pipeline.stage(scene, compiled, maps), pipeline.simulate(compiled.world))
+    return relighting_comparison(pipeline.stage(scene, compiled, maps), pipeline.simulate(compiled.world))
 
 
 def towards(picture: Picture) -> np.ndarray:

@@ -16,9 +16,9 @@ from PIL import Image
 from pytest import approx
 
 from physgen import pipeline
-from physgen.cli import main
-from physgen.report.embedded import beside, carried, heavy
-from physgen.report.video import Format
+from physgen.cli.main import main
+from physgen.export.video import Format
+from physgen.report.films import embedded_film, linked_film, size_warning
 
 SIZE = (320, 400)
 SHORT = FALL.replace("duration: 1.5", "duration: 0.6")
@@ -122,10 +122,10 @@ def test_frames_beside_the_page_go_in_step(browser: Any, tmp_path: Path) -> None
 def test_the_best_film_is_shown(tmp_path: Path) -> None:
     for name in ("video.gif", "video.webp", "video.mp4"):
         (tmp_path / name).write_bytes(b"film")
-    assert beside(tmp_path, ["video.gif", "frames", "video.mp4"]).source == "video.mp4"
-    assert beside(tmp_path, ["frames", "video.gif"]).name == "video.gif"
-    assert beside(tmp_path, ["frames"]).source == "frames/00000.png"
-    film = carried(tmp_path, ["frames", "video.gif", "video.webp"], 30, "name")
+    assert linked_film(tmp_path, ["video.gif", "frames", "video.mp4"]).source == "video.mp4"
+    assert linked_film(tmp_path, ["frames", "video.gif"]).name == "video.gif"
+    assert linked_film(tmp_path, ["frames"]).source == "frames/00000.png"
+    film = embedded_film(tmp_path, ["frames", "video.gif", "video.webp"], 30, "name")
     assert film.source == "data:image/webp;base64," + base64.b64encode(b"film").decode()
     assert (film.plays, film.name) == (False, "name.webp")
 
@@ -143,6 +143,6 @@ def test_it_needs_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_what_no_mailbox_takes_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "report.html"
     page.write_bytes(b" " * 2_000)
-    assert heavy(page, "less") is None
-    monkeypatch.setattr("physgen.report.embedded.MAILED", 1_000)
-    assert "few mailboxes" in str(heavy(page, "less"))
+    assert size_warning(page, "less") is None
+    monkeypatch.setattr("physgen.report.films.MAILED", 1_000)
+    assert "few mailboxes" in str(size_warning(page, "less"))

@@ -10,7 +10,7 @@ import pytest
 from browser import PHONE, opened
 from contest import SHADES, contest
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.study.answers import read_answers
 from physgen.evaluate.study.key import Key, read_key
 

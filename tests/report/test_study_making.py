@@ -15,7 +15,7 @@ import pytest
 from contest import FPS, FRAMES, SHADES, SIZE, contest, write_clip
 from pytest import approx
 
-from physgen.cli import main
+from physgen.cli.main import main
 from physgen.evaluate.methods import methods_in
 from physgen.evaluate.study.key import read_key
 from physgen.evaluate.study.making import choose, make

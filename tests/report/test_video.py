@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 from pytest import approx
 
+from physgen.export.video import Format, encode_in_thread, open_video
 from physgen.problems import InputError
-from physgen.report.video import Format, alongside, open_video
 
 COUNT = 24
 
@@ -108,7 +108,7 @@ def test_frames_wait_in_line_and_all_arrive_in_order() -> None:
         sleep(0.002)
         seen.append(int(rgb[0, 0, 0]))
 
-    with alongside([slow]) as put:
+    with encode_in_thread([slow]) as put:
         for k in range(30):
             put(np.full((1, 1, 3), k, np.uint8))
     assert seen == list(range(30))
@@ -121,7 +121,7 @@ def test_a_full_disk_stops_the_frames_and_is_told_once() -> None:
         raise OSError(28, "No space left on device")
 
     def draw() -> None:
-        with alongside([full]) as put:
+        with encode_in_thread([full]) as put:
             for k in range(10_000):
                 made.append(k)
                 put(np.zeros((1, 1, 3), np.uint8))
@@ -135,7 +135,7 @@ def test_who_stops_drawing_stops_the_thread() -> None:
     seen: list[int] = []
 
     def draw() -> None:
-        with alongside([lambda rgb: seen.append(1)]) as put:
+        with encode_in_thread([lambda rgb: seen.append(1)]) as put:
             put(np.zeros((1, 1, 3), np.uint8))
             raise KeyboardInterrupt
 

@@ -21,9 +21,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from physgen.problems import InputError
-from physgen.scene import unpacked as reader
-from physgen.scene.packed import packed
-from physgen.scene.unpacked import unpacked
+from physgen.scene import unpack as reader
+from physgen.scene.pack import pack_scene
+from physgen.scene.unpack import unpack_to
 
 SCENE = b"physgen: 1\nsize: [64, 48]\nobjects: {}\n"
 PAGE = json.dumps({"pack": 1, "scene": "a/scene.yaml"}).encode()
@@ -221,13 +221,13 @@ CASES: dict[str, tuple[Callable[[], bytes], str]] = {
 def test_exact_messages_and_nothing_left(case: str, tmp_path: Path) -> None:
     make, said = CASES[case]
     with pytest.raises(InputError) as caught:
-        unpacked(make(), tmp_path / "new" / "deep" / "folder", "x")
+        unpack_to(make(), tmp_path / "new" / "deep" / "folder", "x")
     assert [str(problem) for problem in caught.value.problems] == [said]
     assert list(tmp_path.iterdir()) == []
     empty = tmp_path / "empty"
     empty.mkdir()
     with pytest.raises(InputError):
-        unpacked(make(), empty)
+        unpack_to(make(), empty)
     assert list(tmp_path.iterdir()) == [empty]
     assert list(empty.iterdir()) == []
 
@@ -265,7 +265,7 @@ def test_names_are_judged_in_little_memory(tmp_path: Path) -> None:
 
 def test_what_another_tool_zipped_is_read(tmp_path: Path) -> None:
     data = pack(("b/", b""), ("b/p.png", png()), how=zipfile.ZIP_DEFLATED)
-    scene = unpacked(data, tmp_path / "new")
+    scene = unpack_to(data, tmp_path / "new")
     assert scene.read_bytes() == SCENE
     assert sorted(p.name for p in (tmp_path / "new").rglob("*")) == ["a", "b", "p.png", "scene.yaml"]
 
@@ -276,11 +276,11 @@ def test_all_files_together_and_each_picture_are_bounded(
     data = pack(*((f"a/{k}.png", png() + b"\0" * 1000) for k in range(9)))
     monkeypatch.setattr(reader, "MOST_WHOLE", 5000)
     with pytest.raises(InputError, match=r"^the pack: holds more than 0 GiB; "):
-        unpacked(data, tmp_path / "new")
+        unpack_to(data, tmp_path / "new")
     monkeypatch.setattr(reader, "MOST_WHOLE", 2**30)
     monkeypatch.setattr(reader, "MOST_PICTURE", 2**10)
     with pytest.raises(InputError, match=r'^the pack: "a/0.png" is larger than 1 kiB; '):
-        unpacked(data, tmp_path / "new")
+        unpack_to(data, tmp_path / "new")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -290,7 +290,7 @@ def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(reader, "_picture", full)
     with pytest.raises(OSError, match="No space left"):
-        unpacked(pack(("a/p.png", png())), tmp_path / "new")
+        unpack_to(pack(("a/p.png", png())), tmp_path / "new")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -299,10 +299,10 @@ def test_folders_that_are_in_use_are_left_alone(tmp_path: Path) -> None:
     full.mkdir()
     (full / "mine").write_text("mine")
     with pytest.raises(InputError) as caught:
-        unpacked(pack(), full)
+        unpack_to(pack(), full)
     assert str(caught.value) == f"{full}: is there already, and not empty; name another folder with -o"
     with pytest.raises(InputError) as caught:
-        unpacked(pack(), full / "mine")
+        unpack_to(pack(), full / "mine")
     assert str(caught.value) == f"{full / 'mine'}: is a file; name a folder with -o"
     assert [p.name for p in tmp_path.rglob("*")] == ["full", "mine"]
 
@@ -310,7 +310,7 @@ def test_folders_that_are_in_use_are_left_alone(tmp_path: Path) -> None:
 def refusal(data: bytes, folder: Path) -> str | None:
     """The one message with which a pack is refused; None where it is unpacked."""
     try:
-        unpacked(data, folder)
+        unpack_to(data, folder)
     except InputError as error:
         (problem,) = error.problems
         return str(problem)
@@ -364,5 +364,5 @@ def test_a_pack_is_no_scene_file(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_bytes(pack())
     with pytest.raises(InputError) as caught:
-        packed(path)
+        pack_scene(path)
     assert str(caught.value) == f"{path}: is a pack or a zip, not a scene file; physgen unpack it"

@@ -17,8 +17,8 @@ import pytest
 from physgen import pipeline
 from physgen.pipeline import packs
 from physgen.problems import InputError, Problem
-from physgen.scene.packed import packed
-from physgen.scene.unpacked import unpacked
+from physgen.scene.pack import pack_scene
+from physgen.scene.unpack import unpack_to
 
 SCENE = """\
 # a ball, and what it falls on
@@ -81,7 +81,7 @@ def render(path: Path, out: Path, **how) -> dict[str, object]:
 
 
 def test_a_plain_zip_with_the_same_bytes_always(pool: Path, tmp_path: Path) -> None:
-    data = packed(pool)
+    data = pack_scene(pool)
     other = tmp_path / "elsewhere" / "deeper" / "pool"
     shutil.copytree(pool.parent, other)
     for file in other.rglob("*"):
@@ -89,8 +89,8 @@ def test_a_plain_zip_with_the_same_bytes_always(pool: Path, tmp_path: Path) -> N
         file.chmod(0o700)
     (other / "notes.txt").write_text("not read")
     (other / "photo.assets" / "masks.png~").write_bytes(b"an older one")
-    assert packed(other / "scene.yaml") == data
-    assert packed(os.path.relpath(other / "scene.yaml")) == data
+    assert pack_scene(other / "scene.yaml") == data
+    assert pack_scene(os.path.relpath(other / "scene.yaml")) == data
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         names = ["pack.json", "pool/scene.yaml", "pool/photo.assets/masks.png", "pool/photo.png"]
         assert archive.namelist() == names
@@ -102,7 +102,7 @@ def test_a_plain_zip_with_the_same_bytes_always(pool: Path, tmp_path: Path) -> N
     for name in names[1:]:
         assert found[name] == (pool.parent.parent / name).read_bytes()
     photo(other, seed=2)
-    assert packed(other / "scene.yaml") != data
+    assert pack_scene(other / "scene.yaml") != data
 
 
 def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, 
         "objects: {ball: {mass: 60}}\nvariants:\n  far: {image: there.png}\n"
     )
     photo(soft.parent, "there.png", seed=9)
-    data = packed(soft)
+    data = pack_scene(soft)
     assert set(members(data)) == {
         "pack.json",
         "soft/scene.yaml",
@@ -125,7 +125,7 @@ def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, 
     }
     pack = tmp_path / "soft.physgen"
     pack.write_bytes(data)
-    scene = unpacked(data, tmp_path / "here")
+    scene = unpack_to(data, tmp_path / "here")
     assert scene == tmp_path / "here" / "soft" / "scene.yaml"
     assert scene.read_text() == soft.read_text()
     shots = []
@@ -137,7 +137,7 @@ def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, 
         assert clips[0] == clips[1] == clips[2]
         shots.append(clips[0]["frames"])
     assert shots[0] != shots[1]
-    assert packed(scene) == data
+    assert pack_scene(scene) == data
     assert sorted(p.name for p in (tmp_path / "out" / "1").iterdir()) == ["soft", "soft-far"]
 
 
@@ -148,16 +148,16 @@ def test_what_lies_elsewhere_comes_along_with_leave(pool: Path, tmp_path: Path) 
     text = SCENE.replace("photo.png ", "'../../far/shot.png' ").replace("photo.assets", str(far / "maps"))
     pool.write_text(text)
     with pytest.raises(InputError, match="leads out of the scene's folder"):
-        packed(pool)
+        pack_scene(pool)
     told: list[Problem] = []
-    data = packed(pool, allow_outside=True, warn=told.append)
+    data = pack_scene(pool, allow_outside=True, warn=told.append)
     assert [str(problem) for problem in told] == [
         f'{pool}:3:8: warning: "../../far/shot.png" lies where a pack has no place; '
         'the pack has it as "elsewhere/1/shot.png", and says so there',
         f"{pool}:4:9: warning: {json.dumps(str(far / 'maps')[:37] + '...')} lies where a pack has no place; "
         'the pack has it as "elsewhere/2/maps", and says so there',
     ]
-    scene = unpacked(data, tmp_path / "here")
+    scene = unpack_to(data, tmp_path / "here")
     shown = text.replace("'../../far/shot.png'", '"elsewhere/1/shot.png"')
     assert scene.read_text() == shown.replace(str(far / "maps"), '"elsewhere/2/maps"')
     assert set(members(data)) == {
@@ -180,7 +180,7 @@ def test_chains_links_and_ways_round(pool: Path, tmp_path: Path) -> None:
     pool.write_text("physgen: 1\nextends: ../../library/base/table.yaml\nassets: .\n")
     shutil.copy(base.parent / "sub" / "maps" / "masks.png", pool.parent)
     told: list[Problem] = []
-    data = packed(pool, allow_outside=True, warn=told.append)
+    data = pack_scene(pool, allow_outside=True, warn=told.append)
     assert len(told) == 1
     assert set(members(data)) == {
         "pack.json",
@@ -189,28 +189,28 @@ def test_chains_links_and_ways_round(pool: Path, tmp_path: Path) -> None:
         "pool/elsewhere/1/table.yaml",
         "pool/elsewhere/1/photo.png",
     }
-    scene = unpacked(data, tmp_path / "here")
+    scene = unpack_to(data, tmp_path / "here")
     assert not any(path.is_symlink() for path in (tmp_path / "here").rglob("*"))
     assert render(pool, tmp_path / "a", allow_outside=True) == render(scene, tmp_path / "b")
     told.clear()
-    data = packed(base, warn=told.append)
+    data = pack_scene(base, warn=told.append)
     assert 'the pack has it as "elsewhere/1/maps"' in str(told[0])
-    assert render(base, tmp_path / "c") == render(unpacked(data, tmp_path / "there too"), tmp_path / "d")
+    assert render(base, tmp_path / "c") == render(unpack_to(data, tmp_path / "there too"), tmp_path / "d")
 
 
 def test_an_empty_folder_of_maps_and_files_that_flags_name(pool: Path, tmp_path: Path) -> None:
     photo(pool.parent, "flag.png", seed=7)
     (pool.parent / "none").mkdir()
     shape = "objects.ball={shape: {circle: {center: [20, 24], radius: 9}}}"
-    data = packed(pool, ["image=flag.png", "assets=none", shape])
+    data = pack_scene(pool, ["image=flag.png", "assets=none", shape])
     assert {"pool/flag.png", "pool/none/", "pool/photo.png"} <= set(members(data))
-    scene = unpacked(data, tmp_path / "here")
+    scene = unpack_to(data, tmp_path / "here")
     assert scene.read_text() == SCENE
     assert (scene.parent / "none").is_dir()
     pipeline.load(scene, ["image=flag.png", "assets=none", shape])
     photo(tmp_path, "out.png")
     with pytest.raises(InputError) as caught:
-        packed(pool, ["image=../../out.png"], allow_outside=True)
+        pack_scene(pool, ["image=../../out.png"], allow_outside=True)
     assert str(caught.value) == (
         '--set image=../../out.png: "../../out.png" lies outside the scene\'s folder, and a flag is not packed; '
         "write it in the scene file"
@@ -222,7 +222,7 @@ def test_what_no_pack_can_hold_is_refused(pool: Path) -> None:
         photo(pool.parent, name)
     pool.write_text(SCENE + "variants:\n  a: {image: a.png}\n  b: {image: A.png}\n")
     with pytest.raises(InputError) as caught:
-        packed(pool)
+        pack_scene(pool)
     (problem,) = caught.value.problems
     assert problem.expected in {
         f"differs from pool/{name}.png in capitals or accents alone, which some disks take for one"
@@ -231,14 +231,14 @@ def test_what_no_pack_can_hold_is_refused(pool: Path) -> None:
     photo(pool.parent, "b\\c.png")
     pool.write_text(SCENE.replace("photo.png ", "b\\c.png "))
     with pytest.raises(InputError) as caught:
-        packed(pool)
+        pack_scene(pool)
     assert str(caught.value) == (f"{pool}:3:8: 'pool/b\\\\c.png' has a backslash in its name; rename it")
 
 
 def test_a_wrong_scene_says_what_check_says(pool: Path) -> None:
     pool.write_text(SCENE.replace("mass: 100", "mass: heavy"))
     with pytest.raises(InputError) as packing:
-        packed(pool)
+        pack_scene(pool)
     with pytest.raises(InputError) as loading:
         pipeline.load(pool)
     assert packing.value.problems == loading.value.problems
@@ -246,11 +246,11 @@ def test_a_wrong_scene_says_what_check_says(pool: Path) -> None:
 
 def test_a_pack_is_opened_once_and_mended_when_somebody_meddles(pool: Path, tmp_path: Path) -> None:
     pack = tmp_path / "pool.physgen"
-    pack.write_bytes(packed(pool))
+    pack.write_bytes(pack_scene(pool))
     first = pipeline.load(pack)
     assert pipeline.load(pack).image == first.image
     photo(pool.parent, seed=3)
-    pack.write_bytes(packed(pool))  # another pack under the same name
+    pack.write_bytes(pack_scene(pool))  # another pack under the same name
     second = pipeline.load(pack)
     assert first.image is not None
     assert second.image is not None
@@ -267,7 +267,7 @@ def test_a_pack_opens_where_nothing_can_be_kept(
 ) -> None:
     monkeypatch.setenv("PHYSGEN_CACHE_BYTES", "0")
     pack = tmp_path / "pool.physgen"
-    pack.write_bytes(packed(pool))
+    pack.write_bytes(pack_scene(pool))
     scene = pipeline.load(pack)
     assert pipeline.percepts(scene) is not None
     assert scene.name == "pool"

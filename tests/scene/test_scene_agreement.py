@@ -13,11 +13,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from physgen.problems import InputError
-from physgen.scene.build import load
-from physgen.scene.check import checker
-from physgen.scene.node import Node, Source
-from physgen.scene.report import Report, TooManyError
+from physgen.scene.document import Node, Source
+from physgen.scene.load import load
 from physgen.scene.schema import published
+from physgen.scene.validate import Findings, TooManyError, checker
 from physgen.scene.write import scene_text
 
 SOURCE = Source("scene.yaml", Path())
@@ -138,7 +137,7 @@ def nodes(value: Any) -> Node:
 
 
 def ours(document: Any) -> list[str]:
-    report = Report()
+    report = Findings()
     with contextlib.suppress(TooManyError):
         checker()(nodes(document), (), report)
     return [str(problem) for problem in report.problems]

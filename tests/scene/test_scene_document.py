@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from physgen.problems import InputError
-from physgen.scene.document import MAX_DEPTH, MAX_NODES, decode, read
-from physgen.scene.node import Node, Source, plain
+from physgen.scene.document import MAX_DEPTH, MAX_NODES, Node, Source, decode, plain, read
 
 SOURCE = Source("scene.yaml", Path())
 

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from physgen.problems import InputError, Place
-from physgen.scene import model
-from physgen.scene.build import load
+from physgen.scene import scene
+from physgen.scene.load import load
 
 FULL = Path(__file__).parent / "full.yaml"
 HEAD = "physgen: 1\nsize: [64, 48]\n"
@@ -35,16 +35,16 @@ def test_everything_that_is_written() -> None:
     found = load(FULL)
     assert found.name == "full"
     assert (found.size, found.image, found.assets) == ((512, 384), None, None)
-    assert found.world == model.Settings(
-        model.View.TOP, 200, (1, 2), 0.2, model.Combine.MULTIPLY, 1.5, 480, 4, None
+    assert found.world == scene.Settings(
+        scene.View.TOP, 200, (1, 2), 0.2, scene.Combine.MULTIPLY, 1.5, 480, 4, None
     )
     ball, blob, crate, kite, ring = found.objects
-    assert ball == model.Object(
+    assert ball == scene.Object(
         name="ball",
         label="billiard ball",
-        mask=model.MaskPolygon(((440, 227), (500, 227), (500, 287), (440, 287))),
-        shape=model.Circle((470.5, 257.0), 30.2),
-        solid=model.Solid.SPHERE,
+        mask=scene.MaskPolygon(((440, 227), (500, 227), (500, 287), (440, 287))),
+        shape=scene.Circle((470.5, 257.0), 30.2),
+        solid=scene.Solid.SPHERE,
         mass=170,
         density=None,
         friction=0.3,
@@ -53,53 +53,53 @@ def test_everything_that_is_written() -> None:
         velocity=(-100, 0),
         spin=90,
         roll=(1, 2),
-        motion=model.Motion.DYNAMIC,
+        motion=scene.Motion.DYNAMIC,
         path=(),
         layer=3,
         provenance={"mass": "vlm 0.8"},
-        prompt=model.BoxPrompt((438, 225, 64, 64.5)),
+        prompt=scene.BoxPrompt((438, 225, 64, 64.5)),
     )
-    assert crate.shape == model.Box((120, 200), (24, 120), 15)
-    assert (crate.motion, crate.mass, crate.density) == (model.Motion.STATIC, None, 2.5)
-    assert isinstance(ring.shape, model.Polygon)
+    assert crate.shape == scene.Box((120, 200), (24, 120), 15)
+    assert (crate.motion, crate.mass, crate.density) == (scene.Motion.STATIC, None, 2.5)
+    assert isinstance(ring.shape, scene.Polygon)
     assert [len(piece.holes) for piece in ring.shape.rings] == [1, 0]
-    assert ring.path == (model.Waypoint(0, (20, 20), 0), model.Waypoint(1, (30, 20), 45))
-    assert (ring.motion, ring.roll) == (model.Motion.SCRIPTED, "none")
-    assert (blob.shape, blob.mask) == (model.Auto(), model.MaskRle((384, 512), (100000, 50, 96558)))
-    assert (blob.prompt, kite.prompt) == (model.PointPrompt((260, 170)), None)
-    assert kite.shape == model.Polygon((model.Ring(((200, 200), (230, 200), (215, 240))),))
+    assert ring.path == (scene.Waypoint(0, (20, 20), 0), scene.Waypoint(1, (30, 20), 45))
+    assert (ring.motion, ring.roll) == (scene.Motion.SCRIPTED, "none")
+    assert (blob.shape, blob.mask) == (scene.Auto(), scene.MaskRle((384, 512), (100000, 50, 96558)))
+    assert (blob.prompt, kite.prompt) == (scene.PointPrompt((260, 170)), None)
+    assert kite.shape == scene.Polygon((scene.Ring(((200, 200), (230, 200), (215, 240))),))
     floor, frame, hill, mound = found.boundaries
-    assert floor == model.Boundary("floor", ((0, 457), (512, 457)), None, 0.6, 0.3)
+    assert floor == scene.Boundary("floor", ((0, 457), (512, 457)), None, 0.6, 0.3)
     assert len(frame.points) == 3
-    assert hill == model.Boundary(
-        "hill", (), model.MaskPolygon(((300, 383), (400, 300), (500, 383))), 0.7, 0.4
+    assert hill == scene.Boundary(
+        "hill", (), scene.MaskPolygon(((300, 383), (400, 300), (500, 383))), 0.7, 0.4
     )
-    assert mound == model.Boundary("mound", (), model.MaskRle((384, 512), (190000, 50, 6558)), 0.5, 0.2)
+    assert mound == scene.Boundary("mound", (), scene.MaskRle((384, 512), (190000, 50, 6558)), 0.5, 0.2)
     assert found.forces == (
-        model.Force("ball", model.Load.IMPULSE, (-1e6, 0), 0, None, 0.5, None),
-        model.Force("crate", model.Load.TORQUE, (0, 0), 2e6, None, 0.1, 0.2),
-        model.Force("kite", model.Load.FORCE, (0, -4e5), 0, (301, 98), 0, None),
+        scene.Force("ball", scene.Load.IMPULSE, (-1e6, 0), 0, None, 0.5, None),
+        scene.Force("crate", scene.Load.TORQUE, (0, 0), 2e6, None, 0.1, 0.2),
+        scene.Force("kite", scene.Load.FORCE, (0, -4e5), 0, (301, 98), 0, None),
     )
-    kind = model.JointKind
+    kind = scene.JointKind
     assert found.joints == (
-        model.Joint("drive", kind.MOTOR, ("ball", "crate"), ((470.5, 257),), None, 0, 0, 360, 2e9, False),
-        model.Joint("glue", kind.WELD, ("kite", "crate"), ((120, 60),), None, 0, 0, 0, None, True),
-        model.Joint("hinge", kind.PIVOT, ("kite",), ((215, 150),), None, 0, 0, 0, None, False),
-        model.Joint(
+        scene.Joint("drive", kind.MOTOR, ("ball", "crate"), ((470.5, 257),), None, 0, 0, 360, 2e9, False),
+        scene.Joint("glue", kind.WELD, ("kite", "crate"), ((120, 60),), None, 0, 0, 0, None, True),
+        scene.Joint("hinge", kind.PIVOT, ("kite",), ((215, 150),), None, 0, 0, 0, None, False),
+        scene.Joint(
             "line", kind.SPRING, ("ball", "kite"), ((470, 257), (215, 240)), 80, 4e4, 200, 0, None, False
         ),
     )
     assert found.fields == (
-        model.Field("breeze", model.FieldKind.WIND, ("ball", "kite"), (300, -5), 2e-3, 0, 0),
-        model.Field("magnet", model.FieldKind.ATTRACTOR, (), (400, 200), 0, -4e7, 5),
+        scene.Field("breeze", scene.FieldKind.WIND, ("ball", "kite"), (300, -5), 2e-3, 0, 0),
+        scene.Field("magnet", scene.FieldKind.ATTRACTOR, (), (400, 200), 0, -4e7, 5),
     )
-    assert found.light == model.Light((0, 0.6, 0.8), 2, 0.1, 4)
-    assert found.render == model.Render(
-        24, 16, False, False, 0.5, (model.Overlay.OUTLINES, model.Overlay.TRAILS), 1,
-        model.Play.BACKWARD, None, (832, 480),
-        (model.Sight(0, (250, 180), None, 1.5), model.Sight(1, None, "ball", 2)), 3,
+    assert found.light == scene.Light((0, 0.6, 0.8), 2, 0.1, 4)
+    assert found.render == scene.Render(
+        24, 16, False, False, 0.5, (scene.Overlay.OUTLINES, scene.Overlay.TRAILS), 1,
+        scene.Play.BACKWARD, None, (832, 480),
+        (scene.CameraView(0, (250, 180), None, 1.5), scene.CameraView(1, None, "ball", 2)), 3,
     )  # fmt: skip
-    assert found.refine == model.Refine(
+    assert found.refine == scene.Refine(
         "wan", 0.3, 4, 20, 7, "a red ball, a photograph", "cartoon", 6, 0.5, 0.75
     )
     assert found.maps == {"depth": (1, 9.5), "shading": (0, 2)}
@@ -111,12 +111,12 @@ def test_defaults(tmp_path: Path) -> None:
     (a,) = found.objects
     assert (a.label, a.mask, a.solid, a.mass, a.density) == ("", None, None, None, 1)
     assert (a.friction, a.elasticity, a.rolling, a.velocity, a.spin) == (0.5, 0.4, 0, (0, 0), 0)
-    assert (a.roll, a.motion, a.layer, a.provenance) == ("natural", model.Motion.DYNAMIC, 0, {})
-    assert found.world == model.Settings(
-        model.View.SIDE, 100, (0, 980), 0, model.Combine.GEOMETRIC, 2, 960, 4, None
+    assert (a.roll, a.motion, a.layer, a.provenance) == ("natural", scene.Motion.DYNAMIC, 0, {})
+    assert found.world == scene.Settings(
+        scene.View.SIDE, 100, (0, 980), 0, scene.Combine.GEOMETRIC, 2, 960, 4, None
     )
-    assert found.render == model.Render(30, None, True, True, 0, (), 1, model.Play.FORWARD, None, None, (), 1)
-    assert found.refine == model.Refine("none", 0.5, 5, 50, 0, None, "", None, 0, 1)
+    assert found.render == scene.Render(30, None, True, True, 0, (), 1, scene.Play.FORWARD, None, None, (), 1)
+    assert found.refine == scene.Refine("none", 0.5, 5, 50, 0, None, "", None, 0, 1)
     assert (found.light, found.forces, found.boundaries, found.maps, found.variants) == (None, (), (), {}, ())
     assert (found.joints, found.fields) == ((), ())
 
@@ -131,7 +131,7 @@ def test_defaults(tmp_path: Path) -> None:
         ("{pixels_per_meter: 1, gravity: [0, 980]}", (0, 980)),
     ],
 )
-def test_gravity(world: str, gravity: model.Point, tmp_path: Path) -> None:
+def test_gravity(world: str, gravity: scene.Point, tmp_path: Path) -> None:
     found = load(write(tmp_path, HEAD + f"world: {world}\n"))
     assert found.world.gravity == gravity
     assert found.document["world"]["gravity"] == list(gravity)
@@ -164,7 +164,7 @@ def test_a_photo_and_its_maps(tmp_path: Path) -> None:
     found = load(path)
     assert found.size == (30, 20)
     assert (found.image, found.assets) == ((home / "photo.jpg").resolve(), (home / "maps").resolve())
-    assert found.objects[0].mask == model.MaskId(7)
+    assert found.objects[0].mask == scene.MaskId(7)
     exif = Image.Exif()
     exif[0x112] = 6  # turned by a quarter: is the author's canvas 30 x 20 or 20 x 30? we do not guess
     Image.new("RGB", (30, 20)).save(home / "photo.jpg", exif=exif)
@@ -200,7 +200,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 def test_a_scene_from_a_pipe(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", "from physgen.scene.build import load; print(load('/dev/stdin').size)"],
+        [sys.executable, "-c", "from physgen.scene.load import load; print(load('/dev/stdin').size)"],
         input=HEAD.encode(),
         capture_output=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
@@ -243,7 +243,7 @@ def test_scenes_compare_by_what_they_say(tmp_path: Path) -> None:
 def test_only_what_is_needed_is_imported() -> None:
     """A scene without a photo needs neither numpy nor Pillow nor jsonschema to be checked."""
     code = (
-        "import sys; from physgen.scene.build import load; load(sys.argv[1]);"
+        "import sys; from physgen.scene.load import load; load(sys.argv[1]);"
         "print({'numpy', 'PIL', 'jsonschema', 'cv2'} & set(sys.modules))"
     )
     done = subprocess.run(

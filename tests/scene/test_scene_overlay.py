@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from physgen.problems import InputError
-from physgen.scene import model
-from physgen.scene.build import load
+from physgen.scene import scene as model
+from physgen.scene.load import load
 from physgen.scene.overlay import parse_key
 
 BASE: dict[str, Any] = {

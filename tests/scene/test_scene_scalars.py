@@ -7,7 +7,7 @@ import math
 import pytest
 import yaml
 
-from physgen.scene.scalars import RefusedNumberError, Scalar, resolve
+from physgen.scene.document import RefusedNumberError, Scalar, resolve
 
 TABLE: dict[str, Scalar] = {
     # section 10.3.2: null, bool, int, float

@@ -15,13 +15,11 @@ import yaml
 
 import physgen.scene
 from physgen.problems import InputError
-from physgen.scene.build import load
-from physgen.scene.check import checker
-from physgen.scene.document import read
-from physgen.scene.node import Source, plain
+from physgen.scene.document import Source, plain, read
+from physgen.scene.load import load
 from physgen.scene.reference import EXAMPLE, markdown
-from physgen.scene.report import Report
 from physgen.scene.schema import at, expanded, published, with_defaults
+from physgen.scene.validate import Findings, checker
 from physgen.scene.write import scene_text
 
 ROOT = Path(__file__).parents[2]
@@ -122,11 +120,11 @@ def test_the_example_of_the_reference_loads(tmp_path: Path) -> None:
 
 
 def test_a_schema_that_we_do_not_compile_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from physgen.scene import check
+    from physgen.scene import validate
 
     for schema in ({"type": "object", "properties": {"a": {"oneOf": []}}}, {"type": "array", "contains": {}}):
         with pytest.raises(NotImplementedError):
-            check._compile(schema, "")
+            validate._compile(schema, "")
 
 
 def test_the_examples_make_a_scene() -> None:
@@ -137,7 +135,7 @@ def test_the_examples_make_a_scene() -> None:
         document[name] = {key: part["examples"][0] for key, part in parts.items()}
     text = scene_text(document)
     node = read(text, Source("x", Path()))
-    report = Report()
+    report = Findings()
     checker()(node, (), report)
     assert not report.problems
     assert plain(node) == yaml.safe_load(text) == document

@@ -12,9 +12,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.scene.build import load
-from physgen.scene.document import read
-from physgen.scene.node import Source, plain
+from physgen.scene.document import Source, plain, read
+from physgen.scene.load import load
 from physgen.scene.write import scene_text
 
 NUMBERS = st.one_of(

@@ -12,7 +12,7 @@ from pytest import approx
 from worlds import GRAVITY, ball, box, floor, push, world
 
 from physgen.problems import InputError
-from physgen.scene.model import Load, Motion
+from physgen.scene.scene import Load, Motion
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import read_trajectory
 

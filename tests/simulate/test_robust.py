@@ -13,10 +13,9 @@ from pytest import approx
 from worlds import ball, box, floor, push, world
 
 from physgen import pipeline
-from physgen.compile.pairs import surface
-from physgen.compile.world import Field, Joint, Wall
+from physgen.compile.world import Field, Joint, Wall, surface
 from physgen.problems import InputError
-from physgen.scene.model import Combine, FieldKind, JointKind, Load, Motion, Solid
+from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Solid
 from physgen.simulate.engine import simulate
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"

@@ -10,7 +10,7 @@ import pytest
 from physgen import pipeline
 from physgen.compile.world import World
 from physgen.simulate.engine import simulate
-from physgen.simulate.tape import Tape
+from physgen.simulate.recorder import StepLog
 
 BUSY = """\
 physgen: 1
@@ -55,7 +55,7 @@ MOMENTS = np.unique(np.concatenate([np.linspace(0, 0.45, 137), [0.1003, 0.25]]))
 @pytest.mark.parametrize("text", [BUSY, ROUND], ids=["busy", "round"])
 def test_what_was_kept_is_what_would_be_run(tmp_path: Path, text: str) -> None:
     """Also where it ends before the run does: what comes after has no part in it."""
-    made, tape = world(tmp_path, text), Tape()
+    made, tape = world(tmp_path, text), StepLog()
     run = simulate(made, tape=tape)
     assert run.effort.impacts
     for times in (MOMENTS, MOMENTS[:40], np.zeros(1), run.times):
@@ -69,12 +69,12 @@ def test_what_was_kept_is_what_would_be_run(tmp_path: Path, text: str) -> None:
 
 def test_keeping_changes_nothing(tmp_path: Path) -> None:
     made = world(tmp_path, BUSY)
-    one, other = simulate(made).as_arrays(), simulate(made, tape=Tape()).as_arrays()
+    one, other = simulate(made).as_arrays(), simulate(made, tape=StepLog()).as_arrays()
     assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
 def test_a_run_goes_on_for_who_asks_for_later(tmp_path: Path) -> None:
-    made, tape = world(tmp_path, BUSY), Tape()
+    made, tape = world(tmp_path, BUSY), StepLog()
     short = simulate(made, MOMENTS[:40], tape=tape)
     told, again = tape.read(MOMENTS), simulate(made, MOMENTS)
     assert told is not None
@@ -87,7 +87,7 @@ def test_a_run_goes_on_for_who_asks_for_later(tmp_path: Path) -> None:
 
 def test_what_was_not_kept_is_not_told(tmp_path: Path) -> None:
     made = world(tmp_path, BUSY)
-    small = Tape(most=20_000)
+    small = StepLog(most=20_000)
     simulate(made, tape=small)
     assert small.read(MOMENTS[:2]) is None
-    assert Tape().read(MOMENTS) is None
+    assert StepLog().read(MOMENTS) is None

@@ -7,26 +7,26 @@ import numpy as np
 import pytest
 from worlds import ball, world
 
-from physgen.scene.model import Solid
+from physgen.scene.scene import Solid
 from physgen.simulate.engine import simulate
-from physgen.simulate.turning import matrix, running, turn
+from physgen.simulate.trajectory import cumulative_quaternions, quaternions_from_vectors, rotation_matrices
 
 RNG = np.random.default_rng(4)
 
 
 def test_turns_are_those_of_rodrigues() -> None:
     vectors = RNG.normal(size=(50, 3))
-    for vector, found in zip(vectors, matrix(turn(vectors)), strict=True):
+    for vector, found in zip(vectors, rotation_matrices(quaternions_from_vectors(vectors)), strict=True):
         assert found == pytest.approx(cv2.Rodrigues(vector)[0], abs=1e-12)
 
 
 def test_running_turns_are_products_in_order() -> None:
     vectors = RNG.normal(size=(37, 3, 3))
-    start = turn(RNG.normal(size=(3, 3)))
-    now = matrix(start)
-    for vector, found in zip(vectors, running(vectors, start), strict=True):
-        now = matrix(turn(vector)) @ now
-        assert matrix(found) == pytest.approx(now, abs=1e-12)
+    start = quaternions_from_vectors(RNG.normal(size=(3, 3)))
+    now = rotation_matrices(start)
+    for vector, found in zip(vectors, cumulative_quaternions(vectors, start), strict=True):
+        now = rotation_matrices(quaternions_from_vectors(vector)) @ now
+        assert rotation_matrices(found) == pytest.approx(now, abs=1e-12)
 
 
 @pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8)])
@@ -42,7 +42,7 @@ def test_a_ball_that_rolls_turns_by_its_way_over_its_radius(way) -> None:
         way_rolled = speed * time / r
         # the ball's lowest point, farthest from the viewer, moves against the way
         expected = cv2.Rodrigues(np.array([way[1], -way[0], 0.0]) * way_rolled)[0]
-        assert matrix(t.turns[k, 0]) == pytest.approx(expected, abs=1e-6)
+        assert rotation_matrices(t.turns[k, 0]) == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_spin_in_the_picture_alone_is_the_angle() -> None:
@@ -53,6 +53,6 @@ def test_a_spin_in_the_picture_alone_is_the_angle() -> None:
     t = simulate(scene, np.linspace(0, 1, 5))
     angle = t.poses[-1, 0, 2]
     assert angle == pytest.approx(3.0, rel=1e-6)
-    assert matrix(t.turns[-1, 0])[:2, :2] == pytest.approx(
+    assert rotation_matrices(t.turns[-1, 0])[:2, :2] == pytest.approx(
         np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), abs=1e-9
     )

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from physgen.compile.pairs import surface
-from physgen.compile.world import Body, Push, Wall, World
-from physgen.scene.model import Combine, Motion, Solid, View
+from physgen.compile.world import Body, Push, Wall, World, surface
+from physgen.scene.scene import Combine, Motion, Solid, View
 
 GRAVITY = 980.0
 

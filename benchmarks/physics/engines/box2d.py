@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Joint, Surface, Wall, World
-from physgen.scene.model import JointKind, Load, Motion
+from physgen.scene.scene import JointKind, Load, Motion
 from physgen.simulate.trajectory import Trajectory
 
 from .stepping import (

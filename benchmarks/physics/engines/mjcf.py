@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Joint, World
-from physgen.scene.model import JointKind, Motion
+from physgen.scene.scene import JointKind, Motion
 
 from .stepping import Units, is_ball, lies_on_table
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.geometry import cross, rotation
-from physgen.scene.model import JointKind, Load, Motion
+from physgen.geometry.polygon import cross, rotation
+from physgen.scene.scene import JointKind, Load, Motion
 from physgen.simulate.trajectory import Trajectory
 
 from .mjcf import bounces, mjcf

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Push, World
-from physgen.scene.model import JointKind, Load, Motion, Solid
+from physgen.scene.scene import JointKind, Load, Motion, Solid
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
 Array = NDArray[np.float64]

@@ -6,9 +6,9 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from physgen.cli.arguments import speeds, turns
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import Bar
-from physgen.flags.values import speeds, turns
+from physgen.cli.output import Bar
 from physgen.problems import InputError
 
 ABOUT = "How an object's motion answers to the direction and size of a push."
@@ -63,9 +63,9 @@ def run(options: argparse.Namespace) -> int:
     if options.variant == "all":
         raise InputError.of("--variant", "all", "names more than one", "write one name")
     if options.output:
-        from physgen.report.plots.look import needed
+        from physgen.report.plots.style import require_matplotlib
 
-        needed()
+        require_matplotlib()
     where = Path(options.scene)
     if where.is_dir() and not (where / "scene.yaml").is_file():
         from physgen.evaluate.controllability.clips import swept_clips

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from physgen.cli.arguments import count, positive, seed
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import Bar, tell_problems
-from physgen.flags.values import count, positive, seed
+from physgen.cli.output import Bar, print_problems
 from physgen.problems import InputError, Place, Problem
 
 ABOUT = "Frames and motion of clips against a reference's: Image-FID and Motion-FID; see docs/fid.md."
@@ -148,10 +148,10 @@ def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.page import check_folder
 
     if options.output:
-        from physgen.report.plots.look import needed
+        from physgen.report.plots.style import require_matplotlib
 
         check_folder(options.output)
-        needed()
+        require_matplotlib()
     named = methods(options)
     problems: list[Problem] = []
     clips: dict[str, list[Source]] = {}
@@ -189,7 +189,7 @@ def run(options: argparse.Namespace) -> int:
         fix = "give a smaller --size, or fewer --frames"
         raise InputError.of("--size", str(options.size), expected, fix) from None
     bar.clear()
-    tell_problems(found.warnings)
+    print_problems(found.warnings)
     who = {role: getattr(options, role).partition(":")[0] for role in made}
     notes = {f"{role}_note": dict(one.note()) for role, one in made.items()}
     return hand_over(
@@ -221,10 +221,10 @@ def methods(options: argparse.Namespace) -> dict[str, list[Path]]:
 
 def _no_model(options: argparse.Namespace) -> list[Problem]:
     """A device that nobody would run on."""
-    from physgen import backends
+    from physgen import registry
 
     names = {role: getattr(options, role).partition(":")[0] for role in ("features", "flow")}
-    rows = [row for row in backends.BACKENDS if names.get(row.role) == row.name]
+    rows = [row for row in registry.BACKENDS if names.get(row.role) == row.name]
     if options.device in ("auto", "cpu") or any(row.weights or row.told for row in rows):
         return []
     expected = f"has nobody to run there: {' and '.join(names.values())} need no model"
@@ -233,15 +233,14 @@ def _no_model(options: argparse.Namespace) -> list[Problem]:
 
 def backend(role: str, said: str, device: str) -> Any:
     """Who fills a role, as `NAME` or `NAME:WHAT` says. Raises InputError that names the flag."""
-    from physgen import backends
-    from physgen.backends import Setup
-    from physgen.crew import choice
+    from physgen import registry
+    from physgen.registry import Setup, choice
 
     name, colon, rest = said.partition(":")
     flag = Place(f"--{role}")
     try:
         choice(role, name, rest, flag, bool(colon))
-        return backends.make(role, name, Setup(rest, device))
+        return registry.make(role, name, Setup(rest, device))
     except InputError as error:
         raise InputError([_of_flag(problem, role, flag) for problem in error.problems]) from None
 

@@ -6,9 +6,9 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from physgen.cli.arguments import names
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import Bar
-from physgen.flags.values import names
+from physgen.cli.output import Bar
 
 ABOUT = "Frames against the studio's truth videos; ends with 1 below the bar that docs/fidelity.md tells."
 EXAMPLE = "fidelity --scenes curling,shelf"
@@ -55,9 +55,9 @@ def run(options: argparse.Namespace) -> int:
 
     check_folder(options.output)
     if options.output:
-        from physgen.report.plots.look import needed
+        from physgen.report.plots.style import require_matplotlib
 
-        needed()
+        require_matplotlib()
     bar = Bar()
     result = measure.evaluate(options.truth, options.scenes, bar.show)
     told = findings(result)

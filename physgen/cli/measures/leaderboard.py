@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from physgen.cli.printing import OK, Bar, print_json, tell, tell_kept, tell_one
+from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem
 from physgen.problems import InputError
 
 ABOUT = "Methods side by side: their clips of every scene in step, and what other measures say of them."
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.findings import markdown, text
     from physgen.evaluate.methods import methods_in
     from physgen.evaluate.page import check_folder
-    from physgen.report.embedded import heavy
+    from physgen.report.films import size_warning
 
     if options.single_file and not options.output:
         raise InputError.of("--single-file", "", "needs a folder for the page", "name one with -o")
@@ -72,14 +72,14 @@ def run(options: argparse.Namespace) -> int:
         found = findings(methods, made.broken, scores)
         if options.output:
             title = options.title or methods.folder.resolve().name
-            how = (options.output, title, options.command_line, options.single_file, tell_kept)
+            how = (options.output, title, options.command_line, options.single_file, print_backup)
             index = page.write_board(methods, scores, made, found, *how)
     if options.json:
         print_json(found.as_dict())
     else:
         sys.stdout.write(markdown(found) if options.markdown else text(found))
     if options.output:
-        if options.single_file and (large := heavy(index, "leave out --single-file")) is not None:
-            tell_one(large)
-        tell(f"the page: {index}")
+        if options.single_file and (large := size_warning(index, "leave out --single-file")) is not None:
+            print_problem(large)
+        print_error(f"the page: {index}")
     return OK

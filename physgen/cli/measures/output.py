@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from physgen.cli.printing import FAILED, OK, print_json, tell, tell_kept
+from physgen.cli.output import FAILED, OK, print_backup, print_error, print_json
 from physgen.evaluate.findings import Findings, markdown, text
 from physgen.evaluate.page import write_page
 
@@ -23,6 +23,6 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
     """Print the result, and write its page where `-o` is given; 1 where a bar is missed."""
     code = show(findings, options)
     if options.output:
-        page = write_page(findings, options.output, options.command_line, tell_kept)
-        tell(f"the page: {page}")
+        page = write_page(findings, options.output, options.command_line, print_backup)
+        print_error(f"the page: {page}")
     return code

@@ -6,9 +6,9 @@ import argparse
 import os
 from pathlib import Path
 
+from physgen.cli.arguments import count, rows
 from physgen.cli.measures.output import show
-from physgen.cli.printing import Bar, tell_kept
-from physgen.flags.values import count, rows
+from physgen.cli.output import Bar, print_backup
 
 ABOUT = "Motion against closed forms."
 EXAMPLE = "physics --rows 1,5,12"
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         options.jobs or os.cpu_count() or 1,
         options.output,
         bar.show,
-        tell_kept,
+        print_backup,
     )
     bar.clear()
     return show(physics.findings(found), options)

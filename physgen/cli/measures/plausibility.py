@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from physgen.cli.arguments import positive
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import Bar
-from physgen.flags.values import positive
+from physgen.cli.output import Bar
 
 ABOUT = "Physics judged without truth: does motion obey one gravity, keep momentum, never jump?"
 EXAMPLE = "plausibility out tracks.csv -o out/plausibility"
@@ -108,13 +108,13 @@ def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.plausibility.reading import read
     from physgen.evaluate.plausibility.reading.asked import Asked
     from physgen.evaluate.plausibility.told import findings
-    from physgen.scene.model import View
+    from physgen.scene.scene import View
 
     check_folder(options.output)
     if options.output:
-        from physgen.report.plots.look import needed
+        from physgen.report.plots.style import require_matplotlib
 
-        needed()
+        require_matplotlib()
     asked = Asked(
         options.fps, View(options.view), dict(options.mass), tuple(options.held), tuple(options.pushed)
     )

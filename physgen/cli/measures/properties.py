@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import Bar, tell, tell_one
+from physgen.cli.output import Bar, print_error, print_problem
 from physgen.problems import InputError
 
 ABOUT = "Masses, and orders of friction and elasticity, against what others measured."
@@ -54,14 +54,13 @@ STUDIO = Path("studio/truth")
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.configured import found, plan
-    from physgen.crew import Crew, choices
     from physgen.evaluate.page import check_folder
     from physgen.evaluate.properties.answers import read_answers, write_answers
     from physgen.evaluate.properties.asked import ask
     from physgen.evaluate.properties.studio import ask_photos
     from physgen.evaluate.properties.table import SHIPPED, read_table
     from physgen.evaluate.properties.told import Asked, findings, plots
+    from physgen.registry import Backends, choices, configuration_files, load_plan
 
     _fit(options)
     check_folder(options.output)
@@ -69,18 +68,18 @@ def run(options: argparse.Namespace) -> int:
         role = f'"{", ".join(sorted(others))}"'
         raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
     if options.output:
-        from physgen.report.plots.look import needed
+        from physgen.report.plots.style import require_matplotlib
 
-        needed()
+        require_matplotlib()
     table = read_table(options.table or SHIPPED)
     if options.answers:
         answers, kinds = read_answers(options.answers, table), []
         asked = Asked(str(options.answers), False, False, False)
     else:
         if options.config is None:
-            for path in found():
-                tell(f"{path}: says who perceives, where no flag does")
-        crew = Crew(plan(options.backend, config=options.config).of(("physics",)), tell_one)
+            for path in configuration_files():
+                print_error(f"{path}: says who perceives, where no flag does")
+        crew = Backends(load_plan(options.backend, config=options.config).of(("physics",)), print_problem)
         bar = Bar()
         answers = ask(table, crew, not options.hide_size, bar.show)
         truth = options.truth or (STUDIO if options.table is None and STUDIO.is_dir() else None)

@@ -6,9 +6,9 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from physgen.cli.arguments import count
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import Bar, tell_one
-from physgen.flags.values import count
+from physgen.cli.output import Bar, print_problem
 from physgen.problems import InputError
 
 ABOUT = "What each stage takes, from the records of clips or from runs made now."
@@ -36,21 +36,21 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from physgen.environment import gpu, this_machine
     from physgen.evaluate.page import check_folder
     from physgen.evaluate.runtime.measured import measure
     from physgen.evaluate.runtime.runs import read_runs
     from physgen.evaluate.runtime.told import findings, plot
-    from physgen.machine import gpu, this_machine
 
     check_folder(options.output)
     if not options.folders and options.measure is None:
         fix = "name folders of clips, or add --measure"
         raise InputError.of("evaluate runtime", "", "was given no records", fix)
     if options.output:
-        from physgen.report.plots.look import needed
+        from physgen.report.plots.style import require_matplotlib
 
-        needed()
-    runs = read_runs(options.folders, tell_one) if options.folders else []
+        require_matplotlib()
+    runs = read_runs(options.folders, print_problem) if options.folders else []
     if options.measure is not None:
         bar = Bar()
         runs += measure(options.measure, options.repeat, bar.show)

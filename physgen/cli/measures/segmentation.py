@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from physgen.cli.arguments import part
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import Bar, tell_problems
-from physgen.flags.values import part
+from physgen.cli.output import Bar, print_problems
 from physgen.problems import InputError
 
 ABOUT = "Objects found in photos against their true masks, as COCO counts them."
@@ -42,11 +42,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.crew import Crew, Plan, choices
     from physgen.evaluate import segmentation
     from physgen.evaluate.photos import pairs
     from physgen.evaluate.segmentation_told import BARS, findings
     from physgen.evaluate.shown import Shown
+    from physgen.registry import Backends, Plan, choices
 
     chosen = choices(options.backend)
     if set(chosen) - {"segment"}:
@@ -54,11 +54,11 @@ def run(options: argparse.Namespace) -> int:
         raise InputError.of("--backend", role, "has no part in this", "write segment=NAME")
     bars = {name: bar for name in BARS if (bar := getattr(options, name)) is not None}
     found, warnings = pairs(options.folder)
-    tell_problems(warnings)
+    print_problems(warnings)
     shown = None if options.output is None else Shown(options.output, found)
     bar = Bar()
     result = segmentation.evaluate(
-        found, Crew(Plan(chosen)).get("segment"), shown.photo if shown else lambda photo: None, bar.show
+        found, Backends(Plan(chosen)).get("segment"), shown.photo if shown else lambda photo: None, bar.show
     )
     bar.clear()
     told = findings(result, bars)

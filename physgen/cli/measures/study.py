@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from physgen.cli.arguments import count, seed
 from physgen.cli.measures.output import hand_over
-from physgen.cli.printing import OK, Bar, print_json, tell, tell_kept, tell_one
-from physgen.flags.values import count, seed
+from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem
 from physgen.problems import InputError
 
 ABOUT = "A blind page of clips for people to rate; and with --key, what their answers say."
@@ -59,7 +59,7 @@ def _make(options: argparse.Namespace) -> int:
     from physgen.evaluate.study.answers import answers_in
     from physgen.evaluate.study.making import make
     from physgen.evaluate.study.sheet import TITLE, check_page, write_study
-    from physgen.report.embedded import heavy
+    from physgen.report.films import size_warning
 
     if any(path.suffix == ".json" or answers_in(path) for path in options.paths):
         fix = "name the key that was made with the page, e.g. --key study.key.json"
@@ -75,11 +75,11 @@ def _make(options: argparse.Namespace) -> int:
         methods_in(options.paths[0], options.photos), options.videos or VIDEOS, options.seed, bar.show
     )
     bar.clear()
-    key = write_study(made, page, options.title or TITLE, tell_kept)
+    key = write_study(made, page, options.title or TITLE, print_backup)
     if made.left_out:
-        tell(f"left out, since not every method has made them: {', '.join(made.left_out)}")
-    if (large := heavy(page, "name fewer with --videos")) is not None:
-        tell_one(large)
+        print_error(f"left out, since not every method has made them: {', '.join(made.left_out)}")
+    if (large := size_warning(page, "name fewer with --videos")) is not None:
+        print_problem(large)
     methods, scenes = len(made.key.methods), len(made.key.scenes)
     if options.json:
         record = {"page": str(page), "key": str(key), "study": made.name, "clips": len(made.clips)}
@@ -88,10 +88,10 @@ def _make(options: argparse.Namespace) -> int:
     print(page)
     several = f"{methods} method{'s' * (methods != 1)}, {scenes} scene{'s' * (scenes != 1)}"
     clips = f"{len(made.clips)} clip{'s' * (len(made.clips) != 1)}"
-    tell(f"{clips}: {several}. Send {page.name} to those who rate.")
+    print_error(f"{clips}: {several}. Send {page.name} to those who rate.")
     if methods == 1:
-        tell("It is of one method alone: there is nothing to compare its scores with.")
-    tell(f"{key} says which clip is whose: keep it to yourself, and read answers with --key {key}")
+        print_error("It is of one method alone: there is nothing to compare its scores with.")
+    print_error(f"{key} says which clip is whose: keep it to yourself, and read answers with --key {key}")
     return OK
 
 
@@ -108,9 +108,9 @@ def _read(options: argparse.Namespace) -> int:
     draw = None
     if options.output:
         from physgen.evaluate.study.distribution import distribution
-        from physgen.report.plots.look import needed
+        from physgen.report.plots.style import require_matplotlib
 
-        needed()
+        require_matplotlib()
         draw = distribution
     key = read_key(options.key)
     answers = read_answers(files_in(options.paths, options.key), key)

@@ -1,4 +1,5 @@
-"""Pictures -> colours and edges of four sizes in fields of the picture; no model. NOT what published FIDs are made of.
+"""Pictures -> colours and edges of four sizes in fields of the picture; no model. NOT what published FIDs are made
+of.
 
 192 numbers: mean colour in 4 x 4 fields, and the mean strength of edges in four directions and of four sizes in 3 x 3
 fields. Edges are derivatives of a Gaussian times its size (Lindeberg, Feature Detection with Automatic Scale Selection,

@@ -16,11 +16,17 @@ from typing import Any
 import numpy as np
 import torch
 
-from physgen.backends import Setup
 from physgen.evaluate.fid.roles import F64, U8, Features
-from physgen.perceive.backends.models import Flag, device_of, freed, loaded, noted
-from physgen.perceive.backends.torchscript import scripted
+from physgen.perceive.backends.models import (
+    Flag,
+    check_torchscript,
+    device_of,
+    free_memory,
+    load_weights,
+    run_note,
+)
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 FLAG = Flag("--features", "inception:PATH")
 WIDE = 2048
@@ -40,12 +46,12 @@ class Inception:
         self._path = Path(setup.weights).expanduser()
         if not self._path.is_file():
             raise InputError.of(FLAG.name, f'"{setup.weights}"', "no such file", GET)
-        scripted(self._path, FLAG.name, GET)
+        check_torchscript(self._path, FLAG.name, GET)
         self._device = device_of(setup)
 
     @cached_property
     def _model(self) -> Any:
-        model = loaded(self._load, str(self._path), "Inception", FLAG)
+        model = load_weights(self._load, str(self._path), "Inception", FLAG)
         if KEY not in [argument.name for argument in model.forward.schema.arguments]:
             raise InputError.of(FLAG.name, f'"{self._path}"', f"takes no {KEY}: is not that network", GET)
         return model
@@ -75,12 +81,12 @@ class Inception:
     def close(self) -> None:
         """The model goes."""
         self.__dict__.pop("_model", None)
-        freed()
+        free_memory()
 
     def note(self) -> Mapping[str, Any]:
         """For the record: which file it was, by its content."""
         digest = hashlib.sha256(self._path.read_bytes()).hexdigest()
-        return noted(self._device, torch.float32, str(self._path), {"sha256": digest})
+        return run_note(self._device, torch.float32, str(self._path), {"sha256": digest})
 
 
 def inception(setup: Setup) -> Features:

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.backends import Setup
 from physgen.evaluate.fid.roles import F64, U8, Features
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 FLAG = "--features"
 GET = "write --features module:PACKAGE.MODULE:FACTORY, or module:FILE.py:FACTORY"

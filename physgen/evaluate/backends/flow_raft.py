@@ -1,4 +1,5 @@
-"""Two frames -> flow by RAFT (Teed and Deng, ECCV 2020), torchvision's network with a person's own file of its weights.
+"""Two frames -> flow by RAFT (Teed and Deng, ECCV 2020), torchvision's network with a person's own file of its
+weights.
 
 Both sizes of network are told apart by their weights. Nothing is fetched: torchvision's files are
 `raft_large_C_T_SKHT_V2-ff5fadd5.pth` and `raft_small_C_T_V2-01064c6d.pth`.
@@ -14,10 +15,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from physgen.backends import Setup
 from physgen.evaluate.fid.roles import F32, U8, Flow
-from physgen.perceive.backends.models import Flag, device_of, freed, loaded, noted
+from physgen.perceive.backends.models import Flag, device_of, free_memory, load_weights, run_note
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 FLAG = Flag("--flow", "raft:PATH")
 GET = "write --flow raft:PATH, the path of torchvision's raft_large_C_T_SKHT_V2-ff5fadd5.pth"
@@ -41,7 +42,7 @@ class Raft:
 
     @cached_property
     def _model(self) -> Any:
-        return loaded(self._load, str(self._path), "RAFT", FLAG)
+        return load_weights(self._load, str(self._path), "RAFT", FLAG)
 
     def _load(self, path: str) -> Any:
         from torchvision.models.optical_flow import raft_large, raft_small
@@ -71,11 +72,11 @@ class Raft:
     def close(self) -> None:
         """The model goes."""
         self.__dict__.pop("_model", None)
-        freed()
+        free_memory()
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        return noted(self._device, torch.float32, str(self._path), {})
+        return run_note(self._device, torch.float32, str(self._path), {})
 
 
 def raft(setup: Setup) -> Flow:

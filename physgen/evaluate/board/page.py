@@ -21,15 +21,12 @@ from physgen.evaluate.board.screened import Screened, readable, screened
 from physgen.evaluate.findings import Findings
 from physgen.evaluate.methods import Entry, Methods
 from physgen.evaluate.page import PAGE, RESULT
-from physgen.percepts.photo import read_photo
+from physgen.files import back_up, resource, write_atomic
+from physgen.photos import read_photo
 from physgen.problems import InputError
-from physgen.report.cards import link
-from physgen.report.encoded import webp
-from physgen.report.gallery import sweep_files
-from physgen.report.posters import SIDE, across, shown
-from physgen.report.templates import script_json, template
-from physgen.resources import resource
-from physgen.whole import set_aside, write_whole
+from physgen.report.films import SIDE, strip_columns, strip_frames
+from physgen.report.gallery import link, sweep_files
+from physgen.report.html import script_json, template, webp
 
 Progress = Callable[[str, int, int], None]
 FILES = "index.files"
@@ -100,10 +97,10 @@ def write_board(
     """`index.html` and `result.json`; those of an earlier run are replaced, a page of somebody else's is set aside."""
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / PAGE).exists() and not (folder / RESULT).exists():
-        set_aside(folder / PAGE, keep)
-    write_whole(folder / PAGE, html(methods, scores, made, folder, title, command, single).encode())
+        back_up(folder / PAGE, keep)
+    write_atomic(folder / PAGE, html(methods, scores, made, folder, title, command, single).encode())
     data = json.dumps(findings.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-    write_whole(folder / RESULT, data.encode())
+    write_atomic(folder / RESULT, data.encode())
     used = {
         Path(path).name for c in made.clips.values() for path in (c.shot.poster, c.shot.strip, c.film) if path
     }
@@ -161,8 +158,8 @@ def _told(clip: Screened, folder: Path, single: bool) -> dict[str, Any]:
         "made": True,
         "fps": clip.fps,
         "frames": clip.frames,
-        "shown": shown(clip.frames),
-        "across": across(clip.frames),
+        "shown": strip_frames(clip.frames),
+        "across": strip_columns(clip.frames),
         "strip": clip.shot.strip and ("held" if single else clip.shot.strip),
         "film": "" if single else link(clip.film, folder),
         "kind": "video/mp4",

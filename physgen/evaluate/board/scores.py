@@ -16,7 +16,7 @@ from typing import Any
 from physgen.evaluate.methods import Methods
 from physgen.evaluate.page import RESULT
 from physgen.problems import InputError
-from physgen.scene.words import natural
+from physgen.text import natural
 
 SCENE_KEYS = ("scene", "clip", "video", "name")
 NO_SCORES = {

@@ -7,15 +7,13 @@ from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from physgen.clips.film import plays_anywhere
-from physgen.clips.reading import Clip, open_clip
 from physgen.evaluate.methods import Entry
+from physgen.export.video import Format, open_video
+from physgen.files import write_atomic
 from physgen.problems import InputError
 from physgen.report import clips
-from physgen.report.cards import Pictured
-from physgen.report.gallery import pictured
-from physgen.report.video import Format, open_video
-from physgen.whole import write_whole
+from physgen.report.gallery import ClipPictures, clip_pictures
+from physgen.videos import Video, plays_anywhere, read_video
 
 
 @dataclass(frozen=True)
@@ -27,17 +25,17 @@ class Screened:
     """An MP4: the clip itself, or one made of it that every browser plays."""
     data: bytes
     """The same, where the page is to carry it."""
-    shot: Pictured
+    shot: ClipPictures
     size: tuple[int, int]
     fps: float
     frames: int
 
 
-def readable(entry: Entry) -> tuple[Path, Clip, float]:
+def readable(entry: Entry) -> tuple[Path, Video, float]:
     """Its file, its frames, and how many there are in a second. Raises InputError."""
     path = entry.film
     assert path is not None
-    clip = open_clip(path)
+    clip = read_video(path)
     if len(clip.frames) < 2:
         raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
     if clip.fps is None:
@@ -62,12 +60,12 @@ def screened(entry: Entry, files: Path, single: bool) -> Screened:
         if single:
             return _of(entry, made, seal, clip, fps, files, single)
         files.mkdir(parents=True, exist_ok=True)
-        write_whole(film, made.read_bytes())
+        write_atomic(film, made.read_bytes())
     return _of(entry, film, seal, clip, fps, files, single)
 
 
-def _of(entry: Entry, film: Path, seal: str, clip: Clip, fps: float, files: Path, single: bool) -> Screened:
+def _of(entry: Entry, film: Path, seal: str, clip: Video, fps: float, files: Path, single: bool) -> Screened:
     count = len(clip.frames)
     known = clips.Clip(film.parent, entry.scene, size=clip.size, fps=fps, frames=count, film=film, seal=seal)
-    shot = pictured(known, files, single)
+    shot = clip_pictures(known, files, single)
     return Screened(entry, film, film.read_bytes() if single else b"", shot, clip.size, fps, count)

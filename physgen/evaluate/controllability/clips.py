@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from physgen.backends import choose
-from physgen.batch.dataset.found import checked, clips
+from physgen.batch.clips import checked_folders, find_clips
 from physgen.evaluate.controllability.outcomes import Path, Push, outcome, path_of
 from physgen.evaluate.controllability.sweep import Swept
 from physgen.problems import InputError
-from physgen.scene.model import View
+from physgen.registry import suggestion
+from physgen.scene.scene import View
 from physgen.simulate.trajectory import read_trajectory
 
 NONE = 1e-9
@@ -26,7 +26,9 @@ def swept_clips(folder: File, name: str | None) -> Swept:
     The push is the object's velocity at t = 0, its impulses and its forces of a duration, over its mass, together.
     """
     documents = [
-        (found.folder, found.told["document"]) for found in clips(checked([folder])) if found.told is not None
+        (found.folder, found.told["document"])
+        for found in find_clips(checked_folders([folder]))
+        if found.told is not None
     ]
     documents = [(place, told) for place, told in documents if told.get("objects")]
     if len(documents) < 2:
@@ -46,7 +48,7 @@ def swept_clips(folder: File, name: str | None) -> Swept:
     paths: list[tuple[Push, Path]] = []
     for place, told in documents:
         if name not in told["objects"]:
-            fix = choose(name, told["objects"])
+            fix = suggestion(name, told["objects"])
             raise InputError.of("--object", f'"{name}"', f"is no object of {place}", fix)
         try:
             trajectory = read_trajectory(place / "trajectory.npz")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from physgen.compile.world import World
-from physgen.scene.model import Solid, View
+from physgen.scene.scene import Solid, View
 
 SHARE = 5 / 2
 """m R²/I of a solid sphere."""

@@ -14,7 +14,8 @@ from physgen.evaluate.plotted import plotted
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.look import Palette
+    from physgen.report.plots.style import Palette
+
 
 SHORT, PALE = 400, 0.55
 """px of the photo's longer side at most, and how much of it is left under the paths."""

@@ -9,7 +9,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.fan.statistics import ranks
+from physgen.simulate.uncertainty_summary import ranks
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,7 @@ from math import atan2, degrees, hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.simulate.settled import fresh
-from physgen.simulate.trajectory import Trajectory
+from physgen.simulate.trajectory import Trajectory, new_touches
 
 Array = NDArray[np.float64]
 
@@ -30,7 +29,7 @@ class Path:
 def path_of(trajectory: Trajectory, name: str) -> Path:
     """Raises ValueError where the trajectory has no such object."""
     body = trajectory.names.index(name)
-    mine = fresh(trajectory) & (trajectory.contacts.touch_pairs == body).any(axis=1)
+    mine = new_touches(trajectory) & (trajectory.contacts.touch_pairs == body).any(axis=1)
     first = float(trajectory.contacts.touch_times[mine, 0].min(initial=np.inf))
     free = int(np.searchsorted(trajectory.times, first, side="right"))
     return Path(trajectory.times, trajectory.poses[:, body, :2], free)

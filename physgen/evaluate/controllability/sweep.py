@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.backends import choose
 from physgen.compile.world import Push as Load
 from physgen.compile.world import World
 from physgen.evaluate.controllability.closed import Law, law, slid
 from physgen.evaluate.controllability.outcomes import Outcome, Path, Push, outcome, path_of
 from physgen.problems import InputError
-from physgen.scene.model import Load as Kind
-from physgen.scene.model import Motion, Scene, View
+from physgen.registry import suggestion
+from physgen.scene.scene import Load as Kind
+from physgen.scene.scene import Motion, Scene, View
 from physgen.simulate.trajectory import Trajectory
 
 Progress = Callable[[str, int, int], None]
@@ -100,10 +100,10 @@ def pushed(scene: Scene, world: World, name: str | None) -> int:
         name = next((one for one in (*forced, *moving) if one in free), free[0])
     names = [body.name for body in world.bodies]
     if name not in names:
-        raise InputError.of("--object", f'"{name}"', "is no object of the scene", choose(name, names))
+        raise InputError.of("--object", f'"{name}"', "is no object of the scene", suggestion(name, names))
     if name not in free:
         raise InputError.of(
-            "--object", f'"{name}"', "cannot be pushed: it is not dynamic", choose(name, free)
+            "--object", f'"{name}"', "cannot be pushed: it is not dynamic", suggestion(name, free)
         )
     return names.index(name)
 

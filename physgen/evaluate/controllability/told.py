@@ -8,7 +8,7 @@ from physgen.evaluate.controllability.answers import SEEN, Aim, Answers, answers
 from physgen.evaluate.controllability.outcomes import Outcome
 from physgen.evaluate.controllability.sweep import Swept
 from physgen.evaluate.findings import Findings, Section, Table
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 LEAST = 0.01
 """degrees, and per cent: what is less is told to be less."""

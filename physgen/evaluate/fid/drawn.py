@@ -17,7 +17,8 @@ from physgen.evaluate.plotted import plotted
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.look import Palette
+    from physgen.report.plots.style import Palette
+
 
 TILE, GAP = 128, 4
 """px of a picture's height, and between two."""

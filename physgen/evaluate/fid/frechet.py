@@ -1,4 +1,5 @@
-"""Features of two sets of pictures -> the Fréchet distance of the two normal distributions that have their moments.
+"""Features of two sets of pictures -> the Fréchet distance of the two normal distributions that have their
+moments.
 
     d² = |m1 - m2|² + tr(S1 + S2 - 2 (S1 S2)^½)
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from physgen.evaluate.fid.roles import F32, U8, Flow
-from physgen.export.wheel import coloured
+from physgen.export.flow import coloured
 
 PEAK = 99.9
 """% of pixels that are no faster than a pair's speed: a few wild ones do not count."""

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.clips.reading import SUFFIXES, in_folder, shown_in
 from physgen.problems import InputError, Place, Problem
-from physgen.scene.words import natural
+from physgen.text import natural
+from physgen.videos import SUFFIXES, in_folder, video_frames
 
 U8 = NDArray[np.uint8]
 
@@ -50,7 +50,7 @@ class Source:
             yield frame
 
     def _read(self) -> Iterator[tuple[U8, str]]:
-        for shown in shown_in(self.path):
+        for shown in video_frames(self.path):
             if self.strip is None:
                 yield shown.rgb, shown.place
                 continue

@@ -9,10 +9,11 @@ import numpy as np
 from physgen.evaluate.findings import Figure
 from physgen.evaluate.plausibility.judge import Verdict
 from physgen.evaluate.plotted import plotted
-from physgen.report.plots.look import RED, SMALL, Palette, stroke
+from physgen.report.plots.style import RED, SMALL, Palette, stroke
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 MOST = 5
 """Marks: more would lie over each other."""

@@ -1,4 +1,6 @@
-"""Tracks -> how much they shake, px: from high differences, of which what falls, slides or swings has next to none."""
+"""Tracks -> how much they shake, px: from high differences, of which what falls, slides or swings has next to
+none.
+"""
 
 from __future__ import annotations
 

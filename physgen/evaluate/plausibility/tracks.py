@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from physgen.backends import choose
 from physgen.evaluate.properties.table import COEFFICIENTS, Objects
+from physgen.files import write_atomic
 from physgen.problems import InputError, Place, Problem
-from physgen.scene.words import quoted
-from physgen.whole import write_whole
+from physgen.registry import suggestion
+from physgen.text import quoted
 
 NUMBERS = ("mass", *COEFFICIENTS)
 MOST_BYTES = 8 * 2**20
@@ -47,7 +47,7 @@ def read_answers(path: Path, table: Objects) -> dict[str, Answer]:
     for name, said, place in _rows(path):
         if name not in names:
             problems.append(
-                Problem(place, "", quoted(name), "is no object of the table", choose(name, names))
+                Problem(place, "", quoted(name), "is no object of the table", suggestion(name, names))
             )
             continue
         if name in found:
@@ -73,7 +73,7 @@ def write_answers(path: Path, answers: Mapping[str, Answer], who: str) -> None:
     rows = [{"name": name, **asdict(answer)} for name, answer in answers.items()]
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"by": who, "answers": rows}, indent=1, ensure_ascii=False, allow_nan=False)
-    write_whole(path, f"{text}\n".encode())
+    write_atomic(path, f"{text}\n".encode())
 
 
 def _rows(path: Path) -> Iterator[tuple[str, Mapping[str, Any], Place]]:

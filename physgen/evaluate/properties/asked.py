@@ -7,20 +7,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.crew import Crew
 from physgen.evaluate.properties.answers import Answer
 from physgen.evaluate.properties.table import Form, Item, Objects
+from physgen.geometry import raster
+from physgen.geometry.polygon import Disc, Outline, Region, Ring
+from physgen.maps import read_labels
 from physgen.materials import kind
-from physgen.outline import raster
-from physgen.outline.outline import Disc, Outline, Region, Ring
-from physgen.perceive.extent import sides
-from physgen.perceive.given import from_masks
-from physgen.perceive.roles import Matter, Physics, Rgb, Thing
-from physgen.perceive.scale import ENOUGH, scale
-from physgen.perceive.scene import outlined
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_photo
+from physgen.perceive.perceive import fit_objects
+from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
+from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
+from physgen.perceive.segment.prompts import from_masks
+from physgen.photos import read_photo
 from physgen.problems import InputError
+from physgen.registry import Backends
 
 Progress = Callable[[str, int, int], None]
 CANVAS = 512
@@ -31,7 +30,7 @@ PAPER, INK = 235, 110
 """Grey levels."""
 
 
-def ask(table: Objects, crew: Crew, sized: bool, progress: Progress) -> dict[str, Answer]:
+def ask(table: Objects, crew: Backends, sized: bool, progress: Progress) -> dict[str, Answer]:
     """By name. `sized`: each object's size is told, as by a photo whose scale is known; else its name alone.
 
     Raises InputError where a photo cannot be read, or the backend cannot answer.
@@ -53,16 +52,16 @@ def answer(matter: Matter) -> Answer:
     return Answer(matter.mass, matter.friction, matter.elasticity, matter.reason)
 
 
-def told_scale(things: Sequence[Thing]) -> float | None:
+def told_scale(things: Sequence[PhotoObject]) -> float | None:
     """px/m as `perceive` gets it, from things of known size among them; None where nothing tells."""
-    found = scale(things, {thing.id: kind(thing.label) for thing in things})
-    return found.pixels_per_meter if found is not None and found.confidence >= ENOUGH else None
+    found = photo_scale(things, {thing.id: kind(thing.label) for thing in things})
+    return found.pixels_per_meter if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE else None
 
 
 def _asked(item: Item, physics: Physics, sized: bool) -> Matter:
     rgb, outline = _photo(item) if item.photo is not None else silhouette(item)
-    thing = Thing(1, outline, item.label)
-    known = sides(outline)[0] / (max(item.size) / 1000) if item.size else None
+    thing = PhotoObject(1, outline, item.label)
+    known = box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
     return physics(rgb, [thing], known if sized and known else told_scale([thing]))[1]
 
 
@@ -75,7 +74,7 @@ def _photo(item: Item) -> tuple[Rgb, Outline]:
         found = f"{labels.shape[1]} x {labels.shape[0]} px"
         expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {item.photo.name}"
         raise InputError.of(str(item.mask), found, expected, "make it the photo's size")
-    things, _ = outlined(rgb, from_masks((labels > 0).astype(np.uint16)))
+    things, _ = fit_objects(rgb, from_masks((labels > 0).astype(np.uint16)))
     return rgb, things[0].outline
 
 

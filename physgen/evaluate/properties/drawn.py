@@ -15,7 +15,8 @@ from physgen.evaluate.properties.table import Ranking
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.look import Palette
+    from physgen.report.plots.style import Palette
+
 
 NAMED = 7
 """Of the points farthest off, so many are named, where there is room."""

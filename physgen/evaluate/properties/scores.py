@@ -13,7 +13,7 @@ from math import exp, log
 
 import numpy as np
 
-from physgen.fan.statistics import wilson
+from physgen.simulate.uncertainty_summary import wilson
 
 NEAR = 0.3
 """Error, as a part of the truth, up to which the paper counts a mass as right."""

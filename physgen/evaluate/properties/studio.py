@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from physgen.crew import Crew
 from physgen.evaluate.properties.answers import NUMBERS, Answer
 from physgen.evaluate.properties.asked import answer, told_scale
 from physgen.evaluate.properties.scores import NONE, Masses, Order, masses, order
+from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
-from physgen.perceive.given import from_masks
+from physgen.perceive.perceive import fit_objects
 from physgen.perceive.roles import Physics
-from physgen.perceive.scene import outlined
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_photo
+from physgen.perceive.segment.prompts import from_masks
+from physgen.photos import read_photo
 from physgen.problems import InputError
+from physgen.registry import Backends
 
 Progress = Callable[[str, int, int], None]
 
@@ -49,7 +49,7 @@ class Kind:
         return f"{self.label}, {self.true.mass:g} g"
 
 
-def ask_photos(truth: Path, crew: Crew, progress: Progress) -> list[Kind]:
+def ask_photos(truth: Path, crew: Backends, progress: Progress) -> list[Kind]:
     """Every kind of thing below `truth` whose mass is known. Raises InputError where there are none."""
     files = sorted(truth.glob("*/truth.json"))
     if not files:
@@ -80,7 +80,7 @@ def _photo(file: Path, physics: Physics) -> list[Kind]:
         fix = "make it again: make studio"
         raise InputError.of(str(file), "", f"is no truth of the studio ({error!r})", fix) from None
     rgb = read_photo(folder / "photo.png").rgb
-    cut, _ = outlined(rgb, from_masks(read_labels(folder / "photo.assets" / "masks.png")))
+    cut, _ = fit_objects(rgb, from_masks(read_labels(folder / "photo.assets" / "masks.png")))
     things = [replace(thing, label=true[thing.id][0]) for thing in cut if thing.id in true]
     scaled = physics(rgb, things, per_meter)
     found = physics(rgb, things, told_scale(things))

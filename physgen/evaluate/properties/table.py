@@ -11,11 +11,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from physgen.backends import choose
 from physgen.problems import InputError, Place, Problem
-from physgen.scene.document import decode, read
-from physgen.scene.node import Node, Source, children, items, plain
-from physgen.scene.words import quoted
+from physgen.registry import suggestion
+from physgen.scene.document import Node, Source, children, decode, items, plain, read
+from physgen.text import quoted
 
 SHIPPED = Path(__file__).with_name("objects.yaml")
 COEFFICIENTS = ("friction", "elasticity")
@@ -103,7 +102,7 @@ def read_table(path: Path) -> Objects:
         root = read(text, Source(str(path), path.parent))
         for key, node in children(root).items():
             if key not in ("title", "source", "objects", "rankings"):
-                fix = choose(key, ("title", "source", "objects", "rankings"))
+                fix = suggestion(key, ("title", "source", "objects", "rankings"))
                 problems.append(Problem(node.key_place, key, f'"{key}"', "means nothing here", fix))
         title = str(plain(children(root).get("title", Node(title, Source(title, path.parent)))))
         source = str(plain(children(root).get("source", Node("", Source("", path.parent)))))
@@ -133,7 +132,7 @@ def _csv(text: str, path: Path, problems: list[Problem]) -> Iterator[_Row]:
         return
     for head in heads:
         if head not in ("name", *KEYS):
-            fix = choose(head, ("name", *KEYS))
+            fix = suggestion(head, ("name", *KEYS))
             problems.append(Problem(Place(str(path), 1, 1), "", f'"{head}"', "is no column", fix))
     seen: set[str] = set()
     for cells in reader:
@@ -164,7 +163,7 @@ def _item(row: _Row, folder: Path, problems: list[Problem]) -> Item:
     for key, (_, place) in row.values.items():
         if key not in KEYS:
             where = f"objects.{row.name}.{key}"
-            problems.append(Problem(place, where, f'"{key}"', "means nothing here", choose(key, KEYS)))
+            problems.append(Problem(place, where, f'"{key}"', "means nothing here", suggestion(key, KEYS)))
     form, size = _form(row, problems)
     files = {}
     for key in ("photo", "mask"):
@@ -195,7 +194,7 @@ def _form(row: _Row, problems: list[Problem]) -> tuple[Form, tuple[float, ...]]:
     said, place = row.values.get("form", ("box", row.place))
     where = f"objects.{row.name}"
     if said not in [form.value for form in Form]:
-        fix = choose(str(said), [form.value for form in Form])
+        fix = suggestion(str(said), [form.value for form in Form])
         problems.append(Problem(place, f"{where}.form", quoted(str(said)), "is no form", fix))
         return Form.BOX, ()
     form = Form(said)
@@ -239,7 +238,9 @@ def _rankings(root: Node, names: set[str], problems: list[Problem]) -> Iterator[
     for of, node in children(root, "rankings").items():
         if of not in COEFFICIENTS:
             problems.append(
-                Problem(node.key_place, f"rankings.{of}", f'"{of}"', "is not asked", choose(of, COEFFICIENTS))
+                Problem(
+                    node.key_place, f"rankings.{of}", f'"{of}"', "is not asked", suggestion(of, COEFFICIENTS)
+                )
             )
             continue
         for one in items(node):
@@ -247,7 +248,7 @@ def _rankings(root: Node, names: set[str], problems: list[Problem]) -> Iterator[
             for name, child in children(one, "values").items():
                 number = _positive(plain(child), least=True)
                 if name not in names:
-                    fix = choose(name, sorted(names))
+                    fix = suggestion(name, sorted(names))
                     problems.append(
                         Problem(child.key_place, f"rankings.{of}", f'"{name}"', "is no object", fix)
                     )

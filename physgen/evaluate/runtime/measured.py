@@ -10,16 +10,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from physgen import pipeline
-from physgen.crew import Crew
+from physgen.environment import this_machine
 from physgen.evaluate.runtime.runs import Run, Time
-from physgen.machine import this_machine
 from physgen.problems import InputError
+from physgen.registry import Backends
 from physgen.report.record import versions
 
 Progress = Callable[[str, int, int], None]
 
 
-class TimedCrew(Crew):
+class TimedCrew(Backends):
     """A crew that also tells the processor's time of each role."""
 
     def __init__(self) -> None:

@@ -9,9 +9,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.dataset.found import MANIFEST, checked, clips
-from physgen.machine import Machine
-from physgen.problems import InputError, Place, Problem, Severity, Warn, unheard
+from physgen.batch.clips import MANIFEST, checked_folders, find_clips
+from physgen.environment import Machine
+from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 
 PERCEIVED = "perceived.json"
 MOST = 20
@@ -46,11 +46,11 @@ class Run:
     """Backends, others than the core's own, by `role=name`."""
 
 
-def read_runs(roots: Sequence[Path], warn: Warn = unheard) -> list[Run]:
+def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
     """Every clip below `roots` that tells its times; `warn` hears of others. Raises InputError where none does."""
     found: list[Run] = []
     left: list[Problem] = []
-    for clip in clips(checked(roots)):
+    for clip in find_clips(checked_folders(roots)):
         run = None if clip.told is None else _run(clip.name, clip.folder, clip.told)
         if run is not None:
             found.append(run)

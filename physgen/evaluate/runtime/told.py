@@ -13,7 +13,7 @@ from physgen.evaluate.runtime.runs import Run, Time
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.look import Palette
+    from physgen.report.plots.style import Palette
 
 
 MOST_SIZES = 3

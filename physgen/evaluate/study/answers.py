@@ -1,4 +1,6 @@
-"""Files that raters saved, and the study's key -> scores by rater, method and scene; or all that is wrong with them."""
+"""Files that raters saved, and the study's key -> scores by rater, method and scene; or all that is wrong with
+them.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from physgen.evaluate.study.key import Key
 from physgen.evaluate.study.questions import QUESTIONS
 from physgen.evaluate.study.told import ANSWERS, told
 from physgen.problems import InputError, Place, Problem
-from physgen.scene.words import natural, shown
+from physgen.text import natural, shown
 
 LOWEST, HIGHEST = 1, 5
 

@@ -12,7 +12,8 @@ from physgen.evaluate.study.questions import SCALE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.look import Palette
+    from physgen.report.plots.style import Palette
+
 
 COLOURS = ("#b3491b", "#eba97c", "#dedede", "#8dbfe0", "#1f6fae")
 """From disagreement to agreement, told apart by colour-blind eyes and in grey by their order."""

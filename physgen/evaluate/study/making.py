@@ -1,4 +1,5 @@
-"""A folder of methods and scenes -> a blind study: clips all of one make, in an order that tells nothing, and the key.
+"""A folder of methods and scenes -> a blind study: clips all of one make, in an order that tells nothing, and the
+key.
 
 Every clip is decoded and encoded again, by one encoder with one setting: container, codec, metadata, sound and the
 encoder's own marks in the stream would tell methods apart. What stays is what is seen: size, rate and length.
@@ -17,14 +18,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.clips.reading import open_clip
 from physgen.evaluate.methods import Methods
 from physgen.evaluate.study.key import Key
 from physgen.evaluate.study.questions import QUESTIONS, SCALE
-from physgen.percepts.photo import read_photo
+from physgen.export.video import Format, open_video
+from physgen.photos import read_photo
 from physgen.problems import InputError, Problem
-from physgen.report.encoded import webp
-from physgen.report.video import Format, open_video
+from physgen.report.html import webp
+from physgen.videos import read_video
 
 U8 = NDArray[np.uint8]
 Progress = Callable[[str, int, int], None]
@@ -119,7 +120,7 @@ def make(
 
 def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
     """As an MP4 of ours, and its size. Raises InputError."""
-    clip = open_clip(path)
+    clip = read_video(path)
     if len(clip.frames) < 2:
         raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
     if clip.fps is None:

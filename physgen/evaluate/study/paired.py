@@ -1,4 +1,5 @@
-"""Two methods, rated by the same people in the same scenes -> how far apart they are, and whether that may be chance.
+"""Two methods, rated by the same people in the same scenes -> how far apart they are, and whether that may be
+chance.
 
 The test flips signs: were there no difference, the mean difference of a rater would as soon be the other way round
 (R. Fisher, The Design of Experiments, 1935, section 21). It is done twice, with raters and with scenes as what

@@ -1,4 +1,6 @@
-"""Answers to a study -> what they say: means, intervals, distribution, comparisons of methods, agreement of raters."""
+"""Answers to a study -> what they say: means, intervals, distribution, comparisons of methods, agreement of
+raters.
+"""
 
 from __future__ import annotations
 

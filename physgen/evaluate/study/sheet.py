@@ -9,10 +9,9 @@ from pathlib import Path
 from physgen.evaluate.study.making import Study
 from physgen.evaluate.study.questions import QUESTIONS, SCALE
 from physgen.evaluate.study.told import ANSWERS, VERSION
+from physgen.files import resource, write_with_backup
 from physgen.problems import InputError
-from physgen.report.templates import script_json, template
-from physgen.resources import resource
-from physgen.whole import write_kept
+from physgen.report.html import script_json, template
 
 TITLE = "How real are these videos?"
 PARTS = ("keep", "order", "save", "clip", "page")
@@ -37,8 +36,8 @@ def write_study(
     check_page(page)
     page.parent.mkdir(parents=True, exist_ok=True)
     key = key_beside(page)
-    write_kept(key, study.key.text().encode(), keep)  # first: no page without its key
-    write_kept(page, html(study, title).encode(), keep)
+    write_with_backup(key, study.key.text().encode(), keep)  # first: no page without its key
+    write_with_backup(page, html(study, title).encode(), keep)
     return key
 
 

@@ -1,4 +1,6 @@
-"""One file a backend; rows in `physgen.backends` name them. The only place in perceive for model libraries."""
+"""One file a backend; rows in `physgen.registry` name them. The only place in perceive for model libraries."""
+
+from __future__ import annotations
 
 import os
 

@@ -1,10 +1,4 @@
-"""Photo, labels, depth and normals -> the view, and walls where what stands still is as far away as the things.
-
-The paper (its appendix, "Boundary extraction") takes background objects within the foreground's range of depth, asks
-normals which of them are planes, and fits level and upright edges to their borders. Here the supports come first, as
-the offline backend lays them under what rests on them; depth tells how far they reach and what else is solid in the
-plane in which the things move; normals tell which of its borders are planes'. Slopes are edges too.
-"""
+"""Backend boundary=depth-normals: view and boundaries from depth and normals (paper, appendix)."""
 
 from __future__ import annotations
 
@@ -21,25 +15,24 @@ from physgen.perceive.backends.boundary_support import (
     ELASTICITY,
     FRICTION,
     Groups,
-    footing,
-    frame,
-    standing,
-    supported,
+    feet_groups,
+    lay_floors,
+    photo_frame,
+    view_evidence,
 )
-from physgen.perceive.motion_plane import (
+from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Scenery, Wall
+from physgen.perceive.support.motion_plane import (
     LEAST_FACING,
     above_below,
-    evened,
-    hidden,
-    seen_from_above,
-    seen_from_the_side,
+    hidden_by_objects,
+    normalised_depth,
+    side_section,
+    top_section,
 )
-from physgen.perceive.reach import reaching
-from physgen.perceive.roles import Boundary, Labels, Rgb, Scenery, Setting, Thing, Wall
-from physgen.perceive.sections import Edge, edges
-from physgen.perceive.upheld import depth_within, free_parts, upheld
-from physgen.perceive.viewpoint import seen_from
-from physgen.scene.model import View
+from physgen.perceive.support.section_edges import Edge, extend_floors, section_edges
+from physgen.perceive.support.supports import add_supports, depth_inside, free_parts
+from physgen.perceive.support.viewpoint import guess_view
+from physgen.scene.scene import View
 
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -69,53 +62,59 @@ def depth_normals() -> Boundary:
 def _found(
     rgb: Rgb,
     labels: Labels,
-    things: Sequence[Thing],
+    things: Sequence[PhotoObject],
     view: View | None,
     *,
     depth: F32 | None = None,
     normals: F32 | None = None,
     scenery: Scenery | None = None,
-) -> Setting:
+) -> BoundaryGuess:
     """`depth` (H, W) up to scale and shift; without `normals`, everything counts as a plane that faces the viewer.
 
     Raises InputError where there is no depth.
     """
-    even = evened(depth)
+    even = normalised_depth(depth)
     if normals is None:
         facing = np.zeros((*labels.shape, 3), np.float32)
         facing[..., 2] = 1
     else:
         facing = np.asarray(cv2.blur(normals, (3, 3)), np.float32)
-    away = hidden(labels)
-    groups = standing(labels, things)
+    away = hidden_by_objects(labels)
+    groups = feet_groups(labels, things)
     if view is None:
         found, sure, reason = _view(rgb, labels, things, groups, even, facing, away)
     else:
         found, sure, reason = view, 1.0, "as told"
-    border = frame(labels, found)
+    border = photo_frame(labels, found)
     if not len(things) or not (labels > 0).any():
-        return Setting(found, sure, reason, (border,))
+        return BoundaryGuess(found, sure, reason, (border,))
     if found is View.TOP:
-        section = seen_from_above(even, facing, labels, things, scenery)
-        cushions = _walls(edges(section, facing), things, scenery, [border], found)
-        return Setting(found, sure, reason, (border, *cushions))
-    stood = supported(rgb, labels, things, groups)
-    section = seen_from_the_side(even, labels, things, groups, scenery)
-    floors, others = reaching(stood.walls, edges(section, facing), section, stood.things)
+        section = top_section(even, facing, labels, things, scenery)
+        cushions = _walls(section_edges(section, facing), things, scenery, [border], found)
+        return BoundaryGuess(found, sure, reason, (border, *cushions))
+    stood = lay_floors(rgb, labels, things, groups)
+    section = side_section(even, labels, things, groups, scenery)
+    floors, others = extend_floors(stood.walls, section_edges(section, facing), section, stood.things)
     walls = [border, *floors]
-    more, held = upheld(stood.things, walls, stood.grip, FRICTION, ELASTICITY)
+    more, held = add_supports(stood.things, walls, stood.grip, FRICTION, ELASTICITY)
     walls += more
     walls += _walls(others, stood.things, scenery, walls, found)
-    return Setting(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
+    return BoundaryGuess(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
 
 
 def _view(
-    rgb: Rgb, labels: Labels, things: Sequence[Thing], groups: Groups, depth: F32, normals: F32, away: Mask
+    rgb: Rgb,
+    labels: Labels,
+    things: Sequence[PhotoObject],
+    groups: Groups,
+    depth: F32,
+    normals: F32,
+    away: Mask,
 ) -> tuple[View, float, str]:
     """What the photo and the normals tell, and the depth above and below things."""
-    alone, upright = footing(things, groups)
+    alone, upright = view_evidence(things, groups)
     small = cv2.resize(normals, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-    view, sure, reason = seen_from(rgb, labels, np.asarray(small, np.float32), alone, upright)
+    view, sure, reason = guess_view(rgb, labels, np.asarray(small, np.float32), alone, upright)
     odds = (1 if view is View.SIDE else -1) * log(sure / (1 - sure))
     said = {reason: odds}
     deeper = above_below(depth, labels, things, away)
@@ -139,7 +138,11 @@ def _view(
 
 
 def _walls(
-    found: Sequence[Edge], things: Sequence[Thing], scenery: Scenery | None, taken: Sequence[Wall], view: View
+    found: Sequence[Edge],
+    things: Sequence[PhotoObject],
+    scenery: Scenery | None,
+    taken: Sequence[Wall],
+    view: View,
 ) -> list[Wall]:
     """Edges as walls, without the parts that run into things."""
     outlines = [t.outline for t in things]
@@ -149,7 +152,7 @@ def _walls(
     for edge in found:
         count = max(2, int(edge.length))
         along = edge.start + np.linspace(0, 1, count)[:, None] * (edge.end - edge.start)
-        within = max((float(depth_within(o, along).max()) for o in outlines), default=0.0)
+        within = max((float(depth_inside(o, along).max()) for o in outlines), default=0.0)
         if view is View.SIDE and edge.out[1] < -0.7 and within > THROUGH:
             continue  # things stand lower than this: it is behind them
         if view is View.SIDE and _rim(edge):

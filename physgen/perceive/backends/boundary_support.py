@@ -1,8 +1,4 @@
-"""Photo, labels and outlines -> side or top view, the frame, and floors under what nothing else holds.
-
-From the side, things stand on each other or on common lines, and what is above them mostly differs from what is below.
-From above, the same surface is on all sides of things, and no line explains where they lie.
-"""
+"""Backend boundary=support: view, frame and floors from what the objects rest on."""
 
 from __future__ import annotations
 
@@ -13,16 +9,28 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.outline.outline import Outline, bounds
-from physgen.perceive.boxes import boxed
-from physgen.perceive.equilibrium import contacts
-from physgen.perceive.learned.network import see
-from physgen.perceive.planted import flat, levelled, parted, planted
-from physgen.perceive.rest import STEEP, Foot, Line, carried, clusters, floor, foot, free_ends
-from physgen.perceive.roles import Boundary, Labels, Rgb, Setting, Thing, Wall
-from physgen.perceive.upheld import free_parts, upheld
-from physgen.perceive.viewpoint import seen_from
-from physgen.scene.model import View
+from physgen.geometry.polygon import Outline, bounds
+from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Wall
+from physgen.perceive.segment.network import run_network
+from physgen.perceive.support.equilibrium import contacts
+from physgen.perceive.support.ground_contact import (
+    STEEP,
+    Foot,
+    Line,
+    find_foot,
+    fit_rectangles,
+    floor_points,
+    free_ends,
+    group_feet,
+    is_carried,
+    level_feet,
+    levelled_line,
+    split_group,
+    stands_flat,
+)
+from physgen.perceive.support.supports import add_supports, free_parts
+from physgen.perceive.support.viewpoint import guess_view
+from physgen.scene.scene import View
 
 F32 = NDArray[np.float32]
 Groups = Sequence[tuple[Line, list[Foot]]]
@@ -46,44 +54,44 @@ def support() -> Boundary:
     return _support
 
 
-def _support(rgb: Rgb, labels: Labels, things: Sequence[Thing], view: View | None) -> Setting:
-    groups = standing(labels, things)
+def _support(rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], view: View | None) -> BoundaryGuess:
+    groups = feet_groups(labels, things)
     if view is None:
-        alone, upright = footing(things, groups)
-        found, sure, reason = seen_from(rgb, labels, see(rgb).normals, alone, upright)
+        alone, upright = view_evidence(things, groups)
+        found, sure, reason = guess_view(rgb, labels, run_network(rgb).normals, alone, upright)
     else:
         found, sure, reason = view, 1.0, "as told"
     if found is View.TOP:
-        return Setting(found, sure, reason, (frame(labels, found),))
-    stood = supported(rgb, labels, things, groups)
-    walls = [frame(labels, found), *stood.walls]
-    more, held = upheld(stood.things, walls, stood.grip, FRICTION, ELASTICITY)
-    return Setting(found, sure, reason, (*walls, *more), stood.outlines, held, stood.grip)
+        return BoundaryGuess(found, sure, reason, (photo_frame(labels, found),))
+    stood = lay_floors(rgb, labels, things, groups)
+    walls = [photo_frame(labels, found), *stood.walls]
+    more, held = add_supports(stood.things, walls, stood.grip, FRICTION, ELASTICITY)
+    return BoundaryGuess(found, sure, reason, (*walls, *more), stood.outlines, held, stood.grip)
 
 
-def standing(labels: Labels, things: Sequence[Thing]) -> Groups:
+def feet_groups(labels: Labels, things: Sequence[PhotoObject]) -> Groups:
     """Feet on common lines, of all things that no other things carry."""
-    feet = [foot(t) for t in things if not t.cut and not carried(t, labels, things)]
-    return clusters(feet, near(labels))
+    feet = [find_foot(t) for t in things if not t.cut and not is_carried(t, labels, things)]
+    return group_feet(feet, line_tolerance(labels))
 
 
-def near(labels: Labels) -> float:
+def line_tolerance(labels: Labels) -> float:
     """px by which feet on one line may be off it."""
     return max(2.5, 0.012 * float(labels.shape[0]))
 
 
-def footing(things: Sequence[Thing], groups: Groups) -> tuple[int, int]:
+def view_evidence(things: Sequence[PhotoObject], groups: Groups) -> tuple[int, int]:
     """How many things share their line with nothing, and how many stand upright: what tells the view."""
     count = sum(len(group) for _, group in groups)
     alone = sum(len(group) for _, group in groups if len(group) == 1 and count > 1)
-    return alone, sum(flat(foot(t)) for t in things if not t.cut)
+    return alone, sum(stands_flat(find_foot(t)) for t in things if not t.cut)
 
 
 @dataclass(frozen=True)
-class Stood:
+class SupportedObjects:
     """Things as they stand on what is laid under them, seen from the side."""
 
-    things: Sequence[Thing]
+    things: Sequence[PhotoObject]
     outlines: Mapping[int, Outline]
     """Of those that stand better than their masks tell."""
     walls: Sequence[Wall]
@@ -91,25 +99,27 @@ class Stood:
     """Least friction, by id."""
 
 
-def supported(rgb: Rgb, labels: Labels, things: Sequence[Thing], groups: Groups) -> Stood:
+def lay_floors(rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], groups: Groups) -> SupportedObjects:
     """Things with level feet, and floors that touch them."""
     outlines: dict[int, Outline] = {}
-    groups = [part for line, group in groups for part in parted(line, group)]
+    groups = [part for line, group in groups for part in split_group(line, group)]
     for line, group in groups:
-        outlines |= planted(line, group)
+        outlines |= level_feet(line, group)
     things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
     # a box stands level
-    askew = {t.id for t in things if t.id in outlines and abs(foot(t).slope) > LEVEL}
-    outlines |= {i: box for i, box in boxed(things).items() if i not in askew}
+    askew = {t.id for t in things if t.id in outlines and abs(find_foot(t).slope) > LEVEL}
+    outlines |= {i: box for i, box in fit_rectangles(things).items() if i not in askew}
     things = [replace(t, outline=outlines.get(t.id, t.outline)) for t in things]
     now = {t.id: t for t in things}
-    stand = [(line, [foot(now[f.thing.id]) for f in group]) for line, group in groups]
-    groups = [(levelled(line, group), group) for line, group in stand]
-    walls = _floors(_lab(rgb), labels, things, groups, 2 * near(labels))
-    return Stood(things, outlines, walls, _grip(things, groups))
+    stand = [(line, [find_foot(now[f.thing.id]) for f in group]) for line, group in groups]
+    groups = [(levelled_line(line, group), group) for line, group in stand]
+    walls = _floors(_lab(rgb), labels, things, groups, 2 * line_tolerance(labels))
+    return SupportedObjects(things, outlines, walls, _grip(things, groups))
 
 
-def _floors(lab: F32, labels: Labels, things: Sequence[Thing], groups: Groups, close: float) -> list[Wall]:
+def _floors(
+    lab: F32, labels: Labels, things: Sequence[PhotoObject], groups: Groups, close: float
+) -> list[Wall]:
     """Under every group of feet a wall, in pieces where it would enter something.
 
     The floor is under the lowest group, or a larger one that is lower than `close` px above it.
@@ -128,7 +138,7 @@ def _floors(lab: F32, labels: Labels, things: Sequence[Thing], groups: Groups, c
         wish = _seen(lab, labels, line, group, across)
         if first and len(group) > 1:  # it goes on unless its end is seen
             wish = _ending(lab, labels, line, wish, across)
-        points = floor(line, group, free_ends(line, group, others, wish))
+        points = floor_points(line, group, free_ends(line, group, others, wish))
         here = [t.outline for t in things if all(t is not f.thing for f in group)]
         for part in free_parts(points, here):
             on = [f for f in group if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]]
@@ -149,7 +159,7 @@ def _lowest(group: Sequence[Foot]) -> float:
     return max(float(f.lowest[1]) for f in group)
 
 
-def _grip(things: Sequence[Thing], groups: Groups) -> dict[int, float]:
+def _grip(things: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
     """The least friction of what lies on a slope, and of all that leans or lies on it there."""
     outlines = [t.outline for t in things]
     pairs = {(c.thing, c.other) for c in contacts(outlines, [])}
@@ -168,7 +178,7 @@ def _grip(things: Sequence[Thing], groups: Groups) -> dict[int, float]:
     return grip
 
 
-def frame(labels: Labels, view: View) -> Wall:
+def photo_frame(labels: Labels, view: View) -> Wall:
     """The photo's border, a cushion where it is seen from above."""
     friction, elasticity = (0.2, CUSHION) if view is View.TOP else (FRICTION, ELASTICITY)
     right, bottom = labels.shape[1] - 0.5, labels.shape[0] - 0.5

@@ -12,11 +12,18 @@ import torch
 from numpy.typing import NDArray
 from transformers import DepthAnythingForDepthEstimation, DPTImageProcessorPil
 
-from physgen.backends import Setup, find
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted
-from physgen.perceive.backends.options import Whole, read
+from physgen.perceive.backends.models import (
+    WholeNumber,
+    device_of,
+    dtype_of,
+    free_memory,
+    load_weights,
+    read_options,
+    run_note,
+)
 from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
+from physgen.registry import Setup, find
 
 FARTHEST = 50.0
 """How many times as far as the nearest thing those are that have no parallax at all: the sky."""
@@ -33,22 +40,22 @@ class Depth:
     """
 
     def __init__(self, setup: Setup) -> None:
-        options = read(setup, "depth-anything", {"resolution": Whole(518, PATCH)})
+        options = read_options(setup, "depth-anything", {"resolution": WholeNumber(518, PATCH)})
         self._weights = setup.weights or find("depth", "depth-anything").weights[0].id
         self._device = device_of(setup)
         # a small model: nothing is won by half the digits, and depth would have steps
         self._dtype = torch.float32 if setup.dtype == "auto" else dtype_of(setup, self._device)
         self._resolution = options["resolution"]
-        loaded(lambda _: None, self._weights, "Depth Anything")  # is it here, or to be had
+        load_weights(lambda _: None, self._weights, "Depth Anything")  # is it here, or to be had
         self._unit = ""
 
     @cached_property
     def _processor(self) -> Any:
-        return loaded(DPTImageProcessorPil.from_pretrained, self._weights, "Depth Anything")
+        return load_weights(DPTImageProcessorPil.from_pretrained, self._weights, "Depth Anything")
 
     @cached_property
     def _model(self) -> Any:
-        model = loaded(self._load, self._weights, "Depth Anything")
+        model = load_weights(self._load, self._weights, "Depth Anything")
         self._unit = "m" if model.config.depth_estimation_type == "metric" else "relative"
         return model
 
@@ -77,12 +84,12 @@ class Depth:
         """The model goes."""
         for part in ("_model", "_processor"):
             self.__dict__.pop(part, None)
-        freed()
+        free_memory()
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
         told = {"resolution": self._resolution, "unit": self._unit}
-        return noted(self._device, self._dtype, self._weights, told)
+        return run_note(self._device, self._dtype, self._weights, told)
 
 
 def depth(setup: Setup) -> Depth:

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.backends import Setup
+from physgen.maps import read_labels
 from physgen.perceive import roles
-from physgen.perceive.roles import Intrinsics, Labels, Rgb, Segments, Setting, Thing
-from physgen.percepts.maps import read_labels
-from physgen.percepts.photo import read_photo
+from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb, Segments
 from physgen.photometry import decode
+from physgen.photos import read_photo
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 Map = NDArray[Any]
 ASKEW = 0.02
@@ -55,7 +55,9 @@ def normals(setup: Setup) -> roles.Normals:
         half = np.iinfo(raw.dtype).max // 2  # 127 or 32767, and one more stands for 0
         values = np.asarray((values - (half + 1)) / half, np.float32)
 
-    def run(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting) -> NDArray[np.float32]:
+    def run(
+        rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], setting: BoundaryGuess
+    ) -> NDArray[np.float32]:
         return facing(_fit(values, rgb, path))
 
     return run

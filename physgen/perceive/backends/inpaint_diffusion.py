@@ -16,22 +16,32 @@ from diffusers import AutoPipelineForInpainting
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.backends import Setup, find
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted
-from physgen.perceive.backends.options import Option, Real, Text, Whole, read
-from physgen.perceive.backends.pipelines import opened
-from physgen.perceive.painted import back, frame, painted, shown
+from physgen.perceive.backends.models import (
+    Option,
+    RealNumber,
+    Text,
+    WholeNumber,
+    device_of,
+    dtype_of,
+    free_memory,
+    load_pipeline,
+    load_weights,
+    read_options,
+    run_note,
+)
+from physgen.perceive.inpaint.painting import back, frame, inpaint_windows, shown
 from physgen.perceive.roles import Inpaint, Rgb
 from physgen.problems import InputError
+from physgen.registry import Setup, find
 
 Mask = NDArray[np.bool_]
 OPTIONS: dict[str, Option] = {
     "prompt": Text(""),
     "negative": Text(""),
-    "seed": Whole(0),
-    "steps": Whole(None, 1),
-    "guidance": Real(None),
-    "resolution": Whole(None, 64),
+    "seed": WholeNumber(0),
+    "steps": WholeNumber(None, 1),
+    "guidance": RealNumber(None),
+    "resolution": WholeNumber(None, 64),
 }
 """`[diffusion]` of physgen.toml; `resolution`: px squared that the model paints best, the weights' own if left out."""
 TRIES = 3
@@ -42,30 +52,32 @@ class Diffusion:
     """The backend `diffusion`; the model is loaded when first needed."""
 
     def __init__(self, setup: Setup) -> None:
-        self._options = read(setup, "diffusion", OPTIONS)
+        self._options = read_options(setup, "diffusion", OPTIONS)
         self._weights = setup.weights or find("inpaint", "diffusion").weights[0].id
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        loaded(lambda _: None, self._weights, "a diffusion model that inpaints")  # is it here, or to be had
+        load_weights(
+            lambda _: None, self._weights, "a diffusion model that inpaints"
+        )  # is it here, or to be had
         self._withheld = 0
 
     @cached_property
     def _pipe(self) -> Any:
-        pipe = loaded(self._load, self._weights, "a diffusion model that inpaints")
+        pipe = load_weights(self._load, self._weights, "a diffusion model that inpaints")
         self._options["resolution"] = self._options["resolution"] or _native(pipe)
         if self._options["guidance"] is None and _says_nothing(pipe, self._options):
             self._options["guidance"] = 1.0  # guided by nothing: the same picture for half the work
         return pipe
 
     def _load(self, weights: str) -> Any:
-        return opened(AutoPipelineForInpainting, weights, self._device, self._dtype)
+        return load_pipeline(AutoPipelineForInpainting, weights, self._device, self._dtype)
 
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
         """(H, W, 3) uint8; `rgb` outside the hole."""
         if not hole.any():
             return rgb.copy()
         pipe, self._withheld = self._pipe, 0
-        return painted(
+        return inpaint_windows(
             rgb, hole, lambda part, wanted: self._paint(pipe, part, wanted), self._options["resolution"]
         )
 
@@ -117,12 +129,12 @@ class Diffusion:
     def close(self) -> None:
         """The model goes."""
         self.__dict__.pop("_pipe", None)
-        freed()
+        free_memory()
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
         withheld = {"withheld": self._withheld} if self._withheld else {}
-        return noted(self._device, self._dtype, self._weights, self._options | withheld)
+        return run_note(self._device, self._dtype, self._weights, self._options | withheld)
 
 
 def diffusion(setup: Setup) -> Inpaint:

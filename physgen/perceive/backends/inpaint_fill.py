@@ -1,10 +1,4 @@
-"""Photo and hole -> the photo with the hole filled: pieces of the surroundings, in the light of where they come to.
-
-Borrowed pieces carry lines and grain on (`borrow`). What they differ by from the photo around the hole is spread over
-it, so that no seam shows. Where all around is smooth, a film is right and pieces bring the grain only. Pixels right
-beside an object are mixed with its blurred edge and its contact shadow: nothing is learnt from them, they stay, and the
-fill meets them within a few pixels.
-"""
+"""Backend inpaint=fill: exemplar-based fill with matched colour and grain."""
 
 from __future__ import annotations
 
@@ -12,8 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.borrow import borrow
-from physgen.perceive.membrane import F32, Mask, closed, grown, meet, membrane, pieces
+from physgen.perceive.inpaint.patch_match import patch_match_fill
+from physgen.perceive.inpaint.poisson import (
+    F32,
+    Mask,
+    blend_at_border,
+    close_gaps,
+    dilate,
+    harmonic_fill,
+    hole_pieces,
+)
 from physgen.perceive.roles import Inpaint, Rgb
 
 MIXED = 2
@@ -39,25 +41,27 @@ def _fill(rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
-    whole = closed(hole)
-    near, far = grown(whole, MIXED), grown(whole, MIXED + BAND)
+    whole = close_gaps(hole)
+    near, far = dilate(whole, MIXED), dilate(whole, MIXED + BAND)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    borrowed = _films(photo, borrow(photo, far), far)
+    borrowed = _films(photo, patch_match_fill(photo, far), far)
     gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMIT, LIMIT))
-    return meet(np.where(near[:, :, None], borrowed + membrane(gap, near, 0.4), photo), rgb, hole)
+    return blend_at_border(
+        np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo), rgb, hole
+    )
 
 
 def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:
     """`borrowed` (H, W, 3), but a film with its grain in those pieces of the hole that have smooth surroundings."""
     smooth, most = np.zeros_like(hole), np.zeros(hole.shape, np.float32)
-    for part, piece in pieces(hole):
+    for part, piece in hole_pieces(hole):
         wide = tuple(slice(max(0, s.start - AROUND), s.stop + AROUND) for s in part)
         inner = np.zeros_like(hole[wide])
         inner[tuple(slice(s.start - w.start, s.stop - w.start) for s, w in zip(part, wide, strict=True))][
             piece
         ] = True
-        rough = _roughness(photo[wide], grown(inner, AROUND) & ~grown(hole[wide], 1))
+        rough = _roughness(photo[wide], dilate(inner, AROUND) & ~dilate(hole[wide], 1))
         if rough < SMOOTH:
             smooth[wide] |= inner
             most[wide][inner] = 2 * rough
@@ -65,7 +69,7 @@ def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:
         return borrowed
     grain = borrowed - cv2.GaussianBlur(borrowed, (0, 0), GRAIN)
     grain = np.clip(grain, -most[:, :, None], most[:, :, None])
-    film = membrane(np.where(hole[:, :, None], borrowed, photo), smooth, 0.1)
+    film = harmonic_fill(np.where(hole[:, :, None], borrowed, photo), smooth, 0.1)
     return np.where(smooth[:, :, None], film + grain, borrowed)
 
 

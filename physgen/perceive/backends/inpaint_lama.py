@@ -14,13 +14,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from physgen.backends import Setup
-from physgen.perceive.backends.models import device_of, freed, loaded, noted
-from physgen.perceive.backends.options import Whole, read
-from physgen.perceive.backends.torchscript import scripted
-from physgen.perceive.painted import back, frame, painted, shown
+from physgen.perceive.backends.models import (
+    WholeNumber,
+    check_torchscript,
+    device_of,
+    free_memory,
+    load_weights,
+    read_options,
+    run_note,
+)
+from physgen.perceive.inpaint.painting import back, frame, inpaint_windows, shown
 from physgen.perceive.roles import Inpaint, Rgb
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 Mask = NDArray[np.bool_]
 MULTIPLE = 8
@@ -37,16 +43,18 @@ class Lama:
     """
 
     def __init__(self, setup: Setup) -> None:
-        self._resolution = read(setup, "lama", {"resolution": Whole(1024, SMALLEST)})["resolution"]
+        self._resolution = read_options(setup, "lama", {"resolution": WholeNumber(1024, SMALLEST)})[
+            "resolution"
+        ]
         if not setup.weights:
             raise InputError.of("--backend", '"inpaint=lama"', "names no file of weights", GET)
         self._weights = setup.weights
         self._device = device_of(setup)
-        loaded(lambda path: scripted(Path(path), "--backend", GET), self._weights, "LaMa")
+        load_weights(lambda path: check_torchscript(Path(path), "--backend", GET), self._weights, "LaMa")
 
     @cached_property
     def _model(self) -> Any:
-        return loaded(self._load, self._weights, "LaMa")
+        return load_weights(self._load, self._weights, "LaMa")
 
     def _load(self, weights: str) -> Any:
         # always float32: Fourier transforms in half precision know powers of two only
@@ -54,7 +62,7 @@ class Lama:
 
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
         """(H, W, 3) uint8; `rgb` outside the hole."""
-        return painted(rgb, hole, self._paint, self._resolution)
+        return inpaint_windows(rgb, hole, self._paint, self._resolution)
 
     def _paint(self, rgb: Rgb, wanted: Mask) -> Rgb:
         size = rgb.shape[:2]
@@ -79,11 +87,11 @@ class Lama:
     def close(self) -> None:
         """The model goes."""
         self.__dict__.pop("_model", None)
-        freed()
+        free_memory()
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        return noted(self._device, torch.float32, self._weights, {"resolution": self._resolution})
+        return run_note(self._device, torch.float32, self._weights, {"resolution": self._resolution})
 
 
 def lama(setup: Setup) -> Inpaint:

@@ -1,13 +1,4 @@
-"""Photo and normals -> albedo and shading: gradients sorted by colour, and put together again by Poisson's equation.
-
-Where colour changes, paint does (Land & McCann 1971; Funt, Drew & Brockington 1992 for colour): such gradients are
-albedo's, the rest is mostly shading's. What lies far apart but has one colour has mostly one albedo (Garces et al.
-2012), so that differences of light within a colour are shading's, and those between colours mostly are not. The
-normals and the light that explains them (`lambert`) tell the shading of things; a screened Poisson equation, solved by
-cosine transforms, holds all of it together. What no gradient tells, how much light whole surfaces get beside each
-other, follows from how they stand: tables, what lies behind them, things. After Barron & Malik 2015 in what is taken to
-be likely, not in how.
-"""
+"""Backend intrinsic=retinex: albedo and shading from colour changes and normals."""
 
 from __future__ import annotations
 
@@ -17,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.lambert import compared, searched
+from physgen.perceive.maps.lambert import fit_light, pixel_pairs
 from physgen.perceive.roles import Intrinsic, Intrinsics, Labels, Rgb
 from physgen.photometry import DistantLight, decode, luminance
 
@@ -101,7 +92,7 @@ def _level(linear: F32) -> F32:
 def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -> F32:
     """(h, w) on the grid: the logarithm of the shading that normals tell, as far as it is believed."""
     ids = [int(i) for i in np.flatnonzero(np.bincount(labels.ravel())) if i]
-    found = searched(compared(linear, labels, dict.fromkeys(ids, False), normals)) if ids else None
+    found = fit_light(pixel_pairs(linear, labels, dict.fromkeys(ids, False), normals)) if ids else None
     light = LIKELY if found is None or found.explained < 0.05 else found.light
     ambient = max(light.ambient, EVEN)
     lit = DistantLight(light.direction, 1 - ambient, ambient)

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from physgen.outline.outline import Disc, Outline, Region, mass_properties
-from physgen.perceive.extent import sides
-from physgen.perceive.roles import Label, Labels, Name, Rgb, Thing
+from physgen.geometry.polygon import Disc, Outline, Region, mass_properties
+from physgen.perceive.roles import Label, Labels, Name, PhotoObject, Rgb
+from physgen.perceive.scale import box_sides
 
 BOXY = 0.88
 """Share of its smallest box that a block covers."""
@@ -27,14 +27,14 @@ def shape() -> Label:
     return _shape
 
 
-def _shape(rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> Mapping[int, Name]:
+def _shape(rgb: Rgb, labels: Labels, things: Sequence[PhotoObject]) -> Mapping[int, Name]:
     return {thing.id: _name(thing.outline, thing.cut) for thing in things}
 
 
 def _name(outline: Outline, cut: bool) -> Name:
     if isinstance(outline, Disc):
         return Name("ball", 0.5)
-    long, short = sides(outline)
+    long, short = box_sides(outline)
     if len(outline.rings) == 1:
         if mass_properties(outline).area / (long * short) > BOXY:
             return Name("stick", 0.3) if long > LONG * short and not cut else Name("block", 0.4)

@@ -1,4 +1,4 @@
-"""Photo and normals -> one distant light and ambient, from the shading of all things and from highlights."""
+"""Backend light=shading: one distant light and ambient light from the shading of objects."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.lambert import lit
-from physgen.perceive.roles import Intrinsics, Labels, Light, LightGuess, Rgb, Thing
+from physgen.perceive.maps.lambert import estimate_light
+from physgen.perceive.roles import Intrinsics, Labels, Light, LightGuess, PhotoObject, Rgb
 from physgen.photometry import DistantLight
 
 FROM_ABOVE = DistantLight((0.0, -0.6, 0.8), 0.8, 0.4)
@@ -29,11 +29,11 @@ def shading() -> Light:
 def _shading(
     rgb: Rgb,
     labels: Labels,
-    things: Sequence[Thing],
+    things: Sequence[PhotoObject],
     normals: NDArray[np.float32],
     intrinsics: Intrinsics,
 ) -> LightGuess:
-    found = lit(rgb, labels, things, normals) if things else None
+    found = estimate_light(rgb, labels, things, normals) if things else None
     if found is None or (found.explained < LEAST and found.spots < 2):
         return LightGuess(
             FROM_ABOVE, 0.1, "no thing's shading shows the light; taken to come from above and the front"

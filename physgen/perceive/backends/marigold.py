@@ -1,4 +1,5 @@
-"""A photo -> depth, normals, or albedo and shading, by Marigold's diffusion pipelines (Ke et al., CVPR 2024 and 2025).
+"""A photo -> depth, normals, or albedo and shading, by Marigold's diffusion pipelines (Ke et al., CVPR 2024 and
+2025).
 
 The same photo, weights and options give the same bytes on one machine: the noise is drawn on the CPU from `seed`.
 """
@@ -16,17 +17,29 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from physgen.backends import Setup, find
 from physgen.perceive.backends.from_file import facing, parted
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted
-from physgen.perceive.backends.options import Whole, read
-from physgen.perceive.backends.pipelines import opened
-from physgen.perceive.roles import Intrinsics, Labels, Rgb, Setting, Thing
+from physgen.perceive.backends.models import (
+    WholeNumber,
+    device_of,
+    dtype_of,
+    free_memory,
+    load_pipeline,
+    load_weights,
+    read_options,
+    run_note,
+)
+from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode, luminance
 from physgen.problems import InputError
+from physgen.registry import Setup, find
 
 F32 = NDArray[np.float32]
-OPTIONS = {"steps": Whole(None, 1), "ensemble": Whole(1, 1), "seed": Whole(0), "resolution": Whole(None)}
+OPTIONS = {
+    "steps": WholeNumber(None, 1),
+    "ensemble": WholeNumber(1, 1),
+    "seed": WholeNumber(0),
+    "resolution": WholeNumber(None),
+}
 """`[marigold]` of physgen.toml, for all three roles; `resolution`: the longer side, px, 0 = the photo's own."""
 SLIMMEST = 8
 """px: the shorter side of what the pipeline sees, at least."""
@@ -44,13 +57,13 @@ class _Marigold:
 
     def __init__(self, setup: Setup, role: str) -> None:
         self._role = role
-        self._options = read(setup, "marigold", OPTIONS)
+        self._options = read_options(setup, "marigold", OPTIONS)
         self._weights = setup.weights or find(role, "marigold").weights[0].id
         self._device = device_of(setup)
         half = setup.dtype == "auto" and self._device.startswith("cuda")
         # bfloat16 has 8 bits of mantissa: maps of it would have steps
         self._dtype = torch.float16 if half else dtype_of(setup, self._device)
-        loaded(lambda _: None, self._weights, f"Marigold's {role}")  # is it here, or to be had
+        load_weights(lambda _: None, self._weights, f"Marigold's {role}")  # is it here, or to be had
         if role == "depth" and self._options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
             found = str(self._options["ensemble"])
             raise InputError.of(
@@ -59,7 +72,7 @@ class _Marigold:
 
     @cached_property
     def _pipe(self) -> Any:
-        pipe = loaded(self._load, self._weights, f"Marigold's {self._role}")
+        pipe = load_weights(self._load, self._weights, f"Marigold's {self._role}")
         if self._options["steps"] is None:
             self._options["steps"] = pipe.default_denoising_steps
         if self._options["resolution"] is None:
@@ -67,7 +80,7 @@ class _Marigold:
         return pipe
 
     def _load(self, weights: str) -> Any:
-        pipe = opened(diffusers.DiffusionPipeline, weights, self._device, self._dtype)
+        pipe = load_pipeline(diffusers.DiffusionPipeline, weights, self._device, self._dtype)
         if not isinstance(pipe, getattr(diffusers, PIPELINES[self._role])):
             is_a = {name: role for role, name in PIPELINES.items()}.get(type(pipe).__name__)
             fix = f"write {is_a}=marigold:{self._weights}" if is_a else f"name a {PIPELINES[self._role]}"
@@ -100,11 +113,11 @@ class _Marigold:
     def close(self) -> None:
         """The model goes."""
         self.__dict__.pop("_pipe", None)
-        freed()
+        free_memory()
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        return noted(self._device, self._dtype, self._weights, self._options)
+        return run_note(self._device, self._dtype, self._weights, self._options)
 
 
 class Depth(_Marigold):
@@ -118,7 +131,9 @@ class Depth(_Marigold):
 class Normals(_Marigold):
     """The backend `normals=marigold`."""
 
-    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting) -> F32:
+    def __call__(
+        self, rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], setting: BoundaryGuess
+    ) -> F32:
         """(H, W, 3) float32 unit. The pipeline's are +x right, +y UP, +z to the viewer."""
         theirs = self.predicted(rgb)[0][0]
         return facing(_sized(theirs * np.array([1, -1, 1], np.float32), rgb))

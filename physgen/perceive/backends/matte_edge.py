@@ -1,9 +1,4 @@
-"""Photo and label map -> coverage: a soft border that follows the photo's own edge near the mask's.
-
-Without contrast, coverage falls from 1 to 0 over two pixels, one half on the mask's border. With contrast, a pixel's
-colour between the object's and the background's says how much of it is covered (Porter and Duff's compositing equation
-solved for alpha), which may move the border by as much as the mask is likely to be off.
-"""
+"""Backend matte=edge: coverage with a soft border that follows the photo's edges."""
 
 from __future__ import annotations
 

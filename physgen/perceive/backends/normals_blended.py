@@ -1,8 +1,4 @@
-"""Outlines, shading and the network's normals -> normals: balls, turned things, cushions, flat faces; tables and walls.
-
-The network (`learned/network.py`) sees how much a thing bulges but not how steep its rim is, an outline says the
-second and not the first: so the outline gives the form, the network and the photo's shading how much of it there is.
-"""
+"""Backend normals=blended: normals from outlines, shading and the network."""
 
 from __future__ import annotations
 
@@ -12,12 +8,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.outline.outline import Disc
-from physgen.perceive.forms import ball, cushion, hidden_ball, opened, turned
-from physgen.perceive.learned.network import see
-from physgen.perceive.roles import Labels, Normals, Rgb, Setting, Thing
+from physgen.geometry.polygon import Disc
+from physgen.perceive.maps.shape_normals import (
+    ball_tilts,
+    cushion_tilts,
+    hidden_ball,
+    solid_of_revolution,
+    without_thin_parts,
+)
+from physgen.perceive.roles import BoundaryGuess, Labels, Normals, PhotoObject, Rgb
+from physgen.perceive.segment.network import run_network
 from physgen.photometry import decode, luminance
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -70,10 +72,10 @@ def blended() -> Normals:
     return _blended
 
 
-def _blended(rgb: Rgb, labels: Labels, things: Sequence[Thing], setting: Setting) -> F32:
+def _blended(rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], setting: BoundaryGuess) -> F32:
     height, width = labels.shape
     seen = np.asarray(
-        cv2.resize(see(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR), np.float32
+        cv2.resize(run_network(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR), np.float32
     )
     level = np.log(luminance(decode(rgb)) + np.float32(2e-3))
     tilts = np.zeros((height, width, 2), np.float32)
@@ -111,7 +113,7 @@ def _shared(found: Sequence[tuple[Mask, float | None]]) -> list[float | None]:
 
 
 def _form(
-    thing: Thing, own: Mask, corner: tuple[float, float], seen: F32, level: F32
+    thing: PhotoObject, own: Mask, corner: tuple[float, float], seen: F32, level: F32
 ) -> tuple[F32, float | None]:
     """Tilts (h, w, 2) of one thing on its box, and how much it has of them and not of a flat face; None: it is sure.
 
@@ -121,23 +123,23 @@ def _form(
     inner = _inner(own)
     if isinstance(thing.outline, Disc):
         center = float(thing.outline.center[0]) - corner[0], float(thing.outline.center[1]) - corner[1]
-        field = ball(own.shape, center, float(thing.outline.radius))
+        field = ball_tilts(own.shape, center, float(thing.outline.radius))
         for word in words & set(DOMED):
             return field * np.float32(DOMED[word]), None
         flat = _slope(seen, field, inner) < FLAT_BALL[0] and _explained(level, field, inner) < FLAT_BALL[1]
         return (_edge(own) if flat else field), None
     smaller = min(own.shape)
-    body = opened(own, round(HANDLE * smaller)) if smaller > 12 else own
+    body = without_thin_parts(own, round(HANDLE * smaller)) if smaller > 12 else own
     body = own if body.sum() > WHOLE * own.sum() else body
     if thing.label.lower().startswith("ball") or not words & ROUND or words & {"apple", "egg", "lemon"}:
-        core = opened(own, 2)
+        core = without_thin_parts(own, 2)
         found = hidden_ball(core)
         if found is not None:
-            return np.where(core[..., None], ball(own.shape, *found), cushion(own)), None
+            return np.where(core[..., None], ball_tilts(own.shape, *found), cushion_tilts(own)), None
     square = _rectangular(own)
     hull = _solid(body)
     if hull > 0.94 and not square:  # as round as an egg or a pebble
-        field = cushion(own)
+        field = cushion_tilts(own)
         return field, None if words & ROUND else _bulge(seen, level, field, inner)
     field, axis = _lathed(own, body)
     return field, None if words & ROUND else _bulge(seen, level, field, inner, axis)
@@ -152,11 +154,11 @@ def _lathed(own: Mask, body: Mask) -> tuple[F32, int]:
     """A thing as turned on a lathe, its handles as cushions; and 0 for an upright axis, 1 for a lying one."""
     wide = own.shape[1] > 2 * own.shape[0]
     lying = wide and _alike(body, body[::-1]) >= _alike(body, body[:, ::-1])  # a pencil lies, a saucer stands
-    form = turned(body.T if lying else body).field()
+    form = solid_of_revolution(body.T if lying else body).field()
     field = form.transpose(1, 0, 2)[..., ::-1] if lying else form
     beside = own & ~body
     if beside.any():
-        field = np.where(beside[..., None], cushion(beside), field)
+        field = np.where(beside[..., None], cushion_tilts(beside), field)
     return np.asarray(field, np.float32), int(lying)
 
 
@@ -240,7 +242,7 @@ def _edge(own: Mask) -> F32:
     return np.asarray(np.stack([-gx * amount, -gy * amount], -1)[1:-1, 1:-1], np.float32)
 
 
-def _table(tilts: F32, labels: Labels, seen: F32, level: F32, setting: Setting) -> None:
+def _table(tilts: F32, labels: Labels, seen: F32, level: F32, setting: BoundaryGuess) -> None:
     """Rows below a table's far edge face upwards, in place."""
     free = labels == 0
     height = labels.shape[0]

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import log, pi, sqrt
 
+from physgen.geometry.polygon import Disc, Outline
 from physgen.materials import Kind, Material, kind
-from physgen.outline.outline import Disc, Outline
-from physgen.perceive.extent import Extent, extent
-from physgen.perceive.roles import Matter, Physics, Rgb, Thing
-from physgen.scene.model import Solid
+from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
+from physgen.perceive.scale import Extent, object_extent
+from physgen.scene.scene import Solid
 
 ASSUMED_WIDTH = 0.5
 """m that a photo shows along its longer side when nothing in it tells."""
@@ -33,7 +33,7 @@ def table() -> Physics:
     return _table
 
 
-def _table(rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None) -> Mapping[int, Matter]:
+def _table(rgb: Rgb, things: Sequence[PhotoObject], pixels_per_meter: float | None) -> Mapping[int, Matter]:
     kinds = {thing.id: kind(thing.label) for thing in things}
     if pixels_per_meter is not None:
         value, why, most = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
@@ -43,9 +43,9 @@ def _table(rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None) ->
     return {thing.id: _matter(thing, kinds[thing.id], value, why, most) for thing in things}
 
 
-def _matter(thing: Thing, what: Kind, pixels_per_meter: float, why: str, most: float) -> Matter:
+def _matter(thing: PhotoObject, what: Kind, pixels_per_meter: float, why: str, most: float) -> Matter:
     solid, material = _solid(thing.outline, what), what.material
-    mass, confidence, reason = _mass(extent(thing.outline, what), what, pixels_per_meter, why)
+    mass, confidence, reason = _mass(object_extent(thing.outline, what), what, pixels_per_meter, why)
     return Matter(
         mass=float(f"{max(mass, LIGHTEST):.3g}"),
         friction=material.friction,

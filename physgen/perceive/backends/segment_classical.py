@@ -9,14 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.proposals.choose import choose
-from physgen.perceive.proposals.circles import discs
-from physgen.perceive.proposals.gradient import Gradient, colour_gradient, lab
-from physgen.perceive.proposals.proposal import Proposal, distinct, unions, variants
-from physgen.perceive.proposals.regions import stable_regions
-from physgen.perceive.proposals.score import Looks, looks
-from physgen.perceive.proposals.tighten import tighten
 from physgen.perceive.roles import Segment, Segments
+from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
+from physgen.perceive.segment.proposals import Proposal, Scores, distinct, score_proposals, unions, variants
+from physgen.perceive.segment.regions import discs, stable_regions
+from physgen.perceive.segment.selection import select, tighten
 
 WORKING_AREA = 512 * 512
 """px that the search looks at; larger photos are reduced to it, and only the outlines see the full photo."""
@@ -35,11 +32,11 @@ def classical() -> Segment:
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
     """The movable objects of a photo (H, W, 3) uint8 sRGB."""
-    found = edges(rgb)
-    return told(rgb, found.chosen, found.scores, confidence(found.scores), found.shape)
+    found = search_edges(rgb)
+    return as_segments(rgb, found.chosen, found.scores, confidence(found.scores), found.shape)
 
 
-def told(
+def as_segments(
     rgb: NDArray[np.uint8],
     proposals: Sequence[Proposal],
     scores: NDArray[np.float64],
@@ -67,7 +64,7 @@ def confidence(score: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class EdgeSearch:
     """What edges and circles say of a photo, on a grid of `shape` (h, w)."""
 
     shape: tuple[int, int]
@@ -80,7 +77,7 @@ class Edges:
     """(n,) of the chosen ones."""
 
 
-def edges(rgb: NDArray[np.uint8]) -> Edges:
+def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     """Of a photo (H, W, 3) uint8 sRGB."""
     height, width = rgb.shape[:2]
     scale = min(1.0, (WORKING_AREA / (height * width)) ** 0.5, WORKING_SIDE / max(height, width))
@@ -91,16 +88,16 @@ def edges(rgb: NDArray[np.uint8]) -> Edges:
         round(part * size[0] * size[1]) for part in (LEAST, SMALLEST, LARGEST, MOST)
     )
     least, smallest = max(12, least), max(12, smallest)
-    colour = lab(np.asarray(reduced, np.uint8))
+    colour = smoothed_lab(np.asarray(reduced, np.uint8))
     gradient = colour_gradient(colour)
     every = stable_regions(colour, gradient, least, most)
     round_ = discs(gradient, smallest, largest)
     proposals = distinct([one for one in every if smallest <= one.area <= largest] + round_)
-    seen = looks(proposals, colour, gradient)
+    seen = score_proposals(proposals, colour, gradient)
     joined = distinct(unions(proposals, seen.score, largest))
-    more = looks(joined, colour, gradient)
-    everything = Looks(np.append(seen.score, more.score), np.append(seen.compactness, more.compactness))
-    chosen, scores = choose(proposals + joined, everything, colour)
+    more = score_proposals(joined, colour, gradient)
+    everything = Scores(np.append(seen.score, more.score), np.append(seen.compactness, more.compactness))
+    chosen, scores = select(proposals + joined, everything, colour)
     forms = [variants(proposal, shape) for proposal in chosen]
-    best = [form[int(looks(form, colour, gradient).score.argmax())] for form in forms]
-    return Edges(shape, gradient, distinct(every + round_), best, scores)
+    best = [form[int(score_proposals(form, colour, gradient).score.argmax())] for form in forms]
+    return EdgeSearch(shape, gradient, distinct(every + round_), best, scores)

@@ -8,15 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.backends.segment_classical import told
-from physgen.perceive.learned.candidates import Candidates, candidates
-from physgen.perceive.learned.evidence import NAMES
-from physgen.perceive.learned.judge import confidence, expected
-from physgen.perceive.learned.network import see
-from physgen.perceive.proposals.choose import SHARED, background, best_set, exclusions
-from physgen.perceive.proposals.gradient import lab
-from physgen.perceive.proposals.proposal import Proposal, outline, overlap
+from physgen.perceive.backends.segment_classical import as_segments
 from physgen.perceive.roles import Doubt, Segment, Segments
+from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
+from physgen.perceive.segment.gradient import smoothed_lab
+from physgen.perceive.segment.network import run_network
+from physgen.perceive.segment.proposals import Proposal, outline, overlap
+from physgen.perceive.segment.selection import SHARED, background_likeness, best_set, exclusions
 
 THRESHOLD = 0.5
 """Expected fit below which a proposal is better left out."""
@@ -44,23 +42,23 @@ def learned() -> Segment:
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
     """The movable objects of a photo (H, W, 3) uint8 sRGB."""
-    return chosen(rgb, candidates(rgb, see(rgb)))
+    return chosen(rgb, candidates(rgb, run_network(rgb)))
 
 
 def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
     """Of a photo's candidates the objects, and what is doubtful."""
-    fit = worth(found, expected(found.evidence))
+    fit = worth(found, expected_fit(found.evidence))
     best = choose(found, fit)
     fit[best] -= GAP * gaps(rgb, found, fit, best)
     sure = best[confidence(fit[best]) >= SURE]
     some = [found.proposals[k] for k in sure.tolist()]
-    objects = told(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
+    objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
 
 
 def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) 0..1: expected fits (n,), and more where edges chose the same and the network sees an object there."""
-    foreground = found.evidence[:, NAMES.index("foreground")]
+    foreground = found.evidence[:, FEATURES.index("foreground")]
     seen = np.clip((foreground - SEEN[0]) / (SEEN[1] - SEEN[0]), 0, 1)
     return np.minimum(fit + AGREED * found.edges * seen, MOST)
 
@@ -74,8 +72,8 @@ def gaps(
     size = found.shape[::-1]
     small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if rgb.shape[:2] != found.shape else rgb
     some: list[Proposal] = [found.proposals[k] for k in best.tolist()]
-    return background(
-        some, np.ones(len(best), np.bool_), fit[best] < SURELY, lab(np.asarray(small, np.uint8))
+    return background_likeness(
+        some, np.ones(len(best), np.bool_), fit[best] < SURELY, smoothed_lab(np.asarray(small, np.uint8))
     )
 
 

@@ -1,4 +1,5 @@
-"""Photo and categories -> labels of what moves, and of what stands still: SAM 3, asked for one noun after the other.
+"""Photo and categories -> labels of what moves, and of what stands still: SAM 3, asked for one noun after the
+other.
 
 Its prompts by box need torchvision, so a mask in pieces is split without asking again, and `--box` and `--point` are
 answered as without a model.
@@ -13,14 +14,12 @@ import numpy as np
 import torch
 from torch.nn.functional import interpolate
 
-from physgen.backends import Setup
 from physgen.perceive.backends.categories_everyday import everyday
-from physgen.perceive.backends.cut_sam import pixels
-from physgen.perceive.backends.detect_grounding_dino import plain
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
-from physgen.perceive.backends.segment_grounded import surely, weights_of
-from physgen.perceive.cleaned import DOUBTFUL, Box, Cut, Mask, segments
+from physgen.perceive.backends.models import device_of, dtype_of, free_memory, load_weights
+from physgen.perceive.backends.segment_grounded import pixels, plain, surely, weights_of
 from physgen.perceive.roles import Category, Rgb, Segments
+from physgen.perceive.segment.masks import DOUBTFUL, Box, Cut, Mask, segments
+from physgen.registry import Setup
 
 NAME = "sam3"
 HALF = (0.5, 0.5, 0.5)
@@ -79,7 +78,7 @@ class Sam3:
     def close(self) -> None:
         """Let the model go."""
         self._made = None
-        freed()
+        free_memory()
 
     def _instances(self, rgb: Rgb, nouns: Sequence[str]) -> list[tuple[str, float, torch.Tensor]]:
         """Noun, score and mask, (h, w) logits on the CPU, of all that is worth a comment."""
@@ -103,7 +102,7 @@ class Sam3:
 
     def _model(self) -> tuple[Any, Any]:
         if self._made is None:
-            tokens, model = loaded(_load, self.weights, "SAM 3")
+            tokens, model = load_weights(_load, self.weights, "SAM 3")
             self._made = tokens, model.eval().to(self.device)
         return self._made
 

@@ -1,9 +1,4 @@
-"""Background with the objects' shadows -> the same without, and the light that throws them.
-
-A light is looked for whose shadows, by the simple geometry of `physgen.shadow`, lie where the photo is darker than its
-surroundings of like colour. Where one is found, what it foretells is lifted as far as the photo is dark there. So it is
-on a table seen from above; photos from the side go another way, `perceive.side_shadows`.
-"""
+"""Backend shadow=geometry: shadows removed and the light that casts them."""
 
 from __future__ import annotations
 
@@ -15,17 +10,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.contact import Contact, contact, rimmed
-from physgen.perceive.owned import owners, told
-from physgen.perceive.roles import Labels, LightGuess, Matter, Rgb, Setting, Shadow, Shadows, Thing
-from physgen.perceive.side_light import contrary
-from physgen.perceive.side_shadows import side_shadows
-from physgen.perceive.silhouettes import silhouettes, typical
+from physgen.geometry.shadows import ShadowSetting as Place
+from physgen.geometry.shadows import Silhouette, blurred, shadow_darkness
+from physgen.perceive.roles import (
+    BoundaryGuess,
+    Labels,
+    LightGuess,
+    Matter,
+    PhotoObject,
+    Rgb,
+    Shadow,
+    Shadows,
+)
+from physgen.perceive.shadow.ambient_shade import AmbientShade, extend_behind_objects, find_ambient_shade
+from physgen.perceive.shadow.shadow_assignment import shadow_owners, shadow_owners_by_model
+from physgen.perceive.shadow.shadow_fit import deviation_penalty
+from physgen.perceive.shadow.side_view import side_view_shadows
+from physgen.perceive.shadow.silhouettes import object_silhouettes, typical_size
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
-from physgen.scene.model import View
-from physgen.shadow.cast import Setting as Place
-from physgen.shadow.cast import Silhouette, blurred
-from physgen.shadow.darkness import darkness
+from physgen.scene.scene import View
 
 F32 = NDArray[np.float32]
 Matters = Mapping[int, Matter]
@@ -63,7 +66,7 @@ class _Scene:
         """Correlation of foretold and seen darkness, and the factor from one to the other."""
         model = np.zeros(self.dark.shape, np.float32)
         for what in self.silhouettes:
-            found = darkness(what, place)
+            found = shadow_darkness(what, place)
             if found is not None:
                 (x0, y0, x1, y1), values = found
                 model[y0:y1, x0:x1] += values
@@ -84,56 +87,61 @@ def _geometry(
     background: Rgb,
     coverage: F32,
     labels: Labels,
-    things: Sequence[Thing],
+    things: Sequence[PhotoObject],
     matter: Matters,
-    setting: Setting,
+    setting: BoundaryGuess,
     light: LightGuess,
 ) -> Shadows:
     if setting.view is View.SIDE:
-        return side_shadows(background, coverage, labels, things, matter, setting, light)
+        return side_view_shadows(background, coverage, labels, things, matter, setting, light)
     scene = _scene(background, coverage, labels, things, matter, setting)
     nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
     if scene is None:
         return nothing
 
     def at(scale: float) -> list[Silhouette]:
-        return silhouettes(labels, things, matter, setting, scale)
+        return object_silhouettes(labels, things, matter, setting, scale)
 
     place, score, factor = _search(scene, light)
     if score < SURE or factor < 0.15:
-        shade = contact(background, coverage, at, from_above=True)
+        shade = find_ambient_shade(background, coverage, at, from_above=True)
         return nothing if shade is None else _soft(background, coverage, shade, at(1.0), light.light)
     even = _even(place, factor)
     dark = _seen(background, coverage, labels, things, matter, setting, even)
     clean = encode_u8(decode(background) * np.exp(dark)[..., None])
     full = replace(even, size=(labels.shape[1], labels.shape[0]))
-    casts = [(what.id, *found) for what in at(1.0) if (found := darkness(what, full)) is not None]
+    casts = [(what.id, *found) for what in at(1.0) if (found := shadow_darkness(what, full)) is not None]
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
-    whose = owners(background, clean, coverage, casts)
+    whose = shadow_owners(background, clean, coverage, casts)
     sure = round(min(0.9, score), 2)
     return Shadows(clean, whose, even.light, round(even.softness, 1), 4.0, None, sure, reason)
 
 
 def _soft(
-    background: Rgb, coverage: F32, shade: Contact, things: Sequence[Silhouette], light: DistantLight
+    background: Rgb, coverage: F32, shade: AmbientShade, things: Sequence[Silhouette], light: DistantLight
 ) -> Shadows:
     """What soft light leaves of itself about rims is too faint, and too near, to be seen but on the whole."""
-    found = [(what.id, *cast) for what in things if (cast := darkness(what, shade.place)) is not None]
+    found = [(what.id, *cast) for what in things if (cast := shadow_darkness(what, shade.place)) is not None]
     casts = [(who, box, np.asarray(shade.factor * dark, np.float32)) for who, box, dark in found]
     dark = np.zeros(coverage.shape, np.float32)
     for _, (x0, y0, x1, y1), values in casts:
         dark[y0:y1, x0:x1] += values
-    clean = encode_u8(decode(background) * np.exp(rimmed(dark, coverage))[..., None])
-    whose = told(coverage, casts, dark)
+    clean = encode_u8(decode(background) * np.exp(extend_behind_objects(dark, coverage))[..., None])
+    whose = shadow_owners_by_model(coverage, casts, dark)
     soft = shade.place.softness
     return Shadows(clean, whose, light, soft, 4.0, None, shade.confidence, shade.reason, faint=True)
 
 
 def _scene(
-    background: Rgb, coverage: F32, labels: Labels, things: Sequence[Thing], matter: Matters, setting: Setting
+    background: Rgb,
+    coverage: F32,
+    labels: Labels,
+    things: Sequence[PhotoObject],
+    matter: Matters,
+    setting: BoundaryGuess,
 ) -> _Scene | None:
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
-    found = silhouettes(labels, things, matter, setting, scale)
+    found = object_silhouettes(labels, things, matter, setting, scale)
     if not found:
         return None
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
@@ -142,7 +150,7 @@ def _scene(
     known = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.where(known > 0.05, small / np.maximum(known, 0.05), 0).astype(np.float32)
-    size = typical(found)
+    size = typical_size(found)
     weight = known * (known > 0.5)
     dark = _around(small, known, size) - small
     dark = np.clip(dark, -0.3, 1.2)
@@ -167,7 +175,7 @@ def _search(scene: _Scene, light: LightGuess) -> tuple[Place, float, float]:
     start = Place(light.light, 4.0, True, 0.1, inf, (w, h))
 
     def allowed(place: Place) -> bool:
-        return contrary(place.light, light) < inf
+        return deviation_penalty(place.light, light) < inf
 
     def best(starts: list[Place]) -> tuple[Place, float, float]:
         found: tuple[Place, float, float] = (start, *scene.score(start))
@@ -232,21 +240,21 @@ def _seen(
     background: Rgb,
     coverage: F32,
     labels: Labels,
-    things: Sequence[Thing],
+    things: Sequence[PhotoObject],
     matter: Matters,
-    setting: Setting,
+    setting: BoundaryGuess,
     place: Place,
 ) -> F32:
     """(H, W) -log of the light that the photo shows to be missing, within reach of what geometry foretells."""
     H, W = coverage.shape
     full = replace(place, size=(W, H))
     model = np.zeros((H, W), np.float32)
-    casting = silhouettes(labels, things, matter, setting, 1.0)
+    casting = object_silhouettes(labels, things, matter, setting, 1.0)
     for what in casting:
-        if (found := darkness(what, full)) is not None:
+        if (found := shadow_darkness(what, full)) is not None:
             (x0, y0, x1, y1), values = found
             model[y0:y1, x0:x1] += values
-    size = typical(casting)
+    size = typical_size(casting)
     solid = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8)) > 0
     side = 2 * max(1, round(0.2 * size)) + 1
     wide = cv2.dilate(model, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from physgen.backends import Setup
-from physgen.outline import raster
-from physgen.outline.outline import Disc
+from physgen.geometry import raster
+from physgen.geometry.polygon import Disc
 from physgen.perceive.backends.vlm_client import Client, Model, Settings, plain_line, read_settings
 from physgen.perceive.backends.vlm_prompts import (
     Mask,
@@ -25,9 +24,10 @@ from physgen.perceive.backends.vlm_prompts import (
     median_lab,
     physics_query,
 )
-from physgen.perceive.extent import sides
-from physgen.perceive.roles import Category, Labels, Matter, Name, Rgb, Thing
-from physgen.scene.model import Solid
+from physgen.perceive.roles import Category, Labels, Matter, Name, PhotoObject, Rgb
+from physgen.perceive.scale import box_sides
+from physgen.registry import Setup
+from physgen.scene.scene import Solid
 
 OBJECTS_PER_QUESTION = 8
 """Objects that are named in one question."""
@@ -93,7 +93,7 @@ class Label(_Role):
 
     role = "label"
 
-    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[Thing]) -> Mapping[int, Name]:
+    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[PhotoObject]) -> Mapping[int, Name]:
         """A name for every object, by id; the most frequent of several samples. Raises InputError."""
         size = OBJECTS_PER_QUESTION
         groups = [list(things[k : k + size]) for k in range(0, len(things), size)]
@@ -114,7 +114,7 @@ class Physics(_Role):
     role = "physics"
 
     def __call__(
-        self, rgb: Rgb, things: Sequence[Thing], pixels_per_meter: float | None
+        self, rgb: Rgb, things: Sequence[PhotoObject], pixels_per_meter: float | None
     ) -> Mapping[int, Matter]:
         """Matter of every object, by id; similar objects share one question. Raises InputError."""
         size = rgb.shape[1], rgb.shape[0]
@@ -132,13 +132,15 @@ categories, label, physics = Categories, Label, Physics
 """The factories named in the registry."""
 
 
-def similar_groups(rgb: Rgb, things: Sequence[Thing], masks: Mapping[int, Mask]) -> list[list[Thing]]:
+def similar_groups(
+    rgb: Rgb, things: Sequence[PhotoObject], masks: Mapping[int, Mask]
+) -> list[list[PhotoObject]]:
     """Objects grouped by label and size, and by colour where the label is one word: a `ball` may be steel or rubber."""
-    groups: list[list[Thing]] = []
-    lengths = {thing.id: sides(thing.outline) for thing in things}
+    groups: list[list[PhotoObject]] = []
+    lengths = {thing.id: box_sides(thing.outline) for thing in things}
     colours = {thing.id: median_lab(rgb, masks[thing.id]) for thing in things}
 
-    def similar(a: Thing, b: Thing) -> bool:
+    def similar(a: PhotoObject, b: PhotoObject) -> bool:
         pairs = zip(lengths[a.id], lengths[b.id], strict=True)
         sized = all(1 / SIMILAR_SIZE <= x / y <= SIMILAR_SIZE for x, y in pairs)
         distance = float(np.linalg.norm(colours[a.id] - colours[b.id]))
@@ -155,7 +157,7 @@ def similar_groups(rgb: Rgb, things: Sequence[Thing], masks: Mapping[int, Mask])
 
 
 def merged_matter(
-    answers: Sequence[Mapping[str, Any]], things: Sequence[Thing], example: Thing, model: str
+    answers: Sequence[Mapping[str, Any]], things: Sequence[PhotoObject], example: PhotoObject, model: str
 ) -> Mapping[int, Matter]:
     """Matter of each of the similar `things`, by id, from the medians of `answers` about `example`, one of them.
 
@@ -177,7 +179,7 @@ def merged_matter(
     surface += [note for name, note in notes.items() if name not in ("mass", "size")]
     result = {}
     for thing in things:
-        ratio = sides(thing.outline)[0] / sides(example.outline)[0]
+        ratio = box_sides(thing.outline)[0] / box_sides(example.outline)[0]
         ratio = ratio if abs(ratio - 1) > SAME_LENGTH else 1.0
         result[thing.id] = Matter(
             mass=float(f"{value['mass'] * ratio**3:.3g}"),

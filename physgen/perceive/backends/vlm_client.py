@@ -22,9 +22,9 @@ from urllib.parse import urlsplit
 
 from jsonschema import Draft202012Validator
 
-from physgen.backends import Setup, choose
+from physgen.files import write_atomic
 from physgen.problems import InputError, Problem
-from physgen.whole import write_whole
+from physgen.registry import Setup, suggestion
 
 URL, MODEL, KEY, OPENAI_KEY = "PHYSGEN_VLM_URL", "PHYSGEN_VLM_MODEL", "PHYSGEN_VLM_KEY", "OPENAI_API_KEY"
 OPENAI = "api.openai.com"
@@ -139,7 +139,7 @@ def _option_problems(options: Mapping[str, Any]) -> list[Problem]:
             fix = f"set the environment variable {KEY} instead, and make a new key if others saw the file"
             problems += _problem(f"[vlm] {name}", "is a secret in a file", fix)
         elif name not in known:
-            problems += _problem(f"[vlm] {name}", "means nothing here", choose(name, known))
+            problems += _problem(f"[vlm] {name}", "means nothing here", suggestion(name, known))
         elif name in LIMITS:
             kind, least, most = LIMITS[name]
             number = isinstance(value, int | float if kind is float else int) and not isinstance(value, bool)
@@ -316,7 +316,7 @@ class Client:
         value = self._answer(query, sample)
         with suppress(OSError):  # a folder that cannot be written to is no reason to fail
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, json.dumps({"answer": value}, ensure_ascii=False).encode())
+            write_atomic(file, json.dumps({"answer": value}, ensure_ascii=False).encode())
         return value
 
     def _answer(self, query: Query, sample: int) -> Any:

@@ -15,10 +15,10 @@ from PIL import Image
 from transformers import AutoModelForImageTextToText, AutoProcessor
 from transformers.utils import logging
 
-from physgen.backends import Setup
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded
+from physgen.perceive.backends.models import device_of, dtype_of, free_memory, load_weights
 from physgen.perceive.backends.vlm_client import Query, Reply, Settings, Turn, plain_line, server_schema
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 DEFAULT_TOKENS = 1024
 """Of an answer, at most, where `max_tokens` is not set."""
@@ -55,7 +55,7 @@ def load(settings: Settings, setup: Setup) -> LocalModel:
             model = model.to(device).eval()
             return _Loaded(model, processor, device)
 
-        _LOADED[key] = loaded(read, settings.model, "a vision-language model")
+        _LOADED[key] = load_weights(read, settings.model, "a vision-language model")
     _LOADED[key].users += 1
     return LocalModel(key, settings)
 
@@ -98,7 +98,7 @@ class LocalModel:
         shared.users -= 1
         if shared.users <= 0:
             del _LOADED[self._key], shared
-            freed()
+            free_memory()
 
     @contextmanager
     def _failures(self, query: Query) -> Any:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.backends.vlm_client import Query, object_schema, plain_line
-from physgen.perceive.extent import sides
-from physgen.perceive.roles import Labels, Rgb, Thing
-from physgen.scene.model import Solid
+from physgen.perceive.roles import Labels, PhotoObject, Rgb
+from physgen.perceive.scale import box_sides
+from physgen.scene.scene import Solid
 
 Mask = NDArray[np.bool_]
 LONGEST_NAME = 48
@@ -109,7 +109,7 @@ def categories_query(rgb: Rgb) -> Query:
     return Query("the photo", CATEGORIES_QUESTION, (picture,), CATEGORIES_SCHEMA, contradictions)
 
 
-def label_query(rgb: Rgb, labels: Labels, group: Sequence[Thing]) -> Query:
+def label_query(rgb: Rgb, labels: Labels, group: Sequence[PhotoObject]) -> Query:
     """Names of several objects, by numbers from 1."""
     masks = {k: np.asarray(labels == thing.id) for k, thing in enumerate(group, 1)}
     n = len(group)
@@ -135,13 +135,13 @@ def _numbered_once(n: int) -> Callable[[Any], list[str]]:
     return contradictions
 
 
-def physics_query(rgb: Rgb, mask: Mask, thing: Thing, pixels_per_meter: float | None) -> Query:
+def physics_query(rgb: Rgb, mask: Mask, thing: PhotoObject, pixels_per_meter: float | None) -> Query:
     """Material, mass and size of one object."""
     name = plain_line(thing.label, LONGEST_NAME)
     label = f', "{name}",' if name else ""
     hint = ""
     if pixels_per_meter is not None and not thing.cut:
-        hint = f"; by the photo's scale it is about {sides(thing.outline)[0] / pixels_per_meter:.2g}"
+        hint = f"; by the photo's scale it is about {box_sides(thing.outline)[0] / pixels_per_meter:.2g}"
     pictures = _outlined_photo(rgb, {thing.id: mask}), _png(_closeup(rgb, mask, *CLOSEUP_SIDES))
     text = PHYSICS_QUESTION.format(label=label, hint=hint)
     return Query(name or "an object", text, pictures, PHYSICS_SCHEMA, mass_contradictions)

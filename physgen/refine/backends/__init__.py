@@ -4,6 +4,8 @@
 text, its schedule, and what else it wants to be shown.
 """
 
+from __future__ import annotations
+
 import os
 
 os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")  # it tells of torchvision, which nobody here needs

@@ -13,14 +13,22 @@ import torch
 from diffusers import AnimateDiffVideoToVideoPipeline, AutoencoderKL, DDIMScheduler, MotionAdapter
 from torch import Tensor
 
-from physgen.backends import Setup, find
-from physgen.perceive.backends.models import loaded
-from physgen.perceive.backends.pipelines import typed
+from physgen.perceive.backends.models import as_dtype, load_weights
 from physgen.problems import InputError
-from physgen.refine.backends.loading import REFINE, config, expect, index, pipeline
-from physgen.refine.backends.sampling import Kind, Sampler, Trained
-from physgen.refine.backends.schedules import Schedule, ddim
-from physgen.refine.roles import Grid
+from physgen.refine.backends.sampling import (
+    REFINE,
+    Kind,
+    Sampler,
+    Schedule,
+    Trained,
+    check_pipeline_class,
+    ddim,
+    load_pipeline,
+    part_config,
+    pipeline_index,
+)
+from physgen.refine.denoiser import Grid
+from physgen.registry import Setup, find
 
 WHAT = "AnimateDiff"
 KNOWN = ("AnimateDiffPipeline", "AnimateDiffVideoToVideoPipeline")
@@ -78,23 +86,23 @@ class AnimateDiff:
 def trained(weights: tuple[str, ...]) -> Trained:
     """What the configurations say."""
     adapter, base = _parts(weights)
-    found = index(base, WHAT)
+    found = pipeline_index(base, WHAT)
     if adapter is None:
-        expect(base, str(found.get("_class_name")), KNOWN, WHAT)
-        unet = motion = config(base, "unet", WHAT)
+        check_pipeline_class(base, str(found.get("_class_name")), KNOWN, WHAT)
+        unet = motion = part_config(base, "unet", WHAT)
     else:
-        motion = config(adapter, "", WHAT)
+        motion = part_config(adapter, "", WHAT)
         kind = str(motion.get("_class_name"))
         if kind != "MotionAdapter":
             fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
             raise InputError.of(REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix)
         plain = found.get("unet", ["", ""])[1] == "UNet2DConditionModel" and "text_encoder_2" not in found
-        unet = config(base, "unet", WHAT) if plain else {}
+        unet = part_config(base, "unet", WHAT) if plain else {}
         if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
             what = f"is a {found.get('_class_name')} that the adapter does not fit"
             fix = "name weights of Stable Diffusion 1.5 after the comma"
             raise InputError.of(REFINE.name, f'"{base}"', what, fix)
-    vae, most = config(base, "vae", WHAT), motion.get("motion_max_seq_length", 32)
+    vae, most = part_config(base, "vae", WHAT), motion.get("motion_max_seq_length", 32)
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
@@ -118,10 +126,10 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDi
     if adapter is not None:
 
         def motion(path: str) -> Any:
-            return typed(MotionAdapter.from_pretrained(path, dtype=dtype, use_safetensors=True), dtype)
+            return as_dtype(MotionAdapter.from_pretrained(path, dtype=dtype, use_safetensors=True), dtype)
 
-        parts["motion_adapter"] = loaded(motion, adapter, WHAT, REFINE)
-    pipe = pipeline(AnimateDiffVideoToVideoPipeline, base, dtype, WHAT, AutoencoderKL, **parts)
+        parts["motion_adapter"] = load_weights(motion, adapter, WHAT, REFINE)
+    pipe = load_pipeline(AnimateDiffVideoToVideoPipeline, base, dtype, WHAT, AutoencoderKL, **parts)
     return AnimateDiff(pipe, device, dtype)
 
 

@@ -1,4 +1,5 @@
-"""CogVideoX (Yang et al. 2025): a transformer over text and a causal VAE's latents, four frames each but for the first.
+"""CogVideoX (Yang et al. 2025): a transformer over text and a causal VAE's latents, four frames each but for the
+first.
 
 Weights of 1.0 and 1.5 that make videos of words, and those that are also shown a first frame.
 """
@@ -12,13 +13,22 @@ import torch
 from diffusers import AutoencoderKLCogVideoX, CogVideoXDDIMScheduler, DiffusionPipeline
 from torch import Tensor
 
-from physgen.backends import Setup
 from physgen.problems import InputError
-from physgen.refine.backends.loading import REFINE, config, expect, index, pipeline
-from physgen.refine.backends.sampling import Kind, Sampler, Trained
-from physgen.refine.backends.schedules import Schedule, ddim
-from physgen.refine.cells import latent_frames
-from physgen.refine.roles import Grid
+from physgen.refine.backends.sampling import (
+    REFINE,
+    Kind,
+    Sampler,
+    Schedule,
+    Trained,
+    check_pipeline_class,
+    ddim,
+    load_pipeline,
+    part_config,
+    pipeline_index,
+)
+from physgen.refine.denoiser import Grid
+from physgen.refine.latents import latent_frames
+from physgen.registry import Setup
 
 WHAT = "CogVideoX"
 KNOWN = ("CogVideoXPipeline", "CogVideoXImageToVideoPipeline", "CogVideoXVideoToVideoPipeline")
@@ -109,8 +119,8 @@ class CogVideoX:
 def trained(weights: tuple[str, ...]) -> Trained:
     """What the configurations say."""
     (one,) = weights
-    expect(one, str(index(one, WHAT).get("_class_name")), KNOWN, WHAT)
-    vae, network = config(one, "vae", WHAT), config(one, "transformer", WHAT)
+    check_pipeline_class(one, str(pipeline_index(one, WHAT).get("_class_name")), KNOWN, WHAT)
+    vae, network = part_config(one, "vae", WHAT), part_config(one, "transformer", WHAT)
     if network.get("use_learned_positional_embeddings"):
         what = "has learnt frames of one size alone: not for videos of any size"
         fix = "choose CogVideoX-2b, -5b, or one of CogVideoX1.5"
@@ -126,7 +136,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> CogVideoX:
     """The pipeline."""
-    pipe = pipeline(DiffusionPipeline, weights[0], dtype, WHAT, AutoencoderKLCogVideoX)
+    pipe = load_pipeline(DiffusionPipeline, weights[0], dtype, WHAT, AutoencoderKLCogVideoX)
     return CogVideoX(pipe, device, dtype)
 
 

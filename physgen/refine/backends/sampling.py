@@ -1,34 +1,257 @@
-"""A kind of model and a setup -> a `refine.roles.Denoiser`: loading, options, guidance by words, memory, the record."""
+"""Loading, options, schedules, guidance and memory shared by the diffusion backends."""
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Protocol
 
 import diffusers
 import numpy as np
 import torch
+from diffusers import AutoencoderKL, DiffusionPipeline
 from numpy.typing import NDArray
 from torch import Tensor
 
-from physgen.backends import Setup
-from physgen.perceive.backends.models import device_of, dtype_of, freed, loaded, noted, of_memory
-from physgen.perceive.backends.options import OneOf, Option, Whole, read, switched
+from physgen.perceive.backends.models import (
+    Flag,
+    OneOf,
+    Option,
+    WholeNumber,
+    as_dtype,
+    device_of,
+    dtype_of,
+    free_memory,
+    is_out_of_memory,
+    load_pipeline_on_cpu,
+    load_weights,
+    read_options,
+    run_note,
+    switched,
+)
 from physgen.problems import InputError, Problem
-from physgen.refine.backends.loading import REFINE, may_offload, named, placed, revision
-from physgen.refine.backends.schedules import Schedule
-from physgen.refine.cells import frames_held, latent_frames
-from physgen.refine.roles import Grid, Said
+from physgen.refine.denoiser import Grid, PromptSettings
+from physgen.refine.latents import frames_held, latent_frames
+from physgen.registry import Setup, find, hub_cache
+
+# ----------------------------------------------------------------------
+# Names of weights -> what their configurations say, where they came from, and a pipeline that is in its
+# place.
+
+REFINE = Flag("--refine", "NAME:PATH")
+NAMES = {"AnimateDiff": "animatediff", "Wan": "wan", "CogVideoX": "cogvideox"}
+"""What names of pipelines begin with -> the backend that they are for."""
+LIBRARIES = ("diffusers", "transformers")
+"""Whose classes the parts of a pipeline may be."""
+HEAD = 1 << 20
+"""Bytes of each file that its folder's digest reads."""
+FULL = 0.7
+"""Of a GPU's free memory that weights may take before they are moved there in turn only."""
+
+
+def pipeline_index(weights: str, what: str) -> dict[str, Any]:
+    """`model_index.json`: which pipeline weights are of, and of which classes its parts are."""
+    found = load_weights(lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE)
+    for part, kind in found.items():
+        if isinstance(kind, list) and kind[0] not in (None, *LIBRARIES):  # a module of its own: a program
+            said = f"would run {kind[0]} for its {part}"
+            raise InputError.of(REFINE.name, f'"{weights}"', said, "name weights of plain parts")
+    return found
+
+
+def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
+    """`config.json` of a part, `""` for weights that are one."""
+    at = {"subfolder": part} if part else {}
+    return load_weights(lambda path: dict(AutoencoderKL.load_config(path, **at)), weights, what, REFINE)
+
+
+def load_pipeline(kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any) -> Any:
+    """The pipeline, on the processor, its VAE (of the class `vae`) in float32.
+
+    In a VAE of bfloat16 a grey level is as much as its numbers' last bit, and what is shown are differences.
+    """
+
+    def load(path: str) -> Any:
+        fine = vae.from_pretrained(path, subfolder="vae", dtype=torch.float32, use_safetensors=True)
+        return load_pipeline_on_cpu(kind, path, dtype, vae=as_dtype(fine, torch.float32), **parts)
+
+    return load_weights(load, weights, what, REFINE)
+
+
+def check_pipeline_class(weights: str, found: str, known: tuple[str, ...], what: str) -> None:
+    """Raises InputError where the pipeline `found` is none of those `known`."""
+    if found in known:
+        return
+    name = next((name for start, name in NAMES.items() if found.startswith(start)), None)
+    own = next((row for start, row in NAMES.items() if known[0].startswith(start)), None)
+    fix = f"write {name}:{weights}" if name and name != own else f"name weights of a {known[0]}"
+    raise InputError.of(REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix)
+
+
+def weight_names(name: str, said: str) -> tuple[str, ...]:
+    """The weights of backend `name`: what was said after its name's colon, or the row's own.
+
+    One part that is said may be a whole pipeline or the row's first weights; `A,B` are the first and the second.
+    """
+    own = tuple(weights.id for weights in find("refine", name).weights)
+    if not said:
+        return own
+    parts = [said] if len(own) == 1 or Path(said).expanduser().exists() else said.split(",")
+    if len(parts) > len(own):
+        fix = f"write at most {len(own)}, with a comma between"
+        raise InputError.of(REFINE.name, f'"{said}"', f"names {len(parts)} weights for {name}", fix)
+    stripped = [part.strip() for part in parts]
+    return tuple(part or default for part, default in zip(stripped, own, strict=False))
+
+
+def revision(weights: str) -> str:
+    """Which weights exactly: the hub's commit; of a folder, a digest of names, sizes and the head of each file."""
+    path = Path(weights).expanduser()
+    if path.exists():
+        return f"sha256:{_digest(path)}"
+    home = hub_cache() / f"models--{weights.replace('/', '--')}"
+    main = home / "refs" / "main"
+    if main.is_file():
+        return main.read_text(encoding="utf-8").strip()
+    return max((found.name for found in (home / "snapshots").glob("*")), default="")
+
+
+def _digest(path: Path) -> str:
+    told = hashlib.sha256()
+    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    for file in files:
+        name = file.relative_to(path).as_posix() if file != path else file.name
+        told.update(f"{name}\0{file.stat().st_size}\0".encode())
+        with file.open("rb") as bytes_of:
+            told.update(bytes_of.read(HEAD))
+    return told.hexdigest()
+
+
+def may_offload(table: str, offload: str, device: str) -> None:
+    """Raises InputError for an option `offload` that cannot be had on `device`."""
+    if offload in ("auto", "none"):
+        return
+    found = f'{table}.offload: "{offload}"'
+    if not device.startswith("cuda"):
+        raise InputError.of("physgen.toml", found, f"needs a GPU, and this runs on {device}", "leave it out")
+    if importlib.util.find_spec("accelerate") is None:
+        raise InputError.of("physgen.toml", found, "needs accelerate", "pip install accelerate")
+
+
+def place_pipeline(pipe: Any, offload: str, device: str) -> str:
+    """Moves a pipeline to where it runs, and says how: `none`, all of it now; `model`, `sequential`, when needed."""
+    if offload == "auto":
+        offload = "none"
+        if device.startswith("cuda") and importlib.util.find_spec("accelerate"):
+            free, _ = torch.cuda.mem_get_info(device)
+            offload = "model" if _bytes(pipe) > FULL * free else "none"
+    if offload == "model":
+        pipe.enable_model_cpu_offload(device=device)
+    elif offload == "sequential":
+        pipe.enable_sequential_cpu_offload(device=device)
+    else:
+        pipe.to(device)
+    return offload
+
+
+def _bytes(pipe: Any) -> int:
+    """Of all weights."""
+    parts = [part for part in pipe.components.values() if isinstance(part, torch.nn.Module)]
+    return sum(p.numel() * p.element_size() for part in parts for p in part.parameters())
+
+
+# ----------------------------------------------------------------------
+# A scheduler and a count of steps -> levels of noise and steps between them, by number, on the processor in
+# float32.
+#
+# Schedulers of diffusers count for themselves where a run stands. Here every step says where it is, so that
+# windows,
+# trials and repeated steps cannot disturb one another.
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The steps that run."""
+
+    name: str
+    """The scheduler's class."""
+    times: torch.Tensor
+    """(count,): what the model is told of the noise in each step."""
+    noised: Callable[[F32, F32, int], F32]
+    """Latents, noise and step k -> latents as noisy as step k begins."""
+    stepped: Callable[[F32, F32, int], F32]
+    """The model's say, latents and step k -> latents after it."""
+
+
+def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
+    """The last `count` of `steps` by DDIM (Song et al. 2021), deterministic; `scheduler` is left as it is.
+
+    The libraries' own step goes 1000 // `steps` levels on, which is where the next begins only if `steps` divides 1000:
+    else noise would stay. Here every step ends where the next begins, and the last at the picture itself.
+    """
+    told, kept = scheduler.config, scheduler.alphas_cumprod.numpy().astype(np.float64)
+    times = levels(len(kept), steps, told.timestep_spacing, told.get("steps_offset", 0))[-count:]
+    a = np.append(kept[times], 1.0)
+    signal, noise_part = np.sqrt(a).astype(np.float32), np.sqrt(1 - a).astype(np.float32)
+
+    def noised(latents: F32, noise: F32, k: int) -> F32:
+        return np.asarray(signal[k] * latents + noise_part[k] * noise, np.float32)
+
+    def stepped(prediction: F32, latents: F32, k: int) -> F32:
+        s, n = signal[k], noise_part[k]
+        if told.prediction_type == "v_prediction":
+            z0, noise = s * latents - n * prediction, s * prediction + n * latents
+        elif told.prediction_type == "sample":
+            z0, noise = prediction, (latents - s * prediction) / n
+        else:
+            z0, noise = (latents - n * prediction) / s, prediction
+        return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
+
+    return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
+
+
+def levels(most: int, steps: int, spacing: str, offset: int) -> NDArray[np.int64]:
+    """(steps,) of `most` levels, the noisiest first, evenly spread; as diffusers has them where `steps` divides `most`.
+
+    >>> levels(1000, 4, "leading", 1).tolist(), levels(1000, 4, "trailing", 0).tolist()
+    ([751, 501, 251, 1], [999, 749, 499, 249])
+    """
+    down = np.arange(steps)[::-1]
+    if spacing == "trailing":
+        return np.asarray(np.round((down + 1) * most / steps) - 1, np.int64)
+    return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
+
+
+def euler(scheduler: Any, steps: int, count: int) -> Schedule:
+    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023)."""
+    scheduler.set_timesteps(steps)
+    times, sigmas = scheduler.timesteps[-count:], scheduler.sigmas[-count - 1 :].numpy().astype(np.float32)
+
+    def noised(latents: F32, noise: F32, k: int) -> F32:
+        return np.asarray((1 - sigmas[k]) * latents + sigmas[k] * noise, np.float32)
+
+    def stepped(prediction: F32, latents: F32, k: int) -> F32:
+        return np.asarray(latents + (sigmas[k + 1] - sigmas[k]) * prediction, np.float32)
+
+    return Schedule(type(scheduler).__name__, times, noised, stepped)
+
+
+# ----------------------------------------------------------------------
+# A kind of model and a setup -> a `refine.roles.Denoiser`: loading, options, guidance by words, memory, the
+# record.
 
 U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 OPTIONS: dict[str, Option] = {
-    "resolution": Whole(None, 16),
-    "window": Whole(None, 1),
+    "resolution": WholeNumber(None, 16),
+    "window": WholeNumber(None, 1),
     "tiling": OneOf("auto", ("on", "off")),
     "offload": OneOf("auto", ("none", "model", "sequential")),
 }
@@ -115,16 +338,16 @@ class Sampler:
     def __init__(self, kind: Kind, setup: Setup) -> None:
         """Raises InputError for a device, a type, options or weights that cannot be; no weights are loaded yet."""
         self._kind = kind
-        self._options = read(setup, kind.name, OPTIONS)
+        self._options = read_options(setup, kind.name, OPTIONS)
         self._options["tiling"] = switched(self._options["tiling"])
-        self._weights = named(kind.name, setup.weights)
+        self._weights = weight_names(kind.name, setup.weights)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
         may_offload(kind.name, self._options["offload"], self._device)
         problems: list[Problem] = []
         for weights in self._weights:
             try:
-                loaded(lambda _: None, weights, kind.what, REFINE)  # is it here, or to be had
+                load_weights(lambda _: None, weights, kind.what, REFINE)  # is it here, or to be had
             except InputError as error:
                 problems += error.problems
         if problems:
@@ -155,15 +378,15 @@ class Sampler:
         network = self._kind.load(self._weights, self._device, self._dtype)
 
         def place(_: str) -> str:
-            return placed(network.pipe, self._options["offload"], self._device)
+            return place_pipeline(network.pipe, self._options["offload"], self._device)
 
-        self._offload = loaded(place, self._weights[0], self._kind.what, REFINE)
+        self._offload = load_weights(place, self._weights[0], self._kind.what, REFINE)
         return network
 
-    def begin(self, frames: Sequence[U8], said: Said, steps: int, count: int) -> F32:
+    def begin(self, frames: Sequence[U8], said: PromptSettings, steps: int, count: int) -> F32:
         """See `Denoiser`."""
         network = self._network
-        with held_to_memory():
+        with memory_errors():
             self._tile(network.pipe.vae, frames[0].shape[0] * frames[0].shape[1])
             guidance = self._kind.guidance if said.guidance is None else said.guidance
             told = network.told(said.prompt)
@@ -190,7 +413,7 @@ class Sampler:
     def predict(self, latents: F32, k: int, first: int) -> F32:
         """See `Denoiser`."""
         run, network = self._at(), self._network
-        with held_to_memory():
+        with memory_errors():
             if first not in run.shown:
                 frame = frames_held(first, self.grid) if first else 0
                 run.shown[first] = network.shown(_video(run.frames[frame : frame + 1])[0], len(latents))
@@ -211,7 +434,7 @@ class Sampler:
         """See `Denoiser`."""
         parts = self._network.decode(torch.from_numpy(latents))
         while True:
-            with held_to_memory():
+            with memory_errors():
                 part = next(parts, None)
                 frames = None if part is None else _array((part / 2 + 0.5).permute(0, 2, 3, 1))
             if frames is None:
@@ -220,10 +443,12 @@ class Sampler:
 
     def fits(self, side: int, frames: int) -> bool:
         """See `Denoiser`: a video of nothing is begun, stepped once and decoded."""
-        freed()
+        free_memory()
         under_way, nothing = self._run, np.zeros((side, side, 3), np.uint8)
         try:
-            latents = self.begin([nothing] * frames_held(frames, self.grid), Said("", "", None), 1, 1)
+            latents = self.begin(
+                [nothing] * frames_held(frames, self.grid), PromptSettings("", "", None), 1, 1
+            )
             self.predict(latents[: self.grid.window], 0, 0)
             for _ in self.decode(latents):
                 pass
@@ -246,7 +471,7 @@ class Sampler:
             "torch": torch.__version__,
             "diffusers": diffusers.__version__,
         }
-        return noted(self._device, self._dtype, ",".join(self._weights), told)
+        return run_note(self._device, self._dtype, ",".join(self._weights), told)
 
     @cached_property
     def _revisions(self) -> list[str]:
@@ -256,7 +481,7 @@ class Sampler:
         """The model goes."""
         self.__dict__.pop("_network", None)
         self._run = None
-        freed()
+        free_memory()
 
     def _at(self) -> Run:
         assert self._run is not None, "begin comes first"
@@ -264,16 +489,16 @@ class Sampler:
 
 
 @contextmanager
-def held_to_memory() -> Iterator[None]:
+def memory_errors() -> Iterator[None]:
     """Inference; where a device's memory does not suffice, all is given back and MemoryError raised."""
     try:
         with torch.no_grad():  # not inference_mode: offloading puts other tensors into parameters
             yield
     except (RuntimeError, MemoryError) as error:
-        if not of_memory(error):
+        if not is_out_of_memory(error):
             raise
         traceback.clear_frames(error.__traceback__)  # what the step held
-        freed()
+        free_memory()
         raise MemoryError(str(error)) from None
 
 

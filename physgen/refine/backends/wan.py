@@ -14,13 +14,22 @@ from diffusers import AutoencoderKLWan, DiffusionPipeline, FlowMatchEulerDiscret
 from PIL import Image
 from torch import Tensor
 
-from physgen.backends import Setup
 from physgen.problems import InputError
-from physgen.refine.backends.loading import REFINE, config, expect, index, pipeline
-from physgen.refine.backends.sampling import Kind, Sampler, Trained
-from physgen.refine.backends.schedules import Schedule, euler
-from physgen.refine.cells import latent_frames
-from physgen.refine.roles import Grid
+from physgen.refine.backends.sampling import (
+    REFINE,
+    Kind,
+    Sampler,
+    Schedule,
+    Trained,
+    check_pipeline_class,
+    euler,
+    load_pipeline,
+    part_config,
+    pipeline_index,
+)
+from physgen.refine.denoiser import Grid
+from physgen.refine.latents import latent_frames
+from physgen.registry import Setup
 
 WHAT = "Wan"
 KNOWN = ("WanPipeline", "WanImageToVideoPipeline", "WanVideoToVideoPipeline")
@@ -138,13 +147,13 @@ class Wan:
 def trained(weights: tuple[str, ...]) -> Trained:
     """What the configurations say."""
     (one,) = weights
-    found = index(one, WHAT)
-    expect(one, str(found.get("_class_name")), KNOWN, WHAT)
+    found = pipeline_index(one, WHAT)
+    check_pipeline_class(one, str(found.get("_class_name")), KNOWN, WHAT)
     if found.get("expand_timesteps"):
         what = "tells every frame a noise of its own (Wan 2.2 TI2V): not for Wan here"
         raise InputError.of(REFINE.name, f'"{one}"', what, "name Wan 2.1, or Wan 2.2's A14B")
     part = "transformer" if found.get("transformer", [None, None])[1] else "transformer_2"
-    vae, network = config(one, "vae", WHAT), config(one, part, WHAT)
+    vae, network = part_config(one, "vae", WHAT), part_config(one, part, WHAT)
     halves = vae.get("temperal_downsample", [False, True, True])
     cell, stride = 2 ** len(halves), 2 ** sum(halves)
     patch = network.get("patch_size", [1, 2, 2])
@@ -156,7 +165,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
     """The pipeline."""
-    return Wan(pipeline(DiffusionPipeline, weights[0], dtype, WHAT, AutoencoderKLWan), device, dtype)
+    return Wan(load_pipeline(DiffusionPipeline, weights[0], dtype, WHAT, AutoencoderKLWan), device, dtype)
 
 
 KIND = Kind("wan", WHAT, 5.0, trained, load)

@@ -1,8 +1,4 @@
-"""Trajectory -> where the energy is, over time: a stack whose top is what there was and what came in.
-
-Kinetic, potential and dissipated energy lie on each other. Were energy lost or made, the top of the stack would leave
-the line of what there was at first and the work done since.
-"""
+"""Figure of kinetic, potential and dissipated energy over time."""
 
 from __future__ import annotations
 
@@ -12,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.report.plots.look import SMALL, Look, add_axes, drawing, paper
-from physgen.report.plots.units import ENERGY, units
-from physgen.scene.model import Scene
+from physgen.report.plots.style import ENERGY, SMALL, PlotStyle, add_axes, new_figure, plot_settings, units
+from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 Array = NDArray[np.float64]
 
@@ -31,11 +27,11 @@ WORKED = 1e-3
 """Of all energy: below it, no work was done."""
 
 
-def energy_figure(scene: Scene, world: World, trajectory: Trajectory, look: Look) -> Figure:
+def energy_figure(scene: Scene, world: World, trajectory: Trajectory, look: PlotStyle) -> Figure:
     """`trajectory` has samples close enough to show what happens between frames, at ends of steps."""
     width = look.inches(WIDTH)
-    with drawing(look):
-        figure = paper(look, width, TALL)
+    with plot_settings(look):
+        figure = new_figure(look, width, TALL)
         right = RIGHT if units(scene, look).beside else ALONE
         room = width - LEFT - right
         axes = add_axes(figure, LEFT, BELOW, room, TALL - BELOW - ABOVE)
@@ -63,7 +59,7 @@ def stacked(trajectory: Trajectory) -> tuple[Array, Array]:
 
 
 def _stack(
-    axes: Axes, scene: Scene, world: World, trajectory: Trajectory, look: Look
+    axes: Axes, scene: Scene, world: World, trajectory: Trajectory, look: PlotStyle
 ) -> tuple[list[Any], list[Any]]:
     """Draws; returns what the legend tells of, layers and lines."""
     colours, t = look.palette, trajectory.times
@@ -107,7 +103,7 @@ def _stack(
     return filled, lines
 
 
-def _touches(axes: Axes, trajectory: Trajectory, look: Look) -> None:
+def _touches(axes: Axes, trajectory: Trajectory, look: PlotStyle) -> None:
     """A tick for each time that something begins to touch."""
     begins = trajectory.contacts.touch_times[:, 0]
     begins = begins[begins > 0]

@@ -1,4 +1,4 @@
-"""Trajectory -> the ways of objects over the photo with marks of time, and x, y, speed and angle over time."""
+"""Figure of object paths over the photo, and of place, speed and angle over time."""
 
 from __future__ import annotations
 
@@ -10,16 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.geometry import rotation
+from physgen.geometry.polygon import rotation
 from physgen.render.scales import nearest_round
-from physgen.report.plots.look import SMALL, Look, add_axes, drawing, paper, stroke
-from physgen.report.plots.units import LENGTH, SPEED, Axis, Units, units
-from physgen.scene.model import Scene
+from physgen.report.plots.style import (
+    LENGTH,
+    SMALL,
+    SPEED,
+    Axis,
+    PlotStyle,
+    Units,
+    add_axes,
+    new_figure,
+    plot_settings,
+    stroke,
+    units,
+)
+from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -48,14 +60,14 @@ def trajectory_figure(
     world: World,
     trajectory: Trajectory,
     photo: U8 | None,
-    look: Look,
+    look: PlotStyle,
     *,
     objects: Sequence[str] = (),
     curves: Sequence[str] = (),
 ) -> Figure:
     """`objects` by name, else those that move; `curves` of CURVES; `photo` (H, W, 3) sRGB lies faintly below."""
-    shown = chosen(world, trajectory, objects)
-    back = [] if objects else quiet(trajectory, shown)
+    shown = chosen_objects(world, trajectory, objects)
+    back = [] if objects else background_objects(trajectory, shown)
     shown = [body for body in shown if body not in back]
     of, width = units(scene, look), look.inches(WIDTH)
     right = RIGHT if of.beside else ALONE
@@ -66,9 +78,9 @@ def trajectory_figure(
     rows, entries = ceil(len(curves) / 2), len(shown) + bool(back)
     columns = max(1, min(entries, int((width - LEFT) / ENTRY)))
     legend = LINE * ceil(entries / columns) + 0.1 if shown else 0.0
-    with drawing(look):
+    with plot_settings(look):
         total = above + high + BELOW + rows * PANEL + legend
-        figure = paper(look, width, total)
+        figure = new_figure(look, width, total)
         shrunk = high * wide / tall  # where a tall photo would take a page
         axes = add_axes(figure, LEFT + (room - shrunk) / 2, total - above - high, shrunk, high)
         every = _map(axes, world, trajectory, photo, shown, back, of, look)
@@ -100,7 +112,7 @@ def _across(entries: Sequence[Any], columns: int) -> list[Any]:
     return [entry for k in range(columns) for entry in entries[k::columns]]
 
 
-def chosen(world: World, trajectory: Trajectory, objects: Sequence[str]) -> list[int]:
+def chosen_objects(world: World, trajectory: Trajectory, objects: Sequence[str]) -> list[int]:
     """Indices of objects, by name; else of all that move or turn. The caller has looked whether the names are there."""
     if objects:
         return [trajectory.names.index(name) for name in objects]
@@ -111,7 +123,7 @@ def chosen(world: World, trajectory: Trajectory, objects: Sequence[str]) -> list
     return np.flatnonzero(way > MOVES).tolist()
 
 
-def quiet(trajectory: Trajectory, shown: Sequence[int]) -> list[int]:
+def background_objects(trajectory: Trajectory, shown: Sequence[int]) -> list[int]:
     """Of those shown, all but the LOUD that go farthest; none where that leaves but one."""
     if len(shown) <= LOUD + 1:
         return []
@@ -129,7 +141,7 @@ def _map(
     shown: Sequence[int],
     back: Sequence[int],
     of: Units,
-    look: Look,
+    look: PlotStyle,
 ) -> float:
     """Paths, and the shapes at the end; returns how many s lie between two marks."""
     colours, (wide, tall) = look.palette, world.size
@@ -208,7 +220,7 @@ def _curve(
     shown: Sequence[int],
     back: Sequence[int],
     of: Units,
-    look: Look,
+    look: PlotStyle,
 ) -> None:
     values, axis, name = _values(curve, world, trajectory, of)
     strokes = [(body, look.palette.soft, "-", 0.45) for body in back]
@@ -243,13 +255,13 @@ def _values(curve: str, world: World, trajectory: Trajectory, of: Units) -> tupl
     return place, of.axis(LENGTH, float(max(world.size))), curve
 
 
-def _faded(photo: U8, look: Look) -> U8:
+def _faded(photo: U8, look: PlotStyle) -> U8:
     """(H, W, 3): towards the paper."""
     paper_rgb = np.array([int(look.palette.paper[k : k + 2], 16) for k in (1, 3, 5)], np.float32)
     return np.asarray(np.rint(paper_rgb + FAINT * (photo - paper_rgb)), np.uint8)
 
 
-def _halo(look: Look) -> list[Any]:
+def _halo(look: PlotStyle) -> list[Any]:
     """A rim in the colour of the paper, so that paths stand out from the photo."""
     from matplotlib import patheffects
 

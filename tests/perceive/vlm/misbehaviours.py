@@ -25,7 +25,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # run as a script, it finds wha
 
 import vlm_stub as stub  # noqa: E402
 
-from physgen.cli import main  # noqa: E402
+from physgen.cli.main import main  # noqa: E402
 
 PAGE = ROOT / "docs" / "models.md"
 BEGIN, END = "<!-- tests/perceive/vlm/misbehaviours.py writes from here -->", "<!-- to here -->"

@@ -64,5 +64,9 @@ def test_a_list_without_its_key_and_yes_for_true():
 
 
 def test_who_agrees_with_himself_is_surer():
-    agreed, apart, alone = mass_confidence([70.0] * 5), mass_confidence([10.0, 70.0, 500.0]), mass_confidence([70.0])
+    agreed, apart, alone = (
+        mass_confidence([70.0] * 5),
+        mass_confidence([10.0, 70.0, 500.0]),
+        mass_confidence([70.0]),
+    )
     assert apart < alone < agreed < 0.9

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physgen import backends
-from physgen.backends import Setup
-from physgen.cli import main
-from physgen.outline.outline import Disc
-from physgen.perceive.roles import Thing
+from physgen import registry
+from physgen.cli.main import main
+from physgen.geometry.polygon import Disc
+from physgen.perceive.roles import PhotoObject
 from physgen.problems import InputError
+from physgen.registry import Setup
 
 TEMPLATE = (
     "{% for m in messages %}{{ m['role'] }}: {% for c in m['content'] %}{% if c['type'] == 'image' %}<image>"
@@ -86,11 +86,11 @@ def setup(weights: Path | str, **options: object) -> Setup:
     return Setup(str(weights), "cpu", options={"max_tokens": 16, "attempts": 2} | options)
 
 
-def scene() -> tuple[np.ndarray, np.ndarray, list[Thing]]:
+def scene() -> tuple[np.ndarray, np.ndarray, list[PhotoObject]]:
     labels = np.zeros((48, 64), np.uint16)
     labels[np.hypot(*(np.mgrid[:48, :64] - np.array([24, 30])[:, None, None])) <= 10] = 1
     rgb = np.where(labels[..., None] == 1, (200, 40, 30), (90, 120, 90)).astype(np.uint8)
-    return rgb, labels, [Thing(1, Disc(np.array([30.0, 24.0]), 10.0), "ball")]
+    return rgb, labels, [PhotoObject(1, Disc(np.array([30.0, 24.0]), 10.0), "ball")]
 
 
 def test_random_weights_answer_nonsense_and_that_is_told(llava: Path):
@@ -98,7 +98,7 @@ def test_random_weights_answer_nonsense_and_that_is_told(llava: Path):
     for role, arguments in (
         ("categories", (rgb,)), ("label", (rgb, labels, things)), ("physics", (rgb, things, None)),
     ):  # fmt: skip
-        run = backends.make(role, "vlm", setup(llava))
+        run = registry.make(role, "vlm", setup(llava))
         with pytest.raises(InputError) as error:
             run(*arguments)
         assert f"transformers (model {llava}), asked for {role} of" in str(error.value)
@@ -118,16 +118,16 @@ def test_an_answer_of_a_local_model_is_used_and_kept(llava: Path, monkeypatch: p
     good = "<think>a {red} ball</think>" + json.dumps(vlm_stub.BALL)
     monkeypatch.setattr(LlavaProcessor, "decode", lambda *_, **__: good)
     rgb, _, things = scene()
-    run = backends.make("physics", "vlm", setup(llava))
+    run = registry.make("physics", "vlm", setup(llava))
     matter = run(rgb, things, None)
     assert matter[1].mass == 72
     run.close()
     monkeypatch.setattr(LlavaProcessor, "from_pretrained", None)  # a second run loads nothing
-    again = backends.make("physics", "vlm", setup(llava))
+    again = registry.make("physics", "vlm", setup(llava))
     assert again(rgb, things, None) == matter
     assert again.note()["cached"] == 1
     (llava / "config.json").touch()  # other weights in the same folder
-    changed = backends.make("physics", "vlm", setup(llava))
+    changed = registry.make("physics", "vlm", setup(llava))
     with pytest.raises(InputError):
         changed(rgb, things, None)
     changed.close()
@@ -164,7 +164,7 @@ def test_one_model_serves_all_roles(llava: Path):
     from physgen.perceive.backends import vlm_local
 
     rgb, labels, things = scene()
-    label, physics = (backends.make(role, "vlm", setup(llava)) for role in ("label", "physics"))
+    label, physics = (registry.make(role, "vlm", setup(llava)) for role in ("label", "physics"))
     for run, arguments in ((label, (rgb, labels, things)), (physics, (rgb, things, None))):
         with pytest.raises(InputError):
             run(*arguments)

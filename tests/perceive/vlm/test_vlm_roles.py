@@ -14,20 +14,20 @@ import vlm_stub as stubs
 from misbehaviours import photo
 from vlm_stub import BALL, Stub, asked, pictures, said
 
-from physgen import backends
-from physgen.backends import Setup
-from physgen.cli import main
-from physgen.outline.outline import Disc, Region, Ring
-from physgen.perceive.roles import Category, Name, Thing
+from physgen import registry
+from physgen.cli.main import main
+from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.perceive.roles import Category, Name, PhotoObject
 from physgen.problems import InputError
-from physgen.scene.model import Solid
+from physgen.registry import Setup
+from physgen.scene.scene import Solid
 
 
-def balls(*centers: tuple[float, float, float], label: str = "rubber ball") -> list[Thing]:
-    return [Thing(k, Disc(np.array([x, y]), r), label) for k, (x, y, r) in enumerate(centers, 1)]
+def balls(*centers: tuple[float, float, float], label: str = "rubber ball") -> list[PhotoObject]:
+    return [PhotoObject(k, Disc(np.array([x, y]), r), label) for k, (x, y, r) in enumerate(centers, 1)]
 
 
-def drawn(things: list[Thing], size: tuple[int, int] = (200, 120)) -> tuple[np.ndarray, np.ndarray]:
+def drawn(things: list[PhotoObject], size: tuple[int, int] = (200, 120)) -> tuple[np.ndarray, np.ndarray]:
     rgb = np.full((size[1], size[0], 3), (90, 120, 90), np.uint8)
     labels = np.zeros(rgb.shape[:2], np.uint16)
     for thing in things:
@@ -79,7 +79,7 @@ def test_a_second_run_asks_nothing_and_writes_the_same_bytes(vlm_stub: Stub, tmp
 def test_the_request(vlm_stub: Stub):
     things = balls((50, 60, 20))
     rgb, _ = drawn(things)
-    matter = backends.make("physics", "vlm")(rgb, things, 400.0)[1]
+    matter = registry.make("physics", "vlm")(rgb, things, 400.0)[1]
     (request,) = vlm_stub.requests
     path, headers, _ = vlm_stub.heads[0]
     assert path == "/v1/chat/completions"
@@ -106,7 +106,7 @@ def test_the_request(vlm_stub: Stub):
 def test_things_that_are_alike_are_asked_about_once(vlm_stub: Stub):
     things = balls((30, 60, 20), (80, 60, 20), (130, 60, 22), (175, 60, 10))
     rgb, _ = drawn(things)
-    found = backends.make("physics", "vlm")(rgb, things, None)
+    found = registry.make("physics", "vlm")(rgb, things, None)
     assert len(vlm_stub.requests) == 2  # three of about one size, and a small one
     assert found[1].mass == found[2].mass == 72
     assert found[3].mass == pytest.approx(72 * 1.1**3, rel=5e-3)
@@ -118,17 +118,17 @@ def test_things_that_are_alike_are_asked_about_once(vlm_stub: Stub):
 def test_one_word_does_not_tell_steel_from_rubber(vlm_stub: Stub):
     things = balls((40, 60, 20), (100, 60, 20), label="ball")
     rgb, labels = drawn(things)
-    backends.make("physics", "vlm")(rgb, things, None)
+    registry.make("physics", "vlm")(rgb, things, None)
     assert len(vlm_stub.requests) == 1
     rgb[labels == 2] = (180, 180, 185)
-    backends.make("physics", "vlm", Setup(options={"cache": False}))(rgb, things, None)
+    registry.make("physics", "vlm", Setup(options={"cache": False}))(rgb, things, None)
     assert len(vlm_stub.requests) == 3
 
 
 def test_what_is_no_circle_is_a_plate(vlm_stub: Stub):
     corners = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 80.0], [20.0, 80.0]])
-    things = [Thing(1, Region((Ring(corners),)), "box")]
-    found = backends.make("physics", "vlm")(np.zeros((100, 100, 3), np.uint8), things, None)
+    things = [PhotoObject(1, Region((Ring(corners),)), "box")]
+    found = registry.make("physics", "vlm")(np.zeros((100, 100, 3), np.uint8), things, None)
     assert found[1].solid is Solid.PLATE
 
 
@@ -141,24 +141,24 @@ def test_samples_give_a_median_and_their_spread_the_confidence(vlm_stub: Stub):
     things = balls((50, 60, 20))
     rgb, _ = drawn(things)
     vlm_stub.act = scattered
-    apart = backends.make("physics", "vlm", Setup(options={"samples": 3}))(rgb, things, None)[1]
+    apart = registry.make("physics", "vlm", Setup(options={"samples": 3}))(rgb, things, None)[1]
     assert sorted(r["seed"] for r in vlm_stub.requests) == [0, 1, 2]
     assert all(r["temperature"] == 0.7 for r in vlm_stub.requests)
     assert apart.mass == 70
     assert "the median of 3 answers from 60 to 100 g" in apart.reason
     masses.update({1: 70.0, 0: 70.0})
     told = Setup(options={"samples": 3, "cache": False})
-    agreed = backends.make("physics", "vlm", told)(rgb, things, None)[1]
+    agreed = registry.make("physics", "vlm", told)(rgb, things, None)[1]
     assert agreed.confidence > apart.confidence
     masses.update({0: 7.0, 1: 700.0})
-    wild = backends.make("physics", "vlm", told)(rgb, things, None)[1]
+    wild = registry.make("physics", "vlm", told)(rgb, things, None)[1]
     assert wild.confidence < 0.5 * apart.confidence
 
 
 def test_eight_names_a_request(vlm_stub: Stub):
     things = balls(*((15 + 20 * k, 60, 8) for k in range(9)), label="")
     rgb, labels = drawn(things)
-    names = backends.make("label", "vlm")(rgb, labels, things)
+    names = registry.make("label", "vlm")(rgb, labels, things)
     assert names == {k: Name("rubber ball", 0.8) for k in range(1, 10)}
     assert sorted("8 objects are" in said(r) for r in vlm_stub.requests) == [False, True]
     assert all(len(pictures(r)) == 2 for r in vlm_stub.requests)
@@ -172,7 +172,7 @@ def test_numbers_said_twice_are_asked_for_again(vlm_stub: Stub):
     vlm_stub.act = stubs.first(
         lambda http, body: http.say(json.dumps(twice)), lambda http, body: http.say(json.dumps(good))
     )
-    run = backends.make("label", "vlm")
+    run = registry.make("label", "vlm")
     names = run(rgb, labels, things)
     assert {k: name.label for k, name in names.items()} == {1: "cup # red", 2: "can"}
     again = vlm_stub.requests[1]["messages"]
@@ -183,7 +183,7 @@ def test_numbers_said_twice_are_asked_for_again(vlm_stub: Stub):
 
 def test_categories(vlm_stub: Stub):
     rgb = np.zeros((60, 80, 3), np.uint8)
-    assert backends.make("categories", "vlm")(rgb) == [
+    assert registry.make("categories", "vlm")(rgb) == [
         Category("ball", True), Category("block", True), Category("wall", False),
     ]  # fmt: skip
     votes = {0: [("ball", True), ("cup", True)], 1: [("ball", False)], 2: [("Ball", True), ("ball", True)]}
@@ -193,14 +193,14 @@ def test_categories(vlm_stub: Stub):
         http.say(json.dumps(nouns))  # the list alone
 
     vlm_stub.act = divided
-    found = backends.make("categories", "vlm", Setup(options={"samples": 3}))(rgb)
+    found = registry.make("categories", "vlm", Setup(options={"samples": 3}))(rgb)
     assert found == [Category("ball", True)]
 
 
 def test_a_broken_cache_is_no_cache(vlm_stub: Stub, tmp_path: Path):
     things = balls((50, 60, 20))
     rgb, _ = drawn(things)
-    run = backends.make("physics", "vlm")
+    run = registry.make("physics", "vlm")
     first = run(rgb, things, None)
     (file,) = (tmp_path / "cache").rglob("*.json")
     assert stubs.KEY not in file.read_text()
@@ -211,7 +211,7 @@ def test_a_broken_cache_is_no_cache(vlm_stub: Stub, tmp_path: Path):
     run(rgb + 1, things, None)  # another photo
     assert len(vlm_stub.requests) == 7
     file.parent.parent.chmod(0o500)
-    backends.make("physics", "vlm", Setup("another"))(rgb, things, None)
+    registry.make("physics", "vlm", Setup("another"))(rgb, things, None)
     assert vlm_stub.requests[-1]["model"] == "another"
     file.parent.parent.chmod(0o700)
 
@@ -220,7 +220,7 @@ def test_waits_for_as_long_as_the_server_asks(vlm_stub: Stub):
 
     vlm_stub.act = stubs.first(stubs.status(429, "slow down", Retry_After="1.2"), stubs.well)
     things = balls((50, 60, 20))
-    run = backends.make("physics", "vlm")
+    run = registry.make("physics", "vlm")
     run(drawn(things)[0], things, None)
     first, second = (at for _, _, at in vlm_stub.heads)
     assert second - first >= 1.2
@@ -229,7 +229,7 @@ def test_waits_for_as_long_as_the_server_asks(vlm_stub: Stub):
 
 def test_costs(vlm_stub: Stub):
     things = balls((50, 60, 20))
-    run = backends.make("physics", "vlm", Setup(options={"price_in": 2.5, "price_out": 10}))
+    run = registry.make("physics", "vlm", Setup(options={"price_in": 2.5, "price_out": 10}))
     run(drawn(things)[0], things, None)
     assert run.note()["cost"] == pytest.approx((1000 * 2.5 + 100 * 10) / 1e6)
 
@@ -237,7 +237,7 @@ def test_costs(vlm_stub: Stub):
 def test_what_is_not_configured_is_told(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
     def told(setup: Setup = Setup()) -> str:  # noqa: B008
         with pytest.raises(InputError) as error:
-            backends.make("physics", "vlm", setup)
+            registry.make("physics", "vlm", setup)
         return str(error.value)
 
     wrong = {"samples": 0, "api_key": "sk-x", "timout": 3, "cache": "no", "retries": 1.5}
@@ -260,17 +260,17 @@ def test_openais_key_goes_nowhere_that_a_file_says(monkeypatch: pytest.MonkeyPat
     rgb, _ = drawn(things)
     monkeypatch.delenv("PHYSGEN_VLM_KEY")
     monkeypatch.setenv("OPENAI_API_KEY", "sk-openai")
-    backends.make("physics", "vlm")(rgb, things, None)
+    registry.make("physics", "vlm")(rgb, things, None)
     assert vlm_stub.heads[-1][1]["authorization"] == "Bearer sk-openai"
     monkeypatch.delenv("PHYSGEN_VLM_URL")
-    run = backends.make("physics", "vlm", Setup(options={"url": vlm_stub.url, "cache": False}))
+    run = registry.make("physics", "vlm", Setup(options={"url": vlm_stub.url, "cache": False}))
     run(rgb, things, None)
     assert "sk-openai" not in str(vlm_stub.heads[-1][1])
     hidden = vlm_stub.url.replace("//", "//me:secret@")
     with pytest.raises(InputError, match="url is a secret in a file"):
-        backends.make("physics", "vlm", Setup(options={"url": hidden}))
+        registry.make("physics", "vlm", Setup(options={"url": hidden}))
     monkeypatch.setenv("PHYSGEN_VLM_URL", hidden)
-    run = backends.make("physics", "vlm", Setup(options={"cache": False}))
+    run = registry.make("physics", "vlm", Setup(options={"cache": False}))
     run(rgb, things, None)
     assert run.note()["server"] == vlm_stub.url  # nor is a password shown
 
@@ -282,15 +282,15 @@ def test_questions_are_put_at_the_same_time_and_answers_keep_their_order(vlm_stu
         http.say(json.dumps(BALL | {"mass": 10.0 * number}))
 
     vlm_stub.act = weighed
-    things = [Thing(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball number {k}") for k in range(1, 9)]
-    found = backends.make("physics", "vlm")(drawn(things)[0], things, None)
+    things = [PhotoObject(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball number {k}") for k in range(1, 9)]
+    found = registry.make("physics", "vlm")(drawn(things)[0], things, None)
     assert [found[k].mass for k in range(1, 9)] == [10.0 * k for k in range(1, 9)]
 
 
 def test_a_server_that_knows_less_is_asked_so_from_then_on(vlm_stub: Stub):
     vlm_stub.act = stubs.demanding
     things = balls((50, 60, 20), (130, 60, 10))
-    run = backends.make("physics", "vlm", Setup(options={"max_tokens": 500, "parallel": 1}))
+    run = registry.make("physics", "vlm", Setup(options={"max_tokens": 500, "parallel": 1}))
     assert run(drawn(things)[0], things, None)[2].mass == 72
     assert len(vlm_stub.requests) == 5  # three refused, then one for each
     last = vlm_stub.requests[-1]
@@ -305,8 +305,8 @@ def test_a_failure_breaks_off_what_is_under_way(vlm_stub: Stub):
         (stubs.status(401, "no") if refuse else stubs.hang)(http, body)
 
     vlm_stub.act = act
-    things = [Thing(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball {k}") for k in range(1, 9)]
-    run = backends.make("physics", "vlm", Setup(options={"timeout": 30, "retries": 0}))
+    things = [PhotoObject(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball {k}") for k in range(1, 9)]
+    run = registry.make("physics", "vlm", Setup(options={"timeout": 30, "retries": 0}))
     started = time.monotonic()
     with pytest.raises(InputError, match="refuses the key"):
         run(drawn(things)[0], things, None)

@@ -8,7 +8,7 @@ from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
 from physgen.evaluate.plausibility.stretches import Stretch
 from physgen.evaluate.plausibility.tracks import Array
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 FEWEST = 6
 """Frames of a flight."""

@@ -10,7 +10,7 @@ from physgen.evaluate.plausibility.motion import Motion
 from physgen.evaluate.plausibility.questions.gravity import common
 from physgen.evaluate.plausibility.stretches import Stretch
 from physgen.evaluate.plausibility.tracks import Array
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 SURE = 2.5
 """Standard deviations that noise may account for."""

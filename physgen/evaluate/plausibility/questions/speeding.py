@@ -7,7 +7,7 @@ import numpy as np
 from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
 from physgen.evaluate.plausibility.stretches import Stretch
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 FEWEST = 6
 """Frames."""

@@ -8,7 +8,7 @@ from physgen.evaluate.plausibility.evidence import Asked, Evidence
 from physgen.evaluate.plausibility.motion import Motion
 from physgen.evaluate.plausibility.questions.gravity import common
 from physgen.evaluate.plausibility.tracks import Array, runs
-from physgen.scene.model import View
+from physgen.scene.scene import View
 
 FEWEST, SHORTEST = 5, 0.15
 """Frames and s of rest."""

@@ -48,7 +48,7 @@ def read(path: Path, asked: Asked) -> Iterator[Tracks]:
 
 
 def _folder(path: Path, asked: Asked) -> Iterator[Tracks]:
-    from physgen.batch.verify.told import clip_folders
+    from physgen.batch.clips import clip_folders
     from physgen.evaluate.plausibility.reading.pictures import from_pictures, pictures_in
 
     for name, ending in (("gt.txt", ""), ("gt/gt.txt", ""), ("annotations.json", ""), ("tapvid.npz", "")):

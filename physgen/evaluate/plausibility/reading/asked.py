@@ -10,8 +10,8 @@ import numpy as np
 
 from physgen.evaluate.plausibility.tracks import Array, Form, Given, Tracks
 from physgen.problems import InputError, Place, Problem
-from physgen.scene.model import View
-from physgen.scene.words import natural
+from physgen.scene.scene import View
+from physgen.text import natural
 
 FPS = 30.0
 """1/s, where nobody says it."""

@@ -1,4 +1,5 @@
-"""A clip of ours, or a scene that is run -> tracks: places and outlines, and what the scene says acts from outside.
+"""A clip of ours, or a scene that is run -> tracks: places and outlines, and what the scene says acts from
+outside.
 
 Of contacts, energies and velocities, which `trajectory.npz` has too, nothing is read.
 """
@@ -13,10 +14,11 @@ import numpy as np
 
 from physgen.evaluate.plausibility.tracks import Array, Form, Given, Tracks
 from physgen.problems import InputError
-from physgen.scene.model import Motion, Solid, View
+from physgen.scene.scene import Motion, Solid, View
 
 if TYPE_CHECKING:
     from physgen.compile.world import Body, World
+
 
 EXACT = 0.02
 """px: what the engine's steps may shake."""
@@ -39,11 +41,11 @@ def from_clip(folder: Path) -> Tracks:
     Raises InputError where the motion cannot be read.
     """
     from physgen import pipeline
-    from physgen.batch.verify.told import read_told
+    from physgen.batch.clips import read_manifest
     from physgen.evaluate.plausibility.reading.archives import from_archive
     from physgen.evaluate.plausibility.reading.asked import Asked
 
-    told = read_told(folder)
+    told = read_manifest(folder)
     view = View(str(told.document.get("world", {}).get("view", "side")))
     bare = from_archive(folder / "trajectory.npz", Asked(view=view))
     name = folder.resolve().name

@@ -1,4 +1,5 @@
-"""Maps of ids, one a frame -> tracks: centroids of what is seen, and the discs that surely lie in them and about them.
+"""Maps of ids, one a frame -> tracks: centroids of what is seen, and the discs that surely lie in them and about
+them.
 
 What another thing or the border hides has no centroid that means anything: it is not seen then.
 """

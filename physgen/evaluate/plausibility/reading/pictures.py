@@ -11,9 +11,9 @@ from PIL import Image, UnidentifiedImageError
 from physgen.evaluate.plausibility.reading.asked import FPS, Asked
 from physgen.evaluate.plausibility.reading.masks import SHAKE, Ids, gathered, tracked
 from physgen.evaluate.plausibility.tracks import Tracks
-from physgen.pictures import MOST_PIXELS
+from physgen.image_formats import MOST_PIXELS
 from physgen.problems import InputError
-from physgen.scene.words import natural
+from physgen.text import natural
 
 MOST_IDS = 1000
 """In a picture: more are no ids, but a photo."""

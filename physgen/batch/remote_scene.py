@@ -1,0 +1,151 @@
+"""Fetch a remote scene with the files that it names."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from physgen.batch.remote import RemoteFolder, open_folder
+from physgen.pipeline.packs import pack_key, scene_in
+from physgen.problems import InputError, Problem
+from physgen.scene.document import MAX_BYTES, Node, children
+from physgen.scene.files import MAPS, MAX_EXTENDS, SUFFIXES, RefusedError, confined, read_scene, with_bases
+from physgen.scene.load import Opened
+from physgen.scene.pack import pack_scene, pictures_named
+from physgen.scene.pack_format import MOST_PICTURE
+
+MOST_KNOWN = 10_000
+_KEYS: dict[tuple[str, tuple[str, ...]], str] = {}
+"""URL and edits that name files -> what the scene's pack is known by."""
+
+
+def fetch_scene(url: str, overrides: Sequence[str] = (), variant: str | None = None) -> Path:
+    """The scene's file in a folder that its content names; fetched once by a process.
+
+    What `overrides` name is fetched, too. Raises InputError with what is wrong with the scene, OSError where the place
+    cannot be reached.
+    """
+
+    def fetch() -> bytes:
+        return fetched_pack(url, overrides, variant)
+
+    scene = url, naming(overrides)
+    if scene in _KEYS:
+        return scene_in(_KEYS[scene], fetch, url)
+    data = fetch()
+    if len(_KEYS) >= MOST_KNOWN:
+        _KEYS.clear()
+    _KEYS[scene] = pack_key(data)
+    return scene_in(_KEYS[scene], lambda: data, url)
+
+
+def fetched_pack(url: str, overrides: Sequence[str] = (), variant: str | None = None) -> bytes:
+    """The same as a pack."""
+    with TemporaryDirectory(prefix="physgen-") as beside:
+        return packed_for(_copied(url, overrides, Path(beside)), overrides, variant, shown=url)
+
+
+def packed_for(
+    path: str | Path,
+    overrides: Sequence[str],
+    variant: str | None,
+    allow_outside: bool = False,
+    shown: str | None = None,
+) -> bytes:
+    """A scene's pack, the same for all its variants, and for all `overrides` that are alike in `naming`.
+
+    Raises InputError with what is wrong with the scene as it would be rendered; or where files lie outside its folder.
+    """
+    moved: list[Problem] = []
+    try:
+        data = pack_scene(path, naming(overrides), allow_outside, moved.append)
+    except InputError:  # it may be right with all that the command adds
+        Opened(path, allow_outside, shown).scene(overrides, variant)
+        moved.clear()
+        data = pack_scene(path, overrides, allow_outside, moved.append, variant)
+    if moved:
+        fix = "keep the scene's files below its folder, or give the workers that folder"
+        raise InputError(
+            Problem(at.place, at.path, at.found, "lies outside the scene's folder, and cannot be sent", fix)
+            for at in moved
+        )
+    return data
+
+
+def naming(overrides: Sequence[str]) -> tuple[str, ...]:
+    """Those that name files.
+
+    >>> naming(["image=b.png", "objects.ball.mass=3", "variants.dark.assets=dark"])
+    ('image=b.png', 'variants.dark.assets=dark')
+    """
+    return tuple(
+        text for text in overrides if text.partition("=")[0].rpartition(".")[2] in ("image", "assets")
+    )
+
+
+def _copied(url: str, overrides: Sequence[str], beside: Path) -> Path:
+    """The scene below a folder of this machine, everything as it stands there. Raises InputError."""
+    folder, _, name = url.rpartition("/")
+    above, _, home = folder.rpartition("/")
+    if not name.lower().endswith(SUFFIXES):
+        raise InputError.of(url, "", "is not a scene file", "name a .yaml file")
+    if not home or above.endswith(":/"):  # it lies in the bucket itself
+        above, home = folder if folder.endswith("/") else f"{folder}/", ""
+    copies = _Copies(open_folder(above), beside / "root")
+    top = Path(home, name)
+    if not copies.bring(top, MAX_BYTES):
+        raise InputError.of(
+            url, "", "no such file, or one of more than 8 MiB", "write the URL of a scene file"
+        )
+    node = read_scene(copies.root / top, url)
+    for _ in range(MAX_EXTENDS):
+        link = children(node).get("extends")
+        path = None if link is None else _meant(link, copies.root)
+        if path is None or path.suffix.lower() not in SUFFIXES:
+            break  # what is wrong with it is told when all is read
+        if not copies.bring(path.relative_to(copies.root), MAX_BYTES):
+            break
+        node = read_scene(path, str(path))
+    file = copies.root / top
+    root = with_bases(read_scene(file, url), file, False)
+    for key, named in pictures_named(root, overrides, root.source):
+        path = _meant(named, named.source.folder)
+        for wanted in () if path is None else _pictures(key, path.relative_to(copies.root)):
+            copies.bring(wanted, MOST_PICTURE)
+    return file
+
+
+def _meant(node: Node, within: Path) -> Path | None:
+    """The path that a value means below `within`; None where it means none, as is told when all is read."""
+    if not isinstance(node.value, str) or not node.value:
+        return None
+    try:
+        path = confined(node.value, node.source.folder, within, False)
+    except RefusedError:
+        return None
+    return Path(os.path.normpath(path))
+
+
+def _pictures(key: str, path: Path) -> Iterator[Path]:
+    if key == "image":
+        yield path
+    else:
+        yield from (path / f"{name}.png" for name in MAPS)
+
+
+class _Copies:
+    """Files below a URL, below a folder of this machine."""
+
+    def __init__(self, source: RemoteFolder, root: Path) -> None:
+        self._source, self.root = source, root
+        self._asked: dict[Path, bool] = {}
+
+    def bring(self, name: Path, most: int) -> bool:
+        """Whether there is such a file, of `most` bytes at most."""
+        if name not in self._asked:
+            target = self.root / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            self._asked[name] = self._source.fetch(name.as_posix(), target, most)
+        return self._asked[name]

@@ -1,0 +1,183 @@
+"""`dataset`: rendered clips to a training data set."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.cli.arguments import WRONG_INPUT, labels, number_of_clips, seed
+from physgen.cli.output import OK, print_error, print_line, print_problem
+from physgen.problems import InputError, Place, Problem, Severity
+
+if TYPE_CHECKING:
+    from physgen.batch.dataset import DatasetSummary
+
+
+# ----------------------------------------------------------------------
+# `dataset`: clips that are there to a data set for training.
+
+OFTEN = 10_000
+"""Clips after which it is told how far it is."""
+MOST_TOLD = 20
+"""Clips that cannot be used, told one by one."""
+
+
+def dataset(options: argparse.Namespace) -> int:
+    from physgen.batch.dataset import DatasetOptions, gather
+    from physgen.batch.dataset_samples import read_splits
+    from physgen.export.formats import check_names
+
+    if options.link and options.layout != "folder":
+        raise InputError.of("--link", "", "is of no use in shards", "leave it out, or take --layout folder")
+    check_names(options.format)
+    asked = DatasetOptions(
+        options.layout,
+        read_splits(options.split, options.seed),
+        options.format,
+        options.shard_clips,
+        options.shard_size,
+        options.link,
+    )
+    told = 0
+
+    def warn(problem: Problem) -> None:
+        nonlocal told
+        told += 1
+        if told <= MOST_TOLD:
+            print_problem(problem)
+
+    def far(count: int) -> None:
+        if count % OFTEN == 0:
+            print_error(f"{count:,} clips")
+
+    done = gather(options.folders, options.output, asked, options.command_line, warn, far)
+    if told > MOST_TOLD:
+        print_error(f"... and {told - MOST_TOLD:,} more that cannot be used")
+    _odd(done, options)
+    if options.json:
+        counts = {name: count.clips for name, count in done.counts.items()}
+        line = {"dataset": str(options.output), "clips": counts, "made": done.made, "unchanged": done.kept}
+        print_line(
+            json.dumps({**line, "left_out": done.left_out, "files": [str(path) for path in done.files]})
+        )
+    else:
+        for path in done.files:
+            print_line(str(path))
+        total = done.made + done.kept
+        split = ", ".join(f"{name} {count.clips:,}" for name, count in done.counts.items())
+        print_error(f"{_clips(total)} ({split}): {done.made:,} written, {done.kept:,} unchanged")
+    return WRONG_INPUT if done.left_out else OK
+
+
+def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
+    """What is allowed and probably not meant."""
+
+    def odd(expected: str, fix: str) -> None:
+        print_problem(Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING))
+
+    silent = sum(count.clips - count.captions for count in done.counts.values())
+    if silent:
+        which = "" if done.silent is None else f", e.g. {done.silent}"
+        odd(f"has {_clips(silent)} without a caption{which}", "render or export them with the format events")
+    total = done.made + done.kept
+    for name, count in done.lacking.items():
+        said = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
+        odd(said, f"render or export them with {name}, or leave it out of --format")
+    if done.uneven is not None and options.layout == "webdataset":
+        said = f"holds clips with different files, e.g. {done.uneven}: Hugging Face's loader makes no columns of them"
+        odd(said, "choose what all have with --format, or read the shards with webdataset")
+    empty = [name for name, count in done.counts.items() if not count.clips]
+    if empty:
+        photos = sum(len(count.photos) for count in done.counts.values())
+        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
+        there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
+        odd(f"has no clip in {', '.join(empty)}: {there}", fix)
+    if done.strays:
+        folders = "1 folder" if done.strays == 1 else f"{done.strays:,} folders"
+        which = "" if done.stray is None else f", e.g. {done.stray}"
+        odd(
+            f"holds {folders} of clips that are not named here{which}", "remove them, or name their clips too"
+        )
+
+
+def _clips(count: int) -> str:
+    return "1 clip" if count == 1 else f"{count:,} clips"
+
+
+# ----------------------------------------------------------------------
+# Flags of `dataset`.
+
+_BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,3})?) ?([kMGT]?)B?", re.IGNORECASE)
+_TIMES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+
+
+def add_dataset(sub: argparse.ArgumentParser) -> None:
+    """Which clips, where to, and how."""
+    sub.add_argument(
+        "folders",
+        metavar="DIR",
+        type=Path,
+        nargs="+",
+        help="what physgen rendered or exported into, at any depth",
+    )
+    sub.add_argument(
+        "-o", "--output", metavar="DATASET", type=Path, required=True, help="folder of the data set"
+    )
+    sub.add_argument(
+        "--layout",
+        choices=("folder", "webdataset"),
+        default="folder",
+        help="folder (the default): a folder a clip, and metadata.jsonl as Hugging Face's datasets read it; or shards",
+    )
+    sub.add_argument(
+        "--format",
+        metavar="LIST",
+        type=labels,
+        default=(),
+        help="labels that go along; default: all that clips have",
+    )
+    sub.add_argument(
+        "--split",
+        metavar="SHARES",
+        default="train=0.8,validation=0.1,test=0.1",
+        help="shares of the photos: all clips of one are in one split; default: train=0.8,validation=0.1,test=0.1",
+    )
+    sub.add_argument(
+        "--seed",
+        metavar="S",
+        type=seed,
+        default=0,
+        help="which photo is in which split follows from it; default: 0",
+    )
+    sub.add_argument(
+        "--shard-clips",
+        metavar="N",
+        type=number_of_clips,
+        default=1000,
+        help="in a shard at most; default: 1000",
+    )
+    sub.add_argument(
+        "--shard-size", metavar="SIZE", type=size, default=10**9, help="of a shard at most; default: 1GB"
+    )
+    sub.add_argument(
+        "--link",
+        action="store_true",
+        help="folder: names of the same files where the disk allows, in place of copies",
+    )
+    sub.add_argument("--json", action="store_true", help="print a line of JSON")
+
+
+def size(text: str) -> int:
+    """`500MB` -> bytes.
+
+    >>> size("500MB"), size("1.5g"), size("65536")
+    (500000000, 1500000000, 65536)
+    """
+    found = _BYTES.fullmatch(text.strip())
+    value = float(found[1]) * _TIMES[found[2].lower()] if found else 0
+    if not 65536 <= value <= 10**15:
+        raise argparse.ArgumentTypeError(f"{text} is not a size of 65536 bytes or more, e.g. 500MB")
+    return round(value)

@@ -1,0 +1,181 @@
+"""`edit`: a scene or a photo in the browser editor."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+from physgen.cli.output import OK, Bar, print_error, print_line
+from physgen.cli.perceive import add_backends
+from physgen.problems import InputError
+
+# ----------------------------------------------------------------------
+# `edit`: a scene, or a photo that is perceived first, in the browser.
+
+NEEDED = ("starlette", "uvicorn")
+SCENES = (".yaml", ".yml")
+SIGNS = re.compile(r"""^\s*\{?\s*["']?(physgen|extends|image|size|world|objects)["']?\s*:""", re.MULTILINE)
+"""What a text has in it that is a scene, or was to be one: a key of its top level."""
+
+
+def edit(options: argparse.Namespace) -> int:
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        raise InputError.of(
+            "physgen edit",
+            "",
+            f"needs {' and '.join(missing)}, not installed here",
+            'pip install "physgen[edit]"',
+        )
+    if options.output.exists() and not options.output.is_dir():
+        raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
+    scene = _scene(options)
+    from physgen.edit.app import Editor, Place, invited
+    from physgen.edit.draft import running_at
+
+    if (address := running_at(scene)) is not None:
+        print_error(f"{scene}: is open in an editor already, which is shown")
+        _show(options, scene, address, lambda: invited(address))
+        return OK
+    editor = Editor(scene, Place(options.host, options.port), options.allow_outside, options.output)
+    try:
+        if (strange := editor.session.document.draft.strange) is not None:
+            print_error(f"{strange}: came with the scene or was moved here, and is left alone")
+        if editor.session.recovered:
+            print_error(f"{scene}: goes on where the editor ended before it was saved")
+        if options.host not in ("127.0.0.1", "::1", "localhost"):
+            print_error(
+                f"--host {options.host}: whoever reaches this machine and has the address can edit the scene"
+            )
+        _show(options, scene, editor.address, editor.once)
+        if sys.stderr.isatty():
+            print_error("Ctrl-C ends it")
+        with suppress(KeyboardInterrupt):
+            editor.run()
+    finally:
+        kept = editor.close()
+    if kept is not None:
+        print_error(
+            f"{scene}: not saved; what was edited is kept in {kept.name}, and the next physgen edit goes on there"
+        )
+    return OK
+
+
+def _scene(options: argparse.Namespace) -> Path:
+    """The scene itself, or that of a photo."""
+    path: Path = options.scene
+    if not path.is_file():
+        return path
+    if path.suffix.lower() in SCENES or not _is_picture(path):
+        _check_scene(path)
+        return path
+    scene = path.with_name(f"{path.stem}.yaml")
+    if scene.exists():
+        print_error(f"{scene}: is there already and is opened; to begin anew, move it away")
+        return scene
+    from physgen import pipeline
+    from physgen.cli.output import print_backup, print_problem
+    from physgen.cli.perceive import crew_of
+
+    bar = Bar()
+    crew = crew_of(options)
+    pipeline.perceive(path, scene, crew=crew, progress=bar.show, warn=print_problem, keep=print_backup)
+    bar.clear()
+    return scene
+
+
+def _check_scene(path: Path) -> None:
+    """Refuse what is neither a scene nor a photo; a scene with errors in it is one that can be mended."""
+    from physgen.edit.draft import draft_folder
+    from physgen.scene.document import decode
+    from physgen.scene.files import scene_bytes
+
+    if draft_folder(path).exists():
+        return  # what was made of it before is there
+    text = decode(scene_bytes(path, str(path)), str(path))
+    if SIGNS.search(text) is None or (path.suffix.lower() not in SCENES and not _is_mapping(text)):
+        fix = "name a scene, which has `physgen: 1` in it, or a photo to make one of"
+        raise InputError.of(str(path), "", "is neither a scene nor a photo", fix)
+
+
+def _is_mapping(text: str) -> bool:
+    """Whether it is YAML of keys and values; a page that shows a scene is not."""
+    import yaml
+
+    try:
+        return isinstance(yaml.compose(text, Loader=yaml.SafeLoader), yaml.MappingNode)
+    except (yaml.YAMLError, RecursionError):
+        return False
+
+
+def _is_picture(path: Path) -> bool:
+    with path.open("rb") as stream:
+        start = stream.read(12)
+    return (
+        start.startswith((b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"II*\0", b"MM\0*"))
+        or start[8:] == b"WEBP"
+        or start[4:8] == b"ftyp"
+    )
+
+
+def _show(options: argparse.Namespace, scene: Path, address: str, once: Callable[[], str]) -> None:
+    """The address for a person or a program; in the browser, one that is good `once`."""
+    if options.json:
+        import json
+
+        print_line(json.dumps({"scene": str(scene), "address": address}))
+    else:
+        print_line(address)
+    if options.browser:
+        import threading
+        import webbrowser
+
+        threading.Thread(target=webbrowser.open, args=(once(),), daemon=True).start()
+
+
+# ----------------------------------------------------------------------
+# Flags of `edit`.
+
+
+def add_edit(sub: argparse.ArgumentParser) -> None:
+    """A scene or a photo, and where its page is served."""
+    sub.add_argument(
+        "scene",
+        metavar="SCENE or PHOTO",
+        type=Path,
+        help="a photo is perceived first, into a scene beside it that has its name; one that is there is opened",
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        default=Path("out"),
+        help="folder of what is rendered from the page; default: out",
+    )
+    sub.add_argument("--port", metavar="N", type=port, help="default: one that is free")
+    sub.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="name or address to listen at; default: 127.0.0.1, which this machine alone reaches",
+    )
+    sub.add_argument(
+        "--no-browser", dest="browser", action="store_false", help="only print the address, open nothing"
+    )
+    sub.add_argument(
+        "--allow-outside", action="store_true", help="let the scene read files outside its folder"
+    )
+    sub.add_argument("--json", action="store_true", help="print the address as a line of JSON")
+    add_backends(sub)
+
+
+def port(text: str) -> int:
+    """A port of this machine; 0: one that is free."""
+    if not (text.isascii() and text.isdecimal()) or int(text[:6]) > 65535:
+        raise argparse.ArgumentTypeError(f"{text} is not a port; write a number up to 65535")
+    return int(text)

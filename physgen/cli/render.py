@@ -1,0 +1,107 @@
+"""`render`: scenes to clips, once or again on every save."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.cli.clips import jobs_of, make_all, refuse_twins, refuse_unseen
+from physgen.cli.output import OK, print_error
+from physgen.files import Stamp, file_stamp
+
+if TYPE_CHECKING:
+    from physgen.batch.run import Job
+
+
+# ----------------------------------------------------------------------
+# `render`: scenes to clips, once or again on every save.
+
+
+def render(options: argparse.Namespace) -> int:
+    refuse_unseen(options)
+    if options.watch:
+        return watch(options, lambda: _jobs(options), lambda jobs: make_all(jobs, len(jobs), options))
+    jobs = _jobs(options)
+    return make_all(jobs, len(jobs), options)
+
+
+def _jobs(options: argparse.Namespace) -> list[Job]:
+    jobs = list(jobs_of(options))
+    refuse_twins(jobs)
+    return jobs
+
+
+# ----------------------------------------------------------------------
+# `render --watch`: clips made again whenever a file that they are made of is saved, until Ctrl-C.
+
+LOOK = 0.05
+"""s between looks."""
+PATIENCE = 1.0
+"""s for which a file that is gone may come back, and writing may go on."""
+
+
+def watch(
+    options: argparse.Namespace, jobs: Callable[[], list[Job]], make: Callable[[list[Job]], int]
+) -> int:
+    """`make` them, and again after each save; a mistake is told, and mended by the next save."""
+    from physgen.problems import InputError
+
+    kept: set[Path] = set()
+    """Of the last clips that could be made: what a mistake leaves unsaid."""
+    try:
+        while True:
+            begun = time.perf_counter()
+            before: dict[Path, Stamp] = {path: file_stamp(path) for path in (*_first(options.scenes), *kept)}
+            files = set(_first(options.scenes))
+            try:
+                made = jobs()
+                make(made)
+                kept = {path for job in made for path in _inputs(job)} or kept
+            except InputError as error:
+                for problem in error.problems:
+                    print_error(str(problem))
+                files |= {Path(problem.place.file) for problem in error.problems if problem.place.line}
+            files |= kept
+            took = time.perf_counter() - begun
+            print_error(f"{took:.1f} s; watching {len(files)} files, Ctrl-C ends it")
+            if gone := [str(path) for path in _first(options.scenes) if not path.exists()]:
+                print_error(f"{', '.join(gone)}: gone; rendered again when it is back")
+            _wait({path: before.get(path) or file_stamp(path) for path in files})
+    except KeyboardInterrupt:
+        return OK
+
+
+def _first(scenes: Sequence[str]) -> list[Path]:
+    """What is there to be watched before anything was made."""
+    return [Path(scene) for scene in scenes]
+
+
+def _inputs(job: Job) -> list[Path]:
+    """Files that the clip was made of, and the folder in which maps may appear; of a pack, the pack."""
+    if Path(job.path).suffix not in (".yaml", ".yml"):
+        return []
+    try:
+        told = json.loads((job.folder / "manifest.json").read_bytes())
+        home = Path(job.path).resolve().parent
+        files = [home / name for name in told["inputs"]]
+        assets = told["document"].get("assets")
+        return [*files, home / assets] if assets else files
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return []
+
+
+def _wait(seen: dict[Path, Stamp]) -> None:
+    """Until one of the files was saved, and nobody writes any more: some editors save in several steps."""
+    while all(file_stamp(path) == stamp for path, stamp in seen.items()):
+        time.sleep(LOOK)
+    now = {path: file_stamp(path) for path in seen}
+    for _ in range(round(PATIENCE / LOOK)):
+        time.sleep(LOOK)
+        later = {path: file_stamp(path) for path in seen}
+        if later == now and all(path.exists() for path in seen):
+            return
+        now = later

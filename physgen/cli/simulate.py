@@ -1,0 +1,109 @@
+"""`check` and `simulate`: scenes to problems and trajectories."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from physgen.cli.arguments import WRONG_INPUT
+from physgen.cli.clips import variants_of
+from physgen.cli.output import OK, Bar, print_backup, print_json, print_line, print_problems
+from physgen.files import back_up, write_atomic
+from physgen.problems import InputError, Problem, Severity
+
+
+def check(options: argparse.Namespace) -> int:
+    from physgen import pipeline
+    from physgen.compile.world import pair_header
+    from physgen.scene.write import scene_text
+
+    report: list[Problem] = []
+    resolved = []
+    lines = []
+    for path in options.scenes:
+        own: dict[Problem, None] = {}
+        try:
+            for variant in variants_of(path, options):
+                scene = pipeline.load(path, options.set, variant, options.allow_outside)
+                maps = pipeline.percepts(scene)
+                compiled = pipeline.compile(scene, maps)
+                own |= dict.fromkeys(pipeline.lint(scene, compiled, maps))
+                if options.resolved:
+                    resolved.append(scene_text(scene.document, header=pair_header(compiled.world)))
+        except InputError as error:
+            own |= dict.fromkeys(error.problems)
+        report += [problem for problem in own if problem not in report]
+        lines.append(f"{path}: {_counted(own)}")
+    failed = any(p.severity is Severity.ERROR or options.strict for p in report)
+    if options.json:
+        print_json(
+            {"problems": [p.as_dict() for p in report], "passed": not failed, "resolved": resolved or None}
+        )
+    else:
+        print_problems(report)
+        sys.stdout.write("---\n".join(resolved))
+        for line in () if options.resolved else lines:
+            print_line(line)
+    return WRONG_INPUT if failed else OK
+
+
+def _counted(problems: Iterable[Problem]) -> str:
+    """How many there are of each kind."""
+    kinds = [problem.severity for problem in problems]
+    parts = [f"{count} {kind.value}{'s' * (count != 1)}" for kind in Severity if (count := kinds.count(kind))]
+    return ", ".join(parts) or "no problems"
+
+
+def simulate(options: argparse.Namespace) -> int:
+    from physgen import pipeline
+    from physgen.simulate.trajectory import is_trajectory
+
+    kind = _trajectory_kind(options.output)
+    scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    print_problems(pipeline.lint(scene, compiled, maps))
+    bar = Bar()
+    if options.chaos:
+        found = pipeline.chaos(compiled.world, bar.show)
+        bar.clear()
+        if options.json:
+            print_json(found.as_dict())
+        else:
+            print("\n".join((*found.lines(), "", found.verdict())))
+        if options.output is None:
+            return OK
+    trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
+    bar.clear()
+    if options.output is not None and not is_trajectory(options.output):
+        back_up(options.output, print_backup)
+    if kind == "npz":
+        trajectory.save(options.output)
+    if options.output is None or kind != "npz":
+        text = trajectory.as_json() if options.json or kind == "json" else trajectory.as_csv()
+        if options.output is None:
+            sys.stdout.write(text)
+        else:
+            write_atomic(options.output, text.encode("utf-8"))
+    elif options.json and not options.chaos:
+        sys.stdout.write(trajectory.as_json())
+    return OK
+
+
+def _trajectory_kind(output: Path | None) -> str:
+    """`npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
+    if output is None:
+        return ""
+    if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():
+        raise InputError.of(
+            "-o", f'"{output}"', "is no name for a trajectory", "end it in .npz, .csv or .json"
+        )
+    return output.suffix[1:]
+
+
+def _one_variant(options: argparse.Namespace) -> str | None:
+    if options.variant == "all":
+        raise InputError.of("--variant", "all", "names more than one", "write one name, or use render")
+    return str(options.variant) if options.variant else None

@@ -1,0 +1,216 @@
+"""`sweep`: one scene with varying values to many clips and a table of outcomes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physgen.batch.remote import is_url
+from physgen.cli.arguments import names, number_of_clips, place, seed
+from physgen.cli.clips import job_maker, local_path, make_all, quick
+from physgen.cli.output import OK, print_error, print_line, print_problem, print_problems
+from physgen.problems import InputError, Place, Problem
+from physgen.text import listed, nearest
+
+if TYPE_CHECKING:
+    from physgen.batch.axes import Axis
+    from physgen.batch.run import Job
+    from physgen.batch.sweep import Point, Sweep, Trial
+    from physgen.scene.load import Opened
+
+
+# ----------------------------------------------------------------------
+# `sweep`: a scene and what varies in it to a folder of clips and a table of what became of each.
+
+MOST_TRACKED = 32
+"""Objects with outcomes of their own, unless they are named: seven columns each."""
+
+
+def sweep(options: argparse.Namespace) -> int:
+    from physgen.batch.sweep import Design, planned, try_values
+    from physgen.pipeline import scene_file
+    from physgen.scene.load import Opened
+
+    _scene_first(options)
+    design = Design.LATIN if options.latin else Design.INDEPENDENT
+    shown = options.scene if is_url(options.scene) else None
+    opened = Opened(scene_file(local_path(options.scene, options)), options.allow_outside, shown)
+    variants = _variants(opened.variants, options)
+    axes = _axes(opened, variants, options)
+    plan = planned(axes, variants, options.samples, options.seed, design)
+    trial = try_values(plan, opened, options.set)
+    print_problems(trial.warnings)
+    return _listed(plan, options) if options.dry_run else _made(plan, trial, options)
+
+
+def _scene_first(options: argparse.Namespace) -> None:
+    """`sweep KEY=VALUES scene.yaml` is understood, and told."""
+    if "=" in options.scene and not is_url(options.scene) and not Path(options.scene).exists():
+        fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
+        raise InputError.of(options.scene, "", "is no scene file", fix)
+
+
+def _axes(opened: Opened, variants: Sequence[str | None], options: argparse.Namespace) -> tuple[Axis, ...]:
+    """What varies; where each of several things has draws of its own, the scene tells which they are."""
+    from physgen.batch.axes import Drawn, per_object, read_axes
+
+    axes = read_axes(options.axes)
+    if not any(isinstance(axis, Drawn) and axis.each for axis in axes):
+        return axes
+    return per_object(axes, [opened.scene(options.set, variant).document for variant in variants])
+
+
+def _variants(known: Sequence[str], options: argparse.Namespace) -> list[str | None]:
+    return [None, *known] if options.variant == "all" else [options.variant]
+
+
+def _listed(plan: Sweep, options: argparse.Namespace) -> int:
+    """All clips with their values on stdout; nothing is made."""
+    import csv
+
+    from physgen.batch.values import cell
+
+    rows = csv.writer(sys.stdout, lineterminator="\n")
+    if not options.json:
+        rows.writerow(["number", "name", "variant", *(axis.key for axis in plan.axes)])
+    for point in plan:
+        if options.json:
+            told = {"number": point.number, "name": point.name, "variant": point.variant}
+            print_line(json.dumps({**told, "set": point.overrides}, ensure_ascii=False))
+        else:
+            cells = [cell(value, axis.kind) for value, axis in zip(point.values, plan.axes, strict=True)]
+            rows.writerow([point.number, point.name, point.variant or "", *cells])
+    return OK
+
+
+def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
+    from physgen import pipeline
+    from physgen.batch import sweep_files
+    from physgen.batch.outcomes import columns
+    from physgen.batch.sweep_files import row, staging_folder
+    from physgen.tables import HINT, Table, has_parquet
+
+    variant = None if len(plan.variants) > 1 else plan.variants[0]
+    named = f"{pipeline.output_name(options.scene, variant)}-sweep"
+    options.output = options.output or str(Path("out", named))
+    tracked = _tracked(trial, options.track)
+    make = job_maker(options)
+    table = sweep_files.all_columns(plan, columns(tracked))
+    told = sweep_files.sweep_record(
+        plan,
+        options.scene,
+        Path(local_path(options.scene, options)),
+        options.output,
+        set=options.set,
+        preview=options.preview,
+        formats=options.format,
+        command=options.command_line,
+        units={column.name: column.unit for column in table if column.unit},
+    )
+    with ExitStack() as stack:
+        stage = stack.enter_context(staging_folder(options.output))
+        start = sweep_files.begin(stage.folder, told, plan, stage.bring)
+        for warning in start.warnings:
+            print_problem(warning)
+        for kept in start.kept:
+            print_error(
+                f"{options.output}: {kept.name.rpartition('~')[0]} tells of another sweep; kept as {kept.name}"
+            )
+        stage.sent([stage.folder / sweep_files.SWEEP_FILE, *start.kept])
+        stage.removed([kept.name.rpartition("~")[0] for kept in start.kept])
+        if not has_parquet():
+            print_error(HINT)
+        rows = stack.enter_context(Table(stage.folder / "sweep", table))
+        under_way: deque[Point] = deque()  # they end in the order in which they are begun
+
+        def jobs() -> Iterator[Job]:
+            for point in plan:
+                under_way.append(point)
+                look: tuple[str, ...] = ()
+                if options.preview:
+                    look = quick(options.scene, point.variant, options, point.overrides)
+                yield make(options.scene, point.variant, point.overrides, point.name, tracked, look)
+
+        def beside() -> Sequence[str]:
+            made = stage.sent(rows.publish()) if rows.count == len(plan) else ()
+            if rows.lost is not None:
+                print_error(
+                    f"{options.output}: sweep.parquet could not be written: {rows.lost}; the table is CSV alone"
+                )
+            return made
+
+        return make_all(
+            jobs(),
+            len(plan),
+            options,
+            heard=lambda done: rows.add(row(plan, under_way.popleft(), done)),
+            beside=beside,
+        )
+
+
+def _tracked(trial: Trial, said: list[str] | None) -> tuple[str, ...]:
+    if said is None:
+        return trial.objects if len(trial.objects) <= MOST_TRACKED else ()
+    problems = []
+    for name in said:
+        if name not in trial.objects:
+            close = nearest(name, trial.objects)
+            fix = f'did you mean "{close}"?' if close else f"write any of {listed(trial.objects[:30])}"
+            problems.append(Problem(Place("--track"), "", f'"{name}"', "is no object that can move", fix))
+    if problems:
+        raise InputError(problems)
+    return tuple(said)
+
+
+# ----------------------------------------------------------------------
+# Flags of `sweep`.
+
+
+def add_sweep(sub: argparse.ArgumentParser) -> None:
+    """What varies, and how draws are made."""
+    sub.add_argument("scene", metavar="SCENE", type=place, help="a file, a pack, or a URL")
+    sub.add_argument(
+        "axes",
+        metavar="KEY=VALUES",
+        nargs="*",
+        help="start:end:count (count:log for even factors), values in YAML between commas, or a distribution: "
+        "~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd) or ~normal(mean, sd, low, high), ~integers(a, b), "
+        "~choice(a, b, ...), in quotes; ~each uniform(a, b) draws for each thing that * means. Values of several keys "
+        "make a grid",
+    )
+    sub.add_argument(
+        "--samples",
+        metavar="N",
+        type=number_of_clips,
+        help="draws of the distributions, at each point of the grid",
+    )
+    sub.add_argument("--seed", metavar="S", type=seed, help="of the draws; default: 0")
+    sub.add_argument(
+        "--latin",
+        action="store_true",
+        help="a Latin hypercube: the N draws of each key fall into N strata as likely as each other, one each",
+    )
+    sub.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="print what would be made, as CSV or with --json as lines, and make nothing",
+    )
+    sub.add_argument(
+        "--track",
+        metavar="NAMES",
+        type=names,
+        help="objects with outcomes of their own in the table; default: all, where there are 32 at most",
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=place,
+        help="folder of the sweep, or its URL; default: out/<scene>-sweep",
+    )

@@ -1,0 +1,338 @@
+"""Scene and label map to World: shapes, masses, joints and loads in px, s, g, rad."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import inf, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.appearance import placed_outline, rest_pose
+from physgen.compile.shapes import Shapes, shapes_of, snapped_to_boundaries, walls_of
+from physgen.compile.world import Body, Field, Joint, Push, World, surface
+from physgen.geometry.convex import convex_pieces
+from physgen.geometry.polygon import Disc, Outline, mass_properties, mean_distance
+from physgen.notebook_display import html
+from physgen.problems import InputError, Problem, Severity
+from physgen.scene import scene as model
+from physgen.scene.scene import Load, Motion, Object, Scene, Solid, View
+
+# ----------------------------------------------------------------------
+# Scene + its bodies -> pushes, joints and fields with their points in the bodies' frames, in px, s, g, rad.
+
+Array = NDArray[np.float64]
+
+MOST_PULLS = 1_000_000
+"""Fields times the objects that each acts on: every step looks at all of them."""
+
+
+def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
+    """Forces, torques and impulses in the file's order."""
+    index = _index(bodies)
+
+    def push(force: model.Force) -> Push:
+        body = index[force.object]
+        at = np.zeros(2) if force.at is None else np.array(force.at) - bodies[body].center
+        end = force.start
+        if force.load is not Load.IMPULSE:
+            end += inf if force.duration is None else force.duration
+        return Push(body, force.load, np.array(force.vector), force.torque, at, force.start, end)
+
+    return tuple(push(force) for force in scene.forces)
+
+
+def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
+    """Joints by name; one that holds nothing that can move is left out (lints tell of it): no engine could solve it."""
+    index = _index(bodies)
+    return tuple(
+        _joint(item, [index[name] for name in item.objects], bodies)
+        for item in scene.joints
+        if any(bodies[index[name]].motion is Motion.DYNAMIC for name in item.objects)
+    )
+
+
+def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
+    first, second = (ends[0], ends[1]) if len(ends) == 2 else (ends[0], None)
+    here, there = (np.array(point, np.float64) for point in (item.points[0], item.points[-1]))
+    return Joint(
+        name=item.name,
+        kind=item.kind,
+        first=first,
+        second=second,
+        first_at=here - bodies[first].center,
+        second_at=there if second is None else there - bodies[second].center,
+        length=float(np.hypot(*(there - here))) if item.length is None else item.length,
+        stiffness=item.stiffness,
+        damping=item.damping,
+        speed=radians(item.speed),
+        limit=inf if item.limit is None else item.limit,
+        collide=item.collide,
+    )
+
+
+def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
+    """Fields by name. Raises InputError where they would act on more than a step can look at."""
+    index = _index(bodies)
+    every = tuple(k for k, body in enumerate(bodies) if body.motion is Motion.DYNAMIC)
+    fields = []
+    for item in scene.fields:
+        named = sorted({index[name] for name in item.objects})
+        acted_on = tuple(k for k in named if bodies[k].motion is Motion.DYNAMIC) if named else every
+        vector = np.array(item.vector, np.float64)
+        fields.append(Field(item.name, item.kind, acted_on, vector, item.drag, item.strength, item.soften))
+    pulls = sum(len(field.bodies) for field in fields)
+    if pulls > MOST_PULLS:
+        found, expected = f"{pulls:,} pulls", "of fields on objects are too many"
+        fix = f"name the objects of each field, at most {MOST_PULLS:,} in all"
+        raise InputError([Problem(scene.place("fields"), "fields", found, expected, fix)])
+    return tuple(fields)
+
+
+def _index(bodies: Sequence[Body]) -> dict[str, int]:
+    return {body.name: k for k, body in enumerate(bodies)}
+
+
+# ----------------------------------------------------------------------
+# Scene + bodies -> Problems with masses and moments that no engine can work with.
+
+FARTHEST = 1e9
+"""Heaviest by lightest: a contact between the two would be solved with no more than half of a float's digits."""
+LEAST = 1e-150
+"""g and g·px² of a body: an engine multiplies two such numbers, and 1e-308 is the least that a float holds in full."""
+
+
+def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
+    """Moments that are 0 or not finite as floats, and masses too far apart; those of dynamic bodies alone count."""
+    dynamic = [body for body in bodies if body.motion is Motion.DYNAMIC]
+    sound = True
+    for body in dynamic:
+        if not (_usable(body.mass) and _usable(body.moment)):
+            sound = False
+            path = mass_path(scene, body.name)
+            expected = f"and a moment of inertia of {body.moment:.2g} g·px² cannot be simulated"
+            fix = "make it heavier or larger" if body.moment < 1 else "make it lighter or smaller"
+            yield Problem(scene.place(path), path, grams(body.mass), expected, fix)
+    if not sound or not dynamic:
+        return
+    light = min(dynamic, key=lambda body: body.mass)
+    heavy = max(dynamic, key=lambda body: body.mass)
+    if heavy.mass >= FARTHEST * light.mass:
+        path = mass_path(scene, light.name)
+        found = f"{grams(light.mass)}, and {grams(heavy.mass)} of {heavy.name}:"
+        expected = "masses 10^9 apart or more cannot be simulated together"
+        yield Problem(scene.place(path), path, found, expected, "bring them nearer")
+
+
+def mass_path(scene: Scene, name: str) -> str:
+    """Where the mass of an object is written."""
+    item = next(item for item in scene.objects if item.name == name)
+    return f"objects.{name}.{'mass' if item.mass is not None else 'density'}"
+
+
+def grams(mass: float) -> str:
+    """A mass as messages show it."""
+    return f"{mass:.4g} g"
+
+
+def _usable(value: float) -> bool:
+    """Whether products of two such numbers, and of what one divided by them is, are floats."""
+    return LEAST < value < 1 / LEAST
+
+
+# ----------------------------------------------------------------------
+# Scene + label map -> World: outlines fitted, centres, masses and moments found, units turned into px, s, g,
+# rad.
+
+U16 = NDArray[np.uint16]
+
+INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
+"""k of I = k m r² about an axis through the centre; any mechanics text."""
+
+
+EARTH = 9.8
+"""m/s²."""
+MOST_STEPS = 20_000_000
+"""Engine steps of one simulation: some hours."""
+MOST_FRAMES = 100_000
+"""As the schema allows `render.frames`."""
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """What the stages after this one read."""
+
+    world: World
+    outlines: tuple[Outline, ...]
+    """Of the objects, photo frame, t = 0: those of `shapes`, brought onto what they stand on, and put in place."""
+    shapes: Shapes
+
+    @property
+    def labels(self) -> U16:
+        """(H, W): id k + 1 is the k-th object; 0 = background."""
+        return self.shapes.labels
+
+    @property
+    def scenery(self) -> NDArray[np.bool_]:
+        """(H, W): pixels that show a boundary; they stay in the picture."""
+        return self.shapes.fits.scenery
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return html(self)
+
+
+class PathError(Exception):
+    """A scripted motion that does not begin where its object is."""
+
+
+def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
+    """`labels` is the photo's label map, None for a scene without one. Raises InputError."""
+    check_steps(scene)
+    return compile_shapes(scene, shapes_of(scene, labels))
+
+
+def check_steps(scene: Scene) -> None:
+    """Raises InputError where a simulation would take days."""
+    steps = scene.world.duration * scene.world.steps_per_second
+    if steps > MOST_STEPS:
+        place, found = scene.place("world.duration"), f"{steps:,.0f} steps"
+        expected = "from duration times steps_per_second are too many"
+        raise InputError([Problem(place, "world", found, expected, f"make it at most {MOST_STEPS:,}")])
+
+
+def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
+    """The world of a scene with these `shapes`. Raises InputError."""
+    shown = snapped_to_boundaries(scene, shapes.outlines, [it is None for it in shapes.written])
+    outlines = tuple(map(placed_outline, shown, scene.objects))
+    problems: list[Problem] = []
+    bodies = []
+    for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
+        try:
+            bodies.append(replace(_body(item, outline, scene), rest=rest_pose(before, item, scene)))
+        except PathError as error:
+            path = f"objects.{item.name}.motion.path"
+            expected, _, fix = str(error).partition("; ")
+            problems.append(Problem(scene.place(path), path, "the first knot", expected, fix))
+        except ValueError as error:
+            path = f"objects.{item.name}.shape"
+            problems.append(
+                Problem(scene.place(path), path, "the outline", str(error), "draw it with a larger area")
+            )
+    problems = problems or list(mass_problems(scene, bodies))
+    if problems:
+        raise InputError(problems)
+    world = World(
+        size=scene.size,
+        view=scene.world.view,
+        gravity=np.array(scene.world.gravity, np.float64),
+        pixels_per_meter=scene.world.pixels_per_meter,
+        press=EARTH * scene.world.pixels_per_meter if scene.world.view is View.TOP else 0.0,
+        table=surface(scene.world.table_friction, 0.0, scene.world.combine),
+        combine=scene.world.combine,
+        duration=scene.world.duration,
+        steps_per_second=scene.world.steps_per_second,
+        times=frame_times(scene),
+        bodies=tuple(bodies),
+        walls=walls_of(scene, shapes.fits.walls),
+        pushes=pushes_of(scene, bodies),
+        joints=joints_of(scene, bodies),
+        fields=fields_of(scene, bodies),
+    )
+    return Compiled(world, outlines, shapes)
+
+
+def frame_times(scene: Scene) -> Array:
+    """(T,) s: k duration / frames where `render.frames` is given, else k / rate for rate x duration frames.
+
+    The rate is fps times slow: slow motion has more frames of the same motion.
+    """
+    duration, render = scene.world.duration, scene.render
+    rate = render.fps * render.slow
+    if render.frames is None and rate * duration > MOST_FRAMES:
+        found = f"{rate * duration:,.0f} frames"
+        slow = " times slow" if render.slow != 1 else ""
+        smaller = "duration, fps or slow" if slow else "duration or fps"
+        fix = f"write render.frames, at most {MOST_FRAMES:,}, or a smaller {smaller}"
+        place = scene.place("render.slow" if slow else "render.fps")
+        expected = f"from duration times fps{slow} are too many"
+        raise InputError([Problem(place, "render", found, expected, fix)])
+    if render.frames is not None:
+        return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
+    return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
+
+
+def _body(item: Object, outline: Outline, scene: Scene) -> Body:
+    properties = mass_properties(outline)
+    if properties.area <= 1e-6:
+        raise ValueError("has no area")
+    center = properties.center
+    mass = item.mass if item.mass is not None else (item.density or 1.0) * properties.area
+    if isinstance(outline, Disc):
+        radius: float | None = outline.radius
+        moment = mass * INERTIA.get(item.solid or Solid.DISC, 1 / 2) * outline.radius**2
+        pieces: tuple[Array, ...] = ()
+        rings: tuple[Array, ...] = (_circle(outline.radius),)
+    else:
+        radius = None
+        moment = mass * properties.second / properties.area
+        pieces = tuple(piece - center for piece in convex_pieces(outline))
+        rings = tuple(ring - center for r in outline.rings for ring in (r.outer, *r.holes))
+    moving = item.motion is Motion.DYNAMIC
+    return Body(
+        name=item.name,
+        motion=item.motion,
+        center=center,
+        mass=float(mass),
+        moment=float(moment),
+        radius=radius,
+        pieces=pieces,
+        rings=rings,
+        surface=surface(item.friction, item.elasticity, scene.world.combine),
+        solid=item.solid or (Solid.DISC if radius is not None else Solid.PLATE),
+        rolling=item.rolling,
+        patch=1.5 * mean_distance(outline, center),
+        roll=_roll(item, radius, scene.world.view),
+        velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
+        spin=radians(item.spin) if moving else 0.0,
+        path=_path(item, center),
+    )
+
+
+def _roll(item: Object, radius: float | None, view: View) -> Array:
+    """rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
+    if view is not View.TOP or item.solid is not Solid.SPHERE or radius is None or item.roll == "none":
+        return np.zeros(2)
+    if item.roll == "natural":
+        vx, vy = item.velocity
+        return np.array([vy, -vx]) / radius
+    return np.radians(np.array(item.roll, np.float64))
+
+
+def _path(item: Object, center: Array) -> Array:
+    """(K, 4): s, x px, y px, rad; starts where the shape is."""
+    path = np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(-1, 4)
+    if len(path):
+        off = path[0, 1:3] - center
+        if np.hypot(*off) > 0.5 or path[0, 3] != 0:
+            x, y = center
+            raise PathError(f"is not where the object is; begin with [{path[0, 0]:g}, {x:.2f}, {y:.2f}]")
+        path[:, 1:3] -= off
+    return path
+
+
+def _circle(radius: float) -> Array:
+    """Corners for drawing, close enough that no chord is off by a twentieth of a pixel."""
+    count = int(np.clip(np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360))
+    angle = np.arange(count) * (2 * np.pi / count)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+# ----------------------------------------------------------------------
+# Path of a value in a scene -> a warning about it.
+
+
+def warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Problem:
+    """A Problem that stops nothing, at the place where `path` was written."""
+    return Problem(scene.place(path), path, found, expected, fix, Severity.WARNING)

@@ -1,0 +1,200 @@
+"""Scene file entries of objects whose masks or labels were corrected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen import registry
+from physgen.compile.compile import Compiled
+from physgen.geometry.polygon import Disc, Outline, bounds, mass_properties
+from physgen.materials import kind
+from physgen.perceive.document import object_entries, shape_entry
+from physgen.perceive.refresh import TableValues, find_table_values, with_new_values
+from physgen.perceive.roles import BoundaryGuess, Detections, Matter, Name, PhotoObject, Rgb
+from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, photo_scale
+from physgen.scene.scene import Scene
+
+Data = dict[str, Any]
+U16 = NDArray[np.uint16]
+
+SOLID = 1.5
+"""Power of its area with which a thing's volume grows."""
+
+
+@dataclass(frozen=True)
+class Before:
+    """What is known of the scene as it was."""
+
+    scene: Scene
+    document: Mapping[str, Any]
+    """The file's data, with what it extends, without defaults."""
+    rgb: Rgb
+    labels: U16
+    """(H, W): id k + 1 is the k-th object."""
+    outlines: Sequence[Outline]
+    ours: TableValues
+    """What the table gave, and nobody set."""
+    reasons: dict[str, str] = field(default_factory=dict)
+    """Dotted path -> what perception says of the number there; of those that were worked out anew."""
+
+    def was(self, name: str) -> Data:
+        """The entry of an object as it is written."""
+        return dict(self.document["objects"][name])
+
+    def thing(self, name: str) -> PhotoObject:
+        """The object as perception knows it."""
+        k = [item.name for item in self.scene.objects].index(name)
+        return thing(k + 1, self.outlines[k], self.scene.objects[k].label, self.scene.size)
+
+
+def before(scene: Scene, document: Mapping[str, Any], compiled: Compiled, rgb: Rgb) -> Before:
+    """What the table gave is reckoned again; see `perceive.derived`."""
+    things = {
+        item.name: thing(k + 1, compiled.shapes.outlines[k], item.label, scene.size)
+        for k, item in enumerate(scene.objects)
+        if item.name in (document.get("objects") or {})
+    }
+    guessed: Mapping[int, Name] = registry.make("label")(rgb, compiled.labels, list(things.values()))
+    table = registry.find("physics").name
+    plain = {**document, "objects": {name: dict(document["objects"][name] or {}) for name in things}}
+    ours = find_table_values(plain, rgb, things, guessed, registry.make("physics"), table)
+    return Before(scene, plain, rgb, compiled.labels, compiled.shapes.outlines, ours)
+
+
+def thing(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
+    """With whether the photo's border cuts it off."""
+    x0, y0, x1, y1 = bounds(outline)
+    cut = min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1
+    return PhotoObject(id_, outline, label, cut)
+
+
+def matter_of(known: Before, things: Sequence[PhotoObject]) -> Mapping[int, Matter]:
+    """What the table says of things, at the scene's scale, or at the one that its objects tell."""
+    stated = known.scene.world.pixels_per_meter
+    measured: float | None = None if stated == DEFAULT_SCALE else stated
+    if known.ours.scale:
+        new = {one.id for one in things}
+        rest = [known.thing(item.name) for item in known.scene.objects]
+        every = [*things, *(one for one in rest if one.id not in new)]
+        told = photo_scale(every, {one.id: kind(one.label) for one in every}, None)
+        if told is not None and told.confidence >= MIN_SCALE_CONFIDENCE:
+            measured = told.pixels_per_meter
+    found: Mapping[int, Matter] = registry.make("physics")(known.rgb, things, measured)
+    return found
+
+
+def named(known: Before, labels: U16, one: PhotoObject) -> Name:
+    """What a new thing looks like."""
+    found: Mapping[int, Name] = registry.make("label")(known.rgb, labels, [one])
+    return found[one.id]
+
+
+def entry(
+    known: Before, labels: U16, one: PhotoObject, name: str, called: Name | None, found: Detections
+) -> Data:
+    """A new object as perception writes it; `called` None: a person named it, as `one.label` has it."""
+    matter = matter_of(known, [one])
+    source = "" if called is None else registry.find("label").name
+    setting = BoundaryGuess(known.scene.world.view, 0.0, "", ())
+    made, comments = object_entries(
+        found,
+        [one],
+        {one.id: name},
+        matter,
+        setting,
+        {one.id: called or Name(one.label, 1.0)},
+        {one.id: source},
+        registry.find("physics").name,
+    )
+    known.reasons.update(comments)
+    found_entry: Data = made[name]
+    return found_entry
+
+
+def changed(known: Before, name: str, one: PhotoObject, labels: U16, label: str | None = None) -> Data:
+    """An object's entry once its outline, or what it is called, is that of `one`; its mask is not this one's business.
+
+    The table's numbers are worked out anew. What another guessed of the mass grows with the volume, a density or a mass
+    that a person set stays.
+    """
+    was, old = known.was(name), known.thing(name)
+    ours = known.ours.keys.get(name, frozenset())
+    fresh = entry(known, labels, one, name, None, Detections(labels, "", {}, {}))
+    result = with_new_values(was, fresh, ours, label)
+    if "mass" in was and "mass" not in ours and "mass" in was.get("from", {}):
+        grown = was["mass"] * (_area(one) / _area(old)) ** SOLID
+        _weighed(known, name, result, grown, "g: as it was guessed before, by the size of its mask now")
+    return reshaped(known, name, result, one, old)
+
+
+def reshaped(known: Before, name: str, was: Data, one: PhotoObject, old: PhotoObject) -> Data:
+    """With the outline of `one` in place of the written one, where one is written; a scripted way moves along."""
+    result = dict(was)
+    if result.get("shape", "auto") != "auto":
+        result["shape"] = shape_entry(one.outline)
+    if not isinstance(one.outline, Disc):
+        if result.get("solid", "plate") != "plate":
+            result["solid"] = "plate"
+        result.pop("roll", None)
+        if "rolling" in known.ours.keys.get(name, ()):  # only what is round rolls
+            result.pop("rolling", None)
+            result["from"] = {key: who for key, who in result["from"].items() if key != "rolling"}
+    path = result.get("motion")
+    if isinstance(path, Mapping) and path.get("path"):
+        off = mass_properties(one.outline).center - mass_properties(old.outline).center
+        knots = [
+            [knot[0], round(knot[1] + float(off[0]), 2), round(knot[2] + float(off[1]), 2), *knot[3:]]
+            for knot in path["path"]
+        ]
+        result["motion"] = {**path, "path": knots}
+    return result
+
+
+def shared(known: Before, source: str, name: str, part: float, one: PhotoObject, labels: U16) -> Data:
+    """The entry of a half that has a part (0..1) of an object's area: a mass that was set is shared out."""
+    was = known.was(source)
+    ours = known.ours.keys.get(source, frozenset())
+    result = with_new_values(
+        was, entry(known, labels, one, name, None, Detections(labels, "", {}, {})), ours, None
+    )
+    if "mass" in was and "mass" not in ours:
+        _weighed(known, name, result, was["mass"] * part, "g: its share of the whole, by area")
+    return reshaped(known, source, result, one, known.thing(source))
+
+
+def _weighed(known: Before, name: str, made: Data, mass: float, reason: str) -> None:
+    """A mass that is not the table's, and so not told as the table's."""
+    made["mass"] = short(mass)
+    known.reasons[f"objects.{name}.mass"] = reason
+
+
+def joined(known: Before, kept: str, other: str, one: PhotoObject, labels: U16) -> Data:
+    """The entry of an object that takes another in: masses that were set add up."""
+    was, more = known.was(kept), known.was(other)
+    ours = known.ours.keys.get(kept, frozenset())
+    result = with_new_values(
+        was, entry(known, labels, one, kept, None, Detections(labels, "", {}, {})), ours, None
+    )
+    if "mass" in was and "mass" not in ours:
+        mass = more.get("mass", float(more.get("density", 1.0)) * _area(known.thing(other)))
+        _weighed(known, kept, result, was["mass"] + mass, "g: of both that it was made of")
+    return reshaped(known, kept, result, one, known.thing(kept))
+
+
+def short(value: float) -> float:
+    """To four digits.
+
+    >>> short(123.456)
+    123.5
+    """
+    value = float(f"{value:.4g}")
+    return int(value) if value.is_integer() and abs(value) < 1e5 else value
+
+
+def _area(one: PhotoObject) -> float:
+    return max(float(mass_properties(one.outline).area), 1e-9)

@@ -1,1 +1,0 @@
-"""The editor's server: HTTP on this machine alone -> doors of one Session."""

@@ -1,0 +1,265 @@
+"""Encoding of frames as MP4, GIF, WebP or a folder of PNG; streamed, with the same bytes on every run."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import Enum
+from errno import EDQUOT, EFBIG, ENOSPC
+from fractions import Fraction
+from pathlib import Path
+from queue import Queue
+from threading import Thread
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.problems import InputError
+
+U8 = NDArray[np.uint8]
+
+X264 = {"crf": "17", "preset": "veryfast", "threads": "1"}
+"""x264's bytes depend on its number of threads: one count serves single clips and batches."""
+if platform.machine().lower() in ("x86_64", "amd64"):
+    # its macroblock tree for AVX-512 reads what lay in memory: one clip, two streams. As fast without, and older
+    # processors write the same bytes
+    X264["x264-params"] = "asm=SSE4.2"
+PALETTE_FRAMES = 8
+"""Frames that a GIF's palette is chosen from: the first ones, since frames are streamed."""
+
+
+class Format(Enum):
+    """What a clip is written as."""
+
+    MP4 = "mp4"
+    GIF = "gif"
+    WEBP = "webp"
+    PNG = "png"
+
+    @property
+    def file(self) -> str:
+        """Name inside a scene's output folder."""
+        return self.named("video")
+
+    def named(self, name: str) -> str:
+        """The same of another video beside it."""
+        if self is Format.PNG:
+            return "frames" if name == "video" else name
+        return f"{name}.{self.value}"
+
+
+LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
+"""px of a side that the encoders take."""
+
+NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
+"""Errors of a disk that takes no more."""
+
+Write = Callable[[U8], None]
+WAITING = 4
+"""Frames between the one that is drawn and the one that is encoded."""
+
+
+@contextmanager
+def open_video(
+    folder: Path, kind: Format, size: tuple[int, int], fps: float, name: str = "video"
+) -> Iterator[Write]:
+    """A function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s."""
+    most = LONGEST.get(kind)
+    if most is not None and max(size) > most:
+        found = f"{size[0]} x {size[1]} px"
+        fix = "render with --format png"
+        raise InputError.of(
+            f"--format {kind.value}", found, f"is over the {most} px that it allows a side", fix
+        )
+    rate = Fraction(fps).limit_denominator(1001)
+    opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[kind]
+    from av.error import FFmpegError
+
+    try:
+        with opener(folder / kind.named(name), size, rate) as write:
+            yield write
+    except FFmpegError as error:
+        if error.errno in NO_ROOM:
+            raise OSError(error.errno, error.strerror, str(folder / kind.file)) from None
+        found = f"{size[0]} x {size[1]} px at {fps:g} fps"
+        expected = f"could not be encoded ({error.strerror or error})"
+        raise InputError.of(f"--format {kind.value}", found, expected, "render with --format png") from None
+
+
+@contextmanager
+def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
+    """A function that hands a frame to all `writes` and comes back at once: a thread encodes while frames are made.
+
+    Frames wait in line, no more than `WAITING`; what goes wrong with one is raised by the next call or at the end.
+    """
+    line: Queue[U8 | None] = Queue(WAITING)
+    wrong: list[BaseException] = []
+
+    def encode() -> None:
+        while (rgb := line.get()) is not None:
+            if wrong:
+                continue  # the line is emptied, so that nobody waits for ever
+            try:
+                for write in writes:
+                    write(rgb)
+            except BaseException as error:
+                wrong.append(error)
+
+    thread = Thread(target=encode, name="encode", daemon=True)
+    thread.start()
+
+    def put(rgb: U8) -> None:
+        if wrong:
+            raise wrong[0]
+        line.put(rgb)
+
+    try:
+        yield put
+    except BaseException as error:
+        wrong.append(error)  # what waits is for nobody
+        raise
+    finally:
+        line.put(None)
+        while thread.is_alive():  # whatever comes: no file may be closed that is written to
+            try:
+                thread.join()
+            except KeyboardInterrupt:
+                wrong.append(KeyboardInterrupt())
+    if wrong:
+        raise wrong[0]
+
+
+@contextmanager
+def _mp4(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    """H.264, 4:2:0, BT.709; odd sizes are padded by repeating the last column and row."""
+    import av
+    from av.video.reformatter import Colorspace
+
+    width, height = size[0] + size[0] % 2, size[1] + size[1] % 2
+    with av.open(
+        str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"}
+    ) as container:
+        stream = container.add_stream("libx264", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.options = dict(X264)
+        context = stream.codec_context
+        context.color_range, context.colorspace, context.color_primaries, context.color_trc = 1, 1, 1, 13
+        context.flags |= 1 << 23  # bitexact: no encoder version in the stream
+
+        def write(rgb: U8) -> None:
+            even = (
+                np.pad(rgb, ((0, height - size[1]), (0, width - size[0]), (0, 0)), mode="edge")
+                if size != (width, height)
+                else rgb
+            )
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+            frame = frame.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709)
+            container.mux(stream.encode(frame))
+
+        yield write
+        container.mux(stream.encode(None))
+
+
+@contextmanager
+def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    import av
+
+    with av.open(str(path), "w", format="webp", options={"loop": "0", "fflags": "+bitexact"}) as container:
+        stream = container.add_stream("libwebp_anim", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = *size, "bgra"
+        stream.options = {"quality": "88", "compression_level": "2", "threads": "1"}
+
+        def write(rgb: U8) -> None:
+            container.mux(
+                stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format="bgra"))
+            )
+
+        yield write
+        container.mux(stream.encode(None))
+
+
+@contextmanager
+def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    """One shared palette; GIF counts time in hundredths of a second, so 30 fps plays at 33.3."""
+    import av
+    from PIL import Image
+
+    with av.open(str(path), "w", format="gif", options={"loop": "0", "fflags": "+bitexact"}) as container:
+        stream = container.add_stream("gif", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = *size, "pal8"
+        waiting: list[U8] = []
+        chosen: list[tuple[Image.Image, U8]] = []
+
+        def put(rgb: U8) -> None:
+            palette, table = chosen[0]
+            indices = np.asarray(
+                Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+            )
+            indexed: Any = (np.ascontiguousarray(indices), table)
+            frame = av.VideoFrame.from_ndarray(indexed, format="pal8")
+            container.mux(stream.encode(frame))
+
+        def choose() -> None:
+            if not chosen and waiting:
+                palette = Image.fromarray(np.concatenate(waiting)).quantize(255)
+                colours = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+                table = np.zeros((256, 4), np.uint8)
+                table[:, 0] = 255
+                table[: len(colours), 1:] = colours
+                chosen.append((palette, table))
+            for rgb in waiting:
+                put(rgb)
+            waiting.clear()
+
+        def write(rgb: U8) -> None:
+            if chosen:
+                put(rgb)
+                return
+            waiting.append(rgb)
+            if len(waiting) == PALETTE_FRAMES:
+                choose()
+
+        yield write
+        choose()
+        container.mux(stream.encode(None))
+
+
+@contextmanager
+def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
+    from physgen.maps import write_png
+
+    path.mkdir(parents=True, exist_ok=True)
+    count = 0
+
+    def write(rgb: U8) -> None:
+        nonlocal count
+        write_png(path / f"{count:05d}.png", rgb)
+        count += 1
+
+    yield write
+
+
+def sample_frames(path: Path, count: int, side: int) -> list[U8]:
+    """Of an MP4 that `open_video` wrote, up to `count` frames, evenly from the first to the last: (H, W, 3) sRGB.
+
+    None is longer than `side` px; only these are converted, so it is quick. Raises OSError where it cannot be read.
+    """
+    import av
+    from av.error import FFmpegError
+
+    taken = []
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            wanted = set(np.linspace(0, stream.frames - 1, count).round().astype(int).tolist())
+            part = min(side / max(stream.width, stream.height), 1.0)
+            width, height = max(round(stream.width * part), 1), max(round(stream.height * part), 1)
+            for index, frame in enumerate(container.decode(stream)):
+                if index in wanted:
+                    small = frame.reformat(width, height, "rgb24", interpolation="AREA")
+                    taken.append(np.asarray(small.to_ndarray(), np.uint8))
+    except (FFmpegError, IndexError) as error:
+        raise OSError(f"{path} cannot be read: {error}") from error
+    return taken

@@ -1,0 +1,127 @@
+"""Atomic file writes, file stamps, and the files that are installed with physgen."""
+
+from __future__ import annotations
+
+import filecmp
+import os
+import re
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+# ----------------------------------------------------------------------
+# Name of a shipped file -> its path, in an editable install and in the wheel alike.
+
+_PACKAGE = Path(__file__).resolve().parent
+_ROOTS = (_PACKAGE / "_data", _PACKAGE.parent)
+
+
+def resource(*parts: str) -> Path:
+    """Path of a file below `schemas/` or `templates/`.
+
+    >>> resource("schemas", "scene-1.schema.json").name
+    'scene-1.schema.json'
+    """
+    for root in _ROOTS:
+        path = root.joinpath(*parts)
+        if path.exists():
+            return path
+    raise FileNotFoundError(f"physgen was installed without {'/'.join(parts)}; install it again")
+
+
+# ----------------------------------------------------------------------
+# Bytes -> files that appear whole or not at all, and never over something of the user's.
+
+_PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+(-[0-9a-f]+)?\.part$")
+
+
+Stamp = tuple[int, int, int, int]
+
+
+def file_stamp(path: Path) -> Stamp:
+    """What changes when a file is written: its times, size and number on the disk; zeros where there is none."""
+    try:
+        told = os.stat(path)
+    except (OSError, ValueError):
+        return 0, 0, 0, 0
+    return told.st_mtime_ns, told.st_ctime_ns, told.st_size, told.st_ino
+
+
+def partial(path: Path, kind: str = "part") -> Path:
+    """A name of this process's own beside `path`, on the same file system, which machines may share."""
+    return path.with_name(f".{path.name}.{os.getpid()}-{machine_id()}.{kind}")
+
+
+@cache
+def machine_id() -> str:
+    """Tells apart those on which a process may have the same number: machines, and containers on one."""
+    parts = [os.uname().nodename]
+    with suppress(OSError):
+        parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
+        parts.append(Path("/etc/machine-id").read_text())
+    return sha256("\n".join(parts).encode()).hexdigest()[:8]
+
+
+def final_name(path: str) -> str:
+    """The name that a reader knows for a partial one.
+
+    >>> meant("out/.a.npz.123-0a1b2c3d.part")
+    'out/a.npz'
+    """
+    return _PARTIAL.sub(r"\g<name>", path)
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """Write beside, then rename; on any error nothing is left and the old file is as it was."""
+    beside = partial(path)
+    try:
+        beside.write_bytes(data)
+        beside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink()
+        raise
+
+
+def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = lambda kept: None) -> None:
+    """As `write_whole`; a file that is there already and differs is kept as `NAME~` (`NAME~2`, ...), and told of."""
+    if path.is_file() and path.read_bytes() != data:
+        back_up(path, keep)
+    write_atomic(path, data)
+
+
+def back_up(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
+    """A file that is there becomes `NAME~` (`NAME~2`, ...), and `keep` is told of it."""
+    if path.is_file():
+        _aside(path, keep)
+
+
+def move_with_backup(beside: Path, path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
+    """What was made `beside`, a file or a folder of files, becomes `path`; what is there and differs is kept."""
+    if path.exists() and _same(beside, path):
+        shutil.rmtree(beside) if beside.is_dir() else beside.unlink()
+        return
+    if path.exists():
+        _aside(path, keep)
+    beside.rename(path)
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two files hold the same bytes, or two folders the same files."""
+    if not (one.is_dir() and other.is_dir()):
+        return one.is_file() and other.is_file() and filecmp.cmp(one, other, shallow=False)
+    names = {path.name for path in one.iterdir()}
+    return names == {path.name for path in other.iterdir()} and all(_same(one / n, other / n) for n in names)
+
+
+def _aside(path: Path, keep: Callable[[Path], None]) -> None:
+    kept = path.with_name(f"{path.name}~")
+    count = 1
+    while kept.exists():
+        count += 1
+        kept = path.with_name(f"{path.name}~{count}")
+    path.replace(kept)
+    keep(kept)

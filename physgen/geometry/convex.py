@@ -1,0 +1,270 @@
+"""Convex pieces of regions, convex hulls, and the penetration depth of two outlines."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations
+
+import mapbox_earcut
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross, polygon_moments
+
+# ----------------------------------------------------------------------
+# Region -> convex pieces: ear-cut triangles, flipped towards Delaunay, merged by Hertel and Mehlhorn (1983).
+
+SLIVER = 1e-3
+"""px²: smaller pieces are left out; an engine makes nothing of them."""
+
+SEAM = 0.5
+"""px between two pieces of one thing that is meant to be whole there."""
+
+FLUSH = 0.02
+"""px by which corners may lie within the hull of pieces that become one."""
+
+MANY = 200
+"""Pieces of a body above which seams stay as they are: every two are looked at."""
+
+REMEMBERED = 1000
+"""Regions."""
+
+_FLAT = 1e-9
+"""px²: a corner this flat is straight."""
+
+
+def convex_pieces(outline: Region) -> tuple[Array, ...]:
+    """Convex polygons `(K, 2)` float64 px that make up the region, each turning +x towards +y, slivers left out.
+
+    At most four times as many as the fewest possible (Hertel and Mehlhorn); usually near the fewest. Pieces of
+    different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
+    Those of the last regions are remembered, and read-only: lints ask again for what an edit left as it was.
+    """
+    return _of_borders(tuple((_bytes(r.outer), tuple(map(_bytes, r.holes))) for r in outline.rings))
+
+
+def _bytes(points: Array) -> bytes:
+    return np.ascontiguousarray(points, np.float64).tobytes()
+
+
+@lru_cache(REMEMBERED)
+def _of_borders(borders: tuple[tuple[bytes, tuple[bytes, ...]], ...]) -> tuple[Array, ...]:
+    """Of rings as the bytes of their corners."""
+
+    def corners(data: bytes) -> Array:
+        return np.frombuffer(data, np.float64).reshape(-1, 2)
+
+    rings = [Ring(corners(outer), tuple(map(corners, holes))) for outer, holes in borders]
+    pieces = [(k, piece) for k, ring in enumerate(rings) for piece in _ring_pieces(ring)]
+    found = tuple(piece for _, piece in _joined(pieces))
+    for piece in found:
+        piece.flags.writeable = False
+    return found
+
+
+def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
+    """Hulls instead of neighbours of different rings, wherever the hull adds no more than the seam between them."""
+    done = len({ring for ring, _ in pieces}) < 2 or len(pieces) > MANY
+    while not done:
+        done = True
+        for i, j in combinations(range(len(pieces)), 2):
+            (one, a), (other, b) = pieces[i], pieces[j]
+            hull = _as_one(a, b) if one != other else None
+            if hull is not None:
+                pieces = [*pieces[:i], (-1 - i, hull), *pieces[i + 1 : j], *pieces[j + 1 :]]
+                done = False
+                break
+    return pieces
+
+
+def _as_one(a: Array, b: Array) -> Array | None:
+    """Convex hull of two convex polygons that are a seam apart and, but for it, convex together."""
+    if (a.min(axis=0) > b.max(axis=0) + SEAM).any() or (b.min(axis=0) > a.max(axis=0) + SEAM).any():
+        return None
+    points = np.concatenate([a, b])
+    whole = hull(points)
+    start, along = whole, np.roll(whole, -1, axis=0) - whole
+    inside = cross(along[:, None], points[None] - start[:, None]) / np.hypot(*along.T)[:, None]
+    gap = min(_apart(a, b), _apart(b, a))
+    longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
+    added = _area(whole) - _area(a) - _area(b)
+    if (inside.min(axis=0) > FLUSH).any() or gap > SEAM or added > (gap + FLUSH) * longest:
+        return None
+    return whole
+
+
+def hull(points: Array) -> Array:
+    """(K, 2) corners of the convex hull, turning +x towards +y (Andrew's monotone chain)."""
+    order = np.lexsort((points[:, 1], points[:, 0])).tolist()
+    xy = points.tolist()
+
+    def chain(row: list[int]) -> list[int]:
+        kept: list[int] = []
+        for k in row:
+            while len(kept) > 1:
+                (ax, ay), (bx, by), (cx, cy) = xy[kept[-2]], xy[kept[-1]], xy[k]
+                if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) > _FLAT:
+                    break
+                kept.pop()
+            kept.append(k)
+        return kept[:-1]
+
+    return points[chain(order) + chain(order[::-1])]
+
+
+def _apart(points: Array, outline: Array) -> float:
+    """Least distance of points from a polygon's edges, px."""
+    start, along = outline[:, None], (np.roll(outline, -1, axis=0) - outline)[:, None]
+    off = points[None] - start
+    part = np.clip((off * along).sum(axis=2) / (along**2).sum(axis=2), 0, 1)
+    return float(np.hypot(*np.moveaxis(off - part[..., None] * along, 2, 0)).min())
+
+
+def _ring_pieces(ring: Ring) -> list[Array]:
+    borders = [_without_straight_corners(points) for points in (ring.outer, *ring.holes)]
+    borders = [points for points in borders if len(points) >= 3]
+    if not borders:
+        return []
+    points = np.concatenate(borders)
+    ends = np.cumsum([len(border) for border in borders]).astype(np.uint32)
+    # about the middle: ear cutting compares products of coordinates
+    local = np.ascontiguousarray(points - points.mean(axis=0))
+    triangles = mapbox_earcut.triangulate_float64(local, ends).reshape(-1, 3).astype(np.int64)
+    faces = _merge(local, _oriented(local, triangles))
+    pieces = [points[face] for face in faces]
+    return [piece for piece in map(_without_straight_corners, pieces) if _area(piece) >= SLIVER]
+
+
+def _area(points: Array) -> float:
+    return polygon_moments(points).area if len(points) >= 3 else 0.0
+
+
+def _without_straight_corners(points: Array) -> Array:
+    """Drop repeated points and corners within a straight line."""
+    while len(points) >= 3:
+        before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+        straight = np.abs(cross(points - before, after - points)) <= _FLAT
+        if not straight.any():
+            break
+        # not two neighbours at once: dropping one may make the other a corner
+        drop = straight & ~np.roll(straight, 1)
+        if not drop.any():
+            drop[int(np.argmax(straight))] = True
+        points = points[~drop]
+    return points
+
+
+def _oriented(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    turn = cross(b - a, c - a)
+    faces = np.where((turn < 0)[:, None], triangles[:, ::-1], triangles)
+    found: list[list[int]] = faces[turn != 0].tolist()
+    return found
+
+
+def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
+    """Remove inner edges, longest first, wherever the two faces together are convex."""
+    xy = points.tolist()
+    edges: dict[tuple[int, int], int] = {}
+    for index, face in enumerate(faces):
+        for k, here in enumerate(face):
+            edges[here, face[(k + 1) % len(face)]] = index
+    inner = [edge for edge in edges if edge[0] < edge[1] and (edge[1], edge[0]) in edges]
+
+    def length(edge: tuple[int, int]) -> float:
+        (ax, ay), (bx, by) = xy[edge[0]], xy[edge[1]]
+        return float((ax - bx) ** 2 + (ay - by) ** 2)
+
+    def turns_in(before: int, here: int, after: int) -> bool:
+        (ax, ay), (bx, by), (cx, cy) = xy[before], xy[here], xy[after]
+        return bool((bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -_FLAT)
+
+    for edge in sorted(inner, key=length, reverse=True):
+        one, other = edges[edge], edges[edge[1], edge[0]]
+        if one == other:
+            continue
+        start, end = edge
+        face, back = faces[one], faces[other]
+        i, j = face.index(end), back.index(start)
+        face = face[i:] + face[:i]  # end ... start
+        back = back[j:] + back[:j]  # start ... end
+        if len(set(face) & set(back)) > 2:
+            continue
+        if turns_in(face[-2], start, back[1]) and turns_in(back[-2], end, face[1]):
+            faces[one] = face + back[1:-1]
+            faces[other] = []
+            for k, here in enumerate(back[:-1]):
+                edges[here, back[k + 1]] = one
+            del edges[edge], edges[edge[1], edge[0]]
+    return [face for face in faces if face]
+
+
+# ----------------------------------------------------------------------
+# Two outlines -> how deep they overlap, px: the length of the shortest move that would part their deepest
+# pieces.
+
+_ROUNDING = 1e-9
+"""px: less is none."""
+
+
+def overlap_depth(a: Outline, b: Outline) -> float:
+    """Penetration px of two outlines, 0 when they are apart or touch.
+
+    Exact for two discs and for convex outlines (separating axes); else the deepest pair of convex pieces.
+    """
+    if not _boxes_meet(bounds(a), bounds(b)):
+        return 0.0
+    if isinstance(a, Disc) and isinstance(b, Disc):
+        depth = a.radius + b.radius - float(np.hypot(*(a.center - b.center)))
+        return depth if depth > _ROUNDING else 0.0
+    deepest = 0.0
+    mine, others = _parts(a), _parts(b)
+    boxes = [_box(part) for part in others]
+    for part in mine:
+        box = _box(part)
+        for other, other_box in zip(others, boxes, strict=True):
+            if _boxes_meet(box, other_box):
+                deepest = max(deepest, _depth(part, other))
+    return deepest if deepest > _ROUNDING else 0.0
+
+
+def _parts(outline: Outline) -> list[Disc | Array]:
+    return [outline] if isinstance(outline, Disc) else list(convex_pieces(outline))
+
+
+def _box(part: Disc | Array) -> tuple[float, float, float, float]:
+    if isinstance(part, Disc):
+        return bounds(part)
+    (x0, y0), (x1, y1) = part.min(axis=0).tolist(), part.max(axis=0).tolist()
+    return x0, y0, x1, y1
+
+
+def _boxes_meet(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def _depth(a: Disc | Array, b: Disc | Array) -> float:
+    """Least overlap of the two shadows over all axes that could part them; negative when apart."""
+    axes = np.concatenate([_axes(a, b), _axes(b, a)])
+    (low_a, high_a), (low_b, high_b) = _shadow(a, axes), _shadow(b, axes)
+    return float(np.minimum(high_a - low_b, high_b - low_a).min())
+
+
+def _axes(part: Disc | Array, other: Disc | Array) -> Array:
+    """Unit axes `(m, 2)`: a polygon's normals, or from a disc's centre to the other's corners."""
+    if isinstance(part, Disc):
+        along = (other.center[None] if isinstance(other, Disc) else other) - part.center
+    else:
+        sides = np.roll(part, -1, axis=0) - part
+        along = np.column_stack([sides[:, 1], -sides[:, 0]])
+    length = np.hypot(*along.T)
+    axes: Array = along[length > 0] / length[length > 0, None]
+    return axes
+
+
+def _shadow(part: Disc | Array, axes: Array) -> tuple[Array, Array]:
+    if isinstance(part, Disc):
+        middle = axes @ part.center
+        return middle - part.radius, middle + part.radius
+    reach = axes @ part.T
+    return reach.min(axis=1), reach.max(axis=1)

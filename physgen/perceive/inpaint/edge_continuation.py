@@ -1,0 +1,425 @@
+"""Continuation of edges through a hole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive.inpaint.poisson import F32, Mask, dilate
+
+# ----------------------------------------------------------------------
+# A picture with a hole -> where borders enter the hole: their directions and the colours on both their sides.
+
+F64 = NDArray[np.float64]
+
+OFF = 5
+"""px from the hole at which borders are looked for."""
+STRIP = 12
+"""px to each side of a border that are carried on with it."""
+SIDE = 7
+"""px on each side of a border whose colours are averaged."""
+CONTRAST = 22.0
+"""Levels between the two sides (the length of the difference) from which there is a border."""
+COHERENT = 0.75
+"""Of the structure tensor, from which a border has a direction."""
+
+
+@dataclass(frozen=True)
+class BorderEnd:
+    """Where a border enters a hole."""
+
+    order: int
+    """Place along the contour."""
+    at: F64
+    """x, y."""
+    towards: F64
+    """Unit vector into the hole."""
+    left: F64
+    """Mean colour to the left of `towards` (y down: the side of (ty, -tx))."""
+    right: F64
+    contrast: float
+    profile: F64
+    """(2 STRIP + 1, 3): colours across it, from left to right; NaN where hidden."""
+
+
+@dataclass(frozen=True)
+class BorderLine:
+    """A border in the hole."""
+
+    points: F64
+    """(n, 2): x, y, at most 1 px apart."""
+    first: F64
+    """(2 STRIP + 1, 3): colours across its first point, from left to right."""
+    last: F64
+    """The same at its last point."""
+
+
+@dataclass(frozen=True)
+class KnownSurroundings:
+    """What is known around the hole: colours and the structure tensor of their gradients."""
+
+    picture: F32
+    blocked: Mask
+    tensor: tuple[F32, F32, F32]
+
+    @classmethod
+    def of(cls, picture: F32, blocked: Mask) -> KnownSurroundings:
+        """Of `picture` (H, W, 3), of which nothing is known where `blocked` (H, W)."""
+        smooth = cv2.GaussianBlur(picture, (0, 0), 1)
+        known = (~dilate(blocked, 1)).astype(np.float32)[:, :, None]
+        gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 * known for d in ((1, 0), (0, 1)))
+        xx, xy, yy = (
+            cv2.GaussianBlur((a * b).sum(2), (0, 0), 3.5) for a, b in ((gx, gx), (gx, gy), (gy, gy))
+        )
+        return cls(np.asarray(smooth, np.float32), blocked, (xx, xy, yy))
+
+
+def border_ends(ring: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
+    """The borders that enter a piece of the hole, in the order of its contour."""
+    picture, blocked = ring.picture, ring.blocked
+    h, w = piece.shape
+    r = OFF + SIDE + 2
+    wide = cv2.copyMakeBorder(piece.astype(np.uint8), r, r, r, r, cv2.BORDER_CONSTANT, value=0)
+    contours, _ = cv2.findContours(
+        np.asarray(dilate(wide > 0, OFF), np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    path = max(contours, key=len)[:, 0, :].astype(np.float64) - r
+    x, y = path.astype(int).T
+    inside = (x >= 2) & (y >= 2) & (x < w - 2) & (y < h - 2)
+    xc, yc = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
+    usable = inside & ~blocked[yc, xc]
+    n = len(path)
+    if n < 6 * SIDE or not usable.any():
+        return
+    xx, xy, yy = (a[yc, xc].astype(np.float64) for a in ring.tensor)
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the gradient
+    spread = np.hypot(xx - yy, 2 * xy)
+    coherence = spread / np.maximum(xx + yy, 1e-6)
+    # inward normal from the distance to the piece
+    inward = cv2.GaussianBlur(wide.astype(np.float32), (0, 0), OFF)
+    nx, ny = (cv2.Sobel(inward, cv2.CV_32F, *d, ksize=3)[y + r, x + r] for d in ((1, 0), (0, 1)))
+    tx, ty = -np.sin(angle), np.cos(angle)
+    sign = np.where(tx * nx + ty * ny < 0, -1, 1)
+    tx, ty = tx * sign, ty * sign
+    slant = (tx * nx + ty * ny) / np.maximum(np.hypot(nx, ny), 1e-9)
+    # colours to both sides, across the border
+    steps = np.arange(2, SIDE + 1)
+    sides = []
+    ok = usable.copy()
+    for turn in (1, -1):
+        sx = np.round(path[:, 0, None] + turn * ty[:, None] * steps).astype(int)
+        sy = np.round(path[:, 1, None] - turn * tx[:, None] * steps).astype(int)
+        legal = (sx >= 0) & (sy >= 0) & (sx < w) & (sy < h)
+        sx, sy = np.clip(sx, 0, w - 1), np.clip(sy, 0, h - 1)
+        legal &= ~blocked[sy, sx]
+        ok &= legal.sum(1) >= 3
+        sides.append((picture[sy, sx] * legal[:, :, None]).sum(1) / np.maximum(legal.sum(1), 1)[:, None])
+    left, right = sides
+    contrast = np.linalg.norm(left - right, axis=1)
+    ok &= (coherence > COHERENT) & (contrast > CONTRAST) & (slant > 0.3)
+    score = np.where(ok, spread, 0)
+    for i in np.flatnonzero(ok):
+        around = np.arange(i - 6, i + 7) % n
+        if score[i] == score[around].max() and not (score[around[:6]] == score[i]).any():
+            towards = np.array([tx[i], ty[i]])
+            across = border_profile(picture, blocked, path[i], towards)
+            slope = np.linalg.norm(across[4:] - across[:-4], axis=1)[2:-2]
+            shift = 0 if np.isnan(slope).all() else int(np.nanargmax(slope)) - (len(slope) - 1) // 2
+            at = path[i] + shift * np.array([-towards[1], towards[0]])
+            across = border_profile(picture, blocked, at, towards)
+            yield BorderEnd(int(i), at, towards, left[i], right[i], float(contrast[i]), across)
+
+
+def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
+    """Colours (2 STRIP + 1, 3) across a border from left to right, averaged along its last px; NaN if hidden."""
+    h, w = blocked.shape
+    across = np.arange(-STRIP, STRIP + 1)[:, None]
+    back = np.arange(0, 4)[None, :]
+    x = at[0] - towards[0] * back - towards[1] * across
+    y = at[1] - towards[1] * back + towards[0] * across
+    xi, yi = np.round(x).astype(int), np.round(y).astype(int)
+    legal = (xi >= 0) & (yi >= 0) & (xi < w) & (yi < h)
+    xi, yi = np.clip(xi, 0, w - 1), np.clip(yi, 0, h - 1)
+    legal &= ~blocked[yi, xi]
+    weight = legal.sum(1)[:, None]
+    mean = (picture[yi, xi] * legal[:, :, None]).sum(1) / np.maximum(weight, 1)
+    return np.where(weight > 0, mean, np.nan)
+
+
+# ----------------------------------------------------------------------
+# Borders that enter a hole and found no partner -> where they go: out of the hole again, to a corner, or to a
+# T.
+#
+# A border that lies flat along the hole's is seen where one that came straight through from the other side
+# should leave
+# (a table's edge behind a plank). Two that point at one place in the hole, with one colour between them, are
+# a corner.
+
+ALIKE = 25.0
+"""Levels that the side of a border which is more alike may differ by from end to end."""
+DOUBT = 0.75
+"""Most doubt that two ends are one border's: colours that differ, turns that are no arc's, long bends."""
+BEYOND = 8, 14, 20, 30, 40
+"""px beyond the hole at which a border that leaves it is looked for."""
+DRIFT = 0.06
+"""By how much of its length a border that goes straight through may miss, since its direction is not exact."""
+FAINTER = 0.5
+"""Of its contrast where it enters, what a border has at least where it leaves."""
+CORNER = 0.5
+"""Sine of the angle between two borders, from which they make a corner."""
+
+
+def straight_through(end: BorderEnd, ring: KnownSurroundings, piece: Mask, drawn: Mask) -> BorderLine | None:
+    """Straight on to the other side of a hole, where the same border is seen to leave it; None where it is not."""
+    points, inside = straight_path(end.at, end.towards, piece)
+    stretch = np.flatnonzero(inside)
+    x, y = np.round(points).astype(int).T
+    if not len(stretch) or drawn[y, x][stretch].any():
+        return None
+    best, result = DOUBT, None
+    for beyond in BEYOND:
+        leave = points[stretch[-1]] + beyond * end.towards
+        length = float(np.hypot(*(leave - end.at)))
+        reach = int(max(4, DRIFT * length))
+        for shift in range(-reach, reach + 1):
+            at = leave + shift * np.array([-end.towards[1], end.towards[0]])
+            seen = border_profile(ring.picture, ring.blocked, at, (at - end.at) / np.hypot(*(at - end.at)))
+            doubt = _other(end, seen)
+            if doubt < best:
+                best, result = doubt, BorderLine(line_points(end.at, at), end.profile, seen)
+        if result is not None:
+            return result
+    return None
+
+
+def _other(end: BorderEnd, seen: F64) -> float:
+    """Doubt that what is `seen` across a border (2 STRIP + 1, 3) is the one that entered at `end`; inf: it is not."""
+    left, right = seen[STRIP - SIDE : STRIP - 1], seen[STRIP + 2 : STRIP + SIDE + 1]
+    if np.isnan(left[:, 0]).sum() > 2 or np.isnan(right[:, 0]).sum() > 2:
+        return np.inf
+    sides = np.nanmean(left, axis=0), np.nanmean(right, axis=0)
+    off = float(np.linalg.norm(sides[0] - end.left)), float(np.linalg.norm(sides[1] - end.right))
+    contrast = float(np.linalg.norm(sides[0] - sides[1]))
+    both = contrast + end.contrast
+    if min(off) > max(ALIKE, 0.17 * both) or contrast < FAINTER * end.contrast:
+        return np.inf
+    return (1.5 * min(off) + 0.5 * max(off)) / both
+
+
+def corner_pairs(
+    ends: Sequence[BorderEnd], piece: Mask, drawn: Mask
+) -> list[tuple[BorderEnd, BorderEnd, F64]]:
+    """Pairs of ends that point at one place in the hole, and that place, best first; each end at most once."""
+    size, found = max(piece.shape), []
+    for i, a in enumerate(ends):
+        for j, b in enumerate(ends[:i]):
+            sine = a.towards[0] * b.towards[1] - a.towards[1] * b.towards[0]
+            if abs(sine) < CORNER:
+                continue
+            gap = b.at - a.at
+            u = (gap[0] * b.towards[1] - gap[1] * b.towards[0]) / sine
+            v = (gap[0] * a.towards[1] - gap[1] * a.towards[0]) / sine
+            if min(u, v) <= 0 or not (_free(a, u, piece, drawn) and _free(b, v, piece, drawn)):
+                continue
+            near, far = colour_differences(a, b)
+            both = a.contrast + b.contrast
+            doubt = (1.5 * near + 0.5 * far) / both + (u + v) / size
+            if near < max(ALIKE, 0.17 * both) and doubt < DOUBT:
+                found.append((doubt, i, j, a.at + u * a.towards))
+    result, taken = [], set[int]()
+    for _, i, j, place in sorted(found, key=lambda one: one[:3]):
+        if not taken & {i, j}:
+            taken |= {i, j}
+            result.append((ends[i], ends[j], place))
+    return result
+
+
+def straight_to_line(end: BorderEnd, piece: Mask, drawn: Mask) -> F64 | None:
+    """From where a border enters straight on to the first line that is drawn; None if there is none in the hole."""
+    points, inside = straight_path(end.at, end.towards, piece)
+    x, y = np.round(points).astype(int).T
+    hit = np.flatnonzero(drawn[y, x] & inside)
+    return points[: hit[0] + 1] if len(hit) else None
+
+
+def straight_path(at: F64, towards: F64, piece: Mask) -> tuple[F64, Mask]:
+    """Points half a px apart up to the photo's border, and which are in the hole's first stretch."""
+    h, w = piece.shape
+    points = at + 0.5 * np.arange(2 * (h + w))[:, None] * towards
+    x, y = np.round(points).astype(int).T
+    points = points[: int(np.argmax(np.append((x < 0) | (y < 0) | (x >= w) | (y >= h), True)))]
+    x, y = np.round(points).astype(int).T
+    inside = piece[y, x]
+    first = int(np.argmax(inside)) if inside.any() else 0
+    inside[first:] &= np.cumsum(~inside[first:]) == 0
+    return points, inside
+
+
+def colour_differences(a: BorderEnd, b: BorderEnd) -> tuple[float, float]:
+    """Differences of colour between two ends: of the side that is more alike (what lies in front), and the other."""
+    one, other = float(np.linalg.norm(a.left - b.right)), float(np.linalg.norm(a.right - b.left))
+    return min(one, other), max(one, other)
+
+
+def line_points(at: F64, to: F64) -> F64:
+    """Points (n, 2) from one place to another, half a px apart."""
+    return at + np.linspace(0, 1, int(2 * np.hypot(*(to - at))) + 2)[:, None] * (to - at)
+
+
+def _free(end: BorderEnd, length: float, piece: Mask, drawn: Mask) -> bool:
+    """Whether a border can go on for `length` px: in the hole to the last, and across no line."""
+    points, inside = straight_path(end.at, end.towards, piece)
+    n = int(2 * length)
+    x, y = np.round(points[: n + 1]).astype(int).T
+    return n < len(points) and bool(inside[n]) and not drawn[y, x].any()
+
+
+# ----------------------------------------------------------------------
+# A picture with a hole -> the borders that run into it, carried on through it, with flat colour between them.
+#
+# Where a border enters the hole, its direction and the colours on both its sides are measured. Two that would
+# meet by a
+# gentle bend, with the same colours, are one border (the least bending energy of a cubic, as in Masnou and
+# Morel 1998,
+# Level lines based disocclusion). One that stays alone goes straight on (`alone`).
+
+ALONE = 40.0
+"""The same for a border that goes on alone."""
+PAD = 12
+"""px by which the photo is held to go on beyond its border, so that what enters a hole close to it is seen."""
+BULGE = 0.1
+"""Bending from which a border that only runs along the hole's is not drawn."""
+AT_ONCE = 500_000
+"""Pairs of a pixel and a point of a line that are held in memory."""
+
+
+def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`(H, W, 3)` with strips along the borders carried on through `hole` (H, W), and where these strips are."""
+    height, width = hole.shape
+    edges = (PAD,) * 4
+    picture = np.asarray(cv2.copyMakeBorder(picture, *edges, cv2.BORDER_REPLICATE), np.float32)
+    hole = cv2.copyMakeBorder(hole.astype(np.uint8), *edges, cv2.BORDER_REPLICATE) > 0
+    result, where = picture.copy(), np.zeros_like(hole)
+    ring = KnownSurroundings.of(picture, dilate(hole, 1))
+    count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
+    for k in range(1, count):
+        piece = ids == k
+        for line in _lines(list(border_ends(ring, piece)), piece, ring):
+            _strip(result, where, piece, line)
+    inner = slice(PAD, PAD + height), slice(PAD, PAD + width)
+    return result[inner], where[inner]
+
+
+def _lines(ends: list[BorderEnd], piece: Mask, ring: KnownSurroundings) -> Iterator[BorderLine]:
+    """Ends joined two by two, best first; then those that stay alone, straight on to a T."""
+    pairs = []
+    bends: dict[tuple[int, int], float] = {}
+    for i, a in enumerate(ends):
+        for j in range(i):
+            b = ends[j]
+            chord = b.at - a.at
+            alpha, beta = _turn(chord, a.towards), _turn(chord, -b.towards)
+            bend = bends[i, j] = alpha * alpha + alpha * beta + beta * beta
+            near, far = colour_differences(a, b)
+            both = a.contrast + b.contrast
+            length = float(np.hypot(*chord))
+            doubt = (1.5 * near + 0.5 * far) / both + 2 * abs(alpha + beta) + bend * length / 67
+            if length > 2 * OFF and near < max(ALIKE, 0.17 * both) and doubt < DOUBT:
+                pairs.append((doubt + 7 * bend, i, j))
+    depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    joined: set[int] = set()
+    chords: list[tuple[int, int]] = []
+    drawn = np.zeros(piece.shape, bool)
+    for _, i, j in sorted(pairs):
+        if i in joined or j in joined or any((p < i < q) != (p < j < q) for p, q in chords):
+            continue
+        line = BorderLine(_cubic(ends[i], ends[j]), ends[i].profile, ends[j].profile[::-1])
+        y, x = (
+            np.clip(np.round(c).astype(int), 0, n - 1)
+            for c, n in zip(line.points.T[::-1], piece.shape, strict=True)
+        )
+        joined |= {i, j}
+        chords.append((min(i, j), max(i, j)))
+        shallow = depth[y, x].max() < 1 + 0.05 * len(line.points)  # half a px apart
+        if shallow and bends[i, j] > BULGE:
+            continue
+        _draw(drawn, line.points)
+        yield line
+    alone = [e for k, e in enumerate(ends) if k not in joined and e.contrast > ALONE]
+    for end in sorted(alone, key=lambda end: -end.contrast):
+        if (passing := straight_through(end, ring, piece, drawn)) is not None:
+            alone = [other for other in alone if other is not end]
+            _draw(drawn, passing.points)
+            yield passing
+    for last in (
+        False,
+        False,
+        True,
+    ):  # one that ends at another's T comes second, and what is left may be a corner
+        met = [(end, path) for end in alone if (path := straight_to_line(end, piece, drawn)) is not None]
+        alone = [end for end in alone if all(end is not other for other, _ in met)]
+        for end, path in met:
+            _draw(drawn, path)
+            yield BorderLine(path, end.profile, end.profile)
+        for a, b, place in [] if last or met else corner_pairs(alone, piece, drawn):
+            alone = [end for end in alone if end is not a and end is not b]
+            bent = np.concatenate([line_points(a.at, place), line_points(place, b.at)[1:]])
+            _draw(drawn, bent)
+            yield BorderLine(bent, a.profile, b.profile[::-1])
+
+
+def _turn(a: F64, b: F64) -> float:
+    """Angle from a to b, rad."""
+    return float(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b))
+
+
+def _cubic(a: BorderEnd, b: BorderEnd) -> F64:
+    """The curve that leaves `a` along its direction and arrives in `b` against its own."""
+    length = float(np.hypot(*(b.at - a.at)))
+    alpha = abs(_turn(b.at - a.at, a.towards)) + abs(_turn(b.at - a.at, -b.towards))
+    handle = length / 3 * (1 + alpha * alpha / 24)  # about a circle's
+    t = np.linspace(0, 1, int(2 * length) + 2)[:, None]
+    p, q = a.at + handle * a.towards, b.at + handle * b.towards
+    return (1 - t) ** 3 * a.at + 3 * (1 - t) ** 2 * t * p + 3 * (1 - t) * t**2 * q + t**3 * b.at
+
+
+def _draw(mask: Mask, points: F64) -> None:
+    """A line 3 px wide."""
+    x, y = np.round(points).astype(int).T
+    keep = (x >= 1) & (y >= 1) & (x < mask.shape[1] - 1) & (y < mask.shape[0] - 1)
+    for d in (-1, 0, 1):
+        mask[y[keep] + d, x[keep]] = mask[y[keep], x[keep] + d] = True
+
+
+def _strip(result: F32, where: Mask, piece: Mask, line: BorderLine) -> None:
+    """Paints the colours across the ends of a line along it, within a piece of the hole."""
+    first = np.where(np.isnan(line.first), line.last, line.first)
+    last = np.where(np.isnan(line.last), line.first, line.last)
+    x0, y0 = np.maximum(np.floor(line.points.min(0)).astype(int) - STRIP, 0)
+    x1, y1 = np.ceil(line.points.max(0)).astype(int) + STRIP + 1
+    inside = piece[y0:y1, x0:x1] & ~where[y0:y1, x0:x1]
+    y, x = np.nonzero(inside)
+    near, away = np.zeros(len(x), np.int64), np.zeros(len(x))
+    step = max(AT_ONCE // len(line.points), 1)
+    for k in range(0, len(x), step):
+        part = slice(k, k + step)
+        gap = (x[part, None] + x0 - line.points[:, 0]) ** 2 + (y[part, None] + y0 - line.points[:, 1]) ** 2
+        near[part], away[part] = gap.argmin(1), gap.min(1)
+    along = np.gradient(line.points, axis=0)[near]
+    along /= np.hypot(along[:, 0], along[:, 1])[:, None]
+    off = np.stack([x + x0, y + y0], 1) - line.points[near]
+    side = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
+    keep = np.sqrt(away) <= STRIP
+    along_it = (near / max(1, len(line.points) - 1))[:, None]
+    place = np.clip(side + STRIP, 0, 2 * STRIP - 1e-6)
+    low = place.astype(int)
+    share = (place - low)[:, None]
+    start, end = ((1 - share) * p[low] + share * p[low + 1] for p in (first, last))
+    colour = (1 - along_it) * start + along_it * end
+    keep &= ~np.isnan(colour).any(1)
+    result[y[keep] + y0, x[keep] + x0] = colour[keep]
+    where[y[keep] + y0, x[keep] + x0] = True

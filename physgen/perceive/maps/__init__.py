@@ -1,0 +1,1 @@
+"""Maps stage of physgen."""

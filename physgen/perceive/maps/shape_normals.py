@@ -1,0 +1,186 @@
+"""Normals of simple solids from masks: balls, solids of revolution and cushions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+COARSE = 56
+"""px, the longer side of the grid on which a cushion is blown up."""
+ROUNDS = 90
+"""Of conjugate gradients on that grid."""
+ARC, FIT, WITHIN = 0.55, 0.03, 0.97
+"""Of its border, a hidden ball's: the share on one circle; how far off, of the radius; how much of it lies inside."""
+TRIES = 60
+
+
+@dataclass(frozen=True)
+class SolidOfRevolution:
+    """A mask as a thing turned on a lathe, whose axis stands upright."""
+
+    across: F32
+    """(h, w): place across, -1 at its left border, 1 at its right."""
+    flare: F32
+    """(h, w): change of the radius a row, to the bottom."""
+
+    def field(self) -> F32:
+        """The normals of a surface of revolution seen from far."""
+        length = np.sqrt(1 + self.flare**2)
+        return np.stack([np.clip(self.across, -1, 1) / length, -self.flare / length], -1).astype(np.float32)
+
+
+def ball_tilts(shape: tuple[int, int], center: tuple[float, float], radius: float) -> F32:
+    """A sphere's normals; beyond its rim those of the rim."""
+    x = (np.arange(shape[1], dtype=np.float32) - center[0])[None, :] / radius
+    y = (np.arange(shape[0], dtype=np.float32) - center[1])[:, None] / radius
+    field = np.stack(np.broadcast_arrays(x, y), -1)
+    return np.asarray(field / np.maximum(np.linalg.norm(field, axis=2, keepdims=True), 1), np.float32)
+
+
+def solid_of_revolution(own: Mask) -> SolidOfRevolution:
+    """`own` (h, w) as a solid of revolution: each row is a cut across it.
+
+    The axis is smoothed over a tenth of the height, the radius less, so that single pixels of the border make no
+    ripples.
+    """
+    rows = np.flatnonzero(own.any(axis=1))
+    left = own.argmax(axis=1)[rows].astype(np.float32)
+    right = own.shape[1] - 1 - own[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
+    middle, half = (left + right) / 2, (right - left + 1) / 2
+    every = np.arange(own.shape[0])
+    middle, half = (np.interp(every, rows, part).astype(np.float32) for part in (middle, half))
+    sigma = max(1.0, 0.02 * own.shape[0])
+    smooth = _blurred(half, sigma)
+    flare = np.gradient(smooth).astype(np.float32) if len(smooth) > 1 else np.zeros(1, np.float32)
+    across = (np.arange(own.shape[1], dtype=np.float32)[None, :] - middle[:, None]) / np.maximum(
+        half[:, None], 1
+    )
+    return SolidOfRevolution(across, np.repeat(flare[:, None], own.shape[1], axis=1))
+
+
+def _blurred(values: F32, sigma: float) -> F32:
+    return (
+        np.asarray(
+            cv2.GaussianBlur(
+                values[:, None], (1, 0), sigmaX=0.01, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
+            )[:, 0],
+            np.float32,
+        )
+        if len(values) > 1
+        else values
+    )
+
+
+def cushion_tilts(own: Mask) -> F32:
+    """`own` (h, w) blown up like a cushion: an upright rim all around, and a sphere where it is a disc.
+
+    Height is the root of what solves Poisson's equation with 0 at the border (Johnston 2002, Lumo; Sykora et al.
+    2014): an ellipse becomes an ellipsoid.
+    """
+    h, w = own.shape
+    scale = min(1.0, COARSE / max(h, w))
+    size = max(3, round(w * scale)), max(3, round(h * scale))
+    share = cv2.resize(own.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    inside = np.pad((share > 0.5).astype(np.float64), 1)
+    step = np.array([w / size[0], h / size[1]])
+    height = _poisson(inside, *(1 / step**2).tolist())
+    gy, gx = np.gradient(height)
+    maps = np.stack([-gx / step[0] / 2, -gy / step[1] / 2, np.sqrt(np.maximum(height, 0))], -1)[1:-1, 1:-1]
+    fine = cv2.resize(maps.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
+    length = np.maximum(np.linalg.norm(fine, axis=2, keepdims=True), 1e-6)
+    return np.asarray((fine / length)[..., :2], np.float32)
+
+
+def _poisson(inside: NDArray[np.float64], across: float, down: float) -> NDArray[np.float64]:
+    """What solves -laplace = 4 where `inside` (h, w) is 1, with 0 elsewhere; weights 1 / px² of the two directions."""
+
+    def apply(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        y = 2 * (across + down) * x
+        y[:, 1:] -= across * x[:, :-1]
+        y[:, :-1] -= across * x[:, 1:]
+        y[1:] -= down * x[:-1]
+        y[:-1] -= down * x[1:]
+        return np.asarray(y * inside)
+
+    x = np.zeros_like(inside)
+    rest = 4 * inside
+    p, rr = rest.copy(), float((rest * rest).sum())
+    for _ in range(ROUNDS):
+        if rr < 1e-6:
+            break
+        q = apply(p)
+        step = rr / max(float((p * q).sum()), 1e-12)
+        x += step * p
+        rest -= step * q
+        new = float((rest * rest).sum())
+        p = rest + new / rr * p
+        rr = new
+    return x
+
+
+def without_thin_parts(own: Mask, radius: int) -> Mask:
+    """`own` without what is thinner than 2 `radius` px: threads, handles; all of it where that leaves little."""
+    if radius < 1:
+        return own
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    body = cv2.morphologyEx(np.pad(own, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)[
+        radius:-radius, radius:-radius
+    ]
+    count, ids, stats, _ = cv2.connectedComponentsWithStats(body, connectivity=8)
+    if count < 2:
+        return own
+    return np.asarray(ids == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()))
+
+
+def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
+    """Centre and radius px of the ball that `body` (h, w) is a part of; None where its border is no circle's.
+
+    Circles through three points of the border (Fischler & Bolles 1981), the best refined by least squares.
+    """
+    contours = cv2.findContours(np.pad(body, 1).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    border = max(contours, key=len)[:, 0].astype(np.float64) - 1
+    n = len(border)
+    if n < 24:
+        return None
+    best, on = None, np.zeros(n, np.bool_)
+    for k in range(TRIES):
+        start = k * n // TRIES
+        spread = n // 5 if k % 2 else n // 9
+        found = _circle(border[[start, (start + spread) % n, (start + 2 * spread) % n]])
+        if found is None or found[1] > 2 * max(body.shape):
+            continue
+        near = _near(border, *found)
+        if near.sum() > on.sum():
+            best, on = found, near
+    if best is None or on.mean() < ARC:
+        return None
+    refined = _circle(border[on])
+    center, radius = refined if refined is not None else best
+    rows, columns = np.nonzero(body)
+    within = np.hypot(columns - center[0], rows - center[1]) <= radius + 1.5
+    if _near(border, center, radius).mean() < ARC or within.mean() < WITHIN:
+        return None
+    return center, radius + 0.5  # the border's pixels lie half a pixel within the outline
+
+
+def _near(border: NDArray[np.float64], center: tuple[float, float], radius: float) -> Mask:
+    off = np.abs(np.hypot(border[:, 0] - center[0], border[:, 1] - center[1]) - radius)
+    return np.asarray(off <= max(0.8, FIT * radius))
+
+
+def _circle(points: NDArray[np.float64]) -> tuple[tuple[float, float], float] | None:
+    """The circle with the least algebraic error (Kasa 1976)."""
+    middle = points.mean(axis=0)
+    p = points - middle
+    told = np.column_stack([2 * p, np.ones(len(p))])
+    solution, _, rank, _ = np.linalg.lstsq(told, (p**2).sum(axis=1), rcond=None)
+    square = float(solution[2] + solution[:2] @ solution[:2])
+    if rank < 3 or square <= 0:
+        return None
+    return (float(solution[0] + middle[0]), float(solution[1] + middle[1])), float(np.sqrt(square))

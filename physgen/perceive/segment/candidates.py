@@ -1,0 +1,341 @@
+"""Candidate objects from edges and from the segmentation network, their features, and the judge that predicts
+their fit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive.backends.segment_classical import LEAST, MOST, search_edges
+from physgen.perceive.segment.gradient import Gradient
+from physgen.perceive.segment.network import OFFSETS, NetworkMaps
+from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct, outline
+from physgen.perceive.segment.regions import CAP, basins, merge_tree
+
+# ----------------------------------------------------------------------
+# Proposals + what the network sees -> numbers that tell whole objects from parts, gaps, and pieces of
+# furniture.
+
+F32 = NDArray[np.float32]
+Array = NDArray[np.float64]
+
+FEATURES = (
+    "foreground", "foreground, weakest tenth", "foreground around", "border along the rim",
+    "border along its weakest quarter", "border inside", "border inside, strongest fiftieth",
+    "together, near", "together, farther", "together, far", "with others, near", "with others, farther",
+    "with others, far", "log size", "cut by the photo", "solidity", "compactness", "facing the viewer",
+)  # fmt: skip
+RANGES = (range(0, 2), range(2, 6), range(6, 8))
+"""Of the pairs: near, farther and far ones."""
+ASIDE = 3
+"""px of the grid beside a proposal that are looked at."""
+
+
+def proposal_features(proposals: Sequence[Proposal], seen: NetworkMaps) -> Array:
+    """(n, len(NAMES)) for proposals on the grid of the network's output."""
+    rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
+    reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
+    return np.array([_one(proposal, seen, rim, reach) for proposal in proposals]).reshape(-1, len(FEATURES))
+
+
+def _one(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[float]:
+    height, width = seen.foreground.shape
+    left, top, right, bottom = one.box
+    x0, y0 = max(left - reach, 0), max(top - reach, 0)
+    box = np.s_[y0 : min(bottom + reach, height), x0 : min(right + reach, width)]
+    mask = np.zeros(seen.foreground[box].shape, bool)
+    mask[top - y0 : bottom - y0, left - x0 : right - x0] = one.mask
+    near = np.s_[
+        max(top - ASIDE - y0, 0) : bottom + ASIDE - y0, max(left - ASIDE - x0, 0) : right + ASIDE - x0
+    ]
+    small = mask[near].astype(np.uint8)
+    foreground, boundary = seen.foreground[box], seen.boundary[box]
+    on = foreground[mask]
+    kernel = np.ones((2 * ASIDE + 1, 2 * ASIDE + 1), np.uint8)
+    around = (cv2.dilate(small, kernel) > 0) & (small == 0)
+    inner = cv2.erode(small, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    contour = outline(one.mask)
+    x, y = contour[:, 0] + left, contour[:, 1] + top
+    free = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
+    along = np.sort(rim[y[free], x[free]]) if free.any() else np.zeros(1, np.float32)
+    inside = boundary[near][inner] if inner.any() else np.zeros(1, np.float32)
+    together, others = _pairs(mask, foreground, seen.pairs[(slice(None), *box)])
+    hull = cv2.convexHull(contour)
+    area, length = max(float(one.area), 1.0), max(float(cv2.arcLength(contour, True)), 1.0)
+    return [
+        float(on.mean()),
+        _lowest(on, 0.1),
+        float(foreground[near][around].mean()) if around.any() else 0.0,
+        float(along.mean()),
+        float(along[: max(1, len(along) // 4)].mean()),
+        float(inside.mean()),
+        -_lowest(-inside, 0.02),
+        *together,
+        *others,
+        float(np.log(area / (height * width))),
+        1 - float(free.mean()),
+        area / max(float(cv2.contourArea(hull)) + length / 2 + 1, area),
+        float(np.sqrt(4 * np.pi * area) / length),
+        float(seen.normals[box][..., 2][mask].mean()),
+    ]
+
+
+def _lowest(values: F32, share: float) -> float:
+    """The greatest of the lowest `share` of some values."""
+    k = int(share * (len(values) - 1))
+    return float(np.partition(values, k)[k])
+
+
+def _pairs(mask: Mask, foreground: F32, pairs: F32) -> tuple[list[float], list[float]]:
+    """How much pixels of the proposal belong together, and with what else is on objects, by how far apart they are."""
+    h, w = mask.shape
+    within, across = [], []
+    for some in RANGES:
+        own = other = own_count = other_count = 0.0
+        for n in some:
+            down, right = OFFSETS[n]
+            if down >= h or abs(right) >= w:
+                continue
+            here = np.s_[: h - down, max(-right, 0) : w - max(right, 0)]
+            there = np.s_[down:, max(right, 0) : w + min(right, 0)]
+            a, b, told = mask[here], mask[there], pairs[n][here]
+            both = a & b
+            own += float(told[both].sum())
+            own_count += int(both.sum())
+            one = a != b
+            if one.any():
+                weight = np.where(a, foreground[there], foreground[here])[one]
+                other += float((told[one] * weight).sum())
+                other_count += float(weight.sum())
+        within.append((own + 0.5) / (own_count + 1.0))
+        across.append(other / (other_count + 1.0))
+    return within, across
+
+
+# ----------------------------------------------------------------------
+# Evidence -> how well each proposal is expected to fit a whole object: a small network of two layers, in
+# NumPy.
+
+JUDGE = "judge.json"
+
+
+def expected_fit(evidence: Array, numbers: Mapping[str, Any] | None = None) -> Array:
+    """(n,) 0..1: intersection over union with the object that fits best, as far as evidence (n, k) tells.
+
+    `numbers` are another judge's than the shipped one.
+    """
+    told = _judge() if numbers is None else numbers
+    value = (evidence - told["mean"]) / told["spread"]
+    for weights, bias in zip(told["weights"][:-1], told["biases"][:-1], strict=True):
+        value = np.maximum(value @ weights + bias, 0)
+    out = value @ told["weights"][-1] + told["biases"][-1]
+    return np.asarray(1 / (1 + np.exp(-np.clip(out[:, 0], -30, 30))))
+
+
+def confidence(fit: Array) -> Array:
+    """(n,) 0..1: the share of chosen proposals of such a worth (n,) that are right, as it was counted."""
+    told = _judge()
+    return np.asarray(np.interp(fit, told["fit"], told["right"]))
+
+
+@cache
+def _judge() -> dict[str, Any]:
+    told = json.loads(Path(__file__).with_name(JUDGE).read_text(encoding="utf-8"))
+    return {
+        name: [np.array(part) for part in value] if name in ("weights", "biases") else np.array(value)
+        for name, value in told.items()
+        if not isinstance(value, str)
+    }
+
+
+# ----------------------------------------------------------------------
+# What the network sees -> masks that may be objects: basins between its borders, joined the likeliest first.
+
+ON = 0.3
+"""Foreground from which a basin may be of an object."""
+LEVELS = (0.35, 0.5, 0.65, 0.8)
+"""Foreground above which what hangs together is a proposal, too."""
+GROUND = 0.6
+"""Share of the relief that is the border's; the rest is how little neighbours belong together."""
+LINE = 0.7
+"""Share of a border that stands only where the photo has an edge: where exactly it runs."""
+
+
+def border_relief(seen: NetworkMaps) -> F32:
+    """(h, w) 0..1: how surely a border runs here."""
+    apart = np.zeros_like(seen.boundary)
+    for n, (down, right) in enumerate(OFFSETS):
+        if (
+            max(abs(down), abs(right)) <= 3
+        ):  # between a pixel and one three further: the border is in the middle
+            middle = np.array([[1, 0, right / 2], [0, 1, down / 2]])
+            size = apart.shape[::-1]
+            there = cv2.warpAffine(1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE)
+            apart = np.maximum(apart, there)
+    apart = apart * seen.foreground
+    return np.asarray(GROUND * seen.boundary + (1 - GROUND) * apart, np.float32)
+
+
+def network_proposals(seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
+    """Proposals on the grid of the network's output, of `smallest` to `largest` px of it."""
+    height = border_relief(seen)
+    labels = basins(cv2.GaussianBlur(height, (0, 0), 1.0).astype(np.float32))
+    found = _joined(labels, seen.foreground, height * np.float32(CAP), smallest, largest)
+    for level in LEVELS:
+        mask = seen.foreground > level
+        _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+        for k, (x, y, w, h, size) in enumerate(stats.tolist()):
+            if k and smallest <= size <= 1.2 * largest:
+                found.append(cut_out(pieces[y : y + h, x : x + w] == k, x, y, smallest))
+    return [one for one in found if one is not None and one.area <= largest]
+
+
+def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
+    """Proposals on the photo's own grid: bounded by its edges, joined as the network says."""
+    size = gradient.strength.shape[::-1]
+    border = cv2.dilate(
+        border_relief(seen), np.ones((3, 3), np.uint8)
+    )  # the network is a pixel off, here and there
+    border = np.clip(cv2.resize(border, size, interpolation=cv2.INTER_LINEAR), 0, 1)
+    foreground = np.clip(cv2.resize(seen.foreground, size, interpolation=cv2.INTER_LINEAR), 0, 1)
+    labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
+    sharp = np.minimum(gradient.strength, CAP) / CAP
+    edge = np.float32(CAP) * border * (np.float32(1 - LINE) + np.float32(LINE) * sharp)
+    found = _joined(labels, foreground.astype(np.float32), edge.astype(np.float32), smallest, largest)
+    return [one for one in found if one is not None and one.area <= largest]
+
+
+def _joined(
+    labels: NDArray[np.int32], foreground: F32, edge: F32, smallest: int, largest: int
+) -> list[Proposal | None]:
+    """Basins (h, w) on objects, joined two by two where `edge` (h, w) between them is least: every union."""
+    count = int(labels.max()) + 1
+    on = np.bincount(labels.ravel(), foreground.ravel(), count) / np.bincount(labels.ravel(), minlength=count)
+    kept = on >= ON
+    if not kept.any():
+        return []
+    # all that is no object is one region, which nothing joins
+    names = np.where(kept, np.cumsum(kept) - int(kept.all()), 0)[labels].astype(np.int32)
+    nothing = np.zeros((*names.shape, 3), np.float32)
+    tree = merge_tree(names, nothing, np.where(kept.all() | (names > 0), edge, np.float32(CAP)))
+    ranks = tree.rank[names]
+    ground = int(tree.rank[0]) if not kept.all() else -1
+    rows, columns = np.indices(names.shape)
+    corner = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
+    boxes = np.full((len(tree.rank), 4), np.iinfo(np.int64).max)
+    np.minimum.at(boxes, ranks.ravel(), corner)
+    sizes = np.concatenate([[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))])
+    found = []
+    for first, last in tree.span.tolist():
+        if first <= ground < last or not smallest <= sizes[last] - sizes[first] <= 1.2 * largest:
+            continue
+        x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
+        part = ranks[y : bottom + 1, x : right + 1]
+        found.append(cut_out((part >= first) & (part < last), x, y, smallest))
+    return found
+
+
+# ----------------------------------------------------------------------
+# Photo -> masks that may be objects, by edges and circles and by the network, and what the network says of
+# each.
+
+MIDDLE, WIDTH = 0.8, 0.05
+"""Of the logistic that turns a score of the choice by edges into how sure it is; chosen on tune and validation."""
+CANDIDATES_ON = 0.2
+"""Mean foreground of a proposal below which nobody need look closer."""
+SMALLEST = 14
+"""px of the network's grid, of the smallest proposal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Proposals on a grid of `shape`, and what the network says of them."""
+
+    shape: tuple[int, int]
+    proposals: Sequence[Proposal]
+    evidence: NDArray[np.float64]
+    """(n, k), see `evidence.NAMES`."""
+    learned: NDArray[np.bool_]
+    """(n,): which of them the network proposed itself."""
+    edges: NDArray[np.float64]
+    """(n,) 0..1: how sure the choice by edges alone is of it; 0 where that did not take it."""
+
+
+def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
+    """Of a photo (H, W, 3) sRGB."""
+    by_edges = search_edges(rgb)
+    shape, grid = by_edges.shape, seen.foreground.shape
+    cells = grid[0] * grid[1]
+    own = network_proposals(seen, max(SMALLEST, round(LEAST * cells)), round(MOST * cells))
+    bounds = (max(12, round(part * shape[0] * shape[1])) for part in (LEAST, MOST))
+    both_ways = distinct([*by_edges.proposals, *guided_proposals(by_edges.gradient, seen, *bounds)])
+    pool: list[tuple[Proposal | None, Proposal | None, bool]] = [
+        (one, rescaled(one, shape, grid), False) for one in (*by_edges.chosen, *both_ways)
+    ]
+    pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
+    sure = np.zeros(len(pool))
+    sure[: len(by_edges.chosen)] = 1 / (1 + np.exp((MIDDLE - by_edges.scores) / WIDTH))
+    both = [
+        (fine, rough, learned, agreed)
+        for (fine, rough, learned), agreed in zip(pool, sure.tolist(), strict=True)
+        if fine is not None and rough is not None and _on(rough, seen) >= CANDIDATES_ON
+    ]
+    return Candidates(
+        shape,
+        [fine for fine, _, _, _ in both],
+        proposal_features([rough for _, rough, _, _ in both], seen),
+        np.array([learned for _, _, learned, _ in both], bool),
+        np.array([agreed for _, _, _, agreed in both], np.float64),
+    )
+
+
+def judged_fit(some: Sequence[Proposal], seen: NetworkMaps, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """(n,) 0..1: how well proposals on a grid of `shape` (h, w) are expected to fit."""
+    there = [rescaled(one, shape, seen.foreground.shape) for one in some]
+    fit = np.zeros(len(some))
+    known = [k for k, one in enumerate(there) if one is not None]
+    if known:
+        fit[known] = expected_fit(proposal_features([one for one in there if one is not None], seen))
+    return fit
+
+
+def _on(one: Proposal, seen: NetworkMaps) -> float:
+    """Mean foreground of a proposal on the network's grid."""
+    left, top, right, bottom = one.box
+    return float(seen.foreground[top:bottom, left:right][one.mask].mean())
+
+
+def rescaled(one: Proposal, shape: tuple[int, int], onto: tuple[int, int]) -> Proposal | None:
+    """A proposal on a grid of `shape` (h, w) as it lies on the grid `onto`; None where nothing is left of it."""
+    down, right = onto[0] / shape[0], onto[1] / shape[1]
+    left, top, end, bottom = one.box
+    x0, y0 = int(left * right), int(top * down)
+    x1, y1 = min(int(np.ceil(end * right)), onto[1]), min(int(np.ceil(bottom * down)), onto[0])
+    # canvas pixel centres to those of the proposal
+    matrix = np.array(
+        [
+            [1 / right, 0, (x0 + 0.5) / right - 0.5 - left],
+            [0, 1 / down, (y0 + 0.5) / down - 0.5 - top],
+        ]
+    )
+    soft = one.mask.astype(np.float32)
+    if right < 1:  # many pixels become one
+        blur = cv2.GaussianBlur(soft, (0, 0), 0.4 / right, borderType=cv2.BORDER_CONSTANT)
+        soft = np.asarray(blur, np.float32)
+    there = cv2.warpAffine(
+        soft,
+        matrix,
+        (x1 - x0, y1 - y0),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+    )
+    return cut_out(there >= 0.5, x0, y0, 1)

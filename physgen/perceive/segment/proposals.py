@@ -1,0 +1,292 @@
+"""Proposals: masks that may be whole objects; cutting out, comparing, joining and scoring them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive.segment.gradient import Gradient, sample
+
+# ----------------------------------------------------------------------
+# Proposals: masks that may be whole objects. Cutting out, comparing, joining, dropping doubles.
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """One connected region without holes, kept as the cut-out that bounds it."""
+
+    x: int
+    y: int
+    mask: Mask
+    """(h, w), its top-left pixel at (x, y) of the photo."""
+    area: int
+    """px."""
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """Left, top, right, bottom; the last two just outside."""
+        return self.x, self.y, self.x + self.mask.shape[1], self.y + self.mask.shape[0]
+
+    def on(self, shape: tuple[int, int]) -> Mask:
+        """(H, W): the mask on the whole photo."""
+        whole = np.zeros(shape, np.bool_)
+        left, top, right, bottom = self.box
+        whole[top:bottom, left:right] = self.mask
+        return whole
+
+
+def disc(radius: int) -> NDArray[np.uint8]:
+    """The structuring element of a radius in px."""
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.uint8)
+
+
+def outline(mask: Mask) -> NDArray[np.int32]:
+    """(n, 2) int32: x, y of the pixels along the longest outer contour of a mask."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return max(contours, key=len)[:, 0].astype(np.int32)
+
+
+def polygons(contour: NDArray[np.int32]) -> list[NDArray[np.int32]]:
+    """Polygons of 4 to 6 corners (k, 2) close to a contour (n, 2): tightest rectangle, simplified hull."""
+    found = [np.rint(cv2.boxPoints(cv2.minAreaRect(contour))).astype(np.int32)]
+    hull, length = cv2.convexHull(contour), cv2.arcLength(contour, True)
+    for tolerance in (0.02, 0.035, 0.06):
+        corners = cv2.approxPolyDP(hull, tolerance * length, True)[:, 0].astype(np.int32)
+        if 4 <= len(corners) <= 6:
+            found.append(corners)
+    return found
+
+
+def cut_out(mask: Mask, x: int, y: int, smallest: int, opening: int = 0) -> Proposal | None:
+    """The largest part of a mask whose corner lies at (x, y), opened by a disc and its holes filled;
+    None when it holds fewer than `smallest` px."""
+    image = np.pad(mask, opening + 1).astype(np.uint8)
+    if opening:
+        image = cv2.morphologyEx(image, cv2.MORPH_OPEN, disc(opening)).astype(np.uint8)
+    count, parts, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=4)
+    if count < 2:
+        return None
+    largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    left, top, width, height, _ = (int(value) for value in stats[largest])
+    filled = np.zeros((height, width), np.uint8)
+    part = parts[top : top + height, left : left + width] == largest
+    cv2.fillPoly(filled, [outline(part)], 1)
+    area = int(filled.sum())
+    if area < smallest:
+        return None
+    return Proposal(x + left - opening - 1, y + top - opening - 1, filled > 0, area)
+
+
+def overlap(a: Proposal, b: Proposal) -> int:
+    """Pixels that two proposals share."""
+    left, top = max(a.x, b.x), max(a.y, b.y)
+    right, bottom = min(a.box[2], b.box[2]), min(a.box[3], b.box[3])
+    if right <= left or bottom <= top:
+        return 0
+    part_a = a.mask[top - a.y : bottom - a.y, left - a.x : right - a.x]
+    part_b = b.mask[top - b.y : bottom - b.y, left - b.x : right - b.x]
+    return int(np.count_nonzero(part_a & part_b))
+
+
+def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal]:
+    """Proposals by area, without those whose intersection over union with a smaller one exceeds `same`."""
+    kept: list[Proposal] = []
+    first = 0  # kept[first:] are large enough to be the same as the one at hand
+    for one in sorted(proposals, key=lambda proposal: proposal.area):
+        while first < len(kept) and kept[first].area < same * one.area:
+            first += 1
+        slack = 4 + 0.12 * sum(one.mask.shape)
+        for other in kept[first:]:
+            if sum(abs(p - q) for p, q in zip(one.box, other.box, strict=True)) <= slack:
+                shared = overlap(one, other)
+                if shared > same * (one.area + other.area - shared):
+                    break
+        else:
+            kept.append(one)
+    return kept
+
+
+def unions(proposals: Sequence[Proposal], scores: NDArray[np.float64], largest: int) -> list[Proposal]:
+    """Unions of good proposals that touch along a good part of the smaller: objects of two colours."""
+    best = [int(i) for i in np.argsort(-scores, kind="stable")[:160] if scores[i] > 0.45]
+    reach = 1  # px
+    grown = {i: _grow(proposals[i], reach) for i in best}
+    pairs = []
+    for rank, i in enumerate(best):
+        for j in best[:rank]:
+            small, large = sorted((proposals[i].area, proposals[j].area))
+            if small + large > largest or large > 12 * small:
+                continue
+            touching = overlap(grown[i], grown[j]) / (2 * reach + 1) / (3.54 * np.sqrt(small))
+            if touching > 0.2 and overlap(proposals[i], proposals[j]) <= 0.1 * small:
+                pairs.append((min(scores[i], scores[j]) + 0.3 * min(1, touching), i, j))
+    joined = (_join(grown[i], grown[j], reach) for _, i, j in sorted(pairs, reverse=True)[:350])
+    return [union for union in joined if union is not None and union.area <= largest]
+
+
+def _grow(proposal: Proposal, reach: int) -> Proposal:
+    mask = cv2.dilate(np.pad(proposal.mask, reach).astype(np.uint8), disc(reach)) > 0
+    return Proposal(proposal.x - reach, proposal.y - reach, mask, int(mask.sum()))
+
+
+def _join(a: Proposal, b: Proposal, reach: int) -> Proposal | None:
+    """The union of two grown proposals, shrunk again; the seam between them closes."""
+    x, y = min(a.x, b.x), min(a.y, b.y)
+    canvas = np.zeros((max(a.box[3], b.box[3]) - y, max(a.box[2], b.box[2]) - x), np.bool_)
+    for one in (a, b):
+        canvas[one.y - y : one.box[3] - y, one.x - x : one.box[2] - x] |= one.mask
+    image = np.pad(canvas, 1).astype(np.uint8)
+    shrunk = cv2.erode(image, disc(reach), iterations=1)[1:-1, 1:-1] > 0
+    return cut_out(shrunk, x, y, smallest=1)
+
+
+def variants(proposal: Proposal, shape: tuple[int, int]) -> list[Proposal]:
+    """The proposal itself, then without bays, without spurs, its hull, polygons: undoes leaks along a weak edge.
+    `shape`: H, W of the photo."""
+    reach = max(1, round(0.12 * float(np.sqrt(proposal.area))))
+    pad = 2 * reach
+    image, ball = np.pad(proposal.mask, pad).astype(np.uint8), disc(reach)
+    contour = outline(proposal.mask) + pad
+    rounder = (cv2.convexHull(contour), *polygons(contour))
+    changed = [
+        cv2.morphologyEx(image, cv2.MORPH_CLOSE, ball),
+        cv2.morphologyEx(image, cv2.MORPH_OPEN, ball),
+        *(cv2.fillPoly(np.zeros_like(image), [one], 1) for one in rounder),
+    ]
+    x, y = proposal.x - pad, proposal.y - pad
+    left, top = max(0, -x), max(0, -y)  # what the photo does not show
+    inside = np.s_[top : shape[0] - y, left : shape[1] - x]
+    others = (cut_out(one[inside] > 0, x + left, y + top, smallest=1) for one in changed)
+    return [proposal, *(other for other in others if other is not None)]
+
+
+# ----------------------------------------------------------------------
+# Proposals -> how alike they are: what many good ones agree on is trusted more.
+
+Floats = NDArray[np.float64]
+
+AGREEMENT_SHARPNESS = 8.0
+"""How much more the better ones' company counts; chosen as the constants of `boxed` and `pointed`."""
+
+
+def iou(a: Proposal, b: Proposal) -> float:
+    """Intersection over union."""
+    common = overlap(a, b)
+    return common / max(a.area + b.area - common, 1)
+
+
+def agreement(forms: Sequence[Proposal], worth: Floats) -> Floats:
+    """(n,): logarithm of the mean likeness (IoU) of each to all, those of larger `worth` (n,) weighing more."""
+    weight = np.exp(AGREEMENT_SHARPNESS * (worth - worth.max()))
+    low = np.min([one.box[:2] for one in forms], axis=0)
+    high = np.max([one.box[2:] for one in forms], axis=0)
+    flat = np.zeros((len(forms), int(high[1] - low[1]), int(high[0] - low[0])), np.float32)
+    for k, one in enumerate(forms):
+        left, top = one.x - int(low[0]), one.y - int(low[1])
+        flat[k, top : top + one.mask.shape[0], left : left + one.mask.shape[1]] = one.mask
+    rows = flat.reshape(len(forms), -1)
+    common = (rows @ rows.T).astype(np.float64)
+    area = np.diag(common)
+    alike = common / (area[:, None] + area - common)
+    return np.asarray(np.log(np.maximum(alike @ weight / weight.sum(), 1e-12)), np.float64)
+
+
+# ----------------------------------------------------------------------
+# Proposals + gradient -> how much each looks like one whole object: outlined by edges, of compact shape.
+
+POINTS = 96
+"""Samples along an outline."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What the choice weighs, (n,) float64 each."""
+
+    score: NDArray[np.float64]
+    """About 0.6 for a doubtful object, 1 for a perfect one."""
+    compactness: NDArray[np.float64]
+    """Isoperimetric quotient: 1 for a disc, less for longer outlines."""
+
+
+def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:
+    """(n, 2): the outward unit normals of a closed contour (n, 2) of pixels, its steps smoothed."""
+    sigma = max(1.0, 0.012 * len(contour))
+    ends = int(3 * sigma) + 3
+    closed = np.pad(contour, ((ends, ends), (0, 0)), mode="wrap").astype(np.float64)
+    smooth = cv2.GaussianBlur(closed, (1, 2 * ends - 3), sigmaX=0.1, sigmaY=sigma)
+    along = (smooth[4:] - smooth[:-4])[ends - 2 : ends - 2 + len(contour)]
+    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-6
+    x, y = contour.T.astype(np.float64)
+    turn = 1 if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() >= 0 else -1
+    return turn * np.stack([along[:, 1], -along[:, 0]], 1)
+
+
+def score_proposals(proposals: Sequence[Proposal], colour: NDArray[np.float32], gradient: Gradient) -> Scores:
+    """The looks of each proposal, from its outline and shape. The score is a weighted geometric mean (weights
+    chosen on photos): edges along all of the outline and along its weakest quarter, contrast between its two
+    sides, solidity, likeness to an ellipse or a polygon of few corners, not being a mere line, and how little
+    the border of the photo cuts off."""
+    if not proposals:
+        return Scores(np.zeros(0), np.zeros(0))
+    height, width = gradient.strength.shape
+    contours = [outline(proposal.mask) for proposal in proposals]
+    rim = np.zeros((len(proposals), POINTS, 4))
+    for i, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
+        at = np.linspace(0, len(contour), POINTS, endpoint=False).astype(int)
+        rim[i] = np.hstack([np.add(contour, (proposal.x, proposal.y)), contour_normals(contour)])[at]
+    x, y, nx, ny = np.moveaxis(rim, 2, 0)
+    free = (x >= 2.5) & (y >= 2.5) & (x <= width - 3.5) & (y <= height - 3.5)
+    count = np.maximum(free.sum(1), 1)
+
+    reach = np.clip(0.03 * np.sqrt([[proposal.area] for proposal in proposals]), 1.5, 4)
+    angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
+    for step in np.linspace(-1, 1, 7):
+        here = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
+        edge = np.maximum(edge, here * (1 - 0.25 * step * step))
+    support = np.where(free, gradient.support(edge), np.inf)
+    cover = np.where(free, support, 0).sum(1) / count
+    rising = np.sort(support, 1)
+    weakest = np.array([row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)])
+    weakest[free.sum(1) <= 8] = 0
+
+    soft, side = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32), np.maximum(3, reach)
+    inside, outside = (sample(soft, x + s * nx, y + s * ny) for s in (-side, side))
+    step = np.linalg.norm(inside - outside, axis=2)
+    contrast = (step / (step + 8) * free).sum(1) / count
+
+    shapes = [_shape(p.mask, c) for p, c in zip(proposals, contours, strict=True)]
+    solidity, likeness, compactness = np.array(shapes).T
+    terms = (
+        (1.2, cover + 1e-3),
+        (0.6, weakest + 0.05),
+        (0.6, contrast + 0.01),
+        (2.0, solidity),
+        (1.0, likeness + 1e-3),
+        (0.5, np.clip(5 * compactness, 0.01, 1)),
+        (1.5, np.maximum(free.mean(1), 0.01)),
+    )
+    score = np.exp(sum(weight * np.log(term) for weight, term in terms) / 2.4)
+    left, top, right, bottom = np.array([proposal.box for proposal in proposals]).T
+    crosses = ((left <= 2) & (right >= width - 2)) | ((top <= 2) & (bottom >= height - 2))
+    return Scores(np.where(crosses, 0.6, 1) * score, compactness)
+
+
+def _shape(mask: Mask, contour: NDArray[np.int32]) -> tuple[float, float, float]:
+    """Solidity, likeness (intersection over union) to the ellipse or polygon that fits best, compactness."""
+    area, length = cv2.contourArea(contour), cv2.arcLength(contour, True)
+    solidity = (area + length / 2 + 1) / (cv2.contourArea(cv2.convexHull(contour)) + length / 2 + 1)
+    y, x = np.nonzero(mask)
+    spread = np.cov(x, y) + 0.08 * np.eye(2)
+    along, down = np.arange(mask.shape[1]) - x.mean(), np.arange(mask.shape[0])[:, None] - y.mean()
+    form = np.linalg.inv(spread)
+    shapes = [form[0, 0] * along**2 + 2 * form[0, 1] * along * down + form[1, 1] * down**2 <= 4]
+    blank = np.zeros(mask.shape, np.uint8)
+    shapes += [cv2.fillPoly(blank.copy(), [corners], 1) > 0 for corners in polygons(contour)]
+    likeness = max(float((shape & mask).sum() / (shape | mask).sum()) for shape in shapes)
+    return float(solidity), likeness, float(4 * np.pi * area / max(length, 1) ** 2)

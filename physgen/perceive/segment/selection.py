@@ -1,0 +1,312 @@
+"""Selection of the best set of proposals without overlap, and fitting of outlines to the photo's edges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
+from physgen.perceive.segment.proposals import Mask, Proposal, Scores, contour_normals, outline, overlap
+
+# ----------------------------------------------------------------------
+# Scored proposals -> the best set of them without overlap, and what each is worth beside the others.
+
+# Chosen on photos.
+THRESHOLD = 0.58
+"""The score below which a proposal is better left out."""
+AREA_POWER = 0.7
+"""The gain of a proposal grows with area to this power: wholes against their parts."""
+SHARED = 0.12
+"""Proposals that share more than this part of the smaller one exclude each other."""
+SET_BONUS = 0.1
+"""What a proposal gains when three chosen ones have its size and compactness: things come in sets."""
+GAP_PENALTY = 0.4
+"""What a small proposal loses when chosen larger ones surround it: a gap between them, or a face of one."""
+BACKGROUND_PENALTY = 0.4
+"""What a proposal loses whose colours all go on around it: it is background seen between objects."""
+REACH = 1.0
+"""How far around a proposal its background is looked for, in square roots of its area."""
+RARER = 3.0
+"""A colour of a proposal may be this much rarer around it and still count as going on there."""
+BANDWIDTH = np.array([8, 5, 5], np.float32)
+"""CIELAB units within which colours count as the same; lightness varies more, by shading and shadow."""
+OUTLIER = 0.7
+"""Chosen ones score at least this much of the upper quartile of all chosen."""
+
+Flags = NDArray[np.bool_]
+Values = NDArray[np.float64]
+
+
+def select(
+    proposals: Sequence[Proposal], looks: Scores, colour: NDArray[np.float32]
+) -> tuple[list[Proposal], NDArray[np.float64]]:
+    """The set without overlap that gains the most, with final scores; in two rounds, as what is chosen
+    changes the scores. `colour` is the photo (H, W, 3) in CIELAB."""
+    worth = np.flatnonzero(looks.score > THRESHOLD - SET_BONUS)
+    pool = [proposals[i] for i in worth.tolist()]
+    if not pool:
+        return [], np.zeros(0)
+    score, compactness = looks.score[worth], looks.compactness[worth]
+    area = np.array([proposal.area for proposal in pool], np.float64)
+    shape = colour.shape[0], colour.shape[1]
+    weight = (area / (shape[0] * shape[1])) ** AREA_POWER
+    excludes = exclusions(pool)
+    final, gap = score, np.zeros(len(pool))
+    chosen = best_set((final - THRESHOLD) * weight, final, excludes)
+    for _ in range(2):
+        gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
+        final = score + _sets(score, area, compactness, chosen, excludes) - gap
+        final -= BACKGROUND_PENALTY * background_likeness(pool, chosen, final > THRESHOLD, colour)
+        chosen = best_set((final - THRESHOLD) * weight, final, excludes)
+    if chosen.any():
+        chosen &= final > max(THRESHOLD, OUTLIER * float(np.quantile(final[chosen], 0.75)))
+    return [pool[i] for i in np.flatnonzero(chosen).tolist()], final[chosen]
+
+
+def exclusions(proposals: Sequence[Proposal]) -> Flags:
+    """(n, n): which proposals share too much to be chosen together; false on the diagonal."""
+    boxes = np.array([proposal.box for proposal in proposals], np.float64)
+    area = np.array([proposal.area for proposal in proposals], np.float64)
+    low, high = np.maximum(boxes[:, None, :2], boxes[:, :2]), np.minimum(boxes[:, None, 2:], boxes[:, 2:])
+    meeting = np.clip(high - low, 0, None).prod(-1) > SHARED * np.minimum(area[:, None], area)
+    excludes = np.zeros(meeting.shape, np.bool_)
+    for i, j in np.argwhere(np.triu(meeting, 1)).tolist():
+        excludes[i, j] = excludes[j, i] = overlap(proposals[i], proposals[j]) > SHARED * min(area[i], area[j])
+    return excludes
+
+
+def best_set(gain: Values, score: Values, excludes: Flags) -> Flags:
+    """(n,): the independent set of the largest total gain, by local search from three starts: gainful first,
+    good first, and between. Whether a group or its members is the hard part; no single start settles it."""
+    starts = (gain, score, gain * np.maximum(score, 1e-6) ** 4)
+    ends = [_climb(gain, excludes, np.argsort(-start, kind="stable")) for start in starts]
+    return max(ends, key=lambda chosen: float(gain[chosen].sum()))
+
+
+def _climb(gain: Values, excludes: Flags, order: NDArray[np.intp]) -> Flags:
+    """Take what fits in the given order; then put one in or out, refill the room, and keep what is better."""
+    by_gain = np.argsort(-gain, kind="stable")
+    by_gain = by_gain[gain[by_gain] > 0]
+    chosen = _fill(np.zeros(len(gain), np.bool_), order[gain[order] > 0], excludes)
+    for _ in range(12):
+        before = float(gain[chosen].sum())
+        for i in by_gain:
+            trial, out = chosen.copy(), chosen & excludes[i]
+            if chosen[i]:
+                trial[i], out = False, np.arange(len(gain)) == i
+            elif gain[out].sum() > 1.7 * gain[i]:
+                continue
+            else:
+                trial[out], trial[i] = False, True
+            room = excludes[out].any(0)
+            trial = _fill(trial, by_gain[room[by_gain]], excludes)
+            if gain[trial].sum() > gain[chosen].sum() + 1e-9:
+                chosen = trial
+        if gain[chosen].sum() <= before + 1e-9:
+            break
+    return chosen
+
+
+def _fill(chosen: Flags, order: NDArray[np.intp], excludes: Flags) -> Flags:
+    chosen = chosen.copy()
+    blocked = excludes[chosen].any(0) | chosen
+    for i in order:
+        if not blocked[i]:
+            chosen[i] = True
+            blocked |= excludes[i]
+    return chosen
+
+
+def _sets(score: Values, area: Values, compactness: Values, chosen: Flags, excludes: Flags) -> Values:
+    """(n,): the bonus of proposals that have the size and compactness of several chosen ones."""
+    size = np.log(area[:, None] / area[chosen]) / 0.12
+    round_ = np.log(compactness[:, None] / compactness[chosen]) / 0.15
+    alike = np.exp(-(size**2) - round_**2) * np.clip((score[chosen] - THRESHOLD) / 0.2, 0, 1)
+    alike[(excludes | np.eye(len(area), dtype=np.bool_))[:, chosen]] = 0
+    bonus: Values = SET_BONUS * np.minimum(alike.sum(1), 3) / 3
+    return bonus
+
+
+def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tuple[int, int]) -> Values:
+    """(n,): the penalty of chosen proposals that lie against larger chosen ones along much of the outline."""
+    reach = 3
+    labels = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach), np.int32)
+    members = np.flatnonzero(chosen).tolist()
+    for i in members:
+        left, top, right, bottom = (edge + reach for edge in proposals[i].box)
+        labels[top:bottom, left:right][proposals[i].mask] = i + 1
+    penalty = np.zeros(len(proposals))
+    for i in members:
+        left, top, right, bottom = proposals[i].box
+        around = labels[top : bottom + 2 * reach, left : right + 2 * reach]
+        others = (around > 0) & (around != i + 1)
+        if not others.any():
+            continue
+        near = cv2.dilate(others.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        x, y = (outline(proposals[i].mask) + reach).T
+        enclosed = max(0.0, float(near[y, x].mean()) - 0.3) / 0.7
+        beside = float(np.median(area[np.unique(around[others]) - 1]))
+        penalty[i] = GAP_PENALTY * enclosed * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
+    return penalty
+
+
+def background_likeness(
+    proposals: Sequence[Proposal], chosen: Flags, which: Flags, colour: NDArray[np.float32]
+) -> Values:
+    """(n,) 0..1: how well the colours around a proposal, where nothing is chosen, explain the colours in it;
+    0 where not asked for. Compares densities of colour, smoothed by a Gaussian."""
+    free = np.ones(colour.shape[:2], np.bool_)
+    for i in np.flatnonzero(chosen).tolist():
+        left, top, right, bottom = proposals[i].box
+        free[top:bottom, left:right] &= ~proposals[i].mask
+    explained = np.zeros(len(proposals))
+    for i in np.flatnonzero(which).tolist():
+        one = proposals[i]
+        reach = max(3, int(REACH * np.sqrt(one.area)))
+        left, top = max(0, one.x - reach), max(0, one.y - reach)
+        around = np.s_[top : one.box[3] + reach, left : one.box[2] + reach]
+        ring = free[around].copy()
+        ring[one.y - top : one.box[3] - top, one.x - left : one.box[2] - left] &= ~one.mask
+        inside = _some(colour[one.y : one.box[3], one.x : one.box[2]], one.mask, 100)
+        outside = _some(colour[around], ring, 300)
+        if len(outside) < 20:
+            continue
+        own, other = (_density(inside, colours) for colours in (inside, outside))
+        explained[i] = np.minimum(1, RARER * other / own).mean()
+    return np.clip((explained - 0.5) / 0.3, 0, 1)
+
+
+def _some(colour: NDArray[np.float32], mask: Flags, most: int) -> NDArray[np.float32]:
+    """About `most` of the colours (h, w, 3) under a mask (h, w), evenly spread."""
+    at = np.flatnonzero(mask)
+    return colour[np.unravel_index(at[:: max(1, len(at) // most)], mask.shape)]
+
+
+def _density(at: NDArray[np.float32], colours: NDArray[np.float32]) -> Values:
+    """(n,): how dense the `colours` (m, 3) are at the colours `at` (n, 3), CIELAB: Gaussian kernel density."""
+    off = (at[:, None] - colours) / BANDWIDTH
+    density: Values = np.exp(-(off * off).sum(2) / 2).mean(1).astype(np.float64)
+    return density + 1e-6
+
+
+# ----------------------------------------------------------------------
+# Photo + rough masks -> labels whose outlines lie on the photo's edges: the best closed path in a band.
+
+BAND = 0.08
+"""How far an outline may move, in square roots of its area; but a px and a half of the rough mask at least."""
+BEND = 0.2
+"""What one step sideways costs the path, against an edge support of 0..1."""
+ROUND = 0.025
+"""An outline whose distances from its circle spread less than this part of the radius is that circle."""
+
+SIDE = 16_384
+"""px; the outline of an object that is longer stays rough, as OpenCV samples no longer images."""
+
+Points = NDArray[np.float64]
+"""(n, 2): x, y px along a closed outline."""
+
+
+def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask], band: float = BAND) -> NDArray[np.uint16]:
+    """(H, W) uint16: k + 1 where mask k (h, w), of a smaller or equal size than the photo (H, W, 3), ends up.
+    `band` is how far outlines may move, see `BAND`. Every label is one connected region; of two that contend for
+    a pixel the later mask gets it."""
+    labels = np.zeros(rgb.shape[:2], np.uint16)
+    boxes: list[tuple[slice, slice]] = []
+    for k, mask in enumerate(masks):
+        scale = rgb.shape[1] / mask.shape[1], rgb.shape[0] / mask.shape[0]
+        reach = max(1.5, band * float(np.sqrt(mask.sum()))) * max(scale)
+        points, normal = _outline_at(mask, np.array(scale))
+        low = np.maximum(np.floor(points.min(0) - reach - 6), 0).astype(int)
+        high = np.ceil(points.max(0) + reach + 7).astype(int)
+        if max(high - low) < SIDE:
+            gradient = colour_gradient(smoothed_lab(rgb[low[1] : high[1], low[0] : high[0]]))
+            points = points + _path(gradient, points - low, normal, reach)[:, None] * normal
+        rim = _rounded(points)
+        left, top = (max(0, int(v) - 2) for v in rim.min(0))
+        box = np.s_[top : max(top, int(rim[:, 1].max()) + 3), left : max(left, int(rim[:, 0].max()) + 3)]
+        filled = np.zeros(labels[box].shape, np.uint8)
+        if filled.size:
+            cv2.fillPoly(filled, [np.rint(16 * (rim - (left, top))).astype(np.int32)], 1, shift=4)
+            labels[box][filled > 0] = k + 1
+        boxes.append(box)
+    return _connected(labels, boxes)
+
+
+def _outline_at(mask: Mask, scale: Points) -> tuple[Points, Points]:
+    """The outline of a mask on a photo `scale` times as large, a point a px, and its outward normals."""
+    contour = outline(mask)
+    normal = contour_normals(contour)
+    # From pixel centres out to the pixels' edge, where scaling is exact, and back to centres.
+    points = (contour + 0.5 + 0.5 * normal) * scale - 0.5 - 0.5 * normal
+    count = int(np.clip(len(contour) * scale.max(), 16, 1500))
+    at, knots = np.linspace(0, len(contour), count, endpoint=False), np.arange(len(contour) + 1)
+    rows = np.vstack([np.hstack([points, normal]), np.hstack([points[:1], normal[:1]])])
+    even = np.stack([np.interp(at, knots, column) for column in rows.T], 1)
+    return _smooth(even[:, :2], 1.5), even[:, 2:] / np.linalg.norm(even[:, 2:], axis=1, keepdims=True)
+
+
+def _path(gradient: Gradient, points: Points, normal: Points, band: float) -> NDArray[np.float64]:
+    """(n,) px: how far each point moves along its normal so that the outline runs along edges and bends little;
+    Viterbi's algorithm, twice round so that the ends meet."""
+    steps = np.linspace(-band, band, 2 * int(np.clip(2 * band, 4, 16)) + 1)
+    edge = points[:, None] + (steps[:, None] + 0.5) * normal[:, None]  # half a px outside the last pixel
+    angle = np.arctan2(normal[:, 1], normal[:, 0])[:, None]
+    strength = gradient.across(edge[..., 0], edge[..., 1], angle)
+    crest = strength.max(1, keepdims=True)
+    peaked = (
+        gradient.support(crest) * strength / np.maximum(crest, 1e-6)
+    )  # support alone is flat about strong edges
+    value = np.tile(peaked * (1 - 0.2 * (steps / band) ** 2), (2, 1))
+    total, came = np.zeros(len(steps)), np.zeros(value.shape, np.int64)
+    ways = np.full((3, len(steps)), -np.inf)
+    for i, here in enumerate(value):
+        ways[0, 1:], ways[1], ways[2, :-1] = total[:-1] - BEND, total, total[1:] - BEND
+        came[i] = ways.argmax(0)
+        total = ways.max(0) + here
+    at, path = int(total.argmax()), np.zeros(len(value), np.int64)
+    for i in reversed(range(len(value))):
+        path[i] = at
+        at += came[i, at] - 1
+    half = len(points) // 2
+    return _smooth(steps[np.roll(path[half : half + len(points)], half)], 1.5)
+
+
+def _smooth(values: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+    """Closed sequences (n,) or (n, k), blurred along n."""
+    ends = 4 * int(np.ceil(sigma))
+    closed = np.pad(values.reshape(len(values), -1), ((ends, ends), (0, 0)), mode="wrap")
+    blurred = cv2.GaussianBlur(closed, (1, 2 * ends + 1), sigmaX=0.1, sigmaY=sigma)
+    return blurred[ends:-ends].reshape(values.shape).astype(np.float64)
+
+
+def _rounded(points: Points) -> Points:
+    """The circle through an outline where it is one, else the outline."""
+    weight = np.ones(len(points))
+    for _ in range(4):  # least squares on x² + y² = 2 a x + 2 b y + c, outliers weighed down
+        centre = points.mean(0)
+        rows = np.column_stack([2 * (points - centre), np.ones(len(points))])
+        right = ((points - centre) ** 2).sum(1)
+        a, b, c = np.linalg.lstsq(rows * weight[:, None], right * weight, rcond=None)[0]
+        radius = float(np.sqrt(max(c + a * a + b * b, 1e-9)))
+        off = np.hypot(*(points - centre - [a, b]).T) - radius
+        weight = 1 / (1 + (off / (0.01 * radius + 0.3)) ** 2)
+    if np.sqrt(np.mean(off**2)) > ROUND * radius + 0.3:
+        return points
+    turn = np.linspace(0, 2 * np.pi, len(points), endpoint=False)
+    rim: Points = centre + [a, b] + radius * np.stack([np.cos(turn), np.sin(turn)], 1)
+    return rim
+
+
+def _connected(labels: NDArray[np.uint16], boxes: Sequence[tuple[slice, slice]]) -> NDArray[np.uint16]:
+    """Labels 1.. in their boxes, of each its largest connected part."""
+    kept = np.zeros_like(labels)
+    for k, box in enumerate(boxes, 1):
+        here = (labels[box] == k).astype(np.uint8)
+        if not here.any():
+            continue
+        _, parts, stats, _ = cv2.connectedComponentsWithStats(here, connectivity=4)
+        kept[box][parts == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())] = k
+    return kept

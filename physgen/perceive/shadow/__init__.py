@@ -1,0 +1,1 @@
+"""Shadow stage of physgen."""

@@ -1,0 +1,533 @@
+"""Static equilibrium of objects under gravity, contact forces and Coulomb friction."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry.polygon import Array, Disc, MassProperties, Outline, bounds, cross, mass_properties
+
+# ----------------------------------------------------------------------
+# Forces that only push between many things -> what they leave unbalanced.
+#
+# A primal-dual interior point method with Mehrotra's predictor and corrector (Wright 1997, Primal-dual
+# interior-point
+# methods). Things are taken in layers, each of which touches only the next, so that every system is block
+# tridiagonal.
+
+Indices = NDArray[np.int64]
+
+PASSES = 60
+ENOUGH = 1e-7
+"""Of complementarity, and of the gradient: far below what counts as unbalanced."""
+LOST = 1e3
+"""Times the least error so far: rounding has taken over."""
+SHORT = 0.99
+"""Of the way to the border of what is allowed."""
+
+
+def unbalanced_forces(pairs: Indices, parts: Array, wanted: Array) -> Array:
+    """(N, 3): `wanted` (N, 3) minus matrix x, for the x >= 0 that makes it least.
+
+    Each column of the matrix holds `parts` (M, 2, 3) at two of the N things, `pairs` (M, 2); -1 is none of them.
+    """
+    count = len(wanted)
+    if not len(pairs):
+        return wanted
+    spread = 3 * np.where(pairs < 0, count, pairs)[:, :, None] + np.arange(3)
+    system = _System(count, pairs, parts)
+
+    def times(x: Array) -> Array:
+        weighed = (parts * x[:, None, None]).ravel()
+        return np.asarray(np.bincount(spread.ravel(), weighed, 3 * count + 3)[:-3], np.float64)
+
+    def turned(y: Array) -> Array:
+        return np.asarray((parts * np.append(y, np.zeros(3))[spread]).sum((1, 2)))
+
+    def towards(right: Array) -> Array:
+        way = scale * (right - turned(system.solve(times(scale * right))))
+        # what large weights round off
+        off = right - turned(times(way)) - way / scale
+        return way + scale * (off - turned(system.solve(times(scale * off))))
+
+    x, s = np.ones(len(pairs)), np.ones(len(pairs))
+    best = left = wanted.ravel() - times(x)
+    least = np.inf
+    for _ in range(PASSES):
+        slope, gap = -turned(left) - s, float((x * s).mean())
+        error = max(gap, float(np.abs(slope).max()))
+        if error < least:
+            best, least = left, error
+        if least < ENOUGH or error > LOST * least:
+            break
+        scale = x / s
+        system.weigh(scale)
+        dx = towards(-slope - s)
+        ds = -s - dx / scale
+        a, b = _far(x, dx), _far(s, ds)
+        middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
+        right = middle - x * s - a * b * dx * ds
+        dx = towards(-slope + right / x)
+        ds = (right - s * dx) / x
+        # one step for both: the gradient depends on x as well
+        step = min(1.0, SHORT * min(_far(x, dx), _far(s, ds)))
+        x, s = x + step * dx, s + step * ds
+        left = wanted.ravel() - times(x)
+    return best.reshape(-1, 3)
+
+
+def _far(x: Array, way: Array) -> float:
+    """How much of a way can be gone before some of x turns negative; 1 at most."""
+    down = way < 0
+    return min(1.0, float((-x[down] / way[down]).min())) if down.any() else 1.0
+
+
+class _System:
+    """I + matrix diag(weights) matrix^T, factored layer by layer."""
+
+    def __init__(self, count: int, pairs: Indices, parts: Array) -> None:
+        self.count = count
+        layers = _layers(count, pairs)
+        self.ends = np.cumsum([0, *map(len, layers)]) * 3
+        order = np.concatenate(layers)
+        place = np.empty(count + 1, np.int64)
+        place[order], place[count] = np.arange(count), count
+        rows = (3 * place[np.where(pairs < 0, count, pairs)][:, :, None] + np.arange(3)).reshape(-1, 6)
+        self.rows = (3 * order[:, None] + np.arange(3)).ravel()
+        flat = parts.reshape(-1, 6)
+        size = 3 * count + 3
+        one, other = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
+        self.at, self.entry = np.unique((one * size + other).ravel(), return_inverse=True)
+        self.products = (flat[:, :, None] * flat[:, None, :]).reshape(-1, 36)
+
+    def weigh(self, weights: Array) -> None:
+        values = np.bincount(self.entry.ravel(), (self.products * weights[:, None]).ravel(), len(self.at))
+        size = 3 * self.count + 3
+        whole = np.zeros(size * size)
+        whole[self.at] = values
+        matrix = whole.reshape(size, size)[:-3, :-3]
+        matrix[np.diag_indices(3 * self.count)] += 1
+        self.steps: list[tuple[Array, Array]] = []
+        """Of each layer the inverse of what is left of its block, and its block beside the next layer."""
+        ends = self.ends.tolist()
+        left = matrix[: ends[1], : ends[1]]
+        for k in range(len(ends) - 1):
+            inverse = np.asarray(np.linalg.inv(left), np.float64)
+            if k == len(ends) - 2:
+                self.steps.append((inverse, np.zeros((len(inverse), 0))))
+                break
+            here, after = slice(ends[k], ends[k + 1]), slice(ends[k + 1], ends[k + 2])
+            beside = matrix[here, after]
+            self.steps.append((inverse, beside))
+            left = matrix[after, after] - beside.T @ inverse @ beside
+
+    def solve(self, right: Array) -> Array:
+        parts = np.split(right[self.rows], self.ends[1:-1].tolist())
+        for k, (inverse, beside) in enumerate(self.steps[:-1]):
+            parts[k + 1] = parts[k + 1] - beside.T @ (inverse @ parts[k])
+        parts[-1] = self.steps[-1][0] @ parts[-1]
+        for k in range(len(parts) - 2, -1, -1):
+            inverse, beside = self.steps[k]
+            parts[k] = inverse @ (parts[k] - beside @ parts[k + 1])
+        result = np.empty(len(right))
+        result[self.rows] = np.concatenate(parts)
+        return result
+
+
+def _layers(count: int, pairs: Indices) -> list[Indices]:
+    """Things by how many others lie between them and an end of their group: each touches the next layer only."""
+    beside: list[set[int]] = [set() for _ in range(count)]
+    for a, b in np.unique(pairs, axis=0).tolist():
+        if a >= 0 and b >= 0:
+            beside[a].add(b)
+            beside[b].add(a)
+    layers: list[Indices] = []
+    left = set(range(count))
+    while left:
+        start = min(left)
+        for _ in range(2):  # the last one found is at an end
+            found = _outwards(start, beside)
+            start = found[-1][0]
+        layers += [np.array(layer, np.int64) for layer in found]
+        left.difference_update(*found)
+    return layers
+
+
+def _outwards(start: int, beside: Sequence[set[int]]) -> list[list[int]]:
+    seen = {start}
+    layers = [[start]]
+    while after := sorted({j for i in layers[-1] for j in beside[i]} - seen):
+        seen.update(after)
+        layers.append(after)
+    return layers
+
+
+# ----------------------------------------------------------------------
+# Outlines and walls -> where they touch, and which things friction and support hold still.
+#
+# A thing stands where forces at its contacts, each within its cone of Coulomb friction, can balance its
+# weight and its
+# neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-
+# squares problem
+# with forces that only push (Lawson and Hanson 1974, chapter 23; of many things an interior point method,
+# Wright 1997).
+# Image axes, px; weight goes by area.
+
+TOUCH = 0.6
+"""px between two surfaces that still count as touching: gaps that close unseen."""
+UNHELD = 0.004
+"""Part of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
+INNER = 1.5
+"""px, or a fifth of a face, by which its ends may be off: what stands only by them does not stand."""
+OVERHEAD = 0.3
+"""Sine of the angle by which a surface faces down from which it lies above what it touches."""
+TILTED = np.radians(1.0)
+"""By which the photo may be turned without anything falling."""
+SPOT = 0.04
+"""Of its radius: half of the spot on which a ball rests; more than the tangent of `TILTED`."""
+TURNED = np.cos(np.radians(12.0))
+"""Contacts of two things whose normals differ by less are on one face: its two ends tell all."""
+MANY = 32
+"""Things in one pile, beyond which several of them are held at a time, and for good."""
+TIMES = 8
+"""Times that some of such a pile are held, after which all are that do not stand yet."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Where one thing rests against another, or against the world."""
+
+    thing: int
+    """Place in the list of outlines."""
+    other: int
+    """The same; -1 the world."""
+    point: Array
+    """(2,) px."""
+    normal: Array
+    """(2,) unit, from the other into the thing."""
+
+
+def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contact]:
+    """Of every two outlines, and of outlines with walls, each `(K, 2)` px."""
+    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
+    found: list[Contact] = []
+    on = [wall_contacts(outlines, boxes, wall) for wall in walls]
+    for i, outline in enumerate(outlines):
+        for j in _near(boxes[i + 1 :], boxes[i]):
+            found += _ends(i, i + 1 + j, _touches(outline, outlines[i + 1 + j]))
+        found += [contact for wall in on for contact in wall if contact.thing == i]
+    return found
+
+
+def wall_contacts(outlines: Sequence[Outline], boxes: Array, wall: Array) -> list[Contact]:
+    """Of outlines, whose `bounds` are `boxes` (N, 4), with one wall `(K, 2)` px."""
+    found: list[Contact] = []
+    for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
+        found += _ends(i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center))
+    return found
+
+
+def unstable_objects(
+    outlines: Sequence[Outline],
+    found: Sequence[Contact],
+    friction: Mapping[tuple[int, int], float],
+    fixed: Collection[int] = (),
+    default: float = 0.3,
+    known: dict[tuple[object, ...], list[int]] | None = None,
+) -> list[int]:
+    """The things that cannot stand still, places in the list, lowest first: hold them and all else stands.
+
+    `friction` of pairs (thing, other) that is not `default`; `fixed` are held already. `known` remembers what is
+    found of each group of things that touch, for a call with some of the same contacts and the same friction.
+    """
+    everyone = [i for i in range(len(outlines)) if i not in fixed]
+    found = [c for c in found if not _from_above(c, fixed)]
+    masses = {i: mass_properties(outlines[i]) for i in everyone}
+    discs = {i: o.radius for i in everyone if isinstance(o := outlines[i], Disc)}
+    known = {} if known is None else known
+    lost: list[int] = []
+    groups = _groups(everyone, found)
+    within = {i: k for k, group in enumerate(groups) for i in group}
+    parts: list[list[Contact]] = [[] for _ in groups]
+    for contact in found:
+        k = within.get(contact.thing, within.get(contact.other))
+        if k is not None:
+            parts[k].append(contact)
+    for group, part in zip(groups, parts, strict=True):
+        key = (*group, *part)
+        if key not in known:
+            forces = _Forces(masses, part, friction, default, discs)
+            known[key] = _held(group, forces) if len(group) <= MANY else _held_of_many(group, forces)
+        lost += known[key]
+    return sorted(lost, key=lambda i: -float(masses[i].center[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """What may act within a group."""
+
+    masses: Mapping[int, MassProperties]
+    found: Sequence[Contact]
+    friction: Mapping[tuple[int, int], float]
+    default: float
+    discs: Mapping[int, float]
+
+    def residual(self, free: Sequence[int]) -> dict[int, float]:
+        return _residual(free, self.masses, self.found, self.friction, self.default, self.discs)
+
+    def first(self, rest: Mapping[int, float]) -> list[int]:
+        """What does not stand, first what is most at a loss among the lowest: what stands on it may only lack it."""
+        bad = [i for i in rest if rest[i] > UNHELD]
+        return sorted(bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i]))
+
+
+def _held(group: Sequence[int], forces: _Forces) -> list[int]:
+    """The fewest of a group that must be held, found one by one."""
+    held: list[int] = []
+    while bad := forces.first(forces.residual([i for i in group if i not in held])):
+        held.append(bad[0])
+    for i in list(held):
+        if len(held) > 1:
+            rest = forces.residual([k for k in group if k not in held or k == i])
+            if all(value <= UNHELD for value in rest.values()):
+                held.remove(i)
+    return held
+
+
+def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
+    """Some of a group that must be held: each time all that do not touch each other."""
+    beside: dict[int, set[int]] = {i: set() for i in group}
+    for contact in forces.found:
+        if contact.thing in beside and contact.other in beside:
+            beside[contact.thing].add(contact.other)
+            beside[contact.other].add(contact.thing)
+    held: set[int] = set()
+    for _ in range(TIMES):
+        bad = forces.first(forces.residual([i for i in group if i not in held]))
+        if not bad:
+            return [i for i in group if i in held]
+        new: set[int] = set()
+        for i in bad:
+            if not beside[i] & new:
+                new.add(i)
+        held |= new
+    rest = forces.residual([i for i in group if i not in held])
+    return [i for i in group if i in held or rest[i] > UNHELD]
+
+
+def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
+    """Whether what is fixed lies on top: it might jam a thing, but has no weight to press it down."""
+    if contact.other < 0 or contact.other in fixed:
+        return bool(contact.normal[1] > OVERHEAD)
+    return contact.thing in fixed and bool(-contact.normal[1] > OVERHEAD)
+
+
+def _near(boxes: Array, box: Array) -> list[int]:
+    """Which of the boxes `(N, 4)` may touch one."""
+    apart = (boxes[:, :2] >= box[2:] + TOUCH) | (box[:2] >= boxes[:, 2:] + TOUCH)
+    return [int(i) for i in np.flatnonzero(~apart.any(axis=1))]
+
+
+def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
+    """Points, and normals from b into a."""
+    if isinstance(a, Disc) and isinstance(b, Disc):
+        way = a.center - b.center
+        length = max(float(np.hypot(*way)), 1e-9)
+        if length - a.radius - b.radius > TOUCH:
+            return []
+        return [(b.center + way / length * b.radius, way / length)]
+    if isinstance(a, Disc):
+        return [hit for points in _rings(b) for hit in _disc_on(a, points)]
+    if isinstance(b, Disc):
+        return [(p, -n) for points in _rings(a) for p, n in _disc_on(b, points)]
+    hits = [hit for mine in _rings(a) for other in _rings(b) for hit in _corners_on(mine, other)]
+    return hits + [(p, -n) for mine in _rings(a) for other in _rings(b) for p, n in _corners_on(other, mine)]
+
+
+def _rings(outline: Outline) -> list[Array]:
+    """Closed, the inside on the right of every edge as it turns +x towards +y."""
+    assert not isinstance(outline, Disc)
+    rings = []
+    for ring in outline.rings:
+        points = ring.outer
+        x, y = points.T
+        twice = float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+        points = points if twice > 0 else points[::-1]
+        rings.append(np.concatenate([points, points[:1]]))
+    return rings
+
+
+def _disc_on(disc: Disc, chain: Array) -> list[tuple[Array, Array]]:
+    at, off = _closest(disc.center[None], chain)
+    hits = []
+    for k in np.flatnonzero(np.hypot(*off[0].T) <= disc.radius + TOUCH).tolist():
+        length = float(np.hypot(*off[0, k]))
+        if length > 0.5 * disc.radius:
+            hits.append((at[0, k], off[0, k] / length))
+    return hits
+
+
+def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
+    """Corners of one closed chain on edges of another; the normals point out of the other."""
+    inside = (points.min(axis=0) - TOUCH - 1, points.max(axis=0) + TOUCH + 1)
+    edges = np.flatnonzero(
+        (np.maximum(chain[:-1], chain[1:]) >= inside[0]).all(1)
+        & (np.minimum(chain[:-1], chain[1:]) <= inside[1]).all(1)
+    )
+    if not len(edges):
+        return []
+    hits = []
+    pairs = np.stack([chain[edges], chain[edges + 1]], axis=1)
+    at, off = _closest_pairs(points[:-1], pairs)
+    length = np.hypot(off[..., 0], off[..., 1])
+    for i in np.flatnonzero(length.min(axis=1) <= TOUCH).tolist():
+        k = int(length[i].argmin())
+        along = pairs[k, 1] - pairs[k, 0]
+        run = float(np.hypot(*along))
+        if run > 1e-9:
+            hits.append((at[i, k], np.array([along[1], -along[0]]) / run))
+    return hits
+
+
+def _on_chain(outline: Outline, chain: Array, center: Array) -> list[tuple[Array, Array]]:
+    """Where an outline touches an open chain; normals towards the side that its centre is on."""
+    if isinstance(outline, Disc):
+        return _disc_on(outline, chain)
+    hits = []
+    for ring in _rings(outline):
+        hits += _corners_on(ring, chain) + [
+            (p, -n) for p, n in _corners_on(np.concatenate([chain, chain[-1:]]), ring)
+        ]
+    return [(p, n if (center - p) @ n >= 0 else -n) for p, n in hits]
+
+
+def _closest(points: Array, chain: Array) -> tuple[Array, Array]:
+    return _closest_pairs(points, np.stack([chain[:-1], chain[1:]], axis=1))
+
+
+def _closest_pairs(points: Array, pairs: Array) -> tuple[Array, Array]:
+    """`(N, M, 2)`: of each segment `(M, 2, 2)` the point nearest to each of `(N, 2)`, and the way from there."""
+    start, along = pairs[:, 0], pairs[:, 1] - pairs[:, 0]
+    off = points[:, None] - start[None]
+    share = np.clip((off * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)
+    at = start[None] + share[..., None] * along[None]
+    return at, points[:, None] - at
+
+
+def _ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Contact]:
+    """Of the hits on each face the two ends, brought nearer to each other by what they are unsure of."""
+    left = list(hits)
+    found = []
+    while left:
+        normal = left[0][1]
+        face = [hit for hit in left if hit[1] @ normal >= TURNED]
+        left = [hit for hit in left if hit[1] @ normal < TURNED]
+        where = [cross(normal, p) for p, _ in face]
+        first, last = (face[int(k)] for k in (np.argmin(where), np.argmax(where)))
+        if len(face) == 1:
+            found.append(Contact(i, j, *first))
+            continue
+        way = last[0] - first[0]
+        inwards = way * min(0.2, INNER / max(float(np.hypot(*way)), 1e-9))
+        found += [Contact(i, j, first[0] + inwards, first[1]), Contact(i, j, last[0] - inwards, last[1])]
+    return found
+
+
+def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]]:
+    """What touches belongs together."""
+    root = {i: i for i in everyone}
+
+    def top(i: int) -> int:
+        while root[i] != i:
+            root[i] = i = root[root[i]]
+        return i
+
+    for contact in found:
+        if contact.thing in root and contact.other in root:
+            root[top(contact.thing)] = top(contact.other)
+    groups: dict[int, list[int]] = {}
+    for i in everyone:
+        groups.setdefault(top(i), []).append(i)
+    return list(groups.values())
+
+
+def _residual(
+    free: Sequence[int],
+    masses: Mapping[int, MassProperties],
+    found: Sequence[Contact],
+    friction: Mapping[tuple[int, int], float],
+    default: float,
+    discs: Mapping[int, float],
+) -> dict[int, float]:
+    """Of each thing, what part of its weight (or of a torque of its weight and size) nothing balances.
+
+    The worst of a level photo and of one tilted a little either way: what only just stands does not stand for long.
+    """
+    place = {i: k for k, i in enumerate(free)}
+    pairs, parts = [], []
+    for contact in found:
+        if contact.thing not in place and contact.other not in place:
+            continue
+        mu = friction.get((contact.thing, contact.other), default)
+        along = np.array([-contact.normal[1], contact.normal[0]])
+        # a round thing is held by a spot, not by a point
+        radius = min((discs[i] for i in (contact.thing, contact.other) if i in discs), default=0.0)
+        for aside in (-SPOT * radius, SPOT * radius) if radius else (0.0,):
+            for way in (-mu, mu):
+                force = contact.normal + way * along
+                column = np.zeros((2, 3))
+                for k, (i, sign) in enumerate(((contact.thing, 1.0), (contact.other, -1.0))):
+                    if i in place:
+                        mass = masses[i]
+                        arm = (contact.point + aside * along - mass.center) / np.sqrt(mass.area)
+                        part = np.array([force[0], force[1], cross(arm, force)])
+                        column[k] = sign * part / mass.area
+                pairs.append([place.get(contact.thing, -1), place.get(contact.other, -1)])
+                parts.append(column / max(np.abs(column).max(), 1e-12))
+    columns = np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(-1, 2, 3)
+    matrix = _dense(len(free), *columns) if len(free) <= MANY else None
+    worst = np.zeros(len(free))
+    for tilt in (0.0, -TILTED, TILTED):
+        wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], (len(free), 1))
+        if matrix is None:
+            rest = unbalanced_forces(*columns, wanted)
+        else:
+            rest = (wanted.ravel() - matrix @ nonnegative_least_squares(matrix, wanted.ravel())).reshape(
+                -1, 3
+            )
+        worst = np.maximum(worst, np.abs(rest).max(axis=1))
+    return dict(zip(free, worst.tolist(), strict=True))
+
+
+def _dense(count: int, pairs: NDArray[np.int64], parts: Array) -> Array:
+    """`(3 count, M)`: the columns as `unbalanced` takes them, written out."""
+    columns = np.zeros((len(pairs), count + 1, 3))
+    for k in (0, 1):
+        columns[np.arange(len(pairs)), pairs[:, k]] += parts[:, k]
+    return columns[:, :count].reshape(len(pairs), 3 * count).T
+
+
+def nonnegative_least_squares(matrix: Array, wanted: Array) -> Array:
+    """x >= 0 of least |matrix x - wanted|: Lawson and Hanson's NNLS."""
+    count = matrix.shape[1]
+    x, used = np.zeros(count), np.zeros(count, bool)
+    for _ in range(3 * count):
+        gain = matrix.T @ (wanted - matrix @ x)
+        gain[used] = -np.inf
+        if not count or gain.max() <= 1e-7:
+            break
+        used[int(gain.argmax())] = True
+        while True:
+            trial = np.zeros(count)
+            trial[used] = np.linalg.lstsq(matrix[:, used], wanted, rcond=None)[0]
+            negative = used & (trial <= 1e-12)
+            if not negative.any():
+                break
+            share = (x[negative] / np.maximum(x[negative] - trial[negative], 1e-15)).min()
+            x = x + share * (trial - x)
+            used &= x > 1e-12
+        x = trial
+    return x

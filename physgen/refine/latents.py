@@ -1,0 +1,188 @@
+"""Frames and coverage on a model's latent grid, and overlapping windows of a long clip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from math import ceil, sqrt
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.photometry import decode, encode_u8
+from physgen.refine.denoiser import Grid
+
+# ----------------------------------------------------------------------
+# Frames and coverage of any size and number -> as a model's grid wants them, and back.
+
+U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+Size = tuple[int, int]
+"""Width and height, px."""
+MOST = 1.5
+"""Times the area that a model was trained on that padding may lead to."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How frames of one size are shown to a model."""
+
+    size: Size
+    """Of the video."""
+    scaled: Size
+    """What the model is shown of it: the same, unless it has more pixels than the model was trained on."""
+    padded: Size
+    """With the border mirrored up to the grid's multiples."""
+
+    def shown(self, rgb: U8) -> U8:
+        """(H, W, 3) of `size` -> of `padded`; made smaller in linear light."""
+        if self.scaled != self.size:
+            rgb = encode_u8(cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA))
+        return np.asarray(self._padded(rgb), np.uint8)
+
+    def mask(self, coverage: F32) -> F32:
+        """(H, W) of `size` -> of `padded`."""
+        if self.scaled != self.size:
+            coverage = np.asarray(cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA), np.float32)
+        return np.asarray(self._padded(coverage), np.float32)
+
+    def back(self, picture: F32) -> F32:
+        """(H, W, 3) of `padded` -> of `size`."""
+        width, height = self.scaled
+        picture = picture[:height, :width]
+        if self.scaled != self.size:
+            picture = np.asarray(cv2.resize(picture, self.size, interpolation=cv2.INTER_CUBIC), np.float32)
+        return picture
+
+    def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
+        right, below = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
+        if not right and not below:
+            return picture
+        edge = cv2.BORDER_REFLECT_101 if min(self.scaled) > 1 else cv2.BORDER_REPLICATE
+        return np.asarray(cv2.copyMakeBorder(np.asarray(picture), 0, below, 0, right, edge))
+
+
+def fit_to_grid(size: Size, grid: Grid) -> Fit:
+    """How frames of `size` are shown to a model with this grid."""
+    scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
+    width, height = (max(1, round(side * scale)) for side in size)
+    most = max(MOST * grid.area, grid.side**2)
+    while (padded := _padded(width, height, grid))[0] * padded[
+        1
+    ] > most:  # a ribbon: padding made it much larger
+        width, height = max(1, round(width * 0.9)), max(1, round(height * 0.9))
+    return Fit(size, (width, height), padded)
+
+
+def _padded(width: int, height: int, grid: Grid) -> Size:
+    return ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
+
+
+def latent_frames(frames: int, grid: Grid) -> int:
+    """Latent frames that hold so many frames: enough, and a multiple of the grid's group.
+
+    >>> latent_frames(16, Grid(8, 16, 480 * 832, 4, 1, 21))
+    5
+    """
+    least = frames if grid.stride == 1 else 1 + ceil((frames - 1) / grid.stride)
+    return ceil(least / grid.group) * grid.group
+
+
+def frames_held(latents: int, grid: Grid) -> int:
+    """Frames that so many latent frames stand for."""
+    return latents if grid.stride == 1 else 1 + (latents - 1) * grid.stride
+
+
+def pad_frames(frames: Sequence[U8], count: int) -> list[U8]:
+    """`count` frames: the last is repeated."""
+    return [*frames, *[frames[-1]] * (count - len(frames))]
+
+
+def cell_coverage(coverage: Iterable[F32], latents: int, grid: Grid) -> F32:
+    """(F', 1, h, w) in 0..1: the mean coverage of every latent cell, over its pixels and its frames.
+
+    `coverage`: (H, W) of each frame, sizes as the grid wants them; where frames are short, the last goes on.
+    """
+    smaller = []
+    for mask in coverage:
+        height, width = mask.shape[0] // grid.cell, mask.shape[1] // grid.cell
+        blocks = mask.reshape(height, grid.cell, width, grid.cell)
+        smaller.append(blocks.mean(axis=(1, 3), dtype=np.float32))
+    smaller += [smaller[-1]] * (frames_held(latents, grid) - len(smaller))
+    return over_time(np.stack(smaller)[:, None], grid)
+
+
+def over_time(values: F32, grid: Grid) -> F32:
+    """(F, ...) of frames -> (F', ...) of latent frames: means over the frames that each stands for."""
+    if grid.stride == 1:
+        return values
+    rest = values[1:].reshape(-1, grid.stride, *values.shape[1:])
+    means: F32 = np.concatenate([values[:1], rest.mean(axis=1, dtype=np.float32)])
+    return means
+
+
+def hold_weights(frames: int, over: int) -> F32:
+    """(F,) how much of the guidance stays in each frame: 1 in the first, falling smoothly to 0 over so many.
+
+    >>> held(6, 4).tolist()
+    [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
+    """
+    if over <= 0:
+        return np.zeros(frames, np.float32)
+    s = np.minimum(np.arange(frames) / over, 1.0)
+    return np.asarray(1 - s * s * (3 - 2 * s), np.float32)
+
+
+# ----------------------------------------------------------------------
+# A clip longer than the model sees at a time -> overlapping windows, and their predictions blended into one.
+#
+# All windows take each step together, so that they agree where they overlap at every level of noise, and no
+# joint shows
+# (MultiDiffusion, Bar-Tal et al. 2023, along time).
+
+Span = tuple[int, int]
+"""First latent frame, and the one behind the last."""
+
+
+def window_spans(total: int, window: int, overlap: int, group: int = 1) -> list[Span]:
+    """Windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
+
+    All begin at multiples of `group`; `total` and `window` are such multiples.
+
+    >>> spans(30, 16, 8)
+    [(0, 16), (7, 23), (14, 30)]
+    """
+    if total <= window:
+        return [(0, total)]
+    total, window, overlap = total // group, window // group, min(overlap, window - group) // group
+    count = 1 + ceil((total - window) / (window - overlap))
+    starts = np.floor(np.linspace(0, total - window, count)).astype(int).tolist()
+    return [(group * start, group * (start + window)) for start in starts]
+
+
+def weights(span: Span, total: int) -> F32:
+    """(last - first,): how much of a window's say counts: less towards an end that another window goes beyond.
+
+    Not towards the clip's own ends: there a neighbour's first frame would count for a large share, all at once.
+
+    >>> weights((2, 6), 8).tolist(), weights((0, 4), 8).tolist()
+    ([1.0, 2.0, 2.0, 1.0], [4.0, 3.0, 2.0, 1.0])
+    """
+    first, last = span
+    at = np.arange(first, last)
+    rising = at - first + 1 if first else np.full(len(at), total)
+    falling = last - at if last < total else np.full(len(at), total)
+    return np.asarray(np.minimum(rising, falling), np.float32)
+
+
+def blend_predictions(predict: Callable[[F32, int], F32], z: F32, windows: Sequence[Span]) -> F32:
+    """(F', C, h, w): the mean of what `predict(z[first:last], first)` says in each window, by `weights`."""
+    if len(windows) == 1:
+        return predict(z, 0)
+    total, sums = np.zeros_like(z), np.zeros((len(z), 1, 1, 1), np.float32)
+    for first, last in windows:
+        weight = weights((first, last), len(z))[:, None, None, None]
+        total[first:last] += weight * predict(z[first:last], first)
+        sums[first:last] += weight
+    return total / sums

@@ -1,0 +1,357 @@
+"""Silhouettes of sprites, their shadows on the background and on each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import hypot, radians, tan
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry.polygon import Pose
+from physgen.geometry.shadows import LEAST_LIGHT_HEIGHT, MOST_BLOCKED, ShadowSetting, Silhouette
+from physgen.render.shadow_decomposition import LitBackground
+from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, SpritePose, Stage, three_channels
+
+# ----------------------------------------------------------------------
+# Objects as they stand -> how much of the light each keeps from the others' faces.
+#
+# Each thing is a ball, or its silhouette with a thickness; all stand in one plane (side view) or on one table
+# (top view).
+# A point of one thing's face loses its direct light where the way to the light meets another thing.
+
+F32 = NDArray[np.float32]
+
+CELLS = 16
+"""Of the grid on which a veil is worked out, about so many across the thing."""
+STOPS = 4
+"""On the way through another thing's thickness at which its silhouette is looked at."""
+RIM = 0.4
+"""Of a ball's normal towards the viewer, from which a veil is seen in full."""
+FAINT = 0.01
+"""-log of light: what is less everywhere is no veil."""
+
+
+def middle(thing: Silhouette, top: bool) -> float:
+    """px towards the viewer, of its middle: above the table, or from the plane in which all stand."""
+    return (thing.thick / 2 if thing.radius is None else thing.radius) if top else 0.0
+
+
+def face(thing: Silhouette, top: bool) -> float:
+    """px towards the viewer, of its nearest point."""
+    return middle(thing, top) + (thing.thick / 2 if thing.radius is None else thing.radius)
+
+
+def occluders(figures: Sequence[Silhouette], setting: ShadowSetting) -> dict[int, list[int]]:
+    """Of each thing on whose face others' shadows may fall, the others: by their boxes, of balls by their distance."""
+    if len(figures) < 2 or not setting.light.intensity:
+        return {}
+    lx, ly, lz = setting.light.direction
+    soft = tan(radians(min(setting.softness, 60.0)))
+    high = np.array([face(f, setting.top) for f in figures])
+    low = np.array([face(f, setting.top) if f.radius is None else middle(f, setting.top) for f in figures])
+    corner = np.array([f.corner for f in figures], np.float64)
+    far = corner + [f.coverage.shape[::-1] for f in figures]
+    # onto (rows) by (columns): so far along the light a shadow may go, and its box meets the other's
+    way = (high[None] - low[:, None]) / max(lz, LEAST_LIGHT_HEIGHT)
+    spread = 1 + way * soft
+    met = way > 0
+    np.fill_diagonal(met, False)
+    for k, part in enumerate((lx, ly)):
+        shift = -part * way
+        met &= corner[:, k][None] + np.minimum(shift, 0) - spread < far[:, k][:, None]
+        met &= far[:, k][None] + np.maximum(shift, 0) + spread > corner[:, k][:, None]
+    onto, by = np.nonzero(met)
+    # balls: how far the middle of one is from the line of the other's shadow
+    radius = np.array([np.nan if f.radius is None else f.radius for f in figures])
+    x, y, z = (
+        part[onto] - part[by]
+        for part in (
+            *np.array([f.center for f in figures]).T,
+            np.array([middle(f, setting.top) for f in figures]),
+        )
+    )
+    along = x * lx + y * ly + z * lz
+    miss = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
+    clear = (miss >= radius[onto] + radius[by] + spread[onto, by]) | (along >= radius[onto])
+    hit = ~(clear & ~np.isnan(radius[onto] + radius[by]))  # what compares with nan is not clear
+    found: dict[int, list[int]] = {}
+    for one, other in zip(onto[hit].tolist(), by[hit].tolist(), strict=True):
+        found.setdefault(one, []).append(other)
+    return found
+
+
+def occlusions(
+    figures: Sequence[Silhouette], near: Mapping[int, Sequence[int]], setting: ShadowSetting
+) -> dict[int, F32]:
+    """(h, w) -log of the light that others leave on the face of each thing, on its box, where that is not all.
+
+    `near` as `reaching` has it.
+    """
+    balls = {
+        k: others
+        for k, others in near.items()
+        if others and all(figures[one].radius is not None for one in (k, *others))
+    }
+    found = {} if not balls else _on_balls(figures, balls, setting)
+    for k, others in near.items():
+        if others and k not in balls:
+            dark = occlusion_of(figures[k], [figures[other] for other in others], setting)
+            if dark is not None:
+                found[k] = dark
+    return found
+
+
+def _on_balls(
+    figures: Sequence[Silhouette], near: Mapping[int, Sequence[int]], setting: ShadowSetting
+) -> dict[int, F32]:
+    """`veiling` of balls by balls: many small pictures at a time."""
+
+    onto = [figures[k] for k in near]
+    sizes = [figure.coverage.shape for figure in onto]
+    steps = [_step(figure) for figure in onto]
+    cells = np.arange(max(-(-max(size) // step) for size, step in zip(sizes, steps, strict=True)))
+    x, y = (
+        (stacked(f.corner[axis] - 0.5 for f in onto) + stacked(steps) * (cells + np.float32(0.5)))
+        for axis in (0, 1)
+    )
+    y = y.transpose(0, 2, 1)
+    radius = stacked(f.radius or 0.0 for f in onto)
+    u, v = ((p - stacked(f.center[axis] for f in onto)) / radius for axis, p in enumerate((x, y)))
+    z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
+    direct = _direct(np.maximum(u * lx + v * ly + z * lz, 0), setting)
+    toward = stacked(middle(f, setting.top) for f in onto) + radius * z
+    whose = np.repeat(np.arange(len(onto)), [len(others) for others in near.values()])
+    by = [figures[other] for others in near.values() for other in others]
+    points = tuple(np.asarray(part, np.float32)[whose] for part in (x, y, toward))
+    blocked = _behind_balls(by, points, setting)
+    left = 1 - np.float32(MOST_BLOCKED) * direct[whose] * blocked
+    left = np.multiply.reduceat(left, np.searchsorted(whose, np.arange(len(onto))), axis=0)
+    dark = _seen(left, z)
+    found = {}
+    for k, (h, w), step, picture in zip(near, sizes, steps, dark, strict=True):
+        own = picture[: -(-h // step), : -(-w // step)]
+        if own.max(initial=0) >= FAINT:
+            found[k] = _enlarged(own, step, h, w)
+    return found
+
+
+def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: ShadowSetting) -> F32 | None:
+    """(h, w) -log of the light that `others` leave on the face of `onto`, on its box; None where that is all."""
+    h, w = onto.coverage.shape
+    step = _step(onto)
+    xs = onto.corner[0] + np.float32(step) * (np.arange(-(-w // step), dtype=np.float32) + 0.5) - 0.5
+    ys = onto.corner[1] + np.float32(step) * (np.arange(-(-h // step), dtype=np.float32) + 0.5) - 0.5
+    x, y = (np.asarray(part, np.float32) for part in np.meshgrid(xs, ys))
+    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
+    z: F32 | None = None
+    if onto.radius is None:
+        toward = np.full(x.shape, face(onto, setting.top), np.float32)
+        facing = np.full(x.shape, max(lz, 0), np.float32)
+    else:
+        u, v = (x - onto.center[0]) / onto.radius, (y - onto.center[1]) / onto.radius
+        z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+        toward = middle(onto, setting.top) + onto.radius * z
+        facing = np.maximum(u * lx + v * ly + z * lz, 0)
+    direct = _direct(facing, setting)
+    left = np.ones(x.shape, np.float32)
+    for other in others:
+        if other.radius is None:
+            blocked = _behind_slab(other, x, y, toward, setting)
+        else:
+            blocked = _behind_balls([other], (x, y, toward), setting)[0]
+        left *= 1 - np.float32(MOST_BLOCKED) * direct * blocked
+    dark = _seen(left, z)
+    return None if dark.max() < FAINT else _enlarged(dark, step, h, w)
+
+
+def _step(onto: Silhouette) -> int:
+    """px a side of the cells of a veil's grid."""
+    h, w = onto.coverage.shape
+    return max(1, int(np.sqrt(h * w)) // CELLS)
+
+
+def _direct(facing: F32, setting: ShadowSetting) -> F32:
+    """Share of a face's light that comes straight, by the cosine of the light's angle to it."""
+    light = setting.light
+    share = light.intensity * facing / np.maximum(light.intensity * facing + light.ambient, 1e-6)
+    return np.asarray(share, np.float32)
+
+
+def _seen(left: F32, z: F32 | None) -> F32:
+    """-log of the light left; on a ball, whose normals face the viewer by `z`, its slanted parts have none.
+
+    They are mixed with what is behind, and the neighbours' light fills them.
+    """
+    dark = -np.log(np.maximum(left, 1 - MOST_BLOCKED))
+    return np.asarray(dark if z is None else dark * np.clip(z / np.float32(RIM), 0, 1), np.float32)
+
+
+def _enlarged(dark: F32, step: int, h: int, w: int) -> F32:
+    """(h, w) of cells of `step` px."""
+    size = (dark.shape[1] * step, dark.shape[0] * step)
+    return np.asarray(cv2.resize(dark, size, interpolation=cv2.INTER_LINEAR)[:h, :w], np.float32)
+
+
+def stacked(values: Iterable[float]) -> F32:
+    """(n, 1, 1)."""
+    return np.array(list(values), np.float32)[:, None, None]
+
+
+def _behind_balls(balls: Sequence[Silhouette], points: tuple[F32, ...], setting: ShadowSetting) -> F32:
+    """(n, h, w) how much of the light each ball hides from points: columns, rows and px towards the viewer."""
+    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
+    px, py, pz = (
+        at - stacked(middles)
+        for at, middles in zip(
+            points,
+            (
+                [ball.center[0] for ball in balls],
+                [ball.center[1] for ball in balls],
+                [middle(ball, setting.top) for ball in balls],
+            ),
+            strict=True,
+        )
+    )
+    radius = stacked(ball.radius or 0.0 for ball in balls)
+    along = px * lx + py * ly + pz * lz
+    miss = np.sqrt(np.maximum(px * px + py * py + pz * pz - along * along, 0)) - radius
+    width = np.maximum(0.6 + np.float32(0.6 * tan(radians(setting.softness))) * np.abs(along), 0.6)
+    beyond = np.clip(-along / (np.float32(0.5) * radius), 0, 1)  # the ball is on the light's side
+    return np.asarray(beyond / (1 + np.exp(np.clip(miss / (0.6 * width), -30, 30))), np.float32)
+
+
+def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowSetting) -> F32:
+    """The same of anything else, whose silhouette is as thick all over."""
+    lx, ly, lz = (float(part) for part in setting.light.direction)
+    way = np.maximum(face(slab, setting.top) - toward, 0) / max(lz, LEAST_LIGHT_HEIGHT)
+    soft = 0.6 + 0.6 * tan(radians(min(setting.softness, 60.0))) * float(way.max())
+    seen = cv2.GaussianBlur(np.pad(slab.coverage, 4), (0, 0), min(soft, 4.0))
+    left, top = np.float32(4 - slab.corner[0]), np.float32(4 - slab.corner[1])
+    blocked = np.zeros(x.shape, np.float32)
+    for stop in range(1, STOPS + 1):
+        s = way * np.float32(stop / STOPS)
+        there = cv2.remap(
+            seen, x + s * np.float32(lx) + left, y + s * np.float32(ly) + top, cv2.INTER_LINEAR, borderValue=0
+        )
+        np.maximum(blocked, there, out=blocked)
+    thin = np.clip(
+        way * np.float32(hypot(lx, ly)) / 2, 0, 1
+    )  # a face as near as the slab's own sees the light
+    return np.asarray(blocked * thin, np.float32)
+
+
+# ----------------------------------------------------------------------
+# Sprites as they stand -> their silhouettes, how dark they make the background, and each other's faces.
+
+Array = NDArray[np.float64]
+
+SUNK = 3.0
+"""px by which a thing's pixels may reach below the floor that it stands on."""
+
+
+def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
+    """The row, px, of the highest floor below a thing whose lowest point is at `bottom`."""
+    rows = []
+    for ax, ay, bx, by in grounds:
+        if min(ax, bx) <= x <= max(ax, bx) and ax != bx:
+            row = ay + (by - ay) * (x - ax) / (bx - ax)
+            if row >= bottom - SUNK:
+                rows.append(float(row))
+    return min(rows, default=None)
+
+
+def sprite_silhouette(stage: Stage, stand: SpritePose, where: Placement, coverage: F32) -> Silhouette:
+    """A sprite as light sees it; `coverage` (h, w) is on its placement's box."""
+    corner = (where.box[1].start, where.box[0].start)
+    return silhouette(stage.grounds, coverage, corner, stand.pose, stage.actors[stand.k])
+
+
+def silhouette(
+    grounds: Sequence[Array], coverage: F32, corner: tuple[int, int], pose: Pose, actor: ShadowBody
+) -> Silhouette:
+    """A body as light sees it."""
+    floor_row = None
+    if grounds:
+        rows = np.flatnonzero(coverage.max(axis=1) > 0.5) if coverage.size else np.zeros(0, int)
+        bottom = float(corner[1] + (int(rows[-1]) if len(rows) else 0))
+        if actor.radius is not None:
+            bottom = pose.y + actor.radius
+        floor_row = ground_below(grounds, pose.x, bottom)
+    return Silhouette(coverage, corner, (pose.x, pose.y), actor.radius, actor.thick, floor_row)
+
+
+def remove_photo_shadow(dark: F32, lit: LitBackground, stand: SpritePose) -> list[Slices]:
+    """Take the photo's shadow of a sprite out of `dark` (H, W); returns where anything changed."""
+    if (whole := lit.casts[stand.k].whole) is None:
+        return []
+    (x0, y0, x1, y1), was = whole
+    dark[y0:y1, x0:x1] -= was
+    return [np.s_[y0:y1, x0:x1]]
+
+
+def add_shadow(dark: F32, lit: LitBackground, stand: SpritePose, now: Silhouette | None) -> list[Slices]:
+    """Put the shadow that a sprite throws today into `dark` (H, W); returns where anything changed.
+
+    A shadow that slides does not ask how the sprite looks `now`.
+    """
+    boxes = []
+    for (x0, y0, x1, y1), more in lit.moved(stand.k, now, stand.start, stand.pose):
+        dark[y0:y1, x0:x1] += more
+        boxes.append(np.s_[y0:y1, x0:x1])
+    return boxes
+
+
+def relit_border(rest: F32, lit: LitBackground, dark: F32, box: Slices) -> F32:
+    """(h, w, 3) a border's rest in the light that the background behind it has now: no black where a shadow passes."""
+    more = lit.total[box] - dark[box]
+    if not more.any():
+        return rest
+    return np.asarray(rest * three_channels(np.asarray(cv2.exp(np.minimum(more, 1)), np.float32)), np.float32)
+
+
+def occlusion_factors(
+    stage: Stage, stands: Sequence[SpritePose], figures: Mapping[int, Silhouette]
+) -> dict[int, F32]:
+    """(h, w) by which light is multiplied on the box of each sprite whose shadows by others differ from the photo's.
+
+    Those of the photo are taken from it, and today's thrown; `stands` are in the picture.
+    """
+    if stage.veils is None or stage.lit is None:
+        return {}
+    moved = np.array([stand.where is None or stand.where.own is None for stand in stands])
+    if not moved.any():
+        return {}
+    there = [figures[stand.k] for stand in stands]
+    near = occluders(there, stage.lit.setting)
+    asked = [
+        k
+        for k, stand in enumerate(stands)
+        if moved[k] or stage.veils[stand.k] is not None or moved[near.get(k, [])].any()
+    ]
+    shares = {k: stage.actors[stands[k].k].veiled for k in asked}
+    today = occlusions(there, {k: near[k] for k in asked if shares[k] and k in near}, stage.lit.setting)
+    found: dict[int, F32] = {}
+    for k in asked:
+        stand, now = stands[k], today.get(k)
+        before, where, sprite = stage.veils[stand.k], stand.where, stage.sprites[stand.k]
+        if where is None:
+            continue
+        then: F32 | None = None
+        if before is not None and where.own is not None:
+            then = before[where.own]
+        elif before is not None and sprite.ball is None and where.matrix is not None:
+            size = there[k].coverage.shape[::-1]
+            old = cv2.warpAffine(
+                before, where.matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE
+            )
+            then = np.asarray(old, np.float32)
+        if now is None and then is None:
+            continue
+        more = np.zeros_like(there[k].coverage) if then is None else then
+        if now is not None:
+            more = more - np.float32(shares[k]) * now
+        found[stand.k] = np.asarray(cv2.exp(more), np.float32)
+    return found

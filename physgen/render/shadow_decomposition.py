@@ -1,0 +1,427 @@
+"""Background separated into light and the shadow of each object, and recomposed for new poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import ceil
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.geometry.polygon import Pose
+from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette, blurred, shadow_darkness
+from physgen.photometry import decode, luminance
+
+# ----------------------------------------------------------------------
+# Background taken apart, and poses -> the background with every shadow where its object stands now.
+#
+# All is kept as logarithms of the share of light that is left, so that shadows of many objects add up, and at
+# t = 0 the
+# sum is the photo's. How it comes apart is told in `apart.py`.
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+
+LIFT = 0.25
+"""Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
+COMES = 0.5
+"""Of an object's size: moved by as much, it has mostly left an old shadow that nobody could lift."""
+FLIES = 1.2
+"""Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
+TURN = 0.35
+"""rad by which an object that is not round may turn until then."""
+
+
+@dataclass(frozen=True)
+class CastShadow:
+    """One object's share of the photo's shadows; darkness is -log of the light that it leaves."""
+
+    start: Silhouette
+    step: int
+    """px a side of the grid on which its shadow is worked out."""
+    whole: tuple[PixelBox, F32] | None
+    """All of it, at t = 0."""
+    own: tuple[PixelBox, F32]
+    """Of `whole` what the photo shows beyond geometry, of either sign."""
+    sliding: tuple[tuple[int, int], F32] | None
+    """Where the shadow never changes its shape: its corner, and all of it, beyond the photo's border too."""
+    round: bool
+    """Whether turning changes nothing."""
+
+
+@dataclass(frozen=True)
+class LitBackground:
+    """A background taken apart."""
+
+    setting: ShadowSetting
+    plate: F32
+    """(H, W, 3) linear: in the light that no object keeps away."""
+    tint: F32
+    """(3,): by how much more or less than the average a channel darkens."""
+    total: F32
+    """(H, W): -log of the light left at t = 0, of all objects."""
+    casts: Sequence[CastShadow]
+    lifted: bool = True
+    """Whether anybody has taken the photo's shadows apart from the background."""
+
+    def behind(self) -> F32:
+        """(H, W, 3) linear: the background at t = 0."""
+        return shaded_background(self.plate, self.total, self.tint)
+
+    def moved(self, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[tuple[PixelBox, F32]]:
+        """What object k adds now, at `pose` instead of `start`: boxes, and what is dark there."""
+        cast = self.casts[k]
+        if cast.sliding is not None:
+            corner, picture = cast.sliding
+            box, carried = shifted_picture(
+                picture, corner, (pose.x - start.x, pose.y - start.y), self.setting.size
+            )
+            return [] if box is None else [(box, carried)]
+        found: list[tuple[PixelBox, F32]] = []
+        if now is None:
+            return found
+        if (dark := predicted_shadow(now, self.setting, cast.step)) is not None:
+            box, picture = dark
+            if not self.lifted:  # the photo's shadow is still there: today's comes as it is left behind
+                away = np.hypot(pose.x - start.x, pose.y - start.y) / (
+                    COMES * max(min(now.coverage.shape), 1)
+                )
+                picture = picture * np.float32(1 - np.exp(-(away**2)))
+            found.append((box, picture))
+        strength, shift = self._kept(cast, now, pose.angle - start.angle)
+        if strength > 0.02:
+            (x0, y0, _, _), own = cast.own
+            box, carried = shifted_picture(own, (x0, y0), shift, self.setting.size)
+            if box is not None:
+                carried *= np.float32(strength)
+                if not self.setting.top and self._on_wall(cast.start) and now.floor is not None:
+                    end = now.floor - self.setting.tilt * self.setting.backdrop  # the wall's foot
+                    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+                    carried = carried * np.clip(end - rows + 0.5, 0, 1).astype(np.float32)
+                found.append((box, carried))
+        return found
+
+    def _on_wall(self, start: Silhouette) -> bool:
+        """Whether its shadow is mostly on the wall behind: it flies before one."""
+        if not np.isfinite(self.setting.backdrop):
+            return False
+        return start.floor is None or start.floor - start.center[1] > FLIES * start.thick
+
+    def _kept(self, cast: CastShadow, now: Silhouette, turn: float) -> tuple[float, tuple[float, float]]:
+        """How much of the photo's own shadow still holds, and by how much it has moved, px."""
+        start = cast.start
+        dx, dy = now.center[0] - start.center[0], now.center[1] - start.center[1]
+        size = max(min(start.coverage.shape), 1)
+        strength = 1.0 if cast.round else float(np.exp(-((turn / TURN) ** 2)))
+        if self.setting.top or self._on_wall(start):
+            return strength, (dx, dy)
+        if start.floor is None or now.floor is None:
+            return strength * float(np.exp(-((np.hypot(dx, dy) / (LIFT * size)) ** 2))), (0.0, 0.0)
+        lift = (start.floor - start.center[1]) - (now.floor - now.center[1])
+        strength *= float(np.exp(-((lift / (LIFT * size)) ** 2)))
+        return strength, (dx, now.floor - start.floor)
+
+
+def predicted_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[PixelBox, F32] | None:
+    """`darkness`, worked out on a grid of `step` px: shadows are soft, and large things have large shadows."""
+    if step == 1:
+        return shadow_darkness(what, setting)
+    (x, y), (h, w) = what.corner, what.coverage.shape
+    left, top = x % step, y % step
+    padded = cv2.copyMakeBorder(
+        what.coverage, top, -(top + h) % step, left, -(left + w) % step, cv2.BORDER_CONSTANT
+    )
+    small = cv2.resize(
+        padded, (padded.shape[1] // step, padded.shape[0] // step), interpolation=cv2.INTER_AREA
+    )
+    W, H = setting.size
+    rough = shadow_darkness(
+        Silhouette(
+            np.asarray(small, np.float32),
+            ((x - left) // step, (y - top) // step),
+            ((what.center[0] + 0.5) / step - 0.5, (what.center[1] + 0.5) / step - 0.5),
+            None if what.radius is None else what.radius / step,
+            what.thick / step,
+            None if what.floor is None else (what.floor + 0.5) / step - 0.5,
+        ),
+        _coarse(setting, step),
+    )
+    if rough is None:
+        return None
+    (x0, y0, x1, y1), dark = rough
+    fine = cv2.resize(dark, ((x1 - x0) * step, (y1 - y0) * step), interpolation=cv2.INTER_LINEAR)
+    x0, y0 = x0 * step, y0 * step
+    x1, y1 = min(x1 * step, W), min(y1 * step, H)
+    return (x0, y0, x1, y1), np.asarray(fine[: y1 - y0, : x1 - x0], np.float32)
+
+
+@lru_cache(maxsize=64)
+def _coarse(setting: ShadowSetting, step: int) -> ShadowSetting:
+    """The same on a grid of `step` px."""
+    W, H = setting.size
+    return replace(setting, size=(-(-W // step), -(-H // step)), backdrop=setting.backdrop / step)
+
+
+def shaded_background(plate: F32, dark: F32, tint: F32) -> F32:
+    """(h, w, 3) of a plate in the light that is left."""
+    left = cv2.merge([dark * -part for part in tint])
+    return np.asarray(cv2.multiply(plate, cv2.exp(left)), np.float32)
+
+
+def shifted_picture(
+    picture: F32, corner: tuple[int, int], shift: tuple[float, float], size: tuple[int, int]
+) -> tuple[PixelBox | None, F32]:
+    """A picture moved by a fraction of pixels, cut to the photo."""
+    h, w = picture.shape
+    x, y = corner[0] + shift[0], corner[1] + shift[1]
+    x0, y0 = int(np.floor(x)), int(np.floor(y))
+    left, top = max(x0, 0), max(y0, 0)
+    right, bottom = min(x0 + w + 1, size[0]), min(y0 + h + 1, size[1])
+    if not picture.size or right <= left or bottom <= top:
+        return None, picture
+    matrix = np.array([[1.0, 0, x - left], [0, 1, y - top]])
+    moved = cv2.warpAffine(picture, matrix, (right - left, bottom - top), borderMode=cv2.BORDER_CONSTANT)
+    return (left, top, right, bottom), np.asarray(moved, np.float32)
+
+
+# ----------------------------------------------------------------------
+# Background with the objects' shadows in it -> the light that it would have without, and each object's share
+# of dark.
+#
+# What simple geometry (`shadow.py`) foretells of the photo's shadows is taken for theirs; what the photo
+# shows beyond
+# that, dark or light, belongs to the object that is nearest and moves with it, as long as the object stands
+# on the floor
+# as it did.
+
+SMOOTH = 0.5
+"""px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
+RING = 2
+"""px around objects where the background still shows traces of them."""
+GAP = 4
+"""px: half the width of gaps between objects in which nobody sees a background."""
+DEEPEST = 3.5
+"""-log of the least light that a shadow leaves."""
+NEAR = 0.5
+"""Of an object's size: how far around it what is dark may be its own."""
+HIDDEN = 3.0
+"""px over which the background's detail reaches under objects."""
+FAINT = 0.006
+"""-log of light that nobody misses: half a grey level of a middle grey."""
+CELLS = 24
+"""Of the grid on which a shadow is worked out, at least so many across the thing."""
+
+
+def decompose_shadows(
+    background: U8,
+    clean: U8 | None,
+    coverage: F32,
+    starts: Sequence[Silhouette],
+    rounds: Sequence[bool],
+    setting: ShadowSetting,
+    gone: Sequence[Silhouette] = (),
+) -> tuple[LitBackground, F32 | None]:
+    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: nobody has lifted them.
+
+    `gone` are things of the photo that the scene leaves out: their shadows leave with them. The second result is
+    (H, W) -log of the light that those left; None where there are none.
+    """
+    lit = decode(background)
+    steps = [shadow_grid_step(start) for start in starts]
+    if clean is None:  # all that is dark stays, and what moves throws a shadow of its own beside it
+        nothing = (0, 0, 0, 0), np.zeros((0, 0), np.float32)
+        casts = [
+            CastShadow(s, step, None, nothing, None, r)
+            for s, step, r in zip(starts, steps, rounds, strict=True)
+        ]
+        dark = np.zeros(lit.shape[:2], np.float32)
+        return LitBackground(setting, lit, np.ones(3, np.float32), dark, casts, lifted=False), None
+    bare = decode(clean)
+    dark = _log(luminance(bare)) - _log(luminance(lit))
+    np.clip(dark, -0.5, DEEPEST, out=dark)
+    # close to an object, and in narrow gaps between objects, the background is not to be trusted
+    unknown = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8))
+    unknown = cv2.morphologyEx(unknown, cv2.MORPH_CLOSE, np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
+    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
+    open_ = (unknown == 0) | (reach == 0)
+    weight = open_.astype(np.float32)
+    everybody = [*starts, *gone]
+    steps += [shadow_grid_step(ghost) for ghost in gone]
+    firsts = [predicted_shadow(start, setting, step) for start, step in zip(everybody, steps, strict=True)]
+    total = np.zeros(dark.shape, np.float32)
+    for first in firsts:
+        if first is not None:
+            _add(total, *first)
+    rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SMOOTH)
+    casts = []
+    total, left = np.zeros(dark.shape, np.float32), np.zeros(dark.shape, np.float32)
+    for k, (start, step, first, own) in enumerate(
+        zip(everybody, steps, firsts, _owned(rest, everybody, firsts), strict=True)
+    ):
+        cast = _cast(start, step, first, own, k < len(starts) and rounds[k], setting)
+        if k < len(starts):
+            casts.append(cast)
+        if cast.whole is not None:
+            _add(total if k < len(starts) else left, *cast.whole)
+    tint = _tint(lit, bare, dark, open_)
+    near = blurred(weight, HIDDEN)
+    certain = np.clip(near * 4, 0, 1) / np.maximum(near, 0.02)
+    plate = np.empty_like(lit)
+    for c in range(3):
+        depth = (total + left) * tint[c]
+        detail = _log(lit[..., c]) - _log(bare[..., c]) + depth
+        inside = blurred(detail * weight, HIDDEN) * certain
+        plate[..., c] = np.where(open_, lit[..., c] * cv2.exp(depth), bare[..., c] * cv2.exp(inside))
+    return LitBackground(setting, plate, tint, total, casts), left if gone else None
+
+
+def _log(light: F32) -> F32:
+    return np.asarray(cv2.log(light + np.float32(1e-4)), np.float32)
+
+
+def _cast(
+    start: Silhouette,
+    step: int,
+    first: tuple[PixelBox, F32] | None,
+    own: tuple[PixelBox, F32],
+    is_round: bool,
+    setting: ShadowSetting,
+) -> CastShadow:
+    """One object's shadow at t = 0: what geometry foretells, and what the photo shows beyond."""
+    own = _trimmed(*own)
+    parts = [((x0, y0), dark) for (x0, y0, _, _), dark in ((own,) if first is None else (first, own))]
+    sliding = None
+    if setting.top and is_round and first is not None:
+        sliding = _trimmed(*_boxed(*_joined([unbounded_shadow(start, setting, step), parts[-1]])))
+        box, picture = shifted_picture(sliding[1], sliding[0][:2], (0.0, 0.0), setting.size)
+        whole = None if box is None else (box, picture)
+        return CastShadow(start, step, whole, own, (sliding[0][:2], sliding[1]), is_round)
+    whole = _trimmed(*_boxed(*_joined(parts)))
+    return CastShadow(start, step, whole if whole[1].size else None, own, None, is_round)
+
+
+def unbounded_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[tuple[int, int], F32]:
+    """Corner and picture of an object's whole shadow on a table, as if the photo had no border."""
+    beyond = step * ceil((10 * max(what.coverage.shape) + 64) / step)
+    (x, y), (cx, cy), (W, H) = what.corner, what.center, setting.size
+    far = replace(what, corner=(x + beyond, y + beyond), center=(cx + beyond, cy + beyond))
+    found = predicted_shadow(far, replace(setting, size=(W + 2 * beyond, H + 2 * beyond)), step)
+    if found is None:
+        return what.corner, np.zeros((1, 1), np.float32)
+    (x0, y0, _, _), dark = found
+    return (x0 - beyond, y0 - beyond), dark
+
+
+def _boxed(corner: tuple[int, int], picture: F32) -> tuple[PixelBox, F32]:
+    return (*corner, corner[0] + picture.shape[1], corner[1] + picture.shape[0]), picture
+
+
+def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
+    """The part of a picture in which anything is to be seen, fading to nothing at its border."""
+    seen = np.abs(picture) > FAINT
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if not len(rows):
+        return (box[0], box[1], box[0], box[1]), picture[:0, :0]
+    y0, y1, x0, x1 = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    kept = picture[y0:y1, x0:x1]
+    kept = np.asarray(np.sign(kept) * np.maximum(np.abs(kept) - np.float32(FAINT), 0), np.float32)
+    return _boxed((int(box[0] + x0), int(box[1] + y0)), kept)
+
+
+def shadow_grid_step(what: Silhouette) -> int:
+    """px a side of the grid for its shadow: some 24 cells across the thing, at most."""
+    h, w = what.coverage.shape
+    return max(1, min(int(np.sqrt(h * w)) // CELLS, 8))
+
+
+def _joined(parts: Sequence[tuple[tuple[int, int], F32]]) -> tuple[tuple[int, int], F32]:
+    """The sum of pictures, each with its corner."""
+    x0, y0 = (min(corner[k] for corner, _ in parts) for k in (0, 1))
+    x1 = max(corner[0] + dark.shape[1] for corner, dark in parts)
+    y1 = max(corner[1] + dark.shape[0] for corner, dark in parts)
+    total = np.zeros((y1 - y0, x1 - x0), np.float32)
+    for (x, y), dark in parts:
+        total[y - y0 : y - y0 + dark.shape[0], x - x0 : x - x0 + dark.shape[1]] += dark
+    return (x0, y0), total
+
+
+def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
+    """A blur of what is known, which dies away in what is not."""
+    near = blurred(weight, sigma)
+    return np.asarray(blurred(values, sigma) / np.maximum(near, 0.02) * np.clip(near * 4, 0, 1), np.float32)
+
+
+def _tint(lit: F32, bare: F32, dark: F32, where: NDArray[np.bool_]) -> F32:
+    """(3,) least squares of each channel's darkening by that of the luminance."""
+    seen = where & (dark > 0.3) & (lit.min(axis=2) > 2e-3) & (bare.min(axis=2) > 2e-3)
+    if np.count_nonzero(seen) < 200:
+        return np.ones(3, np.float32)
+    each = np.log(bare[seen] / lit[seen])
+    d = dark[seen][:, None]
+    return np.asarray(np.clip((each * d).sum(axis=0) / (d * d).sum(), 0.85, 1.15), np.float32)
+
+
+def _owned(
+    rest: F32, starts: Sequence[Silhouette], firsts: Sequence[tuple[PixelBox, F32] | None]
+) -> list[tuple[PixelBox, F32]]:
+    """Each object's part of what geometry does not explain: by the shadow it foretells, and by how near it is."""
+    H, W = rest.shape
+    claims: list[tuple[PixelBox, F32]] = []
+    sum_ = np.full((H, W), 0.02, np.float32)
+    for start, first in zip(starts, firsts, strict=True):
+        h, w = start.coverage.shape
+        reach = NEAR * min(h, w) + 4
+        pad = ceil(2 * reach)
+        x0, y0, x1, y1 = (
+            start.corner[0] - pad,
+            start.corner[1] - pad,
+            start.corner[0] + w + pad,
+            start.corner[1] + h + pad,
+        )
+        if first is not None:
+            (a, b, c, d), _ = first
+            x0, y0, x1, y1 = min(x0, a - pad), min(y0, b - pad), max(x1, c + pad), max(y1, d + pad)
+        box = max(x0, 0), max(y0, 0), min(x1, W), min(y1, H)
+        x0, y0, x1, y1 = box
+        if x1 <= x0 or y1 <= y0:
+            claims.append(((0, 0, 0, 0), np.zeros((0, 0), np.float32)))
+            continue
+        away = (_pasted(start, box) <= 0.5).astype(np.uint8)
+        distance = cv2.distanceTransform(away, cv2.DIST_L2, 3)
+        claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
+        if first is not None:
+            (a, b, c, d), dark = first
+            cast = np.zeros_like(claim)
+            cast[b - y0 : d - y0, a - x0 : c - x0] = dark
+            claim += 4 * cast + 4 * blurred(cast, 0.6 * reach)
+        claims.append((box, claim))
+        sum_[y0:y1, x0:x1] += claim
+    found = []
+    for (x0, y0, x1, y1), claim in claims:
+        if not claim.size:
+            found.append(((x0, y0, x1, y1), claim))
+            continue
+        own = rest[y0:y1, x0:x1] * claim / sum_[y0:y1, x0:x1]
+        edge = 6  # nothing at the box's border, so that it may move unseen
+        ramp_x = np.clip(np.minimum(np.arange(x1 - x0), np.arange(x1 - x0)[::-1]) / edge, 0, 1)
+        ramp_y = np.clip(np.minimum(np.arange(y1 - y0), np.arange(y1 - y0)[::-1]) / edge, 0, 1)
+        own = own * (ramp_x[None, :] * ramp_y[:, None]).astype(np.float32)
+        found.append(((x0, y0, x1, y1), np.asarray(own, np.float32)))
+    return found
+
+
+def _pasted(what: Silhouette, box: PixelBox) -> F32:
+    """The silhouette's coverage on a box of the photo."""
+    x0, y0, x1, y1 = box
+    matrix = np.array([[1.0, 0, what.corner[0] - x0], [0, 1, what.corner[1] - y0]])
+    there = cv2.warpAffine(what.coverage, matrix, (x1 - x0, y1 - y0), flags=cv2.INTER_NEAREST)
+    return np.asarray(there, np.float32)
+
+
+def _add(canvas: F32, box: PixelBox, values: F32, strength: float = 1.0) -> None:
+    x0, y0, x1, y1 = box
+    if values.size:
+        canvas[y0:y1, x0:x1] += values if strength == 1.0 else np.float32(strength) * values

@@ -1,0 +1,217 @@
+"""Output folders that are completed atomically, and removal of what killed runs leave behind."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import re
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from physgen.files import machine_id, partial
+from physgen.problems import InputError
+
+# ----------------------------------------------------------------------
+# What killed runs leave beside finished results -> gone, and what they had moved aside -> back in its place.
+#
+# Who fills a folder holds a lock on it, which ends with the process however that ends. Where a file system
+# knows no such
+# locks, as some shared ones, a leftover goes when it is a day old; so does one of another machine, whose
+# locks may not be
+# seen here.
+
+_LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
+FRESH = 0.5
+"""s for which a file without a lock is left alone: whoever writes it may be on another machine."""
+MINUTE, DAY = 60.0, 86400.0
+"""s after which the number of a process that is gone may be another's."""
+_SWEPT: set[Path] = set()
+
+
+@contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """While the block runs, nobody clears the folder away."""
+    lock = None
+    with suppress(OSError):
+        lock = os.open(folder, os.O_RDONLY)
+        fcntl.flock(lock, fcntl.LOCK_EX)  # who clears up may hold it for an instant
+    try:
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+@contextmanager
+def cleaned_up(out: Path) -> Iterator[None]:
+    """Where the block is left early, what its processes were ended over is cleared away."""
+    try:
+        yield
+    except BaseException:
+        remove_leftovers(out)
+        raise
+
+
+def remove_leftovers_once(out: Path) -> None:
+    """As `sweep`, the first time that this process asks: listing a folder of 100,000 clips takes long."""
+    if out.resolve() not in _SWEPT:
+        _SWEPT.add(out.resolve())
+        remove_leftovers(out)
+
+
+def remove_leftovers(out: Path) -> None:
+    """Clear away what processes that are gone left in `out`."""
+    try:
+        with os.scandir(out) as entries:
+            left = [(entry, match) for entry in entries if (match := _LEFT.fullmatch(entry.name))]
+    except OSError:
+        return
+    for entry, match in sorted(left, key=lambda pair: pair[0].name):
+        with suppress(OSError):  # another process may be at it, too
+            path, final = Path(entry.path), out / match["name"]
+            folder = entry.is_dir(follow_symlinks=False)
+            age = time.time() - entry.stat(follow_symlinks=False).st_ctime
+            away = match["machine"] != machine_id()
+            dead = age > DAY if away else not _lives(int(match["process"]))
+            gone = dead and age > FRESH
+            if match["kind"] == "old" and folder and gone:
+                if final.exists():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.rename(final)
+            elif (
+                match["kind"] == "part"
+                and folder
+                and _is_free(path, dead or (age > MINUTE and not away), age)
+            ):
+                shutil.rmtree(path, ignore_errors=True)
+            elif match["kind"] == "part" and not folder and gone:
+                path.unlink(missing_ok=True)
+
+
+def _is_free(folder: Path, left: bool, age: float) -> bool:
+    """Whether nobody fills it, though it looks `left`."""
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return left
+    except BlockingIOError:
+        return False
+    except OSError:
+        return left and age > DAY
+    finally:
+        os.close(lock)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+# ----------------------------------------------------------------------
+# An output folder that appears under its final name only when everything in it is written.
+
+TRIES = 20
+CLIPS = {"video.mp4", "trajectory.npz", "report.html", "truth", "events", "conditioning"}
+"""What lies in folders of clips, of which anybody may have one."""
+OURS = re.compile(
+    r"manifest\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"
+    r"|(video|unrefined)\.(mp4|gif|webp)|(frames|unrefined)/\d{5}\.png|truth/.+"
+)
+"""Files of clips, where no manifest tells."""
+
+
+@contextmanager
+def atomic_folder(final: Path) -> Iterator[Path]:
+    """A fresh folder beside `final`, renamed to it at the end; removed, and `final` left as it was, on any error."""
+    final.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers_once(final.parent)
+    beside = partial(final)
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
+    old = partial(final, "old")
+    with lock_folder(beside):
+        try:
+            yield beside
+            _instead(beside, final, old)
+        except BaseException:
+            shutil.rmtree(beside, ignore_errors=True)
+            if old.exists() and not final.exists():
+                old.rename(final)
+            raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _instead(beside: Path, final: Path, old: Path) -> None:
+    """`beside` becomes `final`, which becomes `old`, also where another command does the same now."""
+    for left in range(TRIES, 0, -1):
+        try:
+            if final.exists():
+                shutil.rmtree(old, ignore_errors=True)
+                final.rename(old)
+            beside.rename(final)
+            return
+        except OSError as error:
+            if left == 1 or error.errno not in (errno.ENOENT, errno.ENOTEMPTY, errno.EEXIST):
+                raise
+
+
+def output_folder(out: Path, name: str) -> Path:
+    """`out/<name>`; refuses a folder that holds anything but what an earlier run of ours wrote: nothing is lost."""
+    if out.exists() and not out.is_dir():
+        raise InputError.of(str(out), "", "is a file", "name a folder with -o")
+    final = out / name
+    strange = _strangers(final)
+    if strange is None:
+        fix = "choose another folder with -o"
+        raise InputError.of(str(final), "", "is there already and was not made by physgen", fix)
+    if strange:
+        found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
+        fix = "move it out, or choose another folder with -o"
+        raise InputError.of(
+            str(final), "", f"would be replaced, and holds {found}, which physgen did not make", fix
+        )
+    return final
+
+
+def recorded_files(folder: Path) -> list[str]:
+    """Files below a folder that an earlier run made and tells of, beside its manifest; none where nobody can tell."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return [str(name) for name in manifest["files"]] if manifest["manifest"] == 1 else []
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+
+
+def looks_like_clip(names: Iterable[str]) -> bool:
+    """Whether what is called so in a folder is plainly a clip's, where its manifest was lost."""
+    there = set(names)
+    return "clip.json" not in there and len(there & CLIPS) > 1  # which a data set has
+
+
+def _strangers(folder: Path) -> list[str] | None:
+    """Files of an earlier run's folder that the run did not write; None for a folder that no run made."""
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return []
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        own = {"manifest.json", *manifest["files"]} if manifest["manifest"] == 1 else None
+    except OSError:
+        return None
+    except (ValueError, KeyError, TypeError):  # ours, and damaged: a machine that lost its power left it so
+        own = None
+    if own is None:
+        names = [p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir()]
+        return None if any(OURS.fullmatch(name) is None for name in names) else []
+    files = (p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir())
+    return [name for name in files if name not in own]

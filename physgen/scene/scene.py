@@ -1,0 +1,468 @@
+"""A scene as its file describes it, after overlays and defaults: frozen dataclasses in px, s, g and degrees."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from physgen.geometry.framing import video_size
+from physgen.notebook_display import html
+from physgen.problems import Place
+
+# ----------------------------------------------------------------------
+# What a scene holds: objects with masks and shapes, boundaries, joints, fields, forces; frozen, px, g,
+# degrees.
+
+Point = tuple[float, float]
+"""x px, y px."""
+Points = tuple[Point, ...]
+
+
+class Solid(Enum):
+    """What the outline is a picture of; sets the moment of inertia."""
+
+    SPHERE = "sphere"
+    DISC = "disc"
+    HOOP = "hoop"
+    PLATE = "plate"
+
+
+class Motion(Enum):
+    """Moved by forces, not moved at all, or moved along a script that pushes others."""
+
+    DYNAMIC = "dynamic"
+    STATIC = "static"
+    SCRIPTED = "scripted"
+
+
+@dataclass(frozen=True)
+class Circle:
+    """`shape: {circle: ...}`: centre px, radius px."""
+
+    center: Point
+    radius: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """`shape: {box: ...}`: centre px, width and height px, angle degrees."""
+
+    center: Point
+    size: Point
+    angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ring:
+    """One outline with its holes; each `(K, 2)` px, not closed, in either direction."""
+
+    outline: Points
+    holes: tuple[Points, ...] = ()
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """`shape: {polygon: ...}` or `{polygons: ...}`: one ring a piece; the pieces move as one body."""
+
+    rings: tuple[Ring, ...]
+
+
+@dataclass(frozen=True)
+class Auto:
+    """`shape: auto`: fitted from the mask."""
+
+
+Shape = Circle | Box | Polygon | Auto
+
+
+@dataclass(frozen=True)
+class MaskId:
+    """The object's id in `masks.png`."""
+
+    id: int
+
+
+@dataclass(frozen=True)
+class MaskPolygon:
+    """`mask: {polygon: ...}`: an outline in px, filled by the even-odd rule."""
+
+    points: Points
+
+
+@dataclass(frozen=True)
+class MaskRle:
+    """`mask: {rle: ...}`: run lengths down the columns as in COCO, starting with background; size is `(H, W)`."""
+
+    size: tuple[int, int]
+    counts: tuple[int, ...]
+
+
+Mask = MaskId | MaskPolygon | MaskRle
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """One knot of a scripted motion: time s, centre px, angle degrees."""
+
+    time: float
+    position: Point
+    angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class BoxPrompt:
+    """An object lies in a box."""
+
+    box: tuple[float, float, float, float]
+    """Left, top, width, height, px."""
+
+
+@dataclass(frozen=True)
+class PointPrompt:
+    """An object lies at a point."""
+
+    point: Point
+    """x, y px."""
+
+
+@dataclass(frozen=True)
+class Object:
+    """One thing of the photo."""
+
+    name: str
+    label: str
+    mask: Mask | None
+    shape: Shape
+    solid: Solid | None
+    """None: disc for circles, plate for others."""
+    mass: float | None
+    """g; exactly one of mass and density is set."""
+    density: float | None
+    """g/px²."""
+    friction: float
+    elasticity: float
+    rolling: float
+    velocity: Point
+    """px/s at t = 0."""
+    spin: float
+    """degrees/s at t = 0."""
+    roll: str | Point
+    """`natural`, `none`, or degrees/s about x and y."""
+    motion: Motion
+    path: tuple[Waypoint, ...]
+    """Knots of a scripted motion, empty otherwise."""
+    layer: int
+    """Who is drawn over whom; larger is nearer."""
+    provenance: Mapping[str, str]
+    """`from`: who said each number and how sure, e.g. `{"mass": "table 0.4"}`."""
+    prompt: BoxPrompt | PointPrompt | None = None
+    """Where a person pointed, so that its mask can be found again."""
+    place: tuple[float, float, float] | None = None
+    """px, px, degrees: where its centre of mass is at t = 0, and how far it is turned from what the photo shows; None:
+    as the photo shows it."""
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Fixed lines that objects collide with: a chain of segments, or the outlines of a mask."""
+
+    name: str
+    points: Points
+    """(K, 2) px, K >= 2; empty where a mask is given."""
+    mask: Mask | None
+    friction: float
+    elasticity: float
+
+
+class JointKind(Enum):
+    """How a joint holds."""
+
+    PIVOT = "pivot"
+    """A pin through one point; both sides turn freely about it."""
+    SPRING = "spring"
+    """A spring with a damper between two points."""
+    WELD = "weld"
+    """Held in place and in angle."""
+    MOTOR = "motor"
+    """A pin whose two sides are turned against each other at a speed, with at most a limit of torque."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One entry of `joints`."""
+
+    name: str
+    kind: JointKind
+    objects: tuple[str, ...]
+    """One name (joined to the world) or two."""
+    points: Points
+    """Points of the photo at t = 0: where it is pinned; a spring has two, its ends on the first and the second side."""
+    length: float | None
+    """px at rest; None: as long as at t = 0."""
+    stiffness: float
+    """g/s²."""
+    damping: float
+    """g/s."""
+    speed: float
+    """degrees/s of the first object against the second, or the world."""
+    limit: float | None
+    """g·px²/s²; None: as much as it takes."""
+    collide: bool
+    """Whether the two objects also bump into each other."""
+
+
+class FieldKind(Enum):
+    """What a force field does."""
+
+    WIND = "wind"
+    ATTRACTOR = "attractor"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One entry of `fields`: a force on many objects at once."""
+
+    name: str
+    kind: FieldKind
+    objects: tuple[str, ...]
+    """Names; empty: every dynamic object."""
+    vector: Point
+    """Wind: its velocity, px/s. Attractor: its place, px."""
+    drag: float
+    """Wind, g/px²: the force is drag x width x |u| u, u being the wind's velocity against the object."""
+    strength: float
+    """Attractor, px³/s²: the acceleration is strength x distance / (distance² + soften²)^1.5; negative repels."""
+    soften: float
+    """px, of an attractor (Plummer's softening)."""
+
+
+class Load(Enum):
+    """What a force entry applies."""
+
+    IMPULSE = "impulse"
+    """(2,) g·px/s, once at `start`."""
+    FORCE = "force"
+    """(2,) g·px/s²."""
+    TORQUE = "torque"
+    """g·px²/s², positive turns +x towards +y."""
+
+
+@dataclass(frozen=True)
+class Force:
+    """One entry of `forces`."""
+
+    object: str
+    load: Load
+    vector: Point
+    """The impulse or the force, in image axes; (0, 0) for a torque."""
+    torque: float
+    at: Point | None
+    """Point of the photo at t = 0 where it acts, rides on the body; None: the centre of mass."""
+    start: float
+    duration: float | None
+    """s; None: to the end of the clip. Of no meaning for an impulse."""
+
+
+# ----------------------------------------------------------------------
+# How a scene is filmed, played, drawn over and retouched: `render:` and `refine:`; frozen.
+
+
+class Overlay(Enum):
+    """What is drawn over finished frames, for teaching."""
+
+    OUTLINES = "outlines"
+    """Of the objects' shapes."""
+    VELOCITY = "velocity"
+    """Arrows from the centres."""
+    FORCES = "forces"
+    """The scene's forces, impulses and torques while they act."""
+    WEIGHT = "weight"
+    """Arrows from the centres, on the forces' scale."""
+    TRAILS = "trails"
+    """Where the centres have been."""
+    CONTACTS = "contacts"
+    """Where things touch, and rings where they strike."""
+    BOUNDARIES = "boundaries"
+    """Walls and floors."""
+    NAMES = "names"
+    """At the centres."""
+
+
+class Play(Enum):
+    """Which way a clip runs."""
+
+    FORWARD = "forward"
+    BACKWARD = "backward"
+    THERE_AND_BACK = "there-and-back"
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """One view of the camera; one alone holds from the first frame to the last."""
+
+    time: float
+    """s of the motion at which it is reached."""
+    center: Point | None
+    """px of the photo; None: its middle, or whom it follows."""
+    follow: str | None
+    """Name of an object."""
+    zoom: float
+
+
+@dataclass(frozen=True)
+class Render:
+    """`render:`."""
+
+    fps: float
+    frames: int | None
+    """None: fps x duration x slow, rounded. Given: t_k = k duration / frames, and fps only says how fast it plays."""
+    relight: bool
+    shadows: bool
+    motion_blur: float
+    overlay: tuple[Overlay, ...]
+    slow: float
+    play: Play
+    scale: float | None
+    size: tuple[int, int] | None
+    """Width and height of the video, px; at most one of scale and size is given."""
+    camera: tuple[CameraView, ...]
+    """In the order of their times; empty: all of the photo."""
+    supersample: int
+
+
+@dataclass(frozen=True)
+class Refine:
+    """`refine:`."""
+
+    backend: str
+    strength: float
+    stop: int
+    steps: int
+    seed: int
+    prompt: str | None
+    """None: made of the objects' labels."""
+    negative: str
+    guidance: float | None
+    """None: as the model's authors advise."""
+    lock: float
+    detail: float
+
+
+# ----------------------------------------------------------------------
+# A scene as a person writes it, after defaults and overlays: px, s, g, degrees; frozen.
+#
+# Image axes: origin at the top-left pixel's centre, +x right, +y down, a positive angle turns +x towards +y.
+# Every field is explained once, in `schemas/scene-1.schema.json`. `things` are what a scene
+# holds, `film` is how it is shown.
+
+
+class View(Enum):
+    """`SIDE`: gravity points down the photo. `TOP`: seen from above, gravity presses on the table."""
+
+    SIDE = "side"
+    TOP = "top"
+
+
+class Combine(Enum):
+    """How the coefficients of two surfaces make the pair's."""
+
+    GEOMETRIC = "geometric"
+    MULTIPLY = "multiply"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """`world:`."""
+
+    view: View
+    pixels_per_meter: float
+    gravity: Point
+    """px/s²."""
+    table_friction: float
+    combine: Combine
+    duration: float
+    steps_per_second: float
+    tilt: float
+    """degrees by which the camera looks down on the floor, seen from the side."""
+    backdrop: float | None
+    """px from the objects back to an upright wall; None: none is near."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """`light:`: unit vector towards the light (+x right, +y down, +z to the viewer), and two strengths."""
+
+    direction: tuple[float, float, float]
+    intensity: float
+    ambient: float
+    softness: float
+    """degrees: half its width as the objects see it."""
+    provenance: str = ""
+    """`from`: who found its direction and how sure; empty where nobody says."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene file, with its overlays applied and every default filled in."""
+
+    name: str
+    """The file's stem, or its folder's name where the file is called `scene.yaml`."""
+    folder: Path
+    """Where relative paths start."""
+    image: Path | None
+    """The photo, resolved; None for a scene without one."""
+    size: tuple[int, int]
+    """Width and height of the canvas, px: the photo's, or as given."""
+    assets: Path | None
+    """Folder of the maps, resolved; None when the scene names none."""
+    world: Settings
+    objects: tuple[Object, ...]
+    """In the natural order of their names, as boundaries, joints and fields are; the document keeps the file's."""
+    boundaries: tuple[Boundary, ...]
+    forces: tuple[Force, ...]
+    joints: tuple[Joint, ...]
+    fields: tuple[Field, ...]
+    light: Light | None
+    render: Render
+    refine: Refine
+    maps: Mapping[str, tuple[float, float]]
+    """What 0 and 65535 stand for in a 16-bit map: `{"depth": (lo, hi), "shading": (lo, hi)}`."""
+    places: Mapping[str, Place] = field(
+        default_factory=lambda: MappingProxyType({}), compare=False, repr=False
+    )
+    """Dotted path -> where it was written; the nearest written ancestor's place is used for a default."""
+    document: Mapping[str, Any] = field(
+        default_factory=lambda: MappingProxyType({}), compare=False, repr=False
+    )
+    """The resolved document as plain YAML data, defaults filled in: what `check --resolved` prints."""
+    variants: tuple[str, ...] = ()
+    """Names of the variants that the file offers."""
+    files: tuple[Path, ...] = field(default=(), compare=False, repr=False)
+    """It, and what it extends, as they were opened."""
+
+    @property
+    def video_size(self) -> tuple[int, int]:
+        """Width and height of the video, px."""
+        return video_size(self.size, self.render.scale, self.render.size)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return html(self)
+
+    def place(self, path: str) -> Place:
+        """Where a value came from: its own place, or its nearest ancestor's."""
+        while path:
+            if path in self.places:
+                return self.places[path]
+            path = path[: max(path.rfind("."), path.rfind("["), 0)]
+        return self.places.get("", Place(str(self.folder / self.name)))
+
+    def file_of(self, place: Place) -> Path:
+        """Where that stands which a place with a line names: places name files as the user knows them."""
+        home = os.path.dirname(self.place("").file)
+        return self.folder / os.path.relpath(place.file, home or os.curdir)

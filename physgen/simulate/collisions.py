@@ -1,0 +1,568 @@
+"""Impacts: contact points that close, and the velocities after them."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from math import hypot, isnan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.simulate.joints import Assemblies
+from physgen.simulate.space import Touching
+
+# ----------------------------------------------------------------------
+# Points that close together -> impulses: Newton's elasticity, Coulomb's friction, no pull, no gain of energy.
+
+Array = NDArray[np.float64]
+
+SWEEPS, FEW = 300, 30
+"""Passes over points that close together, at most; few in a heap of hundreds."""
+
+
+def single_point_impulse(
+    nn: float, nt: float, tt: float, elasticity: float, mu: float, vn: float, vt: float
+) -> tuple[float, float]:
+    """Impulse of a lone point in closed form: sticking where friction can hold, else sliding; no gain of energy.
+
+    nn, nt, tt: changes of closing and sliding speed by a unit of impulse, normal and along the surface; vn (negative:
+    closing), vt: the speeds.
+    """
+    target = -(1 + elasticity) * vn
+    if mu == 0:
+        return target / nn, 0.0
+    det = nn * tt - nt * nt
+    jn, jt = (target * tt + nt * vt) / det, (-nt * target - nn * vt) / det
+    if jn <= 0 or abs(jt) > mu * jn:
+        side = (1.0 if jt > 0 else -1.0) if jt else (-1.0 if vt > 0 else 1.0)
+        grip = nn + side * mu * nt
+        if grip < 1e-9 * nn:  # it would wedge
+            return target / nn, 0.0
+        jn = target / grip
+        jt = side * mu * jn
+    gain = jn * (2 * vn + nn * jn + nt * jt) + jt * (2 * vt + tt * jt + nt * jn)
+    if gain > 1e-12 * abs(jn * vn):
+        return target / nn, 0.0
+    return jn, jt
+
+
+def simultaneous_impulses(
+    matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
+) -> Array:
+    """Impulses (2P,), normal and along the surface in turn, of points that close together.
+
+    matrix (2P, 2P) gives the changes of their speeds; before (2P,) the speeds; exact: the relative change of an impulse
+    at which they count as found. Newton's rule with friction can make energy (Kane and Levinson 1985): then as much of
+    the bounce as makes none.
+    """
+    full = _swept(matrix, before, elasticity, friction, exact)
+    if not any(elasticity) or _gain(matrix, before, full) <= 0:
+        return full
+    dead = _swept(matrix, before, [0.0] * len(elasticity), friction, exact)
+    part, step = 0.0, 0.5
+    for _ in range(30):
+        if _gain(matrix, before, dead + (part + step) * (full - dead)) <= 0:
+            part += step
+        step /= 2
+    return dead + part * (full - dead)
+
+
+def _gain(matrix: Array, before: Array, impulse: Array) -> float:
+    """Kinetic energy that impulses add, g·px²/s²; 0 within rounding."""
+    change = impulse * (before + matrix @ impulse / 2)
+    gain = float(change.sum())
+    return gain if gain > 1e-9 * float(np.abs(change).sum()) else 0.0
+
+
+def _swept(
+    matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
+) -> Array:
+    """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
+    speed, impulse = before.copy(), [0.0] * len(before)
+    columns = np.ascontiguousarray(matrix.T)
+    give = [1.0 / max(float(d), 1e-300) for d in np.diag(matrix)]
+    goals = [-e * min(float(v), 0.0) for e, v in zip(elasticity, before[::2], strict=True)]
+    for _ in range(SWEEPS if exact < 1e-6 else FEW):
+        change = size = 0.0
+        for i, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
+            n, t = 2 * i, 2 * i + 1
+            new = max(0.0, impulse[n] + (goal - float(speed[n])) * give[n])
+            step = new - impulse[n]
+            if step:
+                speed += step * columns[n]
+                impulse[n] = new
+            change, size = max(change, abs(step)), max(size, new)
+            if mu > 0:
+                edge = mu * new
+                new = min(edge, max(-edge, impulse[t] - float(speed[t]) * give[t]))
+                step = new - impulse[t]
+                if step:
+                    speed += step * columns[t]
+                    impulse[t] = new
+                change = max(change, abs(step))
+        if change <= exact * size:
+            break
+    return np.array(impulse)
+
+
+# ----------------------------------------------------------------------
+# Pairs of shapes that touch -> single contact points, how fast and when they close, with what levers.
+
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Points:
+    """P contact points of the K pairs of shapes that touch at a step's end."""
+
+    row: Index
+    """(P,): its pair."""
+    first: Index
+    second: Index
+    normal: Array
+    """(P, 2): from the first to the second."""
+    on_first: Array
+    """(P, 2) px."""
+    on_second: Array
+    depth: Array
+    closing: Array
+    """(P,) px/s at which they close, by velocities before contacts."""
+
+    def sorted(self) -> Points:
+        """By things, pairs of shapes and place."""
+        place = self.on_first
+        order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
+        return Points(*(getattr(self, field.name)[order] for field in fields(self)))
+
+    def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
+        """(P,) s before the step's end at which each closed; `own` (P,) do, `touched` (K,) pairs did a step ago.
+
+        What touched before closes when a blow makes it.
+        """
+        row = self.row
+        depth = np.maximum(self.depth, 0.0)
+        earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(self.closing, 1e-300), h), 0.0)
+        # two points of one pair close together: what lands flat stays flat
+        pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
+        pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
+        earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
+        return earlier
+
+
+@dataclass(frozen=True)
+class ContactProperties:
+    """What the N bodies and walls bring to a blow; the mass and moment of whatever is not dynamic is infinite."""
+
+    lightness: list[float]
+    """1/g."""
+    ease: list[float]
+    """1/(g·px²)."""
+    friction: list[float]
+    """Factors; a pair's coefficient is their product."""
+    elasticity: list[float]
+    radius: list[float]
+    """px; NaN where it is not a circle."""
+
+
+@dataclass(slots=True)
+class Point:
+    """One contact point, when it closed."""
+
+    a: int
+    b: int
+    nx: float
+    ny: float
+    """From a to b; (-ny, nx) is along the surface."""
+    earlier: float
+    own: bool
+    """Whether it closed by the motion before all blows."""
+    ma: float
+    mb: float
+    ea: float
+    eb: float
+    na: float
+    nb: float
+    """Levers of the normal and of the tangent about both centres."""
+    ta: float
+    tb: float
+    nn: float
+    nt: float
+    tt: float
+    """Change of closing and sliding speed by a unit of impulse."""
+    elasticity: float
+    friction: float
+
+    def leaving(self, va: list[float], vb: list[float]) -> float:
+        """px/s at which b leaves a, by their velocities; negative: it closes."""
+        return self.nx * (vb[0] - va[0]) + self.ny * (vb[1] - va[1]) + self.nb * vb[2] - self.na * va[2]
+
+    def motion(self, va: list[float], vb: list[float]) -> tuple[float, float]:
+        """px/s at which b leaves a, and slides along it."""
+        slides = self.nx * (vb[1] - va[1]) - self.ny * (vb[0] - va[0]) + self.tb * vb[2] - self.ta * va[2]
+        return self.leaving(va, vb), slides
+
+    def first_speed(self, v: list[float]) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of a's point."""
+        return self.nx * v[0] + self.ny * v[1] + self.na * v[2], self.nx * v[1] - self.ny * v[
+            0
+        ] + self.ta * v[2]
+
+    def second_speed(self, v: list[float]) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of b's point."""
+        return self.nx * v[0] + self.ny * v[1] + self.nb * v[2], self.nx * v[1] - self.ny * v[
+            0
+        ] + self.tb * v[2]
+
+
+def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
+    """One row a point; pose and velocity (N, 3) of all things."""
+    use = np.arange(2) < touching.count[:, None]
+    row = np.repeat(np.arange(len(use)), touching.count)
+    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
+    on1, on2 = touching.on_first[use], touching.on_second[use]
+    apart = _at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)
+    closing = apart[:, 0] * normal[:, 0] + apart[:, 1] * normal[:, 1]
+    return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
+
+
+def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
+    """(P, 2) px/s of points on bodies."""
+    v, arm = velocity[things], points - pose[things, :2]
+    out = v[:, :2].copy()
+    out[:, 0] -= v[:, 2] * arm[:, 1]
+    out[:, 1] += v[:, 2] * arm[:, 0]
+    return out
+
+
+def point_at_closing(
+    things: ContactProperties, found: Points, k: int, pose: Array, velocity: Array, earlier: Array, own: Flags
+) -> Point:
+    """Point `k` as it was `earlier` s (P,) before the poses (N, 3); velocity (N, 3) on the way; own (P,).
+
+    Levers go from both centres to one common point: angular momentum is kept to the last digit.
+    """
+    back = float(earlier[k])
+    a, b = int(found.first[k]), int(found.second[k])
+    nx, ny = found.normal[k].tolist()
+    places, centers = [], []
+    for body, on in ((a, found.on_first), (b, found.on_second)):
+        x, y, _ = pose[body].tolist()
+        vx, vy, spin = velocity[body].tolist()
+        px, py = on[k].tolist()
+        centers.append((x - back * vx, y - back * vy))
+        places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
+    (ax, ay), (bx, by) = centers
+    px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
+    # a circle touches where its normal leaves it, however it turns
+    ra, rb = things.radius[a], things.radius[b]
+    if not (isnan(ra) or isnan(rb)):
+        distance = max(hypot(bx - ax, by - ay), 1e-12)
+        nx, ny = (bx - ax) / distance, (by - ay) / distance
+        px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
+    elif not isnan(ra):
+        px, py = ax + ra * nx, ay + ra * ny
+    elif not isnan(rb):
+        px, py = bx - rb * nx, by - rb * ny
+    ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
+    na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
+    ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
+    return Point(
+        a, b, nx, ny, back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
+        ma + mb + ea * na * na + eb * nb * nb,
+        ea * na * ta + eb * nb * tb,
+        ma + mb + ea * ta * ta + eb * tb * tb,
+        things.elasticity[a] * things.elasticity[b],
+        things.friction[a] * things.friction[b],
+    )  # fmt: skip
+
+
+# ----------------------------------------------------------------------
+# Contacts that close -> velocities after the blows, resolved one after the other, and when within the step
+# they fell.
+#
+# Newton's elasticity and Coulomb's friction at each point. Points that close at the same instant are solved
+# together; the
+# blow then travels on through whatever touches: each round takes the points that close now. So the last of a
+# row of balls
+# takes all, whether their gaps are 0, a hair, or a hair of overlap; and a symmetric rack stays symmetric. Few
+# points
+# close at a time, so the rounds are plain numbers, and only what a blow has moved is looked at again.
+
+ROUNDS = 400
+"""Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
+FAINT = 1e-4
+"""Of a step's hardest blow: what closes more slowly after it is left to the engine, or echoes would never end."""
+EXACT, NEARLY = 1e-13, 1e-5
+"""Relative change of an impulse at which points that close together are solved: always, and in a heap of hundreds."""
+CROWD = 500
+"""Contact points of a heap."""
+TOGETHER = 0.02
+"""Part of a step within which two contacts of one body count as simultaneous."""
+
+
+@dataclass(frozen=True)
+class Impacts:
+    """What the blows of one step did."""
+
+    velocity: Array
+    """(N, 3): px/s, px/s, rad/s after the last."""
+    shift: Array
+    """(N, 3): how far the blows, having fallen within the step, move the bodies at its end: px, px, rad."""
+    first: Index
+    """(B,): the struck pairs."""
+    second: Index
+    impulse: Array
+    """(B, 2) g·px/s that the second gave the first."""
+    earlier: Array
+    """(B,) s before the end of the step."""
+    lost: float
+    """g·px²/s² that went into elasticity below 1 and friction."""
+    work: float
+    """g·px²/s² that scripted bodies did."""
+
+
+def resolve_impacts(
+    things: ContactProperties,
+    joined: Assemblies,
+    pose: Array,
+    velocity: Array,
+    drift: Array,
+    points: Points,
+    touched: Flags,
+    h: float,
+    threshold: float,
+) -> Impacts:
+    """Resolve what closes faster than `threshold` px/s.
+
+    pose (N, 3) at the step's end; velocity (N, 3) within the step, before contacts; drift (N, 2) px/s²: acceleration of
+    what flies freely, zero for the rest; touched (K,): the pair touched a step ago already.
+    """
+    return _Instant(things, joined, pose, velocity, drift, points.sorted(), touched, h, threshold).run()
+
+
+class _Instant:
+    """One step's blows in the making."""
+
+    def __init__(
+        self,
+        things: ContactProperties,
+        joined: Assemblies,
+        pose: Array,
+        velocity: Array,
+        drift: Array,
+        points: Points,
+        touched: Flags,
+        h: float,
+        threshold: float,
+    ) -> None:
+        self._things, self._joined = things, joined
+        self._pose, self._velocity, self._drift = pose, velocity, drift
+        self._found, self._h, self._threshold = points, h, threshold
+        self._own = points.closing > threshold
+        self._earlier = points.earlier(self._own, touched, h)
+        self._exact = EXACT if len(points.first) < CROWD else NEARLY
+        both = np.concatenate([points.first, points.second])
+        order = np.argsort(both, kind="stable")
+        self._owner: list[int] = both[order].tolist()
+        self._listed: list[int] = (order % len(points.first)).tolist()
+        self._points: dict[int, Point] = {}
+        self._v: dict[int, list[float]] = {}
+        self._shift: dict[int, list[float]] = {}
+        self._when: dict[int, float] = {}
+        self._leap: dict[int, tuple[float, float]] = {}
+        self._rows: list[tuple[int, int, float, float, float]] = []
+        self._lost = self._work = 0.0
+
+    def run(self) -> Impacts:
+        """Rounds until nothing closes."""
+        closing = [int(k) for k in np.flatnonzero(self._own)]
+        faint = max(self._threshold, FAINT * float(self._found.closing.max()))
+        for number in range(ROUNDS):
+            if not closing:
+                break
+            times = {k: self._time(k, number) for k in closing}
+            struck = self._leading(closing, times)
+            self._begin(struck, times)
+            moved = set[int]().union(*(self._solve(group, times) for group in self._groups(struck)))
+            near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
+            closing = [k for k in sorted(near) if self._leaving(self._point(k)) < -faint]
+        velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
+        for body, (vx, vy, spin) in self._v.items():
+            lx, ly = self._leap.get(body, (0.0, 0.0))
+            velocity[body] = vx - lx, vy - ly, spin
+        for body, moved_by in self._shift.items():
+            shift[body] = moved_by
+        rows = np.array(self._rows).reshape(-1, 5)
+        return Impacts(
+            velocity=velocity,
+            shift=shift,
+            first=rows[:, 0].astype(np.int64),
+            second=rows[:, 1].astype(np.int64),
+            impulse=rows[:, 2:4],
+            earlier=rows[:, 4],
+            lost=self._lost,
+            work=self._work,
+        )
+
+    # Who and when
+
+    def _free(self, body: int) -> bool:
+        return self._things.lightness[body] > 0
+
+    def _beside(self, body: int) -> list[int]:
+        """Points at a body that can move; a wall is no messenger."""
+        if not self._free(body):
+            return []
+        return self._listed[bisect_left(self._owner, body) : bisect_right(self._owner, body)]
+
+    def _speeds(self, body: int) -> list[float]:
+        if body not in self._v:
+            self._v[body] = self._velocity[body].tolist()
+        return self._v[body]
+
+    def _time(self, k: int, number: int) -> float:
+        """s before the step's end: a point's own time, or that of the blow that a partner brings."""
+        p = self._point(k)
+        if number == 0 or (p.own and p.earlier > 0):
+            return p.earlier
+        return max(0.0, self._when.get(p.a, 0.0), self._when.get(p.b, 0.0))
+
+    def _leading(self, closing: Iterable[int], times: dict[int, float]) -> list[int]:
+        """The points that close first among those that share a body with them."""
+        latest: dict[int, float] = {}
+        for k in closing:
+            p = self._point(k)
+            for body in (p.a, p.b):
+                latest[body] = max(latest.get(body, -1.0), times[k])
+        slack = TOGETHER * self._h
+        leads = []
+        for k in closing:
+            p = self._point(k)
+            if all(not self._free(body) or times[k] >= latest[body] - slack for body in (p.a, p.b)):
+                leads.append(k)
+        return leads
+
+    def _begin(self, struck: Iterable[int], times: dict[int, float]) -> None:
+        """Velocities between two steps are those of the middle: bring what is struck first to the blow's time."""
+        for k in struck:
+            p = self._point(k)
+            for body in (p.a, p.b):
+                if body not in self._when and self._free(body):
+                    self._when[body] = times[k]
+                    part = self._h / 2 - times[k]
+                    leap = float(self._drift[body, 0]) * part, float(self._drift[body, 1]) * part
+                    self._leap[body] = leap
+                    v = self._speeds(body)
+                    v[0] += leap[0]
+                    v[1] += leap[1]
+
+    def _groups(self, struck: list[int]) -> list[list[int]]:
+        """Points that share movable bodies, together."""
+        if len(struck) == 1:
+            return [struck]
+        root = {k: k for k in struck}
+
+        def find(k: int) -> int:
+            while root[k] != k:
+                root[k] = root[root[k]]
+                k = root[k]
+            return k
+
+        holder: dict[int, int] = {}
+        for k in struck:
+            p = self._point(k)
+            for body in (p.a, p.b):
+                if self._free(body):
+                    whole = self._joined.of(body)
+                    other = holder.setdefault(body if whole is None else whole, k)
+                    root[find(k)] = find(other)
+        groups: dict[int, list[int]] = {}
+        for k in struck:
+            groups.setdefault(find(k), []).append(k)
+        return list(groups.values())
+
+    def _point(self, k: int) -> Point:
+        if k not in self._points:
+            self._points[k] = point_at_closing(
+                self._things, self._found, k, self._pose, self._velocity, self._earlier, self._own
+            )
+        return self._points[k]
+
+    # What a blow does
+
+    def _leaving(self, p: Point) -> float:
+        """px/s; negative: it closes."""
+        return p.leaving(self._speeds(p.a), self._speeds(p.b))
+
+    def _solve(self, group: list[int], times: dict[int, float]) -> set[int]:
+        """Find the impulses of points that close together, and carry them out; the bodies that they move."""
+        points = [self._point(k) for k in group]
+        was = [p.motion(self._speeds(p.a), self._speeds(p.b)) for p in points]
+        bodies = {body for p in points for body in (p.a, p.b) if self._free(body)}
+        wholes = {self._joined.of(body) for body in bodies} - {None}
+        driven = [self._drive(p) for p in points]
+        if len(points) == 1 and not wholes:
+            (q,) = points
+            found = [single_point_impulse(q.nn, q.nt, q.tt, q.elasticity, q.friction, *was[0])]
+            self._give(self._v, points[0], *found[0], 1.0)
+            self._give(self._shift, points[0], *found[0], times[group[0]])
+        else:
+            for whole in wholes:
+                bodies |= set(self._joined.members(whole)) if whole is not None else set()
+            found = self._together(points, was, sorted(bodies), [times[k] for k in group])
+        for k, p, (jn, jt), (vn, vt), (dn, dt) in zip(group, points, found, was, driven, strict=True):
+            self._rows.append((p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k]))
+            leaves, slides = p.motion(self._speeds(p.a), self._speeds(p.b))
+            self._lost -= jn * (vn + leaves) / 2 + jt * (vt + slides) / 2
+            self._work += jn * dn + jt * dt
+        return bodies
+
+    def _give(self, to: dict[int, list[float]], p: Point, jn: float, jt: float, part: float) -> None:
+        """Add the changes of velocity by an impulse on two free bodies, times `part`."""
+        fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
+        for body, m, turn, sign in (
+            (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),
+            (p.b, p.mb, p.eb * (p.nb * jn + p.tb * jt) * part, 1.0),
+        ):
+            if m > 0:
+                row = self._speeds(body) if to is self._v else to.setdefault(body, [0.0, 0.0, 0.0])
+                row[0] += sign * m * fx
+                row[1] += sign * m * fy
+                row[2] += sign * turn
+
+    def _together(
+        self, points: list[Point], was: list[tuple[float, float]], bodies: list[int], times: list[float]
+    ) -> list[tuple[float, float]]:
+        """Impulses of points that share bodies, or whose bodies joints hold, carried out on all of them."""
+        things = self._things
+        inverse = np.array(
+            [[things.lightness[b], things.lightness[b], things.ease[b]] for b in bodies]
+        ).ravel()
+        response = self._joined.response(bodies, inverse, self._pose)
+        place = {body: 3 * k for k, body in enumerate(bodies)}
+        J = np.zeros((2 * len(points), len(inverse)))
+        for i, p in enumerate(points):
+            for body, sign, turn, slide in ((p.a, -1.0, p.na, p.ta), (p.b, 1.0, p.nb, p.tb)):
+                if body in place:
+                    k = place[body]
+                    J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
+                    J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
+        spread = response @ J.T
+        elasticity, friction = [p.elasticity for p in points], [p.friction for p in points]
+        found = simultaneous_impulses(J @ spread, np.array(was).ravel(), elasticity, friction, self._exact)
+        change, moved = spread @ found, spread @ (found * np.repeat(times, 2))
+        for body, k in place.items():
+            v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])
+            for axis in range(3):
+                v[axis] += float(change[k + axis])
+                shift[axis] += float(moved[k + axis])
+        return [(float(jn), float(jt)) for jn, jt in found.reshape(-1, 2)]
+
+    def _drive(self, p: Point) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""
+        va, vb = ([0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b))
+        (na, ta), (nb, tb) = p.first_speed(va), p.second_speed(vb)
+        return na - nb, ta - tb

@@ -1,0 +1,413 @@
+"""Forces, impulses, springs, fields and scripted motion of a world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.world import Body, Joint, World
+from physgen.geometry.polygon import polygon_moments
+from physgen.scene.scene import FieldKind, JointKind, Load, Motion
+from physgen.simulate.friction import Resistance, Table
+from physgen.simulate.space import Space
+
+# ----------------------------------------------------------------------
+# World -> how fast its springs make bodies swing: what a step of the engine must resolve.
+
+
+def spring_joints(world: World) -> list[Joint]:
+    """Those of a world's joints that are springs."""
+    return [joint for joint in world.joints if joint.kind is JointKind.SPRING]
+
+
+def spring_compliance(world: World, spring: Joint) -> float:
+    """1/g: how easily a spring's ends move."""
+    total = 0.0
+    for index, at in ((spring.first, spring.first_at), (spring.second, spring.second_at)):
+        if index is not None and world.bodies[index].motion is Motion.DYNAMIC:
+            body = world.bodies[index]
+            total += 1 / body.mass + float(at @ at) / body.moment
+    return total
+
+
+def stiffest_spring(world: World) -> tuple[float, str]:
+    """rad/s of the body that its springs, all together, swing fastest, and the name of the one that pulls hardest."""
+    pulls: dict[int, float] = {}
+    hardest, name = 0.0, ""
+    for spring in spring_joints(world):
+        pull = spring.stiffness * spring_compliance(world, spring)
+        if pull > hardest:
+            hardest, name = pull, spring.name
+        for index in (spring.first, spring.second):
+            if index is not None and world.bodies[index].motion is Motion.DYNAMIC:
+                pulls[index] = pulls.get(index, 0.0) + pull
+    return max(pulls.values(), default=0.0) ** 0.5, name
+
+
+# ----------------------------------------------------------------------
+# Impulses of a world -> changes of velocity at their times.
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EnergyEvent:
+    """What happened to the energy at one time, g·px²/s²."""
+
+    time: float
+    """s."""
+    lost: float
+    work: float
+
+
+class Impulses:
+    """The impulses that are still to come."""
+
+    def __init__(self, world: World) -> None:
+        dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
+        self._bodies = world.bodies
+        self._coming = sorted(
+            (p for p in world.pushes if p.load is Load.IMPULSE and dynamic[p.body]), key=lambda p: p.start
+        )
+
+    def due(self, end: float) -> bool:
+        """Whether one is given before `end`, s."""
+        return bool(self._coming) and self._coming[0].start < end - 1e-12
+
+    def since(self, begin: float) -> float:
+        """s from `begin` to the next one."""
+        return max(0.0, self._coming[0].start - begin)
+
+    def give(self, velocity: Array, pose: Array, since: float) -> EnergyEvent:
+        """Give the next one to the velocities (N, 3), `since` s after the bodies had the pose (N, 3)."""
+        push = self._coming.pop(0)
+        body = self._bodies[push.body]
+        v = velocity[push.body]
+        angle = pose[push.body, 2] + v[2] * since
+        c, s = np.cos(angle), np.sin(angle)
+        arm = np.array([c * push.at[0] - s * push.at[1], s * push.at[0] + c * push.at[1]])
+        change = np.array([*push.vector, arm[0] * push.vector[1] - arm[1] * push.vector[0]])
+        change /= [body.mass, body.mass, body.moment]
+        work = body.mass * (change[:2] @ (v[:2] + change[:2] / 2))
+        work += body.moment * change[2] * (v[2] + change[2] / 2)
+        velocity[push.body] += change
+        return EnergyEvent(push.start, 0.0, float(work))
+
+
+# ----------------------------------------------------------------------
+# Forces that last -> force and torque on each body at one time: pushes, springs, wind, attractors.
+
+
+@dataclass(frozen=True)
+class LoadSum:
+    """Loads on the N bodies, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
+
+    hold: Array
+    """Has a potential: springs, attractors."""
+    drive: Array
+    """Does work: pushes, wind."""
+    spend: Array
+    """Takes energy out: dampers."""
+
+
+class ForceFields:
+    """All lasting forces of a world."""
+
+    def __init__(self, world: World) -> None:
+        bodies = world.bodies
+        self._N = len(bodies)
+        dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
+        self._mass = np.array([b.mass for b in bodies])
+        self._gravity = world.gravity
+        self._lightness = np.divide(1.0, self._mass, out=np.zeros(self._N), where=dynamic)
+        moment = np.array([b.moment for b in bodies])
+        self._ease = np.divide(1.0, moment, out=np.zeros(self._N), where=dynamic)
+        self._width = np.array([2 * np.sqrt(_area(b) / pi) for b in bodies])
+        self._pushes = [p for p in world.pushes if p.load is not Load.IMPULSE and dynamic[p.body]]
+        self._springs = spring_joints(world)
+        self._winds = [f for f in world.fields if f.kind is FieldKind.WIND]
+        self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
+        self._dampers: dict[int, int] = {}
+        for spring in self._springs:
+            for body in (spring.first, spring.second):
+                if body is not None:
+                    self._dampers[body] = self._dampers.get(body, 0) + (spring.damping > 0)
+        self.steers = bool(self._attractors)
+        """Whether `pace` has anything to say."""
+        self.busy = bool(self._pushes or self._springs or self._winds or self._attractors)
+
+    def pace(self, pose: Array, velocity: Array) -> float:
+        """1/s: how fast the pull of an attractor changes, at most; 0 without attractors."""
+        top = 0.0
+        for field in self._attractors:
+            on = np.array(field.bodies, np.int64)
+            near = ((field.vector - pose[on, :2]) ** 2).sum(axis=1) + field.soften**2
+            near = np.sqrt(np.maximum(near, 1e-12))
+            swing = np.sqrt(abs(field.strength) / near**3)
+            pass_by = np.sqrt((velocity[on, :2] ** 2).sum(axis=1)) / near
+            top = max(top, float(np.maximum(swing, pass_by).max()))
+        return top
+
+    def at(self, pose: Array, velocity: Array, begin: float, end: float) -> LoadSum:
+        """Mean loads from `begin` to `end`, s, about the time at which the bodies have the pose (N, 3).
+
+        velocity (N, 3) is that of half the time before.
+        """
+        total = LoadSum(np.zeros((self._N, 3)), np.zeros((self._N, 3)), np.zeros((self._N, 3)))
+        h = end - begin
+        for push in self._pushes:
+            part = (min(push.end, end) - max(push.start, begin)) / h
+            if part > 0:
+                arm = _turned(push.at, pose[push.body, 2])
+                force = push.vector * part
+                total.drive[push.body, :2] += force
+                total.drive[push.body, 2] += push.torque * part + arm[0] * force[1] - arm[1] * force[0]
+        for spring in self._springs:
+            self._spring(spring, pose, velocity, h, total)
+        for field in self._attractors:
+            on = np.array(field.bodies, np.int64)
+            away = field.vector - pose[on, :2]
+            near = (away**2).sum(axis=1) + field.soften**2
+            pull = self._mass[on] * field.strength / np.maximum(near, 1e-12) ** 1.5
+            total.hold[on, :2] += pull[:, None] * away
+        for field in self._winds:
+            on = np.array(field.bodies, np.int64)
+            known = self._gravity + total.hold[on, :2] * self._lightness[on, None]
+            rush = field.vector - velocity[on, :2] - h / 2 * known
+            # drag alone brakes by 1 / (1 + k |u| t): exact, and never beyond the wind's own speed
+            slows = field.drag * self._width[on] * self._lightness[on] * np.hypot(*rush.T) * h
+            part = slows / (1 + slows)
+            total.drive[on, :2] += (self._mass[on] * part / h)[:, None] * rush
+        return total
+
+    def potential(self, pose: Array) -> float:
+        """Energy stored in springs and attractors, g·px²/s²."""
+        stored = 0.0
+        for spring in self._springs:
+            between = self._ends(spring, pose)[2]
+            stored += spring.stiffness / 2 * (float(np.hypot(*between)) - spring.length) ** 2
+        for field in self._attractors:
+            on = np.array(field.bodies, np.int64)
+            near = ((field.vector - pose[on, :2]) ** 2).sum(axis=1) + field.soften**2
+            stored -= float((self._mass[on] * field.strength / np.sqrt(np.maximum(near, 1e-12))).sum())
+        return stored
+
+    def _ends(self, spring: Joint, pose: Array) -> tuple[Array, Array, Array]:
+        """Both arms from the centres, and the line from the second end to the first."""
+        arm1 = _turned(spring.first_at, pose[spring.first, 2])
+        end1 = pose[spring.first, :2] + arm1
+        if spring.second is None:
+            return arm1, np.zeros(2), end1 - spring.second_at
+        arm2 = _turned(spring.second_at, pose[spring.second, 2])
+        return arm1, arm2, end1 - pose[spring.second, :2] - arm2
+
+    def _spring(self, spring: Joint, pose: Array, velocity: Array, h: float, total: LoadSum) -> None:
+        arm1, arm2, between = self._ends(spring, pose)
+        length = float(np.hypot(*between))
+        if length < 1e-9:
+            return
+        along = between / length
+        pull = -spring.stiffness * (length - spring.length)
+        sides = [(spring.first, arm1, 1.0)]
+        if spring.second is not None:
+            sides.append((spring.second, arm2, -1.0))
+        give = speed = 0.0
+        for body, arm, sign in sides:
+            lever = arm[0] * along[1] - arm[1] * along[0]
+            give += self._lightness[body] + self._ease[body] * lever**2
+            speed += sign * float(velocity[body, :2] @ along + velocity[body, 2] * lever)
+        damp = 0.0
+        if spring.damping and give:
+            # as many dampers as share a body take their part each: together they never overshoot
+            share = max(self._dampers.get(body, 1) for body, _, _ in sides)
+            rate = spring.damping * give * h * share
+            damp = -spring.damping * (speed + h / 2 * give * pull) * -np.expm1(-rate) / rate
+        for body, arm, sign in sides:
+            lever = arm[0] * along[1] - arm[1] * along[0]
+            for part, force in ((total.hold, pull), (total.spend, damp)):
+                part[body, :2] += sign * force * along
+                part[body, 2] += sign * force * lever
+
+
+def _area(body: Body) -> float:
+    if body.radius is not None:
+        return pi * body.radius**2
+    return float(sum(abs(polygon_moments(piece).area) for piece in body.pieces))
+
+
+def _turned(at: Array, angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
+
+
+# ----------------------------------------------------------------------
+# What lasts longer than a blow -> forces for a step, and afterwards the energy that they spent and the work
+# done.
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
+
+    total: Array
+    drive: Array | None
+    """The part that does work."""
+    spend: Array | None
+    """The part that takes energy out."""
+    rolled: Array | None
+    """(N, 2) rad/s: change of the spheres' roll on the table."""
+
+
+@dataclass(frozen=True)
+class EnergyFlow:
+    """What a step's lasting forces did, g·px²/s²."""
+
+    lost: float
+    work: float
+    roll: Array | None
+    """(N, 2) rad/s at its end; None where nothing rolls on a table."""
+
+
+class StepForces:
+    """Pushes, springs, fields, the table, rolling resistance and motors of a world."""
+
+    def __init__(self, world: World, space: Space, loads: ForceFields) -> None:
+        bodies = world.bodies
+        self._space, self._loads, self._table = space, loads, Table(world)
+        self._resistance = Resistance(world)
+        self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
+        self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
+        self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
+        mass = np.array([b.mass for b in bodies]).reshape(-1)
+        moment = np.array([b.moment for b in bodies]).reshape(-1)
+        self._moment, self._weight = moment, np.stack([mass, mass, moment], axis=1)
+        self._nothing = np.zeros((len(bodies), 3))
+        self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
+        self._falls = bool(world.gravity.any())
+        self.roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
+        """(N, 2) rad/s: how spheres on a table roll now."""
+        self._roll_before = self.roll
+        self.pushes = loads.busy or self._table.busy
+        """Whether forces are to be set before a step."""
+        self.accounts = self.pushes or self._resistance.busy
+        """Whether a step has to be settled."""
+        self.brakes = self._resistance.busy
+
+    def begin(self) -> None:
+        """A new step: a step that is taken again starts from here."""
+        self._roll_before = self.roll
+
+    def press(self) -> None:
+        """Set the brakes of rolling resistance by the normal forces of the last step."""
+        self._resistance.press(self._space)
+
+    def drift(self, load: Forces | None) -> Array:
+        """(N, 2) px/s²: acceleration of each body while nothing touches it."""
+        fall: Array = self._fall[:, :2]
+        if load is None:
+            return fall
+        return np.asarray(fall + (load.total / self._weight)[:, :2] * self._dynamic[:, None])
+
+    def push(self, state: Array, end: float, h: float, first: bool) -> Forces:
+        """Lasting forces for the step to `end`, taken where the bodies then are."""
+        velocity = self._spread(state[:, 3:], self._nothing)
+        load = Forces(self._nothing, None, None, None)
+        if self._loads.busy:
+            pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
+            begin, part = (end, 0.5) if first else (end - h / 2, 1.0)
+            loads = self._loads.at(pose, velocity, begin, end + h / 2)
+            drive, spend = loads.drive * part, loads.spend * part
+            load = Forces(loads.hold * part + drive + spend, drive, spend, None)
+        if self._table.busy:
+            part = h / 2 if first else h
+            trial = velocity + load.total / self._weight * h if self._loads.busy else velocity
+            trial = trial + self._fall * part if self._falls else trial
+            change, rolled = self._table.kick(trial, self._roll_before, part)
+            grip = change * self._weight
+            grip /= h
+            spend = grip if load.spend is None else load.spend + grip
+            load = Forces(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
+        every = len(self._space.moving) == len(load.total)
+        self._space.push(load.total if every else load.total[self._space.moving])
+        return load
+
+    def _spread(self, rows: Array, others: Array) -> Array:
+        """(M, 3) of the bodies that move -> (N, 3) of all."""
+        if len(rows) == len(others):
+            return rows
+        out = others.copy()
+        out[self._space.moving] = rows
+        return out
+
+    def settle(
+        self, load: Forces | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
+    ) -> EnergyFlow:
+        """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
+        mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
+        lost = work = 0.0
+        if load is not None:
+            work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
+            lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
+            if self._scripted.any():  # a spring on a scripted body hands on what its script does
+                work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
+            if load.rolled is not None:
+                # what the table takes from a sphere's motion partly goes into its rolling
+                half = self._roll_before + load.rolled / 2
+                lost -= float(self._moment @ (load.rolled * half).sum(axis=1))
+                self.roll = self._roll_before + load.rolled
+        if self._resistance.busy:
+            touch = self._space.touching(words, numbers)
+            lost += self._resistance.settle(self._space, touch, mean, h)
+        return EnergyFlow(lost, work, self.roll if self._table.busy else None)
+
+
+# ----------------------------------------------------------------------
+# Scripted bodies: where their paths have them, and the velocity that brings them to the next place.
+
+
+class ScriptedMotion:
+    """Paths of a world's scripted bodies."""
+
+    def __init__(self, world: World) -> None:
+        self._paths = [
+            (k, body.path) for k, body in enumerate(world.bodies) if body.motion is Motion.SCRIPTED
+        ]
+        self.busy = bool(self._paths)
+        self._knots = np.unique(np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)]))
+
+    def jump(self, begin: float, end: float) -> bool:
+        """Whether a path's velocity changes after `begin`, up to `end`, s."""
+        low, high = np.searchsorted(self._knots, [begin, end], side="right")
+        return bool(high > low)
+
+    def drive(self, time: float, h: float, state: Array, row: dict[int, int]) -> None:
+        """Set each scripted row of the state (M, 6): to be at its place at `time` after a move of h seconds, with the
+        velocity of the h seconds after, which is what pushes others then."""
+        for body, path in self._paths:
+            now, then = _pose(path, time), _pose(path, time + h)
+            velocity = (then - now) / h
+            state[row[body], :3] = now - velocity * h
+            state[row[body], 3:] = velocity
+
+    def rows(self, row: dict[int, int]) -> list[int]:
+        """Rows of the scripted bodies in the state."""
+        return [row[body] for body, _ in self._paths]
+
+    def sample(self, time: float, pose: Array, velocity: Array) -> None:
+        """Write the exact pose and velocity of the scripted bodies into (N, 3) arrays."""
+        for body, path in self._paths:
+            pose[body] = _pose(path, time)
+            after = int(np.searchsorted(path[:, 0], time, side="right"))
+            if 0 < after < len(path):
+                velocity[body] = (path[after, 1:] - path[after - 1, 1:]) / (
+                    path[after, 0] - path[after - 1, 0]
+                )
+            else:
+                velocity[body] = 0.0
+
+
+def _pose(path: Array, time: float) -> Array:
+    return np.array([np.interp(time, path[:, 0], path[:, k]) for k in (1, 2, 3)])

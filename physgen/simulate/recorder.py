@@ -1,0 +1,546 @@
+"""Steps of a run to samples: poses, contacts and the energy balance at exact times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.world import World
+from physgen.problems import InputError, Place, Problem
+from physgen.scene.scene import Motion
+from physgen.simulate.collisions import Impacts
+from physgen.simulate.forces import EnergyEvent, EnergyFlow, ForceFields, ScriptedMotion
+from physgen.simulate.space import CONTACT_BYTES, Space
+from physgen.simulate.trajectory import (
+    Contacts,
+    Effort,
+    Energy,
+    Trajectory,
+    cumulative_quaternions,
+    quaternions_from_vectors,
+)
+from physgen.simulate.trajectory import compose_quaternions as then
+
+# ----------------------------------------------------------------------
+# Contact impulses of many steps -> touches with begin and end, and impulse sums a sample.
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class ContactLog:
+    """Collects, a block of steps at a time, who touched whom and with what impulse."""
+
+    def __init__(self, surfaces: tuple[str, ...], gap: float) -> None:
+        """Two touches of a pair that lie at most `gap` s apart are one."""
+        self._surfaces, self._gap = surfaces, gap
+        self._open: dict[int, float] = {}
+        self._touches: list[tuple[int, float, float]] = []
+        self._keys: list[tuple[Index, Index, Array]] = []
+
+    def block(
+        self,
+        times: Array,
+        step: Index,
+        sample: Index,
+        first: Index,
+        second: Index,
+        impulse: Array,
+        when: Array,
+    ) -> None:
+        """S steps that end at `times` (S,), and R contacts of them.
+
+        step, sample (R,): in which step, before which sample each acted; impulse (R, 2) g·px/s is on the first; when
+        (R,) s: the end of its step, or the very time of a blow.
+        """
+        N = len(self._surfaces)
+        swap = first > second
+        key = np.where(swap, second, first) * N + np.where(swap, first, second)
+        signed = np.where(swap[:, None], -impulse, impulse)
+        self._sum(sample, key, signed)
+        self._touch(times, step, key, when)
+
+    def _sum(self, sample: Index, key: Index, impulse: Array) -> None:
+        if not len(key):
+            return
+        N = len(self._surfaces)
+        pairs, row = np.unique(sample * (N * N) + key, return_inverse=True)
+        total = np.stack([np.bincount(row, impulse[:, k], len(pairs)) for k in (0, 1)], axis=1).astype(
+            np.float64
+        )
+        self._keys.append((pairs // (N * N), pairs % (N * N), total))
+
+    def _touch(self, times: Array, step: Index, key: Index, when: Array) -> None:
+        """Runs of steps in a row, by pair; a run that goes on from the block before stays open."""
+        S = len(times)
+        order = np.lexsort((when, step, key))
+        key, step, when = key[order], step[order], when[order]
+        fresh = np.ones(len(key), bool)
+        fresh[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1])
+        key, step, when = key[fresh], step[fresh], when[fresh]
+        starts = np.ones(len(key), bool)
+        starts[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1] + 1)
+        begins = np.flatnonzero(starts)
+        ends = np.append(begins[1:], len(key))[: len(begins)] - 1
+        still, carried = {}, set()
+        for pair, begin, last, at in zip(
+            key[begins].tolist(),
+            step[begins].tolist(),
+            step[ends].tolist(),
+            when[begins].tolist(),
+            strict=True,
+        ):
+            since = at
+            if begin == 0 and pair in self._open:
+                since = self._open[pair]
+                carried.add(pair)
+            if last == S - 1:
+                still[pair] = since
+            else:
+                self._touches.append((pair, since, float(times[last + 1])))
+        for pair in self._open.keys() - carried:
+            self._touches.append((pair, self._open[pair], float(times[0])))
+        self._open = still
+
+    def _joined(self, touches: list[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
+        """One touch for those of a pair that follow each other at once; sorted by pair and begin."""
+        joined: list[tuple[int, float, float]] = []
+        for pair, begin, end in touches:
+            if joined and joined[-1][0] == pair and begin - joined[-1][2] <= self._gap:
+                joined[-1] = (pair, joined[-1][1], max(end, joined[-1][2]))
+            else:
+                joined.append((pair, begin, end))
+        return joined
+
+    def result(self) -> Contacts:
+        """All of it; touches by begin, then by pair."""
+        N = len(self._surfaces)
+        touches = [*self._touches, *((pair, begin, np.inf) for pair, begin in self._open.items())]
+        touches = self._joined(sorted(touches))
+        touches.sort(key=lambda touch: (touch[1], touch[0], touch[2]))
+        pairs = np.array([divmod(pair, N) for pair, _, _ in touches], np.int32).reshape(-1, 2)
+        sample = np.concatenate([np.zeros(0, np.int64), *(sample for sample, _, _ in self._keys)])
+        key = np.concatenate([np.zeros(0, np.int64), *(key for _, key, _ in self._keys)])
+        part = np.concatenate([np.zeros((0, 2)), *(part for _, _, part in self._keys)])
+        rows, where = np.unique(sample * (N * N) + key, return_inverse=True)
+        total = np.stack([np.bincount(where, part[:, k], len(rows)) for k in (0, 1)], axis=1).astype(
+            np.float64
+        )
+        given = total.any(axis=1)
+        rows, total = rows[given], total[given]
+        first, second = np.divmod(rows % (N * N), N) if N else (rows, rows)
+        return Contacts(
+            surfaces=self._surfaces,
+            touch_pairs=pairs,
+            touch_times=np.array([(begin, end) for _, begin, end in touches]).reshape(-1, 2),
+            impulse_rows=np.stack([rows // max(N * N, 1), first, second], axis=1)
+            .astype(np.int32)
+            .reshape(-1, 3),
+            impulses=total,
+        )
+
+
+# ----------------------------------------------------------------------
+# What every step did -> samples at exact times, contacts and the books of energy; a block of steps at a time.
+
+BLOCK = 256
+"""Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
+UNKNOWN_PLACE = Place("scene")
+"""Where a problem lies that only shows in the running; who knows the file says where in it."""
+DIVERGED_FIX = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
+BYTES = 2_000_000
+"""Of contacts that are held before they are read."""
+
+
+@dataclass(slots=True)
+class Step:
+    """One step as it was read."""
+
+    time: float
+    """s, of its end."""
+    states: bytes
+    words: bytes
+    numbers: bytes
+    before: Array | None
+    """(M, 3): velocities within the step; None: as the step before left them."""
+    original: Array | None
+    """(M, 3): the same before blows changed them; None without blows."""
+    blows: list[Impacts]
+    settled: EnergyFlow
+    """What lasting forces did in it."""
+    kicks: list[EnergyEvent]
+
+
+@dataclass
+class Recorder:
+    """Books of a run."""
+
+    world: World
+    space: Space
+    loads: ForceFields
+    scripts: ScriptedMotion
+    times: Array
+    """(T,) s to sample at."""
+    log: ContactLog = field(init=False)
+
+    def __post_init__(self) -> None:
+        world, T, N = self.world, len(self.times), len(self.world.bodies)
+        self.log = ContactLog(tuple(name for name, _ in world.surfaces), 2 / world.steps_per_second)
+        self._steps: list[Step] = []
+        self._count = self._held = 0  # steps and bytes of the block
+        self.poses, self.velocities = np.zeros((T, N, 3)), np.zeros((T, N, 3))
+        self._rolling = False
+        self.rolls = np.zeros((T, N, 2))
+        self.turns = np.zeros((T, N, 4))
+        self._books = np.zeros((T, 4))
+        self.done = 0
+        """Samples taken."""
+        dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
+        self._mass = np.where(dynamic, [b.mass for b in world.bodies], 0.0).reshape(-1)
+        self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0).reshape(-1)
+        self._scripted = np.concatenate(
+            [
+                np.array([b.motion is Motion.SCRIPTED for b in world.bodies], bool),
+                np.zeros(len(world.walls), bool),
+            ]
+        )
+        self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
+        self._even = 0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
+        """px/s: points of a contact that open no faster than this against each other share its impulse."""
+        self._time = 0.0
+        self._smooth = np.zeros(2)  # lost and work up to the middle of the last step's doing
+        self._owed = np.zeros(2)  # the other half
+        self._struck: list[tuple[float, float, float]] = []
+        self._spent = np.zeros(2)  # lost and work of the blows of earlier blocks
+        self._first = True
+        self._block = BLOCK // 8
+        self.residual = 0.0
+        """Fastest closing of a contact that a step of the last block left, px/s."""
+        self.overlap = 0.0
+        """Deepest overlap in the last block, px."""
+
+    def begin(self, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
+        """The half step to t = 0: pose (N, 3), velocity (N, 3), roll (N, 2) at t = 0 as the scene has them."""
+        self._pose, self._mean, self._roll = pose, velocity, roll
+        self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
+        self._after = np.zeros((len(self.space.moving), 3))
+        self._write(step)
+        self.flush()
+
+    def add(self, step: Step) -> bool:
+        """Note a step; True once a block is full and has been read."""
+        self._write(step)
+        if self._count < self._block and self._held < BYTES:
+            return False
+        self.flush()
+        self._block = BLOCK
+        return True
+
+    def _write(self, step: Step) -> None:
+        if not self._count:
+            self.residual = self.overlap = 0.0
+        self._steps.append(step)
+        self._count += 1
+        self._held += len(step.numbers)
+
+    def flush(self) -> None:
+        """Read the steps that are held, and begin a new block."""
+        self.read()
+        self._count = self._held = 0
+
+    def read(self) -> None:
+        """Read the steps that are held in the middle of a block: what the block is found to be stays the same."""
+        steps, self._steps = self._steps, []
+        if not steps:
+            return
+        M = len(self.space.moving)
+        self._rolling |= steps[0].settled.roll is not None
+        states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
+        after = states[:, :, 3:]
+        before = np.concatenate([self._after[None], after[:-1]])
+        for s, step in enumerate(steps):
+            if step.before is not None:
+                before[s] = step.before
+        self._after = after[-1].copy()
+        mean = self._all((before + after) / 2)
+        pose = self._all(states[:, :, :3], self._still)
+        flow = self._contacts(steps, pose, self._all(before), self._all(after))
+        flow[:, 0] += [step.settled.lost for step in steps]
+        flow[:, 1] += [step.settled.work for step in steps]
+        ends = np.array([step.time for step in steps])
+        # at a step's end half of what it did is done: its velocities are those of the middle of two steps
+        smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
+        owed = flow[-1] / 2
+        if self._first:  # of the half step to t = 0, nothing is done yet at t = 0
+            pose[0], mean[0], smooth, owed = self._pose, self._mean, np.zeros((1, 2)), flow[-1]
+            self._first = False
+        rolls = vectors = turns = np.zeros((0, 0, 3))
+        if self._rolling:
+            rolls = np.stack(
+                [self._roll, *(self._roll if (r := s.settled.roll) is None else r for s in steps)]
+            )
+            spans = np.diff(np.concatenate([[self._time], ends]))[:, None]
+            vectors = np.empty(pose.shape)
+            vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * spans[..., None]
+            vectors[:, :, 2] = np.diff(np.concatenate([self._pose[None], pose])[:, :, 2], axis=0)
+            turns = cumulative_quaternions(vectors, self._turn)
+        self._samples(steps, ends, pose, mean, smooth, rolls, vectors, turns)
+        if self._rolling:
+            self._roll, self._turn = rolls[-1], turns[-1]
+        self._smooth, self._owed = smooth[-1], owed
+        self._time = float(ends[-1])
+        self._pose, self._mean = pose[-1], mean[-1]
+        self._struck.clear()
+
+    def _all(self, moving: Array, still: Array | None = None) -> Array:
+        """(S, M, 3) of moving bodies -> (S, N, 3) of all bodies."""
+        S, N = len(moving), len(self.world.bodies)
+        out = np.zeros((S, N, 3)) if still is None else np.tile(still, (S, 1, 1))
+        out[:, self.space.moving] = moving
+        return out
+
+    def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
+        """(S, 2) lost and work of the steps' contacts; blows go into their own list, and all into the log."""
+        S, W = len(steps), len(self.world.walls)
+        ends = np.array([step.time for step in steps])
+        counts = [len(step.words) // CONTACT_BYTES for step in steps]
+        row = np.repeat(np.arange(S), counts)
+        touch = self.space.touching(
+            b"".join(step.words for step in steps), b"".join(step.numbers for step in steps)
+        )
+        first, second, impulse, count = touch.first, touch.second, touch.impulse, touch.count
+        points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
+
+        def widen(array: Array) -> Array:
+            return np.concatenate([array, np.zeros((S, W, 3))], axis=1)
+
+        center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
+        mean[:, self._scripted] = last[:, self._scripted]
+
+        def speed(of: Array, things: Index, where: Array) -> Array:
+            v, arm = of[row, things], where - center[row, things, :2]
+            return np.stack([v[:, 0] - v[:, 2] * arm[:, 1], v[:, 1] + v[:, 2] * arm[:, 0]], axis=1)
+
+        # of two points, the one that opens after the step carried nothing (Signorini's condition)
+        opening = np.stack(
+            [
+                ((speed(last, second, at) - speed(last, first, at)) * normal).sum(axis=1)
+                for at in (points[:, 0], points[:, 1])
+            ]
+        )
+        share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
+        share[count == 1] = 1.0
+        where = share[:, None] * points[:, 0] + (1 - share)[:, None] * points[:, 1]
+        v1, v2 = speed(mean, first, where), speed(mean, second, where)
+        lost = -(impulse * (v1 - v2)).sum(axis=1)
+        work = np.zeros(len(row))
+        for things, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
+            driven = self._scripted[things]
+            work[driven] += sign * (impulse[driven] * v[driven]).sum(axis=1)
+        flow = np.stack([np.bincount(row, values, S) for values in (lost, work)], axis=1).astype(np.float64)
+        if len(row):
+            least = np.where(count == 1, opening[0], opening.min(axis=0))
+            self.residual = max(self.residual, -float(least.min()))
+            self.overlap = max(self.overlap, float(touch.depth.max()))
+        # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
+        late = 0.0 if self._first else 1e-9
+        self._struck += [(kick.time + late, kick.lost, kick.work) for step in steps for kick in step.kicks]
+        blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
+        for s, blows in blown:
+            time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))
+            begun = (
+                float(ends[s - 1]) if s else self._time
+            ) + 1e-9  # what fell as the step began falls after the last
+            self._struck.append((max(time, begun), blows.lost, blows.work))
+        step = np.concatenate([row, *(np.full(len(b.first), s) for s, b in blown)]).astype(np.int64)
+        when = np.concatenate([ends[row], *(ends[s] - b.earlier for s, b in blown)])
+        sample = np.searchsorted(self.times, when - 1e-12)
+        inside = sample < len(self.times)
+        one, other = (
+            np.concatenate([mine, *theirs])
+            for mine, theirs in (
+                (first, [b.first for _, b in blown]),
+                (second, [b.second for _, b in blown]),
+            )
+        )
+        given = np.concatenate([impulse, *(b.impulse for _, b in blown)])
+        self.log.block(
+            ends, step[inside], sample[inside], one[inside], other[inside], given[inside], when[inside]
+        )
+        return flow
+
+    def _samples(
+        self,
+        steps: list[Step],
+        ends: Array,
+        pose: Array,
+        mean: Array,
+        smooth: Array,
+        rolls: Array,
+        vectors: Array,
+        turns: Array,
+    ) -> None:
+        """Take the samples that fall into these steps; rolls (S + 1, N, 2), their vectors and turns where any rolls."""
+        T = len(self.times)
+        while self.done < T and self.times[self.done] <= ends[-1] + 1e-12:
+            time = float(self.times[self.done])
+            s = int(np.searchsorted(ends, time - 1e-12))
+            start = self._time if s == 0 else float(ends[s - 1])
+            pose0, mean0 = (self._pose, self._mean) if s == 0 else (pose[s - 1], mean[s - 1])
+            books0 = self._smooth if s == 0 else smooth[s - 1]
+            h = float(ends[s]) - start
+            part = 1.0 if h <= 0 or time > ends[s] - 1e-9 * h else max(0.0, (time - start) / h)
+            x, v = pose0 + part * (pose[s] - pose0), mean0 + part * (mean[s] - mean0)
+            if 0.0 < part < 1.0 and steps[s].original is not None:
+                self._inside(steps[s], time, part * h, h, x, v, pose0, pose[s])
+            if self.scripts.busy:
+                self.scripts.sample(time, x, v)
+            k = self.done
+            roll = self._roll
+            if self._rolling:
+                roll = rolls[s] + part * (rolls[s + 1] - rolls[s])
+                self.turns[k] = then(
+                    quaternions_from_vectors(part * vectors[s]), turns[s - 1] if s else self._turn
+                )
+            self.poses[k], self.velocities[k], self.rolls[k] = x, v, roll
+            _refuse_infinities(self.world, x, v, time)
+            books = books0 + part * (smooth[s] - books0)
+            self._books[k] = (*self._energy(x, v, roll), *(books + self._blown(time)))
+            self.done += 1
+        for _, lost, work in self._struck:
+            self._spent += np.array([lost, work])
+
+    def _blown(self, time: float) -> Array:
+        """Lost and work of all blows up to a time."""
+        total = self._spent.copy()
+        for at, lost, work in self._struck:
+            if at <= time + 1e-12:
+                total += (lost, work)
+        return total
+
+    def _inside(
+        self, step: Step, time: float, since: float, h: float, x: Array, v: Array, pose0: Array, pose1: Array
+    ) -> None:
+        """Within a step with blows, what was struck moves as before until then, and as after from then on."""
+        assert step.original is not None
+        assert step.before is not None
+        changed = np.flatnonzero((step.original != step.before).any(axis=1))
+        bodies = self.space.moving[changed]
+        at = max(float(b.earlier.max()) for b in step.blows if len(b.earlier))
+        if time < step.time - at:
+            v[bodies] = step.original[changed]
+            x[bodies] = pose0[bodies] + step.original[changed] * since
+        else:
+            v[bodies] = step.before[changed]
+            x[bodies] = pose1[bodies] - step.before[changed] * (h - since)
+
+    def _energy(self, pose: Array, velocity: Array, roll: Array) -> tuple[float, float]:
+        """Kinetic and potential energy of the dynamic bodies."""
+        square = velocity[:, 0] ** 2 + velocity[:, 1] ** 2
+        turning = velocity[:, 2] ** 2 + (roll**2).sum(axis=1)
+        kinetic = float((self._mass * square + self._moment * turning).sum() / 2)
+        height = -float((self._mass * (pose[:, :2] @ self.world.gravity)).sum())
+        return kinetic, height + (self.loads.potential(pose) if self.loads.busy else 0.0)
+
+    def energy(self) -> Energy:
+        """At every sample."""
+        return Energy(*np.ascontiguousarray(self._books.T))
+
+    def rolled(self) -> Array:
+        """(T, N, 2), or (T, 0, 2) where nothing rolls on a table."""
+        return self.rolls if self._rolling else self.rolls[:, :0]
+
+    def turned(self) -> Array:
+        """(T, N, 4), or (T, 0, 4) where nothing rolls on a table."""
+        return self.turns if self._rolling else self.turns[:, :0]
+
+
+def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) -> None:
+    wrong = np.flatnonzero(~(np.isfinite(pose).all(axis=1) & np.isfinite(velocity).all(axis=1)))
+    if len(wrong):
+        expected = f"leaves all numbers by t = {time:.3f} s"
+        path = f"objects.{world.bodies[wrong[0]].name}"
+        raise InputError([Problem(UNKNOWN_PLACE, path, "", expected, DIVERGED_FIX)])
+
+
+# ----------------------------------------------------------------------
+# The steps of a run as the engine took them -> the same motion at other times, without running it again.
+
+MOST = 64_000_000
+"""Bytes of steps that are kept; a longer run is not."""
+
+
+class StepLog:
+    """Hand one to `simulate`, then ask it. Reading costs a tenth of running, and gives the same numbers."""
+
+    def __init__(self, most: int = MOST) -> None:
+        self._most, self._held = most, 0
+        self._begin: tuple[Step, Array, Array, Array] | None = None
+        self._steps: list[Step] = []
+        self._ledger: Recorder | None = None
+        self._effort: Effort | None = None
+        self._on: Callable[[float], None] | None = None
+
+    def begin(self, ledger: Recorder, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
+        """What `Ledger.begin` was told, and which ledger."""
+        self._ledger = ledger
+        self._begin = step, pose.copy(), velocity.copy(), roll.copy()
+
+    def add(self, step: Step) -> None:
+        """Keep a step; all are let go once they are too many."""
+        if self._begin is None:
+            return
+        self._held += len(step.states) + len(step.words) + len(step.numbers)
+        self._steps.append(step)
+        if self._held > self._most:
+            self._steps, self._begin, self._ledger = [], None, None
+
+    def end(self, effort: Effort, on: Callable[[float], None]) -> None:
+        """The run is over; `on` takes it on to a later time, s, should somebody ask for that."""
+        self._effort, self._on = effort, on
+
+    def read(self, times: Array) -> Trajectory | None:
+        """As `simulate` samples at `times` (T,) s, rising; None where the steps were not kept.
+
+        Times after the run's last take it on: as far as the run itself would have come, and no step is taken twice.
+        """
+        if self._begin is None or self._ledger is None or len(times) == 0:
+            return None
+        h = 1.0 / self._ledger.world.steps_per_second
+        last = ceil(float(times[-1]) / h - 1e-9) * h
+        if last > (self._steps[-1].time if self._steps else 0.0) + 1e-9 * h and self._on is not None:
+            self._on(last)
+        return self._sampled(times, last + 1e-9 * h)
+
+    def _sampled(self, times: Array, last: float) -> Trajectory | None:
+        """From the steps that end at `last` s at most; they may have become too many."""
+        if self._begin is None or self._ledger is None or self._effort is None:
+            return None
+        ledger = replace(self._ledger, times=times)
+        with np.errstate(over="ignore", invalid="ignore"):
+            ledger.begin(*self._begin)
+            for step in self._steps:
+                if step.time > last:
+                    break
+                ledger.add(step)
+            ledger.flush()
+        return recorded_trajectory(ledger, self._effort)
+
+
+def recorded_trajectory(ledger: Recorder, effort: Effort) -> Trajectory:
+    """What a ledger knows once its last step is read."""
+    return Trajectory(
+        times=ledger.times,
+        names=tuple(body.name for body in ledger.world.bodies),
+        poses=ledger.poses,
+        velocities=ledger.velocities,
+        rolls=ledger.rolled(),
+        turns=ledger.turned(),
+        contacts=ledger.log.result(),
+        energy=ledger.energy(),
+        effort=effort,
+    )

@@ -1,0 +1,171 @@
+"""Step division for fast bodies, and solver effort from the accuracy of recent steps."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.world import World
+from physgen.scene.scene import JointKind, Load, Motion
+
+# ----------------------------------------------------------------------
+# How far bodies move in a step -> into how many parts it must be divided, so that nothing passes through
+# anything.
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SHARE = 0.3
+"""Part of its own smallest extent that a body may move in a step: its middle never crosses a line unseen."""
+MOST_PARTS_OF_FAST = 4096
+"""Parts of a step."""
+
+
+class StepDivider:
+    """Watches the bodies that move far in a step."""
+
+    def __init__(self, world: World, moving: Index) -> None:
+        bodies = [world.bodies[k] for k in moving.tolist()]
+        self._limit = np.array([SHARE * body.size for body in bodies]).reshape(-1)
+        self._reach = np.array([body.reach for body in bodies]).reshape(-1)
+        self._turns = np.array([0.0 if body.radius is not None else body.reach for body in bodies]).reshape(
+            -1
+        )
+        boxes = [
+            (*np.minimum(a, b), *np.maximum(a, b))
+            for wall in world.walls
+            for chain in wall.chains
+            for a, b in pairwise(chain)
+        ]
+        boxes += [
+            (*(body.center - body.reach), *(body.center + body.reach))
+            for body in world.bodies
+            if body.motion is Motion.STATIC
+        ]
+        self._still = np.array(boxes, np.float64).reshape(-1, 4)
+        self._free = np.array([body.motion is Motion.DYNAMIC for body in bodies], bool)
+        self._jolt = np.zeros(len(bodies))
+        """(M,) px/s that pushes may add in a step."""
+        row = {int(body): k for k, body in enumerate(moving.tolist())}
+        for push in world.pushes:
+            if push.load is Load.FORCE and push.body in row:
+                body = world.bodies[push.body]
+                force = float(np.hypot(*push.vector)) / world.steps_per_second
+                self._jolt[row[push.body]] += force / body.mass * 2
+        self.watchful = False
+        """Whether something is fast enough to be looked at every step."""
+
+    def _ratio(self, state: Array, h: float, more: Array | float = 0.0) -> Array:
+        """(M,): movement in h seconds over what is allowed."""
+        speed = np.hypot(state[:, 3], state[:, 4]) + np.abs(state[:, 5]) * self._turns + more
+        return np.asarray(speed * h / self._limit)
+
+    def look(self, state: Array, ahead: float, gravity: float, h: float) -> None:
+        """Start to watch where something may move too far in a step of h seconds within the time `ahead`."""
+        self.watchful = bool((self._ratio(state, h, gravity * ahead + self._jolt) > 1).any())
+
+    def parts(self, state: Array, h: float) -> int:
+        """Parts of a step of h seconds; 1 where what is fast has nothing in its way."""
+        ratio = self._ratio(state, h, self._jolt)
+        fast = np.flatnonzero((ratio > 1) & np.isfinite(ratio))
+        if not len(fast):
+            self.watchful = False
+            return 1
+        here, there = state[:, :2], state[:, :2] + state[:, 3:5] * h
+        reach = self._reach[:, None] + 2.0
+        low, high = np.minimum(here, there) - reach, np.maximum(here, there) + reach
+        parts = 1
+        for k in fast.tolist():
+            meets = (low[:, 0] < high[k, 0]) & (high[:, 0] > low[k, 0])
+            meets &= (low[:, 1] < high[k, 1]) & (high[:, 1] > low[k, 1])
+            meets[k] = False
+            still = self._still
+            blocked = (still[:, 0] < high[k, 0]) & (still[:, 2] > low[k, 0])
+            blocked &= (still[:, 1] < high[k, 1]) & (still[:, 3] > low[k, 1])
+            if meets.any() or blocked.any():
+                parts = max(parts, min(MOST_PARTS_OF_FAST, ceil(ratio[k])))
+        return parts
+
+
+# ----------------------------------------------------------------------
+# How accurate the last steps were -> how much work the next ones do: sweeps of the solver, and what still
+# bounces.
+
+FEWEST, MANY, MOST = 12, 60, 120
+"""Sweeps of the contact solver a step: at least; where shapes overlap, blows fell or joints hold; at most."""
+WORK = 50_000
+"""Sweeps times contacts of a step: heaps of hundreds get fewer sweeps, as nobody sees the last hundredth of a pixel."""
+SLACK = 0.02
+"""Closing speed that a step may leave, in units of gravity x step."""
+DEEP = 0.02
+"""px of overlap that is pushed apart with more sweeps."""
+REST = 3.0
+"""Speed, in units of gravity x step, below which contacts do not bounce."""
+STILL = 0.01
+"""px/s below which contacts do not bounce where there is no gravity."""
+BUSY = 6.0
+"""Blows a step above which ever faster contacts no longer bounce, up to `LOUDEST` x the speed of rest: 94 px/s under
+980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""
+LOUDEST = 32.0
+CROWD = 200
+"""Contacts above which a step is first taken with a single sweep, only to see whether blows fall."""
+
+
+class Governor:
+    """Picks what the engine does a step, from what the last steps left; the same on every run."""
+
+    def __init__(self, world: World, iterations: int | None) -> None:
+        self._fixed = iterations
+        self._gravity = float(np.hypot(*world.gravity))
+        self._jointed = any(joint.kind is not JointKind.SPRING for joint in world.joints)
+        self._most = MOST
+        self._loud = 1.0
+        self._blows = self._contacts = 0
+        self.sweeps = iterations or MANY  # the first steps find all contacts anew
+        self.most_sweeps = self.sweeps
+        self.loudest = 1.0
+        """Highest factor on the speed of rest so far."""
+
+    @property
+    def after_blows(self) -> int:
+        """Sweeps of a step that is taken again: its solver starts from impulses that are wrong by now."""
+        return self._fixed or min(self._most, max(self.sweeps, MANY))
+
+    @property
+    def crowded(self) -> bool:
+        """Whether a try with a single sweep pays."""
+        return self._contacts > CROWD
+
+    def threshold(self, h: float) -> float:
+        """px/s below which a contact does not bounce, in a step of h seconds."""
+        return max(REST * self._loud * self._gravity * h, STILL)
+
+    def stillest(self, h: float) -> float:
+        """px/s: the highest threshold so far, for steps of h seconds."""
+        return max(REST * self.loudest * self._gravity * h, STILL)
+
+    def note(self, blows: int) -> None:
+        """Count the blows of a step."""
+        self._blows += blows
+
+    def review(self, steps: int, contacts: int, residual: float, overlap: float, h: float) -> None:
+        """What the last steps left: contacts now, the fastest closing, px/s, the deepest overlap, px."""
+        self._contacts = contacts
+        limit = SLACK * max(self._gravity * h, STILL)
+        self._most = max(2 * FEWEST, min(MOST, WORK // max(self._contacts, 1)))
+        now, least = self.sweeps, MANY if overlap > DEEP or self._jointed else FEWEST
+        if residual > limit:
+            now += now // 2
+        elif residual < limit / 10:
+            now -= now // 8
+        self.sweeps = self._fixed or min(self._most, max(least, now))
+        self.most_sweeps = max(self.most_sweeps, self.sweeps)
+        if self._blows > BUSY * steps:
+            self._loud = min(LOUDEST, self._loud * 2)
+        elif self._blows < BUSY * steps / 4:
+            self._loud = max(1.0, self._loud / 2)
+        self.loudest = max(self.loudest, self._loud)
+        self._blows = 0

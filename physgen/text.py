@@ -1,0 +1,134 @@
+"""Words for messages: quoted values, numbers, lists, dotted paths, and the nearest known name."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+UNITS = {
+    "px": "pixels",
+    "s": "seconds",
+    "g": "grams",
+    "px/m": "pixels per meter",
+    "1/s": "a number per second",
+}
+"""Units that read better spelt out; the others are shown as they are."""
+
+KeyPath = tuple[str | int, ...]
+"""Keys and indices from the top of a document to a value."""
+
+_DIGITS = re.compile("([0-9]+)")
+_PLAIN_KEY = re.compile(r"[\w*<.-]{1,64}").fullmatch
+
+
+def quoted(text: str, mark: str = '"', width: int = 40) -> str:
+    """Text on one line, cut to a readable length, with nothing in it that could drive a terminal.
+
+    >>> quoted("a\\nb"), quoted("x" * 50, width=10)
+    ('"a\\\\nb"', '"xxxxxxx..."')
+    """
+    if len(text) > width:
+        text = text[: width - 3] + "..."
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)
+    return f"{mark}{text}{mark}"
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it: scalars as written, collections by kind.
+
+    >>> [shown(v) for v in ("heavy", 3, None, True, [1], {})]
+    ['"heavy"', '3', 'an empty value', 'true', 'a list', 'a mapping']
+    """
+    if value is None:
+        return "an empty value"
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return quoted(number(value), "")
+    return "a mapping" if isinstance(value, dict) else "a list"
+
+
+def number(value: int | float) -> str:
+    """Short text that our resolver reads back as exactly the same number, of the same kind.
+
+    >>> [number(v) for v in (2.0, 3, 0.1, -1e6, 123456.0, 1e22, 1e-7, -0.0)]
+    ['2.0', '3', '0.1', '-1.0e6', '123456.0', '1.0e22', '1.0e-7', '-0.0']
+    """
+    text = repr(value)
+    if not isinstance(value, float):
+        return text
+    if abs(value) >= 1e5 and float(f"{value:.1e}") == value:
+        text = f"{value:.1e}"
+    mantissa, _, exponent = text.partition("e")
+    if not exponent:
+        return text
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent)}"
+
+
+def example(value: Any) -> str:
+    """A value from the schema as YAML on one line, as a person writes it.
+
+    >>> example({"impulse": [-1.0e6, 0], "label": ""})
+    '{impulse: [-1.0e6, 0], label: ""}'
+    """
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {example(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(example(item) for item in value) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return number(value)
+    return str(value) or '""'
+
+
+def dotted(path: KeyPath) -> str:
+    """A path as a person writes it.
+
+    >>> dotted(("forces", 0, "impulse", 1))
+    'forces[0].impulse[1]'
+    """
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            key = part if _PLAIN_KEY(part) else quoted(part)
+            text = f"{text}.{key}" if text else key
+    return text
+
+
+def listed(words: Iterable[str], last: str = "or") -> str:
+    """Words as a list in a sentence.
+
+    >>> listed(["a", "b", "c"])
+    'a, b or c'
+    """
+    words = list(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}" if len(words) > 1 else "".join(words)
+
+
+def natural(name: str) -> tuple[tuple[str | int, ...], str]:
+    """A key that sorts names as people do.
+
+    >>> sorted(["ball-10", "ball", "ball-2"], key=natural)
+    ['ball', 'ball-2', 'ball-10']
+    """
+    parts: list[str | int] = [*_DIGITS.split(name)]
+    parts[1::2] = map(int, parts[1::2])
+    return tuple(parts), name
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known word that was probably meant."""
+    if len(word) > 64:
+        return None
+    choices: Sequence[str] = list(known)[:300]
+    found = difflib.get_close_matches(word, choices, n=1, cutoff=0.6)
+    return found[0] if found else None
