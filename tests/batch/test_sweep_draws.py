@@ -103,7 +103,10 @@ def test_a_draw_depends_on_its_seed_key_and_number_alone() -> None:
 
 
 def test_draws_are_the_same_in_another_process_and_written_down() -> None:
-    code = "from physgen.batch.distributions import lot, stratified\\nprint(lot(3, 'a', 10**6), stratified(3, 'a', 5, 1000))"
+    code = (
+        "from physgen.batch.distributions import lot, stratified\n"
+        "print(lot(3, 'a', 10**6), stratified(3, 'a', 5, 1000))"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == [repr(lot(3, "a", 10**6)), repr(stratified(3, "a", 5, 1000))]
     # of the first version: a sweep that is repeated in a year has the same draws
