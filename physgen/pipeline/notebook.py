@@ -42,10 +42,10 @@ def html(thing: object) -> str:
 
 def svg(scene: Scene) -> str:
     """The photo with outlines, boundaries, forces, joints and fields, as a picture of its own; raises InputError."""
-    from physgen import pipeline
+    from physgen.pipeline.stages import compile, percepts
 
-    maps = pipeline.percepts(scene)
-    world = pipeline.compile(scene, maps).world
+    maps = percepts(scene)
+    world = compile(scene, maps).world
     return scene_svg(scene, world, None if maps is None else maps.rgb)
 
 

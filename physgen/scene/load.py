@@ -4,278 +4,27 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 from physgen.files import file_stamp
 from physgen.problems import InputError, Place, Problem
-from physgen.scene import scene
+from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
 from physgen.scene.files import read_scene, with_bases
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, targets, variants_of
 from physgen.scene.rules import Files, Ground, check_rules
 from physgen.scene.schema import with_defaults
-from physgen.scene.validate import Findings, TooManyError, checker
+from physgen.scene.validate import Findings, TooManyError, check_schema
 from physgen.text import KeyPath, dotted, listed, natural, nearest, quoted
-
-# ----------------------------------------------------------------------
-# Tree that keeps to every rule -> frozen Scene, with defaults filled in.
-
-EARTH = 9.8
-"""m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
 
 T = TypeVar("T")
 
-
-def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> scene.Scene:
-    """The scene of a checked tree, called `name`; `source` is the file that was opened.
-
-    Named things stand in the natural order of their names, so that no number depends on the order of keys in a file.
-    """
-    data = with_defaults(plain(root))
-    for key in ("image", "assets"):
-        node = children(root).get(key)
-        if node is not None and node.source.folder != source.folder:
-            data[key] = Path(os.path.relpath(node.source.folder / str(node.value), source.folder)).as_posix()
-    world = data["world"]
-    if "gravity" not in world:
-        down = round(EARTH * world["pixels_per_meter"], 9) if world["view"] == "side" else 0
-        world["gravity"] = [0, down]
-    for item in data["objects"].values():
-        if "mass" not in item and "density" not in item:
-            item["density"] = 1
-    assert ground.size is not None
-    return scene.Scene(
-        name=name,
-        folder=source.folder,
-        image=None if ground.image is None else Path(os.path.realpath(ground.image)),
-        size=ground.size,
-        assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
-        world=scene.Settings(
-            view=scene.View(world["view"]),
-            pixels_per_meter=float(world["pixels_per_meter"]),
-            gravity=_pair(world["gravity"]),
-            table_friction=float(world["table"]["friction"]),
-            combine=scene.Combine(world["combine"]),
-            duration=float(world["duration"]),
-            steps_per_second=float(world["steps_per_second"]),
-            tilt=float(world["tilt"]),
-            backdrop=float(world["backdrop"]) if "backdrop" in world else None,
-        ),
-        objects=_named(data["objects"], _object),
-        boundaries=_named(data["boundaries"], _boundary),
-        forces=tuple(map(_force, data["forces"])),
-        joints=_named(data["joints"], _joint),
-        fields=_named(data["fields"], _field),
-        light=_light(data["light"]) if "light" in data else None,
-        render=_render(data["render"]),
-        refine=refinement(data["refine"]),
-        maps=MappingProxyType({name: _pair(ends) for name, ends in data.get("maps", {}).items()}),
-        places=MappingProxyType(dict(_places(root, ()))),
-        document=MappingProxyType(data),
-        variants=tuple(data["variants"]),
-    )
-
-
-def refinement(item: Mapping[str, Any]) -> scene.Refine:
-    """`refine:` as plain data, its defaults filled in."""
-    return scene.Refine(
-        backend=item["backend"],
-        strength=float(item["strength"]),
-        stop=int(item["stop"]),
-        steps=int(item["steps"]),
-        seed=int(item["seed"]),
-        prompt=item.get("prompt"),
-        negative=item["negative"],
-        guidance=_number(item, "guidance"),
-        lock=float(item["lock"]),
-        detail=float(item["detail"]),
-    )
-
-
-def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
-    """Place of every key's value and of every mapping in a list; points stand in the place of their list."""
-    yield dotted(path), node.place
-    if isinstance(node.value, dict):
-        for key, child in node.value.items():
-            yield from _places(child, (*path, key))
-    elif isinstance(node.value, list) and node.value and isinstance(node.value[0].value, dict):
-        for index, child in enumerate(node.value):
-            yield from _places(child, (*path, index))
-
-
-def _named(section: Mapping[str, Any], make: Callable[[str, Any], T]) -> tuple[T, ...]:
-    return tuple(make(name, section[name]) for name in sorted(section, key=natural))
-
-
-def _pair(values: Sequence[float]) -> scene.Point:
-    return float(values[0]), float(values[1])
-
-
-def _points(values: Sequence[Sequence[float]]) -> scene.Points:
-    return tuple((float(x), float(y)) for x, y in values)
-
-
-def _object(name: str, item: Mapping[str, Any]) -> scene.Object:
-    path = item["motion"]["path"] if isinstance(item["motion"], dict) else []
-    return scene.Object(
-        name=name,
-        label=item["label"],
-        mask=_mask(item["mask"]) if "mask" in item else None,
-        shape=_shape(item["shape"]),
-        solid=scene.Solid(item["solid"]) if "solid" in item else None,
-        mass=_number(item, "mass"),
-        density=_number(item, "density"),
-        friction=float(item["friction"]),
-        elasticity=float(item["elasticity"]),
-        rolling=float(item["rolling"]),
-        velocity=_pair(item["velocity"]),
-        spin=float(item["spin"]),
-        roll=item["roll"] if isinstance(item["roll"], str) else _pair(item["roll"]),
-        motion=scene.Motion.SCRIPTED if path else scene.Motion(item["motion"]),
-        path=tuple(scene.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path),
-        layer=int(item["layer"]),
-        provenance=MappingProxyType(dict(item["from"])),
-        prompt=_prompt(item["prompt"]) if "prompt" in item else None,
-        place=_place(item["place"]) if "place" in item else None,
-    )
-
-
-def _place(value: Sequence[float]) -> tuple[float, float, float]:
-    x, y, *turn = map(float, value)
-    return x, y, turn[0] if turn else 0.0
-
-
-def _prompt(value: Mapping[str, Any]) -> scene.BoxPrompt | scene.PointPrompt:
-    if "point" in value:
-        return scene.PointPrompt(_pair(value["point"]))
-    x, y, width, height = map(float, value["box"])
-    return scene.BoxPrompt((x, y, width, height))
-
-
-def _mask(value: Any) -> scene.Mask:
-    if not isinstance(value, dict):
-        return scene.MaskId(int(value))
-    if "polygon" in value:
-        return scene.MaskPolygon(_points(value["polygon"]))
-    height, width = value["rle"]["size"]
-    return scene.MaskRle((int(height), int(width)), tuple(map(int, value["rle"]["counts"])))
-
-
-def _shape(value: Any) -> scene.Shape:
-    if not isinstance(value, dict):
-        return scene.Auto()
-    ((kind, part),) = value.items()
-    if kind == "circle":
-        return scene.Circle(_pair(part["center"]), float(part["radius"]))
-    if kind == "box":
-        return scene.Box(_pair(part["center"]), _pair(part["size"]), float(part["angle"]))
-    if kind == "polygon":
-        return scene.Polygon((scene.Ring(_points(part)),))
-    rings = (scene.Ring(_points(piece["outline"]), tuple(map(_points, piece["holes"]))) for piece in part)
-    return scene.Polygon(tuple(rings))
-
-
-def _boundary(name: str, item: Mapping[str, Any]) -> scene.Boundary:
-    points = _points(item.get("segment") or item.get("polyline") or ())
-    mask = _mask(item["mask"]) if "mask" in item else None
-    return scene.Boundary(name, points, mask, float(item["friction"]), float(item["elasticity"]))
-
-
-def _force(item: Mapping[str, Any]) -> scene.Force:
-    (load,) = (load for load in scene.Load if load.value in item)
-    turning = load is scene.Load.TORQUE
-    return scene.Force(
-        object=item["object"],
-        load=load,
-        vector=(0.0, 0.0) if turning else _pair(item[load.value]),
-        torque=float(item["torque"]) if turning else 0.0,
-        at=_pair(item["at"]) if "at" in item else None,
-        start=float(item["start"]),
-        duration=_number(item, "duration"),
-    )
-
-
-def _joint(name: str, item: Mapping[str, Any]) -> scene.Joint:
-    (kind,) = (kind for kind in scene.JointKind if kind.value in item)
-    spring = kind is scene.JointKind.SPRING
-    return scene.Joint(
-        name=name,
-        kind=kind,
-        objects=tuple(item["objects"]),
-        points=_points(item["spring"]) if spring else (_pair(item[kind.value]),),
-        length=_number(item, "length"),
-        stiffness=float(item.get("stiffness", 0)),
-        damping=float(item.get("damping", 0)),
-        speed=float(item.get("speed", 0)),
-        limit=_number(item, "limit"),
-        collide=item["collide"],
-    )
-
-
-def _field(name: str, item: Mapping[str, Any]) -> scene.Field:
-    (kind,) = (kind for kind in scene.FieldKind if kind.value in item)
-    return scene.Field(
-        name=name,
-        kind=kind,
-        objects=tuple(item.get("objects", ())),
-        vector=_pair(item[kind.value]),
-        drag=float(item.get("drag", 0)),
-        strength=float(item.get("strength", 0)),
-        soften=float(item.get("soften", 0)),
-    )
-
-
-def _number(item: Mapping[str, Any], key: str) -> float | None:
-    return float(item[key]) if key in item else None
-
-
-def _light(item: Mapping[str, Any]) -> scene.Light:
-    x, y, z = (float(value) for value in item["direction"])
-    length = (x * x + y * y + z * z) ** 0.5
-    return scene.Light(
-        (x / length, y / length, z / length),
-        float(item["intensity"]),
-        float(item["ambient"]),
-        float(item["softness"]),
-        item.get("from", ""),
-    )
-
-
-def _views(camera: Any) -> Sequence[Mapping[str, Any]]:
-    """One view is a move of one."""
-    return [{"time": 0, **camera}] if isinstance(camera, dict) else camera
-
-
-def _sight(item: Mapping[str, Any]) -> scene.CameraView:
-    center = _pair(item["center"]) if "center" in item else None
-    return scene.CameraView(float(item["time"]), center, item.get("follow"), float(item["zoom"]))
-
-
-def _render(item: Mapping[str, Any]) -> scene.Render:
-    return scene.Render(
-        fps=float(item["fps"]),
-        frames=int(item["frames"]) if "frames" in item else None,
-        relight=item["relight"],
-        shadows=item["shadows"],
-        motion_blur=float(item["motion_blur"]),
-        overlay=tuple(map(scene.Overlay, dict.fromkeys(item["overlay"]))),
-        slow=float(item.get("slow", 1)),
-        play=scene.Play(item["play"]),
-        scale=_number(item, "scale"),
-        size=(int(item["size"][0]), int(item["size"][1])) if "size" in item else None,
-        camera=tuple(map(_sight, _views(item.get("camera", ())))),
-        supersample=int(item["supersample"]),
-    )
-
-
-# ----------------------------------------------------------------------
-# Path of a scene file, flags -> frozen Scene; raises InputError with every problem at once.
-#
-# An `Opened` file makes any number of scenes.
-
+EARTH = 9.8
+"""m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
 MAX_CHECKS = 500_000
 """Variants times the things in a scene: what checking every variant may cost."""
 MAX_EDITS = 20_000
@@ -320,7 +69,7 @@ class Opened:
         """Whether it, or a file that it extends, was written since."""
         return any(file_stamp(file) != stamp for file, stamp in self._stamps.items())
 
-    def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> scene.Scene:
+    def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> parts.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         edited = _edited(self._root, overrides, variant, self._source)
         report = Findings() if self._own.problems else self._own.beyond()
@@ -340,7 +89,7 @@ def load(
     overrides: Sequence[str] = (),
     variant: str | None = None,
     allow_outside: bool = False,
-) -> scene.Scene:
+) -> parts.Scene:
     """The scene of a file, with what it extends, one of its variants and `KEY=VALUE` overrides on top.
 
     Every variant of the file is checked, whichever is asked for. Paths in the file stay below its folder
@@ -395,7 +144,7 @@ def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: S
 
 def _check(root: Node, report: Findings, files: Files) -> Ground:
     try:
-        checker()(root, (), report)
+        check_schema(root, report)
         return check_rules(root, report, files)
     except TooManyError:
         return Ground()
@@ -437,3 +186,193 @@ def _things(root: Node) -> int:
 def scene_name(file: Path) -> str:
     """The file's stem, or its folder's name where the file is called `scene.yaml`."""
     return Path(os.path.abspath(file)).parent.name if file.name == "scene.yaml" else file.stem
+
+
+def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> parts.Scene:
+    """The scene of a checked tree, called `name`; `source` is the file that was opened.
+
+    Named things stand in the natural order of their names, so that no number depends on the order of keys in a file.
+    """
+    data = with_defaults(plain(root))
+    for key in ("image", "assets"):
+        node = children(root).get(key)
+        if node is not None and node.source.folder != source.folder:
+            data[key] = Path(os.path.relpath(node.source.folder / str(node.value), source.folder)).as_posix()
+    world = data["world"]
+    if "gravity" not in world:
+        down = round(EARTH * world["pixels_per_meter"], 9) if world["view"] == "side" else 0
+        world["gravity"] = [0, down]
+    for item in data["objects"].values():
+        if "mass" not in item and "density" not in item:
+            item["density"] = 1
+    assert ground.size is not None
+    return parts.Scene(
+        name=name,
+        folder=source.folder,
+        image=None if ground.image is None else Path(os.path.realpath(ground.image)),
+        size=ground.size,
+        assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
+        world=_make(parts.Settings, world, table_friction=float(world["table"]["friction"])),
+        objects=_named(data["objects"], _object),
+        boundaries=_named(data["boundaries"], _boundary),
+        forces=tuple(map(_force, data["forces"])),
+        joints=_named(data["joints"], _joint),
+        fields=_named(data["fields"], _field),
+        light=_light(data["light"]) if "light" in data else None,
+        render=_render(data["render"]),
+        refine=refinement(data["refine"]),
+        maps=MappingProxyType({name: _pair(ends) for name, ends in data.get("maps", {}).items()}),
+        places=MappingProxyType(dict(_places(root, ()))),
+        document=MappingProxyType(data),
+        variants=tuple(data["variants"]),
+    )
+
+
+def refinement(item: Mapping[str, Any]) -> parts.Refine:
+    """`refine:` as plain data, its defaults filled in."""
+    return _make(parts.Refine, item)
+
+
+def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
+    """Place of every key's value and of every mapping in a list; points stand in the place of their list."""
+    yield dotted(path), node.place
+    if isinstance(node.value, dict):
+        for key, child in node.value.items():
+            yield from _places(child, (*path, key))
+    elif isinstance(node.value, list) and node.value and isinstance(node.value[0].value, dict):
+        for index, child in enumerate(node.value):
+            yield from _places(child, (*path, index))
+
+
+def _named(section: Mapping[str, Any], make: Callable[[str, Any], T]) -> tuple[T, ...]:
+    return tuple(make(name, section[name]) for name in sorted(section, key=natural))
+
+
+def _make(made: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
+    """A dataclass of the keys of `item`, converted to the types of its fields; None for a key that is not there."""
+    for name, convert in _readers(made):  # type: ignore[arg-type]
+        if name not in given:
+            value = item.get(name)
+            given[name] = None if value is None else convert(value)
+    return made(**given)
+
+
+@cache
+def _readers(made: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
+    """Name of each field, and what converts its value."""
+    found = ((field.name, str(field.type).removesuffix(" | None")) for field in fields(made))
+    return tuple((name, _CONVERSIONS.get(text, getattr(parts, text, _as_is))) for name, text in found)
+
+
+def _as_is(value: Any) -> Any:
+    return value
+
+
+def _pair(values: Sequence[float]) -> parts.Point:
+    return float(values[0]), float(values[1])
+
+
+def _points(values: Sequence[Sequence[float]]) -> parts.Points:
+    return tuple((float(x), float(y)) for x, y in values)
+
+
+def _mask(value: Any) -> parts.Mask:
+    if not isinstance(value, dict):
+        return parts.MaskId(int(value))
+    if "polygon" in value:
+        return parts.MaskPolygon(_points(value["polygon"]))
+    height, width = value["rle"]["size"]
+    return parts.MaskRle((int(height), int(width)), tuple(map(int, value["rle"]["counts"])))
+
+
+def _shape(value: Any) -> parts.Shape:
+    if not isinstance(value, dict):
+        return parts.Auto()
+    ((kind, part),) = value.items()
+    if kind == "circle":
+        return _make(parts.Circle, part)
+    if kind == "box":
+        return _make(parts.Box, part)
+    if kind == "polygon":
+        return parts.Polygon((parts.Ring(_points(part)),))
+    rings = (parts.Ring(_points(piece["outline"]), tuple(map(_points, piece["holes"]))) for piece in part)
+    return parts.Polygon(tuple(rings))
+
+
+_CONVERSIONS: dict[str, Callable[[Any], Any]] = {
+    "float": float,
+    "int": int,
+    "Point": _pair,
+    "Points": _points,
+    "Mask": _mask,
+    "Shape": _shape,
+    "tuple[str, ...]": tuple,
+    "tuple[int, int]": lambda value: (int(value[0]), int(value[1])),
+}
+"""Type of a field -> what makes it of a value of the file; other types are enums, or stay as they are."""
+
+
+def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
+    path = item["motion"]["path"] if isinstance(item["motion"], dict) else []
+    return _make(
+        parts.Object,
+        item,
+        name=name,
+        roll=item["roll"] if isinstance(item["roll"], str) else _pair(item["roll"]),
+        motion=parts.Motion.SCRIPTED if path else parts.Motion(item["motion"]),
+        path=tuple(parts.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path),
+        provenance=MappingProxyType(dict(item["from"])),
+        prompt=_prompt(item["prompt"]) if "prompt" in item else None,
+        place=tuple(map(float, [*item["place"], 0][:3])) if "place" in item else None,
+    )
+
+
+def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
+    if "point" in value:
+        return parts.PointPrompt(_pair(value["point"]))
+    x, y, width, height = map(float, value["box"])
+    return parts.BoxPrompt((x, y, width, height))
+
+
+def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
+    points = _points(item.get("segment") or item.get("polyline") or ())
+    return _make(parts.Boundary, item, name=name, points=points)
+
+
+def _force(item: Mapping[str, Any]) -> parts.Force:
+    (load,) = (load for load in parts.Load if load.value in item)
+    turning = load is parts.Load.TORQUE
+    vector = (0.0, 0.0) if turning else _pair(item[load.value])
+    return _make(parts.Force, {"torque": 0, **item}, load=load, vector=vector)
+
+
+def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
+    (kind,) = (kind for kind in parts.JointKind if kind.value in item)
+    spring = kind is parts.JointKind.SPRING
+    points = _points(item["spring"]) if spring else (_pair(item[kind.value]),)
+    item = {"stiffness": 0, "damping": 0, "speed": 0, **item}
+    return _make(parts.Joint, item, name=name, kind=kind, points=points)
+
+
+def _field(name: str, item: Mapping[str, Any]) -> parts.Field:
+    (kind,) = (kind for kind in parts.FieldKind if kind.value in item)
+    item = {"objects": (), "drag": 0, "strength": 0, "soften": 0, **item}
+    return _make(parts.Field, item, name=name, kind=kind, vector=_pair(item[kind.value]))
+
+
+def _light(item: Mapping[str, Any]) -> parts.Light:
+    x, y, z = (float(value) for value in item["direction"])
+    length = (x * x + y * y + z * z) ** 0.5
+    direction = (x / length, y / length, z / length)
+    return _make(parts.Light, item, direction=direction, provenance=item.get("from", ""))
+
+
+def _render(item: Mapping[str, Any]) -> parts.Render:
+    camera = item.get("camera", ())
+    views = [{"time": 0, **camera}] if isinstance(camera, dict) else camera  # one view holds all the time
+    return _make(
+        parts.Render,
+        {"slow": 1, **item},
+        overlay=tuple(map(parts.Overlay, dict.fromkeys(item["overlay"]))),
+        camera=tuple(_make(parts.CameraView, view) for view in views),
+    )

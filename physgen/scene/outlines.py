@@ -1,23 +1,20 @@
-"""Checks of outlines: area and self-intersection."""
+"""Checks of outlines: area and self-intersection.
+
+Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from physgen.geometry.polygon import Array
-
 
 Corner = tuple[float, float]
 
 SMALL = 400
-"""Corners up to which a sweep in plain Python is faster than numpy's grid, which also has to be imported."""
+"""Corners up to which a sweep in plain Python is faster than shapely, which also has to be imported."""
 MAX_PAIRS = 2_000_000
 """Pairs of lines that are compared at most: a contour of 100,000 corners needs some 400,000."""
+BLOCK = 16
+"""Lines that are compared with all others at a time: bounds the memory where every line is near every other."""
 
 
 def same_point(a: Corner, b: Corner) -> bool:
@@ -35,7 +32,7 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
     if extent == 0 or (not crossing and len(points) < 4 and abs(area) < 1e-12 * extent):
         return "has no area", "write at least three corners that are not on one line"
     if crossing:
-        pair = _sweep(points) if len(points) <= SMALL else _grid(points)
+        pair = _sweep(points) if len(points) <= SMALL else _tree_search(points)
         if pair == (-1, -1):
             return "is too tangled to check for crossings", "simplify it"
         if pair:
@@ -85,58 +82,22 @@ def _sweep(points: Sequence[Corner]) -> tuple[int, int] | None:
     return found
 
 
-def _grid(points: Sequence[Corner]) -> tuple[int, int] | None:
-    """The same for many corners, with numpy: only lines that meet in a cell of a grid are compared."""
+def _tree_search(points: Sequence[Corner]) -> tuple[int, int] | None:
+    """The same for many corners, with shapely's search tree; (-1, -1) after MAX_PAIRS comparisons."""
     import numpy as np
+    import shapely
 
-    p = np.asarray(points, dtype=float)
-    q = np.roll(p, -1, axis=0)
-    n = len(p)
-    low, high = np.minimum(p, q), np.maximum(p, q)
-    origin = low.min(axis=0)
-    extent = float((high.max(axis=0) - origin).max())
-    cell = max(float(np.mean(high - low)) * 2, extent / 4096)
-    first = ((low - origin) / cell).astype(np.int64)
-    last = ((high - origin) / cell).astype(np.int64)
-    span = last - first + 1
-    count = span[:, 0] * span[:, 1]
-    if int(count.sum()) > MAX_PAIRS:
-        return (-1, -1)
-    line = np.repeat(np.arange(n), count)
-    offset = np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count)
-    column = first[line, 0] + offset % span[line, 0]
-    row = first[line, 1] + offset // span[line, 0]
-    key = column * (1 << 20) + row
-    order = np.argsort(key, kind="stable")
-    key, line = key[order], line[order]
+    corners = np.asarray(points, dtype=float)
+    lines = shapely.linestrings(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    tree = shapely.STRtree(lines)
     compared = 0
-    best: tuple[int, int] | None = None
-    alive = np.arange(len(key) - 1)
-    step = 0
-    while len(alive):  # the pairs of a cell, those `step` places apart at a time
-        step += 1
-        alive = alive[alive + step < len(key)]
-        alive = alive[key[alive] == key[alive + step]]
-        compared += len(alive)
+    for start in range(0, len(lines), BLOCK):
+        first, second = tree.query(lines[start : start + BLOCK])
+        first += start
+        compared += len(first)
         if compared > MAX_PAIRS:
             return (-1, -1)
-        i, j = line[alive], line[alive + step]
-        apart = ((j - i) % n > 1) & ((i - j) % n > 1)
-        i, j = i[apart], j[apart]
-        meet = (low[i] <= high[j]).all(axis=1) & (low[j] <= high[i]).all(axis=1)
-        i, j = i[meet], j[meet]
-        if not len(i):
-            continue
-        a, b, c, d = p[i], q[i], p[j], q[j]
-        hits = _opposite(a, b, c, d) & _opposite(c, d, a, b)
-        for k in np.flatnonzero(hits)[:1000]:
-            pair = (int(min(i[k], j[k])), int(max(i[k], j[k])))
-            best = pair if best is None else min(best, pair)
-    return best
-
-
-def _opposite(a: Array, b: Array, c: Array, d: Array) -> NDArray[np.bool_]:
-    """Whether c and d lie on opposite sides of the line ab, `(K, 2)` each."""
-    from physgen.geometry.polygon import cross
-
-    return cross(b - a, c - a) * cross(b - a, d - a) < 0
+        hits = (second > first) & shapely.crosses(lines[first], lines[second])
+        if hits.any():
+            return min(zip(first[hits].tolist(), second[hits].tolist(), strict=True))
+    return None

@@ -1,12 +1,11 @@
-"""The schema -> docs/scene.md, the reference of the scene file.
-
-`python -m physgen.scene.reference > docs/scene.md` writes it, and a test fails when the two differ.
-"""
+"""The reference of the scene file, docs/scene.md: written from the schema by `physgen schema --markdown`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from string import Template
 
+from physgen.files import resource
 from physgen.image_formats import MOST_PIXELS, SCENE_FORMATS
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
 from physgen.scene.files import MAX_EXTENDS, SUFFIXES
@@ -33,93 +32,25 @@ variants:
   on-the-moon: {world.gravity: [0, 162]}
 """
 
-_INTRO = """\
-# The scene file
-
-<!-- Written by `python -m physgen.scene.reference > docs/scene.md` from schemas/scene-1.schema.json; edit that. -->
-
-A scene file is a photo as text that a person can edit: what is in it, what it weighs, what pushes it. It is YAML, and
-every number has a unit. The origin is the centre of the photo's top-left pixel, +x points right, +y down, and a
-positive angle turns +x towards +y. This one needs no photo and renders as it stands:
-
-```yaml
-{example}```
-
-`physgen check scene.yaml` lists everything wrong with a file, each with its line, its column and what to write instead.
-Editors with a YAML language server complete and check as you type when the first line is
-
-```yaml
-# yaml-language-server: $schema=photo.assets/scene-1.schema.json
-```
-
-Words mean what they say: `on`, `yes` and `1:30` are text, `1.0e6` is a number (YAML 1.2's core schema, not 1.1).
-"""
-
-_OVERLAYS = """\
-## Overlays: extends, variants and --set
-
-A scene can start from another one, name edits of itself, and be edited on the command line, in this order: what it
-extends, the file, the variant, the flags. The result is checked as a whole, and a message names the file, line and
-column, or the flag, that the value came from.
-
-| overlay | written as | a mapping | a list or a single value | null |
-|---|---|---|---|---|
-| `extends: ../pool/scene.yaml` | a scene file | merges, key by key | replaces | takes the inherited key away |
-| `variants: {{fast: {{objects.ball.spin: 90}}}}` | dotted keys | replaces | replaces | takes the key away |
-| `--set objects.ball.spin=90` | one dotted key | replaces | replaces | takes the key away |
-
-- Keys that rule each other out never meet. An overlay that sets one of {rivals}
-  drops the inherited other; so it is with two kinds of shape or of mask.
-- A dotted key may go through lists, counted from 0: `forces[0].impulse[1]`. A `*` stands for every key that is there,
-  `[*]` for every item: `objects.*.friction`.
-- The value of `--set` is YAML: `--set forces=[]`, `--set light={{direction: [0, 0, 1]}}`; without a value it takes the
-  key away.
-- `--variant NAME` picks a variant, `--variant all` renders each. Every variant is checked whichever is picked.
-- Paths stay relative to the file that they are written in. Files can extend each other {extends} deep.
-"""
-
-_UNTRUSTED = """\
-## Scene files of strangers
-
-A scene file is data, never code, and may come from anybody. Reading one stops at the first excess:
-
-| what | at most |
-|---|---|
-| size of the file | {bytes} MiB, UTF-8 |
-| nesting | {depth} levels |
-| keys and values | {nodes:,} |
-| objects | {objects:,} |
-| photo, map or canvas | {pixels} megapixels, by the header of the file, before a pixel is decoded |
-
-- Anchors, aliases, merge keys and tags are refused, as are duplicate keys, NaN, infinities and a second document.
-- The photo and the assets are {formats} files below the folder of the file that names them.
-- `extends` names a {suffixes} file below the folder above the opened scene's: `../pool/scene.yaml` works,
-  `../../pool/scene.yaml` does not. Symbolic links are followed before this is decided.
-- `--allow-outside` lifts the rules on folders, for scenes that you trust.
-"""
-
 
 def markdown() -> str:
     """The reference as Markdown."""
     schema = expanded()
     groups = [group for _, part in _mappings(schema, "") for group in part.get("x-exclusive", [])]
-    rivals = listed(dict.fromkeys("/".join(f"`{key}`" for key in group) for group in groups))
-    parts = [_INTRO.format(example=EXAMPLE)]
-    for path, part in _mappings(schema, ""):
-        parts.append("\n".join(_section(path, part)) + "\n")
-    parts.append(_OVERLAYS.format(rivals=rivals, extends=MAX_EXTENDS))
-    parts.append(
-        _UNTRUSTED.format(
-            bytes=MAX_BYTES // 2**20,
-            depth=MAX_DEPTH,
-            nodes=MAX_NODES,
-            objects=MAX_OBJECTS,
-            pixels=MOST_PIXELS // 10**6,
-            formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
-            suffixes=listed(f"`{suffix}`" for suffix in SUFFIXES),
-        )
+    template = Template(resource("templates", "scene-reference.md").read_text(encoding="utf-8"))
+    return template.substitute(
+        example=EXAMPLE,
+        sections="\n".join("\n".join(_section(path, part)) + "\n" for path, part in _mappings(schema, "")),
+        rivals=listed(dict.fromkeys("/".join(f"`{key}`" for key in group) for group in groups)),
+        extends=MAX_EXTENDS,
+        bytes=MAX_BYTES // 2**20,
+        depth=MAX_DEPTH,
+        nodes=f"{MAX_NODES:,}",
+        objects=f"{MAX_OBJECTS:,}",
+        pixels=MOST_PIXELS // 10**6,
+        formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
+        suffixes=listed(f"`{suffix}`" for suffix in SUFFIXES),
     )
-    return "\n".join(parts)
 
 
 def _mappings(schema: Schema, path: str) -> Iterator[tuple[str, Schema]]:
@@ -211,7 +142,3 @@ def _items_of(inner: Schema) -> str:
         if deeper["type"] == "array"
         else f"knots `{example(inner['examples'][0])}`"
     )
-
-
-if __name__ == "__main__":
-    print(markdown(), end="")

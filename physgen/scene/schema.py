@@ -52,7 +52,7 @@ def _expand(part: Any, defs: Schema) -> Any:
 def at(path: str) -> Schema:
     """The part of the schema for a dotted path, a name in it as `*`: `at("objects.*.mass")`."""
     part = expanded()
-    for key in path.split("."):
+    for key in path.split(".") if path else ():
         part = part["additionalProperties"] if key == "*" else part["properties"][key]
     return part
 

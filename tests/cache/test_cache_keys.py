@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_floors import PACKAGE, imports
+from test_layers import PACKAGE, imports
 
 from physgen import pipeline
 from physgen.pipeline.cache_keys import ROOMS, code_version, guidance_key, key
@@ -344,11 +344,12 @@ def test_all_code_that_makes_frames_is_counted() -> None:
     assert not steps
     seen: set[Path] = set()
     while todo:
-        path = _path(todo.pop())
+        name = todo.pop()
+        path = _path(name)
         if path is None or path in seen:
             continue
         seen.add(path)
-        todo += [name for _, name in imports(path) if name.startswith("physgen")]
+        todo += [other for _, other in imports(name) if other.startswith("physgen")]
     assert len(seen) > 80
     outside = {p.relative_to(PACKAGE).parts[0] for p in seen if p.parent != PACKAGE} - set(ROOMS)
     assert not outside

@@ -137,7 +137,7 @@ TEXTS: dict[str, tuple[Callable[[], str], str]] = {
     "nine MiB": (lambda: "#" * (9 * 2**20), "scene.yaml: larger than 8 MiB; keep pixels in image files"),
     "tangled outline": (
         lambda: HEAD + "objects: {a: {shape: {polygon: [" + _comb(80_000) + "]}}}\n",
-        "scene.yaml:3:32: objects.a.shape.polygon: is too tangled to check for crossings; simplify it",
+        "scene.yaml:3:32: objects.a.shape.polygon: crosses itself: the lines from corners 2 and 79999",
     ),
     "too many variants": (
         lambda: (
@@ -177,7 +177,7 @@ def test_many_problems_end(tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(text)
     lines = said(tmp_path)
     assert len(lines) == 201
-    assert "more problems follow; mend these first" in "\n".join(lines)
+    assert "more problems follow; fix these first" in "\n".join(lines)
 
 
 @pytest.mark.parametrize(

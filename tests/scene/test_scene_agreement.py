@@ -16,7 +16,7 @@ from physgen.problems import InputError
 from physgen.scene.document import Node, Source
 from physgen.scene.load import load
 from physgen.scene.schema import published
-from physgen.scene.validate import Findings, TooManyError, checker
+from physgen.scene.validate import Findings, TooManyError, check_schema
 from physgen.scene.write import scene_text
 
 SOURCE = Source("scene.yaml", Path())
@@ -139,7 +139,7 @@ def nodes(value: Any) -> Node:
 def ours(document: Any) -> list[str]:
     report = Findings()
     with contextlib.suppress(TooManyError):
-        checker()(nodes(document), (), report)
+        check_schema(nodes(document), report)
     return [str(problem) for problem in report.problems]
 
 

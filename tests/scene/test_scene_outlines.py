@@ -34,7 +34,7 @@ def test_both_ways_find_the_first_pair(points: list[Corner]) -> None:
     if max(x for x, _ in points) > min(x for x, _ in points) or max(y for _, y in points) > min(
         y for _, y in points
     ):
-        assert outlines._grid(points) == expected
+        assert outlines._tree_search(points) == expected
 
 
 def circle(corners: int, radius: float = 100) -> list[Corner]:
