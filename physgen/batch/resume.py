@@ -12,10 +12,7 @@ from typing import Any
 
 from physgen.problems import Place, Problem, Severity
 
-CODE = (
-    "cache", "clips", "compile", "export", "fan", "outline", "perceive", "percepts", "pipeline", "refine", "render",
-    "report", "scene", "shadow", "simulate",
-)  # fmt: skip
+CODE = ("compile", "export", "geometry", "perceive", "pipeline", "refine", "render", "report", "scene", "simulate")
 """Rooms whose code makes clips and their pages."""
 
 

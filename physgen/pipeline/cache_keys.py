@@ -22,10 +22,10 @@ from physgen.report.record import file_hash, versions
 from physgen.scene.files import MAPS
 from physgen.scene.scene import Scene
 
-ROOMS = ("compile", "outline", "perceive", "percepts", "pipeline", "render", "scene", "shadow", "simulate")
-"""Whose code makes unrefined frames; `perceive` fills what objects leave behind."""
-MOVING = ("compile", "outline", "scene", "simulate")
-"""Whose code makes motions."""
+ROOMS = ("compile", "geometry", "perceive", "pipeline", "render", "scene", "simulate")
+"""Packages whose code makes unrefined frames; `perceive` fills what objects leave behind."""
+MOVING = ("compile", "geometry", "scene", "simulate")
+"""Packages whose code makes motions."""
 AFTERWARDS = {
     "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants", "files"},
     "Render": {"overlay", "play"},

@@ -313,9 +313,9 @@ def test_an_edit_of_code_that_matters_changes_it(copy: Callable[..., dict[str, s
     version = copy()
     assert version == code_version(ROOMS)  # the same code in another folder
     assert {"physgen", "numpy", "pymunk", "opencv-python-headless"} <= set(version)
-    for edit in ("cli/__init__.py", "refine/fusion.py", "report/page.py"):
+    for edit in ("cli/main.py", "refine/fusion.py", "report/page.py"):
         assert copy(edit) == version
-    for edit in ("simulate/stepper.py", "render/backends/torch_frames.py", "photometry.py"):
+    for edit in ("simulate/engine.py", "render/torch_frames.py", "photometry.py"):
         before, version = version, copy(edit)
         assert version != before
 
@@ -350,7 +350,7 @@ def test_all_code_that_makes_frames_is_counted() -> None:
             continue
         seen.add(path)
         todo += [other for _, other in imports(name) if other.startswith("physgen")]
-    assert len(seen) > 80
+    assert len(seen) > 40
     outside = {p.relative_to(PACKAGE).parts[0] for p in seen if p.parent != PACKAGE} - set(ROOMS)
     assert not outside
     assert "pipeline" in ROOMS  # what calls them
@@ -358,10 +358,10 @@ def test_all_code_that_makes_frames_is_counted() -> None:
 
 def test_no_code_that_makes_frames_reads_what_the_key_leaves_out() -> None:
     left_out = {"label", "provenance", "prompt", "refine", "document", "variants", "overlay"}
-    beside = {"compile/effects.py", "compile/lints.py"}  # warnings are told on every run
-    for room in ("compile", "simulate", "render", "shadow", "percepts", "outline"):
+    beside = ("compile/warnings.py", "simulate/uncertain")  # warnings are told on every run
+    for room in ("compile", "simulate", "render", "geometry"):
         for path in sorted((PACKAGE / room).rglob("*.py")):
             name = path.relative_to(PACKAGE).as_posix()
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Attribute) and node.attr in left_out and name not in beside:
+                if isinstance(node, ast.Attribute) and node.attr in left_out and not name.startswith(beside):
                     raise AssertionError(f"{name}:{node.lineno} reads {node.attr}")
