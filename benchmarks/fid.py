@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from physgen import pipeline
-from physgen.evaluate.fid.spread import Distances
+from physgen.evaluate.fid import Distances
 from physgen.maps import Percepts, read_labels
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
@@ -168,10 +168,9 @@ def write(folder: Path, k: int, strip: np.ndarray, side: int) -> None:
 def fid(folder: Path) -> list[dict]:
     """Distances of every set of clips from the filmed one, and what they were reckoned with."""
     from physgen import registry
-    from physgen.evaluate.fid import told
-    from physgen.evaluate.fid.measure import MOTION, Settings, measure
-    from physgen.evaluate.fid.motion import Normalise
-    from physgen.evaluate.fid.sides import sources
+    from physgen.evaluate import fid as told
+    from physgen.evaluate.clip_frames import sources
+    from physgen.evaluate.fid import MOTION, Normalise, Settings, measure
 
     filmed = json.loads((CLIPS / "clips.json").read_text())
     side, times = filmed["frame"][0], np.array(filmed["times_s"])
@@ -214,7 +213,7 @@ def fid(folder: Path) -> list[dict]:
     halves["motion_fid_by_frame"] = by_frame.found[MOTION].halves
     return [
         *map(rounded, rows),
-        rounded({"method": "halves", **halves, "settings": told.settings(found)}),
+        rounded({"method": "halves", **halves, "settings": told._settings(found)}),
         guesses(),
     ]
 

@@ -23,7 +23,8 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.environment import this_machine
-from physgen.evaluate.matching import judge, overlaps, patches
+from physgen.evaluate.ground_truth import patches
+from physgen.evaluate.segmentation import judge, overlaps
 from physgen.problems import InputError
 from physgen.scene.scene import Motion, View
 

@@ -11,7 +11,7 @@ from physgen import pipeline
 from physgen.environment import gpu, this_machine
 from physgen.evaluate.controllability.sweep import sweep
 from physgen.evaluate.controllability.told import findings as answered
-from physgen.evaluate.findings import Findings, Section, Table, markdown
+from physgen.evaluate.measure import Findings, Section, Table, markdown
 from physgen.evaluate.properties.asked import ask
 from physgen.evaluate.properties.studio import ask_photos
 from physgen.evaluate.properties.table import SHIPPED, read_table

@@ -12,7 +12,7 @@ from time import process_time
 import numpy as np
 
 from physgen import registry
-from physgen.evaluate.photos import Pair, pairs
+from physgen.evaluate.ground_truth import Pair, pairs
 from physgen.evaluate.segmentation import evaluate
 from physgen.perceive.backends import segment_learned
 from physgen.perceive.roles import Rgb, Segments

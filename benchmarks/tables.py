@@ -15,8 +15,8 @@ from batch_tables import batch_table, kills_table
 from growth import KINDS, exponent
 
 from physgen.evaluate import fidelity, fidelity_told
-from physgen.evaluate.findings import Findings
-from physgen.evaluate.findings import markdown as told
+from physgen.evaluate.measure import Findings
+from physgen.evaluate.measure import markdown as told
 from physgen.materials import materials, nouns
 
 RESULTS = Path(__file__).resolve().parent / "results"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table
+from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table
 from physgen.evaluate.plausibility.score import EVEN
 from physgen.simulate.uncertainty_summary import interval_of_mean
 
@@ -158,7 +158,7 @@ def _by_family(rows: Sequence[Row], trackers: list[str]) -> Table:
 
 
 def _figure(rows: Sequence[Row], tracker: str) -> Figure:
-    from physgen.evaluate.plotted import plotted
+    from physgen.evaluate.measure import plotted
     from physgen.report.plots.style import SMALL
 
     mine = _only(rows, tracker=tracker)

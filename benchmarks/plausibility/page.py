@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physgen.evaluate.findings import Findings, Section, Table, markdown
+from physgen.evaluate.measure import Findings, Section, Table, markdown
 from physgen.evaluate.plausibility.judge import verdict_word
 from physgen.evaluate.plausibility.score import EVEN, MIDDLE
 

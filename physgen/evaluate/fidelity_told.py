@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from physgen.evaluate.fidelity import BAR, REGIONS, Truth
-from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table
-from physgen.evaluate.plotted import plotted
+from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table, plotted
 from physgen.evaluate.strips import SHOWN, strip
 
 if TYPE_CHECKING:

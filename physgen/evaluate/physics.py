@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.compile.world import Body, World
-from physgen.evaluate.findings import Bar, Findings, Section, Table
+from physgen.evaluate.measure import Bar, Findings, Section, Table
 from physgen.files import write_with_backup
 from physgen.problems import InputError
 from physgen.scene.write import scene_text

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from physgen.cli.main import main
-from physgen.evaluate.fid.fitted import Fit, Rule
-from physgen.evaluate.fid.motion import pictured
-from physgen.evaluate.fid.sides import sources
+from physgen.evaluate.clip_frames import Fit, Rule, sources
+from physgen.evaluate.fid import pictured
 
 SIDE, FRAMES = 64, 5
 

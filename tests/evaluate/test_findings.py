@@ -10,8 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table, columns, markdown, text
-from physgen.evaluate.page import write_page
+from physgen.evaluate.measure import (
+    Bar,
+    Figure,
+    Findings,
+    Section,
+    Table,
+    columns,
+    markdown,
+    text,
+    write_page,
+)
 from physgen.problems import InputError
 
 RUDE = '<script>alert("x")</script> & |'

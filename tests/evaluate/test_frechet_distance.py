@@ -9,11 +9,14 @@ import torch
 from torchmetrics.image.fid import FrechetInceptionDistance
 from torchmetrics.image.kid import KernelInceptionDistance
 
-from physgen.evaluate.fid.frechet import frechet, moments, moments_of
-from physgen.evaluate.fid.kernel import blocks, kid
-from physgen.evaluate.fid.spread import cloud, distances
+from physgen.evaluate.fid import Moments, blocks, cloud, distances, frechet, kid, moments
 
 RANDOM = np.random.default_rng
+
+
+def moments_of(mean: np.ndarray, covariance: np.ndarray) -> Moments:
+    values, vectors = np.linalg.eigh(covariance)
+    return Moments(mean, np.sqrt(np.maximum(values, 0))[:, None] * vectors.T)
 
 
 def correlated(seed: int, count: int, wide: int, shift: float = 0.0) -> np.ndarray:

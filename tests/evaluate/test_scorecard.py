@@ -15,7 +15,7 @@ from physics.page import page
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.evaluate.findings import text
+from physgen.evaluate.measure import text
 from physgen.evaluate.physics import (
     Case,
     Measure,

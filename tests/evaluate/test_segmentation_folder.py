@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from physgen.cli.main import main
-from physgen.evaluate.matching import Patch
-from physgen.evaluate.photos import pairs
+from physgen.evaluate.ground_truth import Patch, pairs
 from physgen.evaluate.segmentation import judge_photo
 from physgen.photos import read_image
 from physgen.problems import InputError
@@ -165,7 +164,7 @@ def test_labels_of_a_coco_file_have_a_recall_each(tmp_path: Path, capsys: pytest
         json.dumps({**data, "annotations": [*annotations[:2], {**annotations[2], "image_id": 7}]})
     )
     assert main(["evaluate", "segmentation", str(tmp_path), "--json"]) == 0
-    assert "1 annotation of no photo in it: passed over" in capsys.readouterr().err
+    assert "1 annotation of no photo in it: left out" in capsys.readouterr().err
     (tmp_path / "instances.json").write_text(json.dumps(data))
     assert main(["evaluate", "segmentation", str(tmp_path / "instances.json")]) == 0
     assert re.search(r"^cup +1 +0 +0\.000 +- +0\.000$", capsys.readouterr().out, re.M)
@@ -177,7 +176,7 @@ def test_labels_of_a_coco_file_have_a_recall_each(tmp_path: Path, capsys: pytest
         (
             {"width": 100, "height": 100},
             [1, 1, 9, 1, 9, 9],
-            "100 x 100 px are told of x.png, which has 220 x 220",
+            "100 x 100 px are given for x.png, which has 220 x 220",
         ),
         ({}, [500, 500, 509, 500, 509, 509], "annotation 3 lies outside the photo"),
         ({"again": True}, [1, 1, 9, 1, 9, 9], '"x.png" is listed twice'),
@@ -230,11 +229,11 @@ def test_where_nobody_judges_nothing_counts() -> None:
     def squares(*places: tuple[int, int]) -> tuple[Patch, ...]:
         return tuple(Patch(x, y, np.ones((10, 10), np.bool_)) for x, y in places)
 
-    from physgen.evaluate.photos import Truth
+    from physgen.evaluate.ground_truth import Truth
 
     unjudged = np.zeros((100, 100), np.bool_)
     unjudged[:, 50:] = True
-    truth = Truth(np.zeros((100, 100, 3), np.uint8), squares((10, 10)), (1,), unjudged)
+    truth = Truth(np.zeros((100, 100, 3), np.uint8), squares((10, 10)), unjudged)
     said = squares((10, 10), (70, 10), (46, 40), (43, 70))  # right; within; mostly within; mostly without
     row = judge_photo("x", truth, (said, np.array([0.9, 0.8, 0.7, 0.6]))).as_dict()
     assert (row["said"], row["hit"]) == (2, 1)
@@ -249,7 +248,7 @@ def test_photos_that_stand_alone_are_told_of(tmp_path: Path, capsys: pytest.Capt
     assert main(["evaluate", "segmentation", str(tmp_path), "--json"]) == 0
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 2
-    assert any("lonely.png: warning: is passed over" in line for line in told)
+    assert any("lonely.png: warning: is left out" in line for line in told)
     assert any("ghost.labels.png: warning: has no photo" in line for line in told)
 
 

@@ -10,11 +10,29 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physgen.evaluate.curves import THRESHOLDS, average_precision, counts, curve, precisions, reliability
-from physgen.evaluate.matching import Judged, Patch, judge, overlaps, patches, shared
+from physgen.evaluate.ground_truth import Patch, patches
+from physgen.evaluate.segmentation import (
+    RECALLS,
+    THRESHOLDS,
+    Curve,
+    Judged,
+    average_precision,
+    counts,
+    curve,
+    judge,
+    overlaps,
+    reliability,
+)
 
 Masks = list[NDArray[np.bool_]]
 SIZE = 48
+
+
+def precisions(line: Curve) -> NDArray[np.float64]:
+    """At COCO's recalls, as COCO reports them."""
+    return np.append(line.falling, 0.0)[np.searchsorted(line.recall, RECALLS, side="left")]
+
+
 OUTSIDE = 1e11
 """An area outside of COCO's range "all", which makes COCO ignore a true object."""
 
@@ -188,8 +206,8 @@ def test_patches_hold_every_pixel() -> None:
         whole[top:bottom, left:right][patch.mask] = i
     assert np.array_equal(whole, labels)
     found = list(patches(labels).values())
-    assert shared(found[0], found[0]) == found[0].area == int((labels == 1).sum())
-    assert shared(found[0], found[1]) == 0
+    assert found[0].shared(found[0]) == found[0].area == int((labels == 1).sum())
+    assert found[0].shared(found[1]) == 0
 
 
 def said_and_right(confidence: NDArray[np.float64], right: NDArray[np.bool_]) -> Judged:

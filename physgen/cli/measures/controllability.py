@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     from physgen import pipeline
     from physgen.evaluate.controllability.sweep import sweep
     from physgen.evaluate.controllability.told import findings
-    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.measure import check_folder
 
     check_folder(options.output)
     if options.variant == "all":

@@ -140,18 +140,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import cv2
 
-    from physgen.evaluate.fid import told
-    from physgen.evaluate.fid.fitted import Fit, Rule
-    from physgen.evaluate.fid.measure import IMAGE, MOTION, REFERENCE, Settings, measure
-    from physgen.evaluate.fid.motion import Normalise
-    from physgen.evaluate.fid.sides import Source, sources
-    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.clip_frames import Fit, Rule, Source, sources
+    from physgen.evaluate.fid import IMAGE, MOTION, REFERENCE, Normalise, Settings, findings, measure
+    from physgen.evaluate.measure import check_folder
 
-    if options.output:
-        from physgen.report.plots.style import require_matplotlib
-
-        check_folder(options.output)
-        require_matplotlib()
+    check_folder(options.output, plots=True)
     named = methods(options)
     problems: list[Problem] = []
     clips: dict[str, list[Source]] = {}
@@ -192,12 +185,8 @@ def run(options: argparse.Namespace) -> int:
     print_problems(found.warnings)
     who = {role: getattr(options, role).partition(":")[0] for role in made}
     notes = {f"{role}_note": dict(one.note()) for role, one in made.items()}
-    return hand_over(
-        told.findings(
-            found, who | notes | {"skipped": options.skip}, made["features"].comparable, bool(options.output)
-        ),
-        options,
-    )
+    who = {**who, **notes, "skipped": options.skip}
+    return hand_over(findings(found, who, made["features"].comparable, bool(options.output)), options)
 
 
 def methods(options: argparse.Namespace) -> dict[str, list[Path]]:

@@ -50,8 +50,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate import fidelity as measure
     from physgen.evaluate.fidelity_told import findings
-    from physgen.evaluate.findings import Section
-    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.measure import Section, check_folder
 
     check_folder(options.output)
     if options.output:

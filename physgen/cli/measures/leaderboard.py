@@ -55,9 +55,8 @@ def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.board import page
     from physgen.evaluate.board.scores import scores_of
     from physgen.evaluate.board.standing import findings
-    from physgen.evaluate.findings import markdown, text
+    from physgen.evaluate.measure import check_folder, markdown, text
     from physgen.evaluate.methods import methods_in
-    from physgen.evaluate.page import check_folder
     from physgen.report.films import size_warning
 
     if options.single_file and not options.output:

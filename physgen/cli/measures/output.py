@@ -6,8 +6,7 @@ import argparse
 import sys
 
 from physgen.cli.output import FAILED, OK, print_backup, print_error, print_json
-from physgen.evaluate.findings import Findings, markdown, text
-from physgen.evaluate.page import write_page
+from physgen.evaluate.measure import Findings, markdown, text, write_page
 
 
 def show(findings: Findings, options: argparse.Namespace) -> int:

@@ -103,7 +103,7 @@ def questions(text: str) -> tuple[str, ...]:
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.measure import check_folder
     from physgen.evaluate.plausibility.judge import Verdict, judge
     from physgen.evaluate.plausibility.reading import read
     from physgen.evaluate.plausibility.reading.asked import Asked

@@ -54,7 +54,7 @@ STUDIO = Path("studio/truth")
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.measure import check_folder
     from physgen.evaluate.properties.answers import read_answers, write_answers
     from physgen.evaluate.properties.asked import ask
     from physgen.evaluate.properties.studio import ask_photos

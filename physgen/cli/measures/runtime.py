@@ -37,7 +37,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from physgen.environment import gpu, this_machine
-    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.measure import check_folder
     from physgen.evaluate.runtime.measured import measure
     from physgen.evaluate.runtime.runs import read_runs
     from physgen.evaluate.runtime.told import findings, plot

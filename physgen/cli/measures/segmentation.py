@@ -42,10 +42,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.evaluate import segmentation
-    from physgen.evaluate.photos import pairs
-    from physgen.evaluate.segmentation_told import BARS, findings
-    from physgen.evaluate.shown import Shown
+    from physgen.evaluate.ground_truth import pairs
+    from physgen.evaluate.segmentation import BARS, Folder, evaluate, findings
     from physgen.registry import Backends, Plan, choices
 
     chosen = choices(options.backend)
@@ -55,14 +53,10 @@ def run(options: argparse.Namespace) -> int:
     bars = {name: bar for name in BARS if (bar := getattr(options, name)) is not None}
     found, warnings = pairs(options.folder)
     print_problems(warnings)
-    shown = None if options.output is None else Shown(options.output, found)
+    folder = None if options.output is None else Folder(options.output, found)
     bar = Bar()
-    result = segmentation.evaluate(
-        found, Backends(Plan(chosen)).get("segment"), shown.photo if shown else lambda photo: None, bar.show
-    )
+    segment = Backends(Plan(chosen)).get("segment")
+    result = evaluate(found, segment, folder.photo if folder else lambda photo: None, bar.show)
     bar.clear()
-    told = findings(result, bars)
-    if shown:
-        shown.plots(result)
-        told = shown.illustrated(told)
-    return hand_over(told, options)
+    report = findings(result, bars)
+    return hand_over(folder.illustrated(report, result) if folder else report, options)

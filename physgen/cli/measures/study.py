@@ -96,7 +96,7 @@ def _make(options: argparse.Namespace) -> int:
 
 
 def _read(options: argparse.Namespace) -> int:
-    from physgen.evaluate.page import check_folder
+    from physgen.evaluate.measure import check_folder
     from physgen.evaluate.study.answers import files_in, read_answers
     from physgen.evaluate.study.key import read_key
     from physgen.evaluate.study.results import findings

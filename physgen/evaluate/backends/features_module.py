@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.fid.roles import F64, U8, Features
+from physgen.evaluate.backends.roles import F64, U8, Features
 from physgen.problems import InputError
 from physgen.registry import Setup
 

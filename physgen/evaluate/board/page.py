@@ -18,9 +18,8 @@ import numpy as np
 from physgen import __version__
 from physgen.evaluate.board.scores import Score, told
 from physgen.evaluate.board.screened import Screened, readable, screened
-from physgen.evaluate.findings import Findings
+from physgen.evaluate.measure import PAGE, RESULT, Findings
 from physgen.evaluate.methods import Entry, Methods
-from physgen.evaluate.page import PAGE, RESULT
 from physgen.files import back_up, resource, write_atomic
 from physgen.photos import read_photo
 from physgen.problems import InputError

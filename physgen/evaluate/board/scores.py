@@ -13,8 +13,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from physgen.evaluate.measure import RESULT
 from physgen.evaluate.methods import Methods
-from physgen.evaluate.page import RESULT
 from physgen.problems import InputError
 from physgen.text import natural
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from physgen.evaluate.board.scores import OWN, Score, told
-from physgen.evaluate.findings import Findings, Section, Table
+from physgen.evaluate.measure import Findings, Section, Table
 from physgen.evaluate.methods import Methods
 
 MOST = 5

@@ -8,8 +8,7 @@ import numpy as np
 
 from physgen.evaluate.controllability.answers import Answers, answers
 from physgen.evaluate.controllability.sweep import Swept
-from physgen.evaluate.findings import Figure
-from physgen.evaluate.plotted import plotted
+from physgen.evaluate.measure import Figure, plotted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from typing import Any
 from physgen.evaluate.controllability.answers import SEEN, Aim, Answers, answers, exactly
 from physgen.evaluate.controllability.outcomes import Outcome
 from physgen.evaluate.controllability.sweep import Swept
-from physgen.evaluate.findings import Findings, Section, Table
+from physgen.evaluate.measure import Findings, Section, Table
 from physgen.scene.scene import View
 
 LEAST = 0.01

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physgen.evaluate.findings import Figure
+from physgen.evaluate.measure import Figure, plotted
 from physgen.evaluate.plausibility.judge import Verdict
-from physgen.evaluate.plotted import plotted
 from physgen.report.plots.style import RED, SMALL, Palette, stroke
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from physgen.evaluate.findings import Bar, Figure, Findings, Section, Table
+from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table
 from physgen.evaluate.plausibility.judge import Verdict, verdict_word
 from physgen.evaluate.plausibility.questions import QUESTIONS
 from physgen.evaluate.plausibility.score import EVEN, score

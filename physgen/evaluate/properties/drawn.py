@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import log10
 from typing import TYPE_CHECKING
 
-from physgen.evaluate.findings import Figure
-from physgen.evaluate.plotted import plotted
+from physgen.evaluate.measure import Figure, plotted
 from physgen.evaluate.properties.answers import Answer
 from physgen.evaluate.properties.scores import NEAR, factor
 from physgen.evaluate.properties.table import Ranking

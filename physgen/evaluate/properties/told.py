@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from physgen.evaluate.findings import Figure, Findings, Section, Table
+from physgen.evaluate.measure import Figure, Findings, Section, Table
 from physgen.evaluate.properties.answers import NUMBERS, Answer
 from physgen.evaluate.properties.scores import NONE, Masses, Order, factor, masses, order
 from physgen.evaluate.properties.studio import Kind, ordered, weighed

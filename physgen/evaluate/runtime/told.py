@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from physgen.evaluate.findings import Figure, Findings, Section, Table
+from physgen.evaluate.measure import Figure, Findings, Section, Table
 from physgen.evaluate.runtime.runs import Run, Time
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def findings(runs: Sequence[Run], here: str) -> Findings:
 
 def plot(runs: Sequence[Run]) -> Figure:
     """Medians of the parts as bars, ours and the paper's, on a logarithmic axis."""
-    from physgen.evaluate.plotted import plotted
+    from physgen.evaluate.measure import plotted
 
     found = {part: one for part, one in _by_part(runs).items() if one.middle > 0}
 

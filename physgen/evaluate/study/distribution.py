@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from physgen.evaluate.findings import Figure
-from physgen.evaluate.plotted import plotted
+from physgen.evaluate.measure import Figure, plotted
 from physgen.evaluate.study.questions import SCALE
 
 if TYPE_CHECKING:

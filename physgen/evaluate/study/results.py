@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from physgen.evaluate.findings import Figure, Findings, Section, Table
+from physgen.evaluate.measure import Figure, Findings, Section, Table
 from physgen.evaluate.study.agreement import Agreement, agreement
 from physgen.evaluate.study.answers import Answers
 from physgen.evaluate.study.intervals import DRAWS, Draws, Mean, means
