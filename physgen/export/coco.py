@@ -1,4 +1,8 @@
-"""COCO JSON: masks as compressed run lengths, boxes and tracks (Lin et al., 2014)."""
+"""COCO JSON: masks as compressed run lengths, boxes and tracks (Lin et al., 2014; tracks as in TAO).
+
+x and y count from the picture's corner: pixel i covers i to i + 1. Annotations are written frame by frame; only rows
+about frames, and hidden objects, wait for the end.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.labels import Clip, Moment, View
-from physgen.export.masks import Box, Presence, compressed
+from physgen.export.labels import Clip, Moment, View, Writer
+from physgen.export.masks import CORNER, Box, Presence, compressed
 
-CORNER = 0.5
-"""px from COCO's origin, the corner of a picture, to ours, the first pixel's centre."""
-DIGITS = 6
-"""Behind the point of a share; those of an oriented box are CORNERS."""
-CORNERS = 3
+SHARE_DIGITS, CORNER_DIGITS = 6, 3
+"""Decimals of shares, and of the corners of oriented boxes, px."""
 
 
-class Coco:
+class Coco(Writer):
     """`annotations.json`, and `images/00000.jpg` ..., which it names."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
@@ -37,32 +38,32 @@ class Coco:
         self._file.write_text(f'{{\n"info": {info},\n{head},\n"annotations": [', encoding="utf-8")
 
     def add(self, moment: Moment) -> None:
-        """What is seen goes to `annotations`; what is in the picture and hidden altogether, to a list of its own."""
-        view = moment.view
+        """Visible objects go to `annotations`, those that are hidden completely to a list of their own."""
+        view, clip = moment.view, self._clip
         name = f"images/{view.index:05d}.jpg"
         (self._folder / name).write_bytes(view.jpeg)
-        self._images.append(json.dumps(_image(self._clip, view, name)))
-        seen = [thing for thing in view.presences if thing.seen_area]
-        self._hidden += [
-            json.dumps(_hidden(self._clip, view, thing)) for thing in view.presences if not thing.seen_area
-        ]
-        if seen:
-            with self._file.open("a", encoding="utf-8") as file:
-                for thing in seen:
-                    self._count += 1
-                    told = {"id": self._count, **_annotation(self._clip, view, thing)}
-                    file.write(("," if self._count > 1 else "") + "\n" + json.dumps(told))
+        image = {"id": view.index + 1, "file_name": name, "width": view.size[0], "height": view.size[1]}
+        image |= {"video_id": 1, "video": clip.name, "frame_index": view.index, "time": round(view.time, 9)}
+        self._images.append(json.dumps(image))
+        with self._file.open("a", encoding="utf-8") as file:
+            for presence in view.presences:
+                row = _annotation(clip, view, presence)
+                if not presence.seen_area:
+                    self._hidden.append(json.dumps(row))
+                    continue
+                self._count += 1
+                file.write(("," if self._count > 1 else "") + "\n" + json.dumps({"id": self._count, **row}))
 
     def close(self) -> None:
-        """The pictures, and what is hidden in them."""
+        """The frames, and the hidden objects."""
         hidden, images = _lines(self._hidden), _lines(self._images)
         with self._file.open("a", encoding="utf-8") as file:
             file.write(f'\n],\n"hidden_annotations": {hidden},\n"images": {images}\n}}\n')
 
 
-def _lines(told: Iterable[str]) -> str:
-    """A list with a line for each."""
-    lines = ",\n".join(told)
+def _lines(rows: Iterable[str]) -> str:
+    """A list with one row a line."""
+    lines = ",\n".join(rows)
     return f"[\n{lines}\n]" if lines else "[]"
 
 
@@ -82,7 +83,7 @@ def _of_clip(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
             {"id": number, "name": name, "supercategory": "object"}
             for number, name in enumerate(clip.categories, 1)
         ],
-        # everything that is there is told of
+        # all objects of all categories are annotated
         "videos": [video | {"neg_category_ids": [], "not_exhaustive_category_ids": []}],
         "tracks": [
             {"id": body + 1, "video_id": 1, "category_id": number, "name": name}
@@ -91,50 +92,29 @@ def _of_clip(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
     }
 
 
-def _image(clip: Clip, view: View, name: str) -> dict[str, Any]:
-    width, height = view.size
-    told = {"id": view.index + 1, "file_name": name, "width": width, "height": height}
-    return told | {"video_id": 1, "video": clip.name, "frame_index": view.index, "time": round(view.time, 9)}
-
-
-def _annotation(clip: Clip, view: View, thing: Presence) -> dict[str, Any]:
-    whole = _whole(clip, view, thing)
-    hides = thing.seen_area < thing.whole_area
-    return {
-        **_track(clip, view, thing),
-        "segmentation": _runs(thing.seen, thing.box, view) if hides else whole["amodal_segmentation"],
-        "area": thing.seen_area,
-        "bbox": list(thing.seen_box),
-        "iscrowd": 0,
-        **whole,
+def _annotation(clip: Clip, view: View, presence: Presence) -> dict[str, Any]:
+    body = presence.body
+    row: dict[str, Any] = {"image_id": view.index + 1, "video_id": 1, "track_id": body + 1}
+    row["category_id"] = clip.classes[body]
+    whole = _run_lengths(presence.whole, presence.box, view)
+    if presence.seen_area:
+        partly = presence.seen_area < presence.whole_area
+        row["segmentation"] = _run_lengths(presence.seen, presence.box, view) if partly else whole
+        row |= {"area": presence.seen_area, "bbox": list(presence.seen_box), "iscrowd": 0}
+    row |= {
+        "visible_fraction": round(presence.visible, SHARE_DIGITS),
+        "truncation": round(1 - clip.amodal(view, presence)[1], SHARE_DIGITS),
+        "amodal_segmentation": whole,
+        "amodal_area": presence.whole_area,
+        "amodal_bbox": list(presence.box),
     }
-
-
-def _hidden(clip: Clip, view: View, thing: Presence) -> dict[str, Any]:
-    return _track(clip, view, thing) | _whole(clip, view, thing)
-
-
-def _track(clip: Clip, view: View, thing: Presence) -> dict[str, Any]:
-    track, number = thing.body + 1, clip.classes[thing.body]
-    return {"image_id": view.index + 1, "video_id": 1, "track_id": track, "category_id": number}
-
-
-def _whole(clip: Clip, view: View, thing: Presence) -> dict[str, Any]:
-    """What holds whether or not something hides it."""
-    told: dict[str, Any] = {
-        "visible_fraction": round(thing.visible, DIGITS),
-        "truncation": round(1 - clip.amodal(view, thing).inside, DIGITS),
-        "amodal_segmentation": _runs(thing.whole, thing.box, view),
-        "amodal_area": thing.whole_area,
-        "amodal_bbox": list(thing.box),
-    }
-    extent = clip.extents[thing.body]
+    extent = clip.extents[body]
     if extent is not None:
-        corners = extent.corners_at(view.poses[thing.body], view.lens) + CORNER
-        told["oriented_bbox"] = [round(value, CORNERS) for value in corners.ravel().tolist()]
-    return told
+        corners = extent.corners_at(view.poses[body], view.lens) + CORNER
+        row["oriented_bbox"] = [round(value, CORNER_DIGITS) for value in corners.ravel().tolist()]
+    return row
 
 
-def _runs(mask: NDArray[np.bool_], box: Box, view: View) -> dict[str, Any]:
+def _run_lengths(mask: NDArray[np.bool_], box: Box, view: View) -> dict[str, Any]:
     width, height = view.size
     return {"size": [height, width], "counts": compressed(mask, box, view.size)}

@@ -1,4 +1,9 @@
-"""Where points of one frame are in another frame, computed exactly from poses and cameras."""
+"""Where points of one frame are in another frame, computed exactly from poses and cameras.
+
+Points of a body move with its pose; those of a ball on a table turn with it in space; the background moves with the
+camera alone. The camera scales and shifts, so a rotation in the picture is one similarity, which is two complex
+numbers: x + iy of the one picture -> m (x + iy) + n of the other.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +24,12 @@ from physgen.simulate.trajectory import Trajectory
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-REST = 1e-9
-"""px and rad."""
+AT_REST = 1e-9
+"""px and rad: rounding of poses that are equal."""
 
 
 class PosedView(Protocol):
-    """How N bodies stand, and how they are filmed."""
+    """Poses of N bodies, and the camera."""
 
     @property
     def lens(self) -> Array:
@@ -36,12 +41,12 @@ class PosedView(Protocol):
 
     @property
     def spaces(self) -> Array | None:
-        """(N, 3, 3): how bodies have turned in space since t = 0, +z into the photo; None: in the picture alone."""
+        """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
 
 
 @dataclass(frozen=True)
 class PhotoPose:
-    """The photo: all of it, at t = 0."""
+    """The photo as a view: all of it, at t = 0."""
 
     lens: Array
     poses: Array
@@ -49,7 +54,7 @@ class PhotoPose:
 
     @classmethod
     def of(cls, trajectory: Trajectory, world: World) -> PhotoPose:
-        """Before anything moved, or was put elsewhere."""
+        """Before anything moved, or was placed elsewhere."""
         shown = photo_poses(world)
         poses = np.array(shown) if shown else trajectory.poses[0]
         turned = np.tile(np.eye(3), (len(poses), 1, 1)) if trajectory.turns.size else None
@@ -59,41 +64,39 @@ class PhotoPose:
 
 
 def is_ball(body: Body) -> bool:
-    """Whether it is as round from all sides."""
+    """Whether the body is a sphere."""
     return body.radius is not None and body.solid is Solid.SPHERE
 
 
 def turns_in_space(body: int, view: PosedView, world: World) -> bool:
-    """Whether its far side may come up; -1 is the background."""
+    """Whether the far side of a body may come up; -1 is the background."""
     return body >= 0 and view.spaces is not None and is_ball(world.bodies[body])
 
 
 def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, complex]:
     """m and n of a body that turns in the picture alone; -1 is the background."""
-    large, shift = _lens(view.lens)
-    larger, shifted = _lens(other.lens)
+    scale, shift = _lens(view.lens)
+    other_scale, other_shift = _lens(other.lens)
     if body < 0 or is_still(body, view, other):
-        return complex(larger / large), shifted - larger / large * shift
+        return complex(other_scale / scale), other_shift - other_scale / scale * shift
     (x, y, angle), (to_x, to_y, to_angle) = view.poses[body].tolist(), other.poses[body].tolist()
     turn = exp(1j * (to_angle - angle))
-    there = complex(to_x, to_y) - turn * (shift / large + complex(x, y))
-    return larger / large * turn, larger * there + shifted
+    there = complex(to_x, to_y) - turn * (shift / scale + complex(x, y))
+    return other_scale / scale * turn, other_scale * there + other_shift
 
 
 def is_still(body: int, view: PosedView, other: PosedView) -> bool:
-    """Whether a body stands in the one as in the other, but for rounding: then it has not moved at all."""
+    """Whether a body has the same pose in both views, up to rounding."""
+    change = [view.poses[body] - other.poses[body]]
     if view.spaces is not None and other.spaces is not None:
-        turned = np.abs(view.spaces[body] - other.spaces[body]).max() > REST
-    else:
-        turned = False
-    moved = np.abs(view.poses[body] - other.poses[body]).max()
-    return not turned and bool(moved <= REST)
+        change.append((view.spaces[body] - other.spaces[body]).ravel())
+    return bool(np.abs(np.concatenate(change)).max() <= AT_REST)
 
 
 def _lens(lens: Array) -> tuple[float, complex]:
-    """By how much it enlarges, and its shift."""
-    (large, _, x), (_, _, y) = lens.tolist()
-    return large, complex(x, y)
+    """Its magnification and shift."""
+    (scale, _, x), (_, _, y) = lens.tolist()
+    return scale, complex(x, y)
 
 
 def spans(box: Slices) -> tuple[Array, Array]:
@@ -104,48 +107,44 @@ def spans(box: Slices) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
-class Ball:
-    """Which way a ball has turned from one view to another."""
+class BallTurn:
+    """The rotation of a ball from one view to another."""
 
     radius: float
-    """Video px of the one view."""
-    middle: tuple[float, float]
-    """Video px of the one view."""
+    """Video px of the first view."""
+    center: tuple[float, float]
+    """Video px of the first view."""
     turn: Array
     """(3, 3), +z into the photo."""
-    larger: float
-    """The camera of the other view, by how much it enlarges more."""
+    scale: float
+    """Magnification of the second view by that of the first."""
     to: tuple[float, float]
-    """The middle in the other view, video px."""
+    """The centre in the second view, video px."""
 
     @classmethod
-    def between(cls, body: int, view: PosedView, other: PosedView, world: World) -> Ball:
-        """Of two views that both know how it has turned in space."""
+    def between(cls, body: int, view: PosedView, other: PosedView, world: World) -> BallTurn:
+        """Of two views that both have rotations in space."""
         radius = world.bodies[body].radius
         assert radius is not None
         assert view.spaces is not None
         assert other.spaces is not None
-        (large, shift), (larger, shifted) = _lens(view.lens), _lens(other.lens)
-        (x, y), (to_x, to_y) = view.poses[body, :2].tolist(), other.poses[body, :2].tolist()
-        return cls(
-            radius * large,
-            (large * x + shift.real, large * y + shift.imag),
-            other.spaces[body] @ view.spaces[body].T,
-            larger / large,
-            (larger * to_x + shifted.real, larger * to_y + shifted.imag),
-        )
+        scale, other_scale = float(view.lens[0, 0]), float(other.lens[0, 0])
+        x, y = (scale * view.poses[body, :2] + view.lens[:, 2]).tolist()
+        to_x, to_y = (other_scale * other.poses[body, :2] + other.lens[:, 2]).tolist()
+        turn = other.spaces[body] @ view.spaces[body].T
+        return cls(radius * scale, (x, y), turn, other_scale / scale, (to_x, to_y))
 
     def carried(self, x: Array, y: Array) -> tuple[Array, Array, Mask]:
-        """Video px x and y, which broadcast, in px of the other view; and which of them are underneath there.
+        """Video px x and y, which broadcast, in px of the other view; and which of them are on the far side there.
 
-        What a mask has beyond the rim goes with the rim.
+        Pixels of the mask beyond the rim move with the rim.
         """
-        u, v = (x - self.middle[0]) / self.radius, (y - self.middle[1]) / self.radius
-        far = u * u + v * v
-        towards = np.sqrt(np.maximum(1 - far, 0))
-        reach = self.radius * self.larger
+        u, v = (x - self.center[0]) / self.radius, (y - self.center[1]) / self.radius
+        squared = u * u + v * v
+        towards = np.sqrt(np.maximum(1 - squared, 0))
+        reach = self.radius * self.scale
         along, down = self.to[0] + reach * u, self.to[1] + reach * v
-        within = 1 / np.sqrt(np.maximum(far, 1))
+        within = 1 / np.sqrt(np.maximum(squared, 1))
         u, v = u * within, v * within
         change = (self.turn - np.diag([1.0, 1.0, 0.0])) * [[reach], [reach], [1.0]]
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = change.tolist()
@@ -156,25 +155,12 @@ class Ball:
         )
 
     def origin(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """The same without what is underneath, where x and y are none but roughly those of the ball's pixels."""
-        u, v = (x - self.middle[0]) / self.radius, (y - self.middle[1]) / self.radius
+        """The same without the far side, where x and y are roughly pixels of the ball."""
+        u, v = (x - self.center[0]) / self.radius, (y - self.center[1]) / self.radius
         towards = np.sqrt(np.maximum(1 - (u * u + v * v), 0))
-        reach = self.radius * self.larger
+        reach = self.radius * self.scale
         along, down = (
             to + (reach * row[0] * u + reach * row[1] * v) - reach * row[2] * towards
             for to, row in zip(self.to, self.turn[:2].tolist(), strict=True)
         )
         return along, down
-
-
-def transfer_points(
-    points: Array, body: int, view: PosedView, other: PosedView, world: World
-) -> tuple[Array, Mask]:
-    """Points (K, 2) video px of a `body` of `view`, -1 the background, in px of `other`; which are on its back."""
-    x, y = points[:, 0], points[:, 1]
-    if turns_in_space(body, view, world) and other.spaces is not None:
-        to_x, to_y, hidden = Ball.between(body, view, other, world).carried(x, y)
-        return np.column_stack([to_x, to_y]), hidden
-    m, n = similarity(body, view, other)
-    there = m * (x + 1j * y) + n
-    return np.column_stack([there.real, there.imag]), np.zeros(len(points), bool)

@@ -16,7 +16,7 @@ import numpy as np
 
 from physgen.export.event_detection import Event, EventKind, events
 from physgen.export.files import write_json
-from physgen.export.labels import Clip, Moment, Scale
+from physgen.export.labels import Clip, Writer
 from physgen.scene.scene import Play, Point, View
 from physgen.simulate.trajectory import REST_SPEED
 
@@ -349,14 +349,11 @@ def seconds(time: float) -> str:
     return f"{time:.2f}".rstrip("0").rstrip(".") + " s"
 
 
-class Events:
+class Events(Writer):
     """Both files hold the same events, in one order."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip
-
-    def add(self, moment: Moment) -> None:
-        """Pictures tell nothing new."""
 
     def close(self) -> None:
         """Write all."""
@@ -368,7 +365,7 @@ class Events:
             "frames": clip.count,
             "fps": clip.fps,
             "size": list(clip.size),
-            "scale": Scale.of(clip.scene).as_dict(),
+            "scale": clip.scale.as_dict(),
             "units": UNITS,
             "objects": [
                 {"name": item.name, "label": label}
@@ -404,7 +401,7 @@ def _event_json(clip: Clip, k: int, event: Event) -> dict[str, Any]:
     if event.at is not None:
         told["place"] = {"photo": list(event.at), "video": list(times.seen(event.at, event.time))}
     if event.impulse is not None:
-        newton = Scale.of(clip.scene).newton_seconds(event.impulse)
+        newton = clip.scale.newton_seconds(event.impulse)
         told["impulse"] = {"g_px_s": event.impulse, "N_s": newton}
     if event.vector is not None:
         told["direction" if event.nearing is not None else "vector"] = list(event.vector)

@@ -1,4 +1,8 @@
-"""A map of the photo resampled for any frame: each object's part moves with the object."""
+"""A map of the photo resampled for any frame: each object's part moves with the object.
+
+The map is split once: the background, filled smoothly where an object stood, and a part for each object. A frame is
+composed by its ids; each pixel reads the place in the photo that it shows, linearly between pixels.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.correspondence import Ball, PhotoPose, is_still, similarity, spans, turns_in_space
+from physgen.export.correspondence import BallTurn, PhotoPose, is_still, similarity, spans, turns_in_space
 from physgen.export.labels import Clip, View
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.render.stage import Slices
@@ -20,22 +24,24 @@ Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
 
 RIM = 3
-"""px around what stood there at t = 0 in which the map is mixed: the background is filled in there, too."""
+"""px around an object in which pixels mix it and the background: the background is filled in there, too."""
 PAD = 4
-"""px around a thing's mask to which its outermost values are carried on."""
-RIM_OF_BALL = 0.955
+"""px around an object's mask to which its outermost values are extended."""
+BALL_RIM = 0.955
 """Of the radius, as in `render.ball`: farther out the photo shows a ball mixed and foreshortened."""
-HOW = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+FILL_ERROR = 2e-4
+"""Of a map's range: the largest error of the smooth fill."""
+WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 
 
 @dataclass(frozen=True)
 class Part:
-    """What a map tells of one thing."""
+    """A map on one object."""
 
     corner: tuple[int, int]
     """Photo column and row of its first pixel."""
     values: F32
-    """(h, w[, C]), carried on beyond the thing's mask."""
+    """(h, w[, C]), extended beyond the object's mask."""
 
     def warped(self, box: Slices, m: complex, n: complex) -> F32:
         """(h, w[, C]) on a box of a view; `m` and `n` lead from its px to those of the photo."""
@@ -43,118 +49,102 @@ class Part:
         n += m * complex(columns.start, rows.start) - complex(*self.corner)
         matrix = np.array([[m.real, -m.imag, n.real], [m.imag, m.real, n.imag]])
         size = (columns.stop - columns.start, rows.stop - rows.start)
-        return np.asarray(
-            cv2.warpAffine(self.values, matrix, size, flags=HOW, borderMode=cv2.BORDER_REPLICATE), np.float32
-        )
+        warped = cv2.warpAffine(self.values, matrix, size, flags=WARP, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(warped, np.float32)
 
     def at(self, x: Array, y: Array) -> F32:
         """(h, w[, C]) at px x and y (h, w) of the photo."""
-        here, way = (x - self.corner[0]).astype(np.float32), cv2.INTER_LINEAR
-        there = (y - self.corner[1]).astype(np.float32)
-        return np.asarray(
-            cv2.remap(self.values, here, there, way, borderMode=cv2.BORDER_REPLICATE), np.float32
-        )
+        where = (x - self.corner[0]).astype(np.float32), (y - self.corner[1]).astype(np.float32)
+        found = cv2.remap(self.values, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(found, np.float32)
 
-    def squeezed(self, middle: tuple[float, float], radius: float) -> Part:
-        """What lies farther than `radius` from a px of the photo gives way to what is there in its direction."""
+    def extended(self, center: tuple[float, float], radius: float) -> Part:
+        """Values farther than `radius` from a px of the photo are replaced by those at `radius` in their direction."""
         height, width = self.values.shape[:2]
-        x = np.arange(width) + self.corner[0] - middle[0]
-        y = (np.arange(height) + self.corner[1] - middle[1])[:, None]
+        x = np.arange(width) + self.corner[0] - center[0]
+        y = (np.arange(height) + self.corner[1] - center[1])[:, None]
         within = np.minimum(radius / np.maximum(np.hypot(x, y), 1e-9), 1)
-        return Part(self.corner, self.at(middle[0] + x * within, middle[1] + y * within))
+        return Part(self.corner, self.at(center[0] + x * within, center[1] + y * within))
 
 
 Sample = Callable[[int, Part, View, Slices], F32]
-"""What the part of a body shows of it in the box of a view, (h, w[, C])."""
+"""Body, its part, view and box -> what the box shows of the body, (h, w[, C])."""
 
 
 class Layers:
-    """A map in layers; `finish` makes of its values what is written."""
+    """A map in layers; `encode` turns its values into the integers of files."""
 
     def __init__(
-        self, clip: Clip, ground: F32, parts: Mapping[int, Part], finish: Callable[[F32], U16]
+        self, clip: Clip, ground: F32, parts: Mapping[int, Part], encode: Callable[[F32], U16]
     ) -> None:
-        """`ground` (H, W[, C]) of the photo without things; `parts` by body."""
-        self._world, self._still, self._size = (
-            clip.world,
-            PhotoPose.of(clip.trajectory, clip.world),
-            clip.size,
-        )
-        self._ground, self._parts, self._finish = ground, parts, finish
-        self._filmed: tuple[Array, U16] | None = None
-        self._shown: U16 | None = None
+        """`ground` (H, W[, C]) of the photo without objects; `parts` by body."""
+        self._world, self._size = clip.world, clip.size
+        self._photo = PhotoPose.of(clip.trajectory, clip.world)
+        self._ground, self._parts, self._encode = ground, parts, encode
+        self._background: tuple[Array, U16] | None = None
+        self._frame = np.zeros((0, 0), np.uint16)
         self._skins: dict[int, Part] = {}
 
-    def seen(self, view: View, sample: Sample) -> U16:
-        """(h, w[, C]) of a view, finished; the next view overwrites it: new memory costs more than a copy."""
-        ground = self._background(view.lens)
-        if self._shown is None or self._shown.shape != ground.shape:
-            self._shown = np.empty_like(ground)
-        shown = self._shown
-        np.copyto(shown, ground)
+    def composed(self, view: View, sample: Sample) -> U16:
+        """(h, w[, C]) of a view; the next view overwrites it, since new memory costs more than a copy."""
+        ground = self._ground_seen(view.lens)
+        if self._frame.shape != ground.shape:
+            self._frame = np.empty_like(ground)
+        np.copyto(self._frame, ground)
         for body, box in view.boxes.items():
             if body in self._parts:
                 mine = view.ids[box] == body + 1
-                values = self._finish(sample(body, self._parts[body], view, box))
-                cv2.copyTo(
-                    values, mine.view(np.uint8), shown[box]
-                )  # where NumPy spreads masks over channels slowly
-        return shown
+                values = self._encode(sample(body, self._parts[body], view, box))
+                cv2.copyTo(values, mine.view(np.uint8), self._frame[box])  # faster than NumPy with channels
+        return self._frame
 
     def turned(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """A part that turns with its body in the picture."""
-        return part.warped(box, *similarity(body, view, self._still))
+        return part.warped(box, *similarity(body, view, self._photo))
 
-    def carried(self, body: int, part: Part, view: View, box: Slices) -> F32:
+    def moved(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """A part that moves with its body and never turns."""
-        m, _ = similarity(-1, view, self._still)
-        (x, y), (to_x, to_y) = view.lens @ [*view.poses[body, :2], 1.0], self._still.poses[body, :2]
+        m, _ = similarity(-1, view, self._photo)
+        (x, y), (to_x, to_y) = view.lens @ [*view.poses[body, :2], 1.0], self._photo.poses[body, :2]
         return part.warped(box, m, complex(to_x, to_y) - m * complex(x, y))
 
     def rolled(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        """A part that turns with its body, in space where that does.
-
-        What no photo shows, of a ball's far side, is the mirror image of what it does: as frames have it.
-        """
-        if not turns_in_space(body, view, self._world) or is_still(body, view, self._still):
+        """A part that turns with its body, for balls in space; their far side mirrors the near one, as in frames."""
+        if not turns_in_space(body, view, self._world) or is_still(body, view, self._photo):
             return self.turned(body, part, view, box)
-        ball = Ball.between(body, view, self._still, self._world)
+        ball = BallTurn.between(body, view, self._photo, self._world)
         if body not in self._skins:
-            self._skins[body] = part.squeezed(ball.to, RIM_OF_BALL * ball.radius * ball.larger)
+            self._skins[body] = part.extended(ball.to, BALL_RIM * ball.radius * ball.scale)
         return self._skins[body].at(*ball.origin(*spans(box)))
 
-    def _background(self, lens: Array) -> U16:
-        """As it is filmed; again only where the camera has moved."""
-        if self._filmed is None or not np.array_equal(self._filmed[0], lens):
+    def _ground_seen(self, lens: Array) -> U16:
+        """The background through the camera; computed again only when the camera has moved."""
+        if self._background is None or not np.array_equal(self._background[0], lens):
             values = self._ground
             height, width = values.shape[:2]
             if self._size != (width, height) or not np.array_equal(lens, np.eye(2, 3)):
                 matrix = cv2.invertAffineTransform(lens)
-                values = np.asarray(
-                    cv2.warpAffine(values, matrix, self._size, flags=HOW, borderMode=cv2.BORDER_REPLICATE),
-                    np.float32,
+                warped = cv2.warpAffine(
+                    values, matrix, self._size, flags=WARP, borderMode=cv2.BORDER_REPLICATE
                 )
-            self._filmed = lens, self._finish(values)
-        return self._filmed[1]
+                values = np.asarray(warped, np.float32)
+            self._background = lens, self._encode(values)
+        return self._background[1]
 
 
-def hole(clip: Clip) -> Mask:
-    """(H, W) of the photo: where the background is not known, for something stands there or beside."""
+def unknown_ground(clip: Clip) -> Mask:
+    """(H, W) of the photo: pixels on objects or beside them, where the background is not known."""
     return dilate(clip.stood > 0, RIM)
 
 
 def filled(values: F32, where: Mask) -> F32:
-    """(H, W[, C]) with a soap film in the place of what is not known (`perceive.membrane`)."""
+    """(H, W[, C]) with a harmonic fill of `where` (H, W)."""
     deep = values if values.ndim == 3 else values[..., None]
-    reach = float(np.ptp(deep))
-    return harmonic_fill(deep, where, max(reach, 1e-6) * FILM).reshape(values.shape)
+    error = max(float(np.ptp(deep)), 1e-6) * FILL_ERROR
+    return harmonic_fill(deep, where, error).reshape(values.shape)
 
 
-FILM = 2e-4
-"""Of a map's reach: the error that the film may leave."""
-
-
-def parted(values: F32, clip: Clip) -> dict[int, Part]:
+def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
     """Each body's part of a map (H, W[, C]) of the photo; bodies that the photo does not show have none."""
     found = {}
     for body in range(len(clip.world.bodies)):
@@ -162,11 +152,11 @@ def parted(values: F32, clip: Clip) -> dict[int, Part]:
         x, y, w, h = cv2.boundingRect(own.view(np.uint8))
         if w:
             box = np.s_[max(y - PAD, 0) : y + h + PAD, max(x - PAD, 0) : x + w + PAD]
-            found[body] = Part((box[1].start, box[0].start), _spread(values[box], own[box]))
+            found[body] = Part((box[1].start, box[0].start), _nearest(values[box], own[box]))
     return found
 
 
-def _spread(values: F32, known: Mask) -> F32:
+def _nearest(values: F32, known: Mask) -> F32:
     """(h, w[, C]) with the nearest known value everywhere."""
     _, nearest = cv2.distanceTransformWithLabels(
         (~known).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL

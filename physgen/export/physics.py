@@ -8,7 +8,7 @@ from typing import Any
 
 from physgen.compile.world import Body, Joint, Push, World, pairings
 from physgen.export.files import write_json
-from physgen.export.labels import Clip, Moment, Scale
+from physgen.export.labels import Clip, Scale, Writer
 from physgen.scene.scene import Load, Object, Scene
 
 UNITS = {
@@ -33,14 +33,11 @@ SAID = ("mass", "density", "friction", "elasticity", "rolling", "velocity", "spi
 """Keys of an object of which it is told who said them."""
 
 
-class Physics:
+class Physics(Writer):
     """One file."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip
-
-    def add(self, moment: Moment) -> None:
-        """Pictures tell nothing new."""
 
     def close(self) -> None:
         """Write it."""
@@ -49,7 +46,7 @@ class Physics:
 
 def physics(clip: Clip) -> dict[str, Any]:
     """As JSON. `from` says `written` of what the scene file has, `default` of what it leaves out, or who guessed it."""
-    scene, world, scale = clip.scene, clip.world, Scale.of(clip.scene)
+    scene, world, scale = clip.scene, clip.world, clip.scale
     gravity = world.gravity.tolist()
     return {
         "version": 1,

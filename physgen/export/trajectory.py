@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.labels import Clip, Moment, Scale
+from physgen.export.labels import Clip, Writer
 from physgen.render.camera import Shot
 from physgen.tables import Cell, Column, Kind, Table
 
@@ -33,18 +33,15 @@ COLUMNS = (
     Column("vx_m", Kind.NUMBER, "m/s"),
     Column("vy_m", Kind.NUMBER, "m/s"),
 )
-HAIR = 1e-5
-"""s before and after a moment between which the camera's motion is taken."""
+CAMERA_STEP = 1e-5
+"""s before and after a moment between which the camera's velocity is measured."""
 
 
-class TrajectoryTables:
+class TrajectoryTables(Writer):
     """A row a frame and object; without pyarrow there is no Parquet."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip
-
-    def add(self, moment: Moment) -> None:
-        """Pictures tell nothing new."""
 
     def close(self) -> None:
         """Write all."""
@@ -64,7 +61,7 @@ def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
         array[order] for array in (trajectory.times, trajectory.poses, trajectory.velocities)
     )
     places, speeds = on_video(clip.shot, times, poses, velocities)
-    scale = Scale.of(clip.scene)
+    scale = clip.scale
     per_meter = scale.pixels_per_meter if scale.known else np.nan
     arrays: dict[str, NDArray[np.generic]] = {
         "names": np.array(clip.names, np.str_),
@@ -94,7 +91,7 @@ def on_video(shot: Shot, times: Array, poses: Array, velocities: Array) -> tuple
     places, speeds = np.empty((*poses.shape[:2], 2)), np.empty((*poses.shape[:2], 2))
     for t, time in enumerate(times.tolist()):
         lens = shot.affine(time)
-        early, late = max(time - HAIR, 0.0), time + HAIR
+        early, late = max(time - CAMERA_STEP, 0.0), time + CAMERA_STEP
         turning = (shot.affine(late) - shot.affine(early)) / (late - early)
         at = np.column_stack([poses[t, :, :2], np.ones(len(poses[t]))])
         places[t] = at @ lens.T

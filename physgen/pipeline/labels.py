@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from physgen.export.formats import LabelFormat, Writer
-    from physgen.export.labels import Clip, Moment
+    from physgen.export.labels import Clip, Moment, MomentQueue
     from physgen.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.record import RunRecord
@@ -145,29 +145,27 @@ class Tap:
         clip: Clip,
         record: RunRecord,
     ) -> None:
-        from physgen.export.labels import MomentQueue
-
         self._filming, self._trajectory, self._record = filming, trajectory, record
-        self._writers, self._line = writers, MomentQueue(clip.world)
+        self._writers, self._world = writers, clip.world
+        self._queue: MomentQueue | None = None
 
     def __call__(self, frames: Iterator[Frame]) -> Iterator[Frame]:
         """The very same frames."""
-        from physgen.export.labels import ViewBuilder
+        from physgen.export.labels import MomentQueue
 
         fine, parts = self._filming.exposed(self._trajectory)
         shot = self._filming.shot(self._trajectory)
         samples = [sample * parts + parts - 1 for sample in shot.order]
-        eye = None
         for frame in frames:
             wall, cpu = time.perf_counter(), time.thread_time()
-            eye = eye or ViewBuilder(fine, samples, shot)
-            self._put(self._line.put(eye.seen(frame)))
+            self._queue = self._queue or MomentQueue(self._world, fine, samples, shot)
+            self._put(self._queue.put(frame))
             self._took(time.perf_counter() - wall, time.thread_time() - cpu)
             yield frame
 
     def finish(self) -> None:
         """The last frame was handed on."""
-        self._put(self._line.end())
+        self._put(self._queue.end() if self._queue else None)
 
     def _took(self, wall: float, cpu: float) -> None:
         """Whoever asks for a frame counts this as drawing, which it is not."""
