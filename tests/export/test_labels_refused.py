@@ -34,7 +34,7 @@ def test_too_many_objects(name: str, count: int, most: int, tmp_path, capsys) ->
     assert main(["export", str(scene), "--format", name, "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert (
-        f"objects: {count:,} objects are more than the format {name} tells apart, which is {most}; take coco"
+        f"objects: {count:,} objects are more than the format {name} can number, which is {most}; take coco"
         in said
     )
     assert not (tmp_path / "out/crowd").exists()
