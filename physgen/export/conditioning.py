@@ -73,7 +73,7 @@ class ShownPush:
     """s; None: an impulse."""
 
     def given(self, times: Array) -> Array:
-        """(T,) from each of `times` (T + 1,) to the next: 1 where an impulse is given, of a force the s that it acts."""
+        """(T,) between `times` (T + 1,): 1 where an impulse is given, of a force the s that it acts."""
         if self.end is None:
             at = int(np.searchsorted(times, self.start + ROUNDING, side="right")) - 1
             return np.asarray(np.arange(len(times) - 1) == at, np.float64)
