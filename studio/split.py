@@ -66,7 +66,7 @@ def page(split: dict) -> str:
         "Size is the root of an object's visible area. Contrast is the median colour difference (CIE 1976) 2.5 px to",
         "either side of the outlines; faint is the share of outline with less than 10. Clutter is the share of background",
         "pixels on a Canny edge. Brightness is the median L*. Hardness is the share of directional light in all light that",
-        "falls on the things.",
+        "falls on the objects.",
     ]
     return "\n".join(lines) + "\n"
 

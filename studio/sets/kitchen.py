@@ -597,7 +597,7 @@ def stage() -> Stage:
     )
     return Stage(
         "kitchen",
-        "Breakfast things on a kitchen table, and the fruit is piled too high.\n"
+        "Breakfast on a kitchen table, and the fruit is piled too high.\n"
         "The top orange is pushed off; it takes the cork along, and the salt shaker falls into the egg's arms.",
         CAMERA,
         [*pantry(), *pile(), *tower()],

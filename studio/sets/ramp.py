@@ -156,7 +156,7 @@ def stage() -> Stage:
         "sun": sun((-0.85, -0.45, 0.32), DAY * [1.0, 0.93, 0.80] * 5.2, 0.3),
         "sky": sky((0.40, 0.43, 0.47), (0.34, 0.35, 0.36), (0.16, 0.15, 0.13)),
     }
-    story = """Somebody let go of six cartons at the top of a plywood ramp. The ramp is a boundary like the floor:
+    story = """Six cartons were let go at the top of a plywood ramp. The ramp is a boundary like the floor:
 it was rubbed with wax; try sand (its friction), or make the lowest carton the heaviest."""
     return Stage(
         "ramp",
