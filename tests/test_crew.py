@@ -184,7 +184,7 @@ def test_a_failure_is_an_error_unless_the_default_may_take_over(odd: type[Odd]):
         "learned", "odd:c/d", "RuntimeError: out of memory",
     )  # fmt: skip
     assert "segment=odd:c/d failed (RuntimeError: out of memory); learned took over" in str(heard[0])
-    assert crew.models()
+    assert not crew.all_default()
 
 
 def test_kept_or_not_what_failed_on_one_photo_is_tried_on_the_next(odd: type[Odd]):
@@ -197,7 +197,7 @@ def test_kept_or_not_what_failed_on_one_photo_is_tried_on_the_next(odd: type[Odd
         assert crew.name("segment") == "odd"
         assert crew.call("segment", RGB, categories=[1]) == [1]  # made by whom the record names
         assert [step.backend for step in crew.steps] == ["odd"]
-        assert not crew.fell()
+        assert not crew.fallbacks()
 
 
 def test_a_plan_of_some_roles_makes_and_checks_nothing_of_others(odd: type[Odd]):
@@ -226,12 +226,12 @@ def test_boxes_and_points_go_through_the_crew_too(odd: type[Odd], monkeypatch: p
         found = from_prompts(rgb, [(16, 16, 32, 32)], [], segmenter(crew, ["cup"]))
         assert ((found.labels == 1).sum() == 64 * 64) == (not fails)  # else what is seen in the box
         assert len(crew.record()) == 1
-        assert bool(crew.fell()) == fails
+        assert bool(crew.fallbacks()) == fails
 
 
 def test_boundaries_that_need_depth_say_so_before_any_work():
     with pytest.raises(
-        InputError, match=r"boundary=depth-normals.* needs depth; choose who tells depth, too"
+        InputError, match=r"boundary=depth-normals.* needs depth; choose one for depth, too"
     ):
         Backends(load_plan(["boundary=depth-normals"]))
 

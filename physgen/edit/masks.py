@@ -29,7 +29,7 @@ from physgen.edit.operations import adopted
 from physgen.maps import Percepts
 from physgen.perceive.document import object_names
 from physgen.perceive.roles import SMALLEST_OBJECT, Detections, PhotoObject
-from physgen.perceive.segment.prompts import ASKED
+from physgen.perceive.segment.prompts import PROMPT_ODDS
 from physgen.problems import InputError
 from physgen.scene.scene import Scene
 
@@ -122,7 +122,7 @@ def _found(work: Work, op: Op, mask: Mask, fit: float, prompt: Data) -> str:
             name = work.scene.objects[k - 1].name
     own = 0 if name is None else work.index(name) + 1
     mask = mask & ((labels == 0) | (labels == own))
-    sure = ASKED * fit / (1 + (ASKED - 1) * fit)  # a person has pointed there
+    sure = PROMPT_ODDS * fit / (1 + (PROMPT_ODDS - 1) * fit)  # a person has pointed there
     if name is None:
         return _new(work, large_enough(mask, "the new object"), (sure, prompt))
     work.masks[name] = large_enough(mask, name)

@@ -200,11 +200,11 @@ def perceive(
 
 def _signed(made: PerceivedScene, crew: Backends) -> PerceivedScene:
     """With what the crew says of itself: the record, and who took over from whom."""
-    if not crew.models():
+    if crew.all_default():
         return made
     fell = [
         f"{step.role}={step.instead_of} failed ({step.because}): {step.backend} took over"
-        for step in crew.fell()
+        for step in crew.fallbacks()
     ]
     return replace(made, header="\n".join([made.header, *fell]), record=crew.record())
 

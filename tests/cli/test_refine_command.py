@@ -27,12 +27,12 @@ from physgen.scene.schema import at
 
 SIZE, COUNT, FPS = (45, 34), 6, 12.0
 ROWS = (
-    Backend("refine", "none", "gaussian:made", "Leaves all as it is.", told=True),
-    Backend("refine", "animatediff", "gaussian:made", "Stands for the default.", told=True),
-    Backend("refine", "exact", "gaussian:made", "Exact.", told=True),
-    Backend("refine", "failing", "test_refine_command:failing", "Fails.", told=True),
-    Backend("refine", "gone", "test_refine_command:gone", "Lacks its weights.", told=True),
-    Backend("refine", "stopped", "test_refine_command:stopped", "Is interrupted.", told=True),
+    Backend("refine", "none", "gaussian:made", "Leaves all as it is.", takes_setup=True),
+    Backend("refine", "animatediff", "gaussian:made", "Stands for the default.", takes_setup=True),
+    Backend("refine", "exact", "gaussian:made", "Exact.", takes_setup=True),
+    Backend("refine", "failing", "test_refine_command:failing", "Fails.", takes_setup=True),
+    Backend("refine", "gone", "test_refine_command:gone", "Lacks its weights.", takes_setup=True),
+    Backend("refine", "stopped", "test_refine_command:stopped", "Is interrupted.", takes_setup=True),
 )
 
 
@@ -435,9 +435,9 @@ def test_a_full_disk_is_one_message_and_the_old_video_is_still_there(
     (tmp_path / "new.mp4").write_bytes(b"old")
     code = (
         "import resource, sys\n"
-        "from physgen import backends\nfrom physgen.cli.main import main\n"
-        "row = backends.Backend('refine', 'exact', 'gaussian:made', '', told=True)\n"
-        "backends.BACKENDS = (*(r for r in backends.BACKENDS if r.role != 'refine'), row)\n"
+        "from physgen import registry\nfrom physgen.cli.main import main\n"
+        "row = registry.Backend('refine', 'exact', 'gaussian:made', '', takes_setup=True)\n"
+        "registry.BACKENDS = (*(r for r in registry.BACKENDS if r.role != 'refine'), row)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
         "run = ['refine', 'frames', '--masks', 'masks', '--prompt', 'x', '--backend', 'exact']\n"
         f"sys.exit(main([*run, '-o', {output!r}]))"

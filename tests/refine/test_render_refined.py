@@ -33,8 +33,8 @@ refine: {steps: 10, stop: 1}
 def _exact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A row whose model is Gaussian, and one that fails."""
     more = (
-        Backend("refine", "exact", "gaussian:made", "Gaussian data.", told=True),
-        Backend("refine", "broken", "gaussian:broken", "Raises.", told=True),
+        Backend("refine", "exact", "gaussian:made", "Gaussian data.", takes_setup=True),
+        Backend("refine", "broken", "gaussian:broken", "Raises.", takes_setup=True),
     )
     monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, *more))
     monkeypatch.setattr("physgen.batch.run._REFINERS", {})

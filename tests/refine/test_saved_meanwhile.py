@@ -28,7 +28,7 @@ refine: {backend: exact, steps: 4, stop: 1}
 
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    row = Backend("refine", "exact", "gaussian:made", "Gaussian data.", told=True)
+    row = Backend("refine", "exact", "gaussian:made", "Gaussian data.", takes_setup=True)
     monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, row))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     home = tmp_path / "scene"
