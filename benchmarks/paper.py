@@ -12,11 +12,9 @@ from physgen.environment import gpu, this_machine
 from physgen.evaluate.controllability.sweep import sweep
 from physgen.evaluate.controllability.told import findings as answered
 from physgen.evaluate.measure import Findings, Section, Table, markdown
-from physgen.evaluate.properties.asked import ask
-from physgen.evaluate.properties.studio import ask_photos
-from physgen.evaluate.properties.table import SHIPPED, read_table
-from physgen.evaluate.properties.told import MASS, ORDER, Asked
-from physgen.evaluate.properties.told import findings as weighed
+from physgen.evaluate.objects import SHIPPED, read_table
+from physgen.evaluate.properties import MASS, ORDER, Asked, ask, ask_photos
+from physgen.evaluate.properties import findings as weighed
 from physgen.evaluate.runtime.measured import measure
 from physgen.evaluate.runtime.told import findings as timed
 from physgen.registry import Backends
@@ -38,7 +36,7 @@ Written by `python benchmarks/run.py properties` from `benchmarks/results/proper
 The paper asks GPT-4V for mass, friction and elasticity and compares (appendix): masses of 20 objects, the order of 13
 pairs by friction and of 7 by elasticity. Here it is whoever fills the role `physics`: the material table below.
 
-**The objects** (`physgen/evaluate/properties/objects.yaml`) were weighed and measured by others, the authors of the YCB
+**The objects** (`physgen/evaluate/objects.yaml`) were weighed and measured by others, the authors of the YCB
 set, and compared by others: cargo standards, a textbook, a collection of drops. `physgen/materials.yaml`, which
 the backend `table` reads, has nothing from there, and is not changed to fit. Two sets are less independent: weights
 that rules fix (the line without them says how much they help), and the studio's photos, whose masses,

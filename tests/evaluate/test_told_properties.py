@@ -15,10 +15,8 @@ from scipy import stats
 from vlm_stub import BALL, Stub, said
 
 from physgen.cli.main import main
-from physgen.evaluate.properties.answers import Answer, read_answers
-from physgen.evaluate.properties.asked import ask
-from physgen.evaluate.properties.scores import masses, order
-from physgen.evaluate.properties.table import SHIPPED, Form, Item, Objects, read_table
+from physgen.evaluate.objects import SHIPPED, Answer, Form, Item, Objects, read_answers, read_table
+from physgen.evaluate.properties import ask, masses, order
 from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.simulate.uncertainty_summary import wilson
@@ -93,7 +91,7 @@ def test_the_shipped_table_is_a_test_and_no_source() -> None:
     for item in table.weighed:
         assert item.mass is not None
         assert 0.02 < 1000 * item.mass / sides[item.form](item.size) < 5, item.name  # g/cm³ of its box
-    knowledge = (SHIPPED.parents[2] / "materials.yaml").read_text()
+    knowledge = (SHIPPED.parents[1] / "materials.yaml").read_text()
     for word in ("YCB", "Calli", "OpenStax", "Factbook", "Transport Units"):
         assert word in SHIPPED.read_text()
         assert word not in knowledge
@@ -150,7 +148,7 @@ def test_the_backend_answers_saves_and_is_scored_again(
     asked = ["evaluate", "properties", str(table)]
     assert main([*asked, "--save-answers", str(saved), "-o", str(page)]) == 0
     text = capsys.readouterr().out
-    assert "The backend table tells 2 of 2 masses to within 30 %" in text
+    assert "The backend table gives 2 of 2 masses to within 30 %" in text
     assert "materials.yaml" in text  # what is independent is said
     first = json.loads((page / "result.json").read_text())
     assert (page / "index.html").read_text().count("data:image/svg+xml") == 2
@@ -213,9 +211,9 @@ def test_a_table_without_sizes_does_not_say_that_they_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for rows, words in (
-        ("a,apple,,100\n", "its size is not told"),
-        ("a,apple,70x60x60,100\nb,pear,,90\n", "told by the scale of the 1 that have one in the table"),
-        ("a,apple,70x60x60,100\n", "its size is told by the scale."),
+        ("a,apple,,100\n", "its size is not given"),
+        ("a,apple,70x60x60,100\nb,pear,,90\n", "given by the scale of the 1 that have one in the table"),
+        ("a,apple,70x60x60,100\n", "its size is given by the scale."),
     ):
         table = written(tmp_path / "t.csv", f"name,label,size,mass\n{rows}")
         assert main(["evaluate", "properties", str(table)]) == 0
@@ -272,7 +270,7 @@ def test_faults_of_flags(
 
 
 def test_the_studio_is_asked_at_both_scales(bundled: Path, tmp_path: Path) -> None:
-    from physgen.evaluate.properties.studio import ask_photos
+    from physgen.evaluate.properties import ask_photos
 
     truth = bundled.parent / "studio" / "truth" / "wall-ball" / "truth.json"
     home = tmp_path / "studio" / "truth" / "wall-ball"

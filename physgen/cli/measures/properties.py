@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from physgen.cli.measures.output import hand_over
@@ -55,22 +54,15 @@ STUDIO = Path("studio/truth")
 
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.properties.answers import read_answers, write_answers
-    from physgen.evaluate.properties.asked import ask
-    from physgen.evaluate.properties.studio import ask_photos
-    from physgen.evaluate.properties.table import SHIPPED, read_table
-    from physgen.evaluate.properties.told import Asked, findings, plots
+    from physgen.evaluate.objects import SHIPPED, read_answers, read_table, write_answers
+    from physgen.evaluate.properties import Asked, ask, ask_photos, findings, plots
     from physgen.registry import Backends, choices, configuration_files, load_plan
 
-    _fit(options)
-    check_folder(options.output)
+    _check_flags(options)
+    check_folder(options.output, plots=True)
     if others := set(choices(options.backend)) - {"physics"}:
         role = f'"{", ".join(sorted(others))}"'
         raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
-    if options.output:
-        from physgen.report.plots.style import require_matplotlib
-
-        require_matplotlib()
     table = read_table(options.table or SHIPPED)
     if options.answers:
         answers, kinds = read_answers(options.answers, table), []
@@ -78,30 +70,25 @@ def run(options: argparse.Namespace) -> int:
     else:
         if options.config is None:
             for path in configuration_files():
-                print_error(f"{path}: says who perceives, where no flag does")
-        crew = Backends(load_plan(options.backend, config=options.config).of(("physics",)), print_problem)
+                print_error(f"{path}: chooses backends where no flag does")
+        backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)), print_problem)
         bar = Bar()
-        answers = ask(table, crew, not options.hide_size, bar.show)
+        answers = ask(table, backends, not options.hide_size, bar.show)
         truth = options.truth or (STUDIO if options.table is None and STUDIO.is_dir() else None)
-        kinds = [] if truth is None else ask_photos(truth, crew, bar.show)
+        kinds = [] if truth is None else ask_photos(truth, backends, bar.show)
         bar.clear()
-        crew.close()
+        backends.close()
         photos = all(item.photo is not None for item in table.items)
-        asked = Asked(crew.name("physics"), not options.hide_size, photos, True)
+        asked = Asked(backends.name("physics"), not options.hide_size, photos, True)
         if options.save_answers:
-            write_answers(options.save_answers, answers, crew.name("physics"))
-    told = findings(table, answers, kinds, asked)
+            write_answers(options.save_answers, answers, backends.name("physics"))
+    found = findings(table, answers, kinds, asked)
     if options.output:
-        drawn = plots(table, answers, kinds)
-        sections = (
-            replace(section, parts=(*section.parts, *drawn.get(section.title, ())))
-            for section in told.sections
-        )
-        told = replace(told, sections=tuple(sections))
-    return hand_over(told, options)
+        found = found.with_parts(plots(table, answers, kinds), first=False)
+    return hand_over(found, options)
 
 
-def _fit(options: argparse.Namespace) -> None:
+def _check_flags(options: argparse.Namespace) -> None:
     """Refuses flags that leave each other without a meaning."""
     if options.answers is None:
         return
@@ -114,4 +101,4 @@ def _fit(options: argparse.Namespace) -> None:
     for flag, value in beside.items():
         if value:
             fix = f"leave {flag} or --answers out"
-            raise InputError.of(flag, "", "has no meaning beside --answers: nobody is asked", fix)
+            raise InputError.of(flag, "", "has no meaning beside --answers: no backend is asked", fix)

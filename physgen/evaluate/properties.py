@@ -1,0 +1,588 @@
+"""Masses, and orders of friction and elasticity, as a backend of physics answers them, against measured ones.
+
+Masses as in NeRF2Physics (Zhai et al., CVPR 2024): ADE, ALDE, APE, MnRE; and the paper's share within 30 %
+(appendix, "GPT-4V physical property estimation evaluation").
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import exp, log, log10
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, plotted
+from physgen.evaluate.objects import COEFFICIENTS, NUMBERS, Answer, Form, Item, Objects, Ranking
+from physgen.geometry import raster
+from physgen.geometry.polygon import Disc, Outline, Region, Ring
+from physgen.maps import read_labels
+from physgen.materials import kind as kind_of
+from physgen.perceive.perceive import fit_objects
+from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
+from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
+from physgen.perceive.segment.prompts import from_masks
+from physgen.photos import read_photo
+from physgen.problems import InputError
+from physgen.registry import Backends
+from physgen.simulate.uncertainty_summary import wilson
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from physgen.report.plots.style import Palette
+
+NEAR = 0.3
+"""Relative error up to which the paper counts a mass as right."""
+REGULATED = 0.05
+"""Relative spread of sizes up to which rules, and not makers, fix what a kind of object weighs."""
+CANVAS, LONGEST = 512, 256
+"""px: a silhouette's picture, and its longest side."""
+PAPER_GREY, INK_GREY = 235, 110
+
+
+# ---- scores ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Masses:
+    """Errors of masses."""
+
+    count: int
+    ade: float
+    """Mean absolute difference, g."""
+    alde: float
+    """Mean |ln(answered / true)|."""
+    ape: float
+    """Mean |answered - true| / true."""
+    mnre: float
+    """Mean of the smaller of answered / true and true / answered, 0..1: 1 is right."""
+    bias: float
+    """Geometric mean of answered / true."""
+    near: int
+    """Number within 30 % of the truth."""
+
+    @property
+    def share(self) -> float:
+        return self.near / self.count
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the share, after Wilson (1927)."""
+        return wilson(self.near, self.count)
+
+    def as_dict(self) -> dict[str, float | int | list[float]]:
+        return {
+            "objects": self.count, "ade_g": self.ade, "within_30": self.near, "share": self.share,
+            "interval": list(self.interval), "alde": self.alde, "ape": self.ape, "mnre": self.mnre, "bias": self.bias,
+        }  # fmt: skip
+
+
+def masses(pairs: Sequence[tuple[float, float]]) -> Masses | None:
+    """Of (true, answered), g, all above 0; None of none.
+
+    >>> score = masses([(100, 200), (100, 80)])
+    >>> score.ade, score.ape, score.mnre, score.near
+    (60.0, 0.6, 0.65, 1)
+    """
+    if not pairs:
+        return None
+    true, answered = np.array(pairs, np.float64).T
+    off, logs = np.abs(answered - true), np.log(answered / true)
+    return Masses(
+        count=len(pairs),
+        ade=float(off.mean()),
+        alde=float(np.abs(logs).mean()),
+        ape=float((off / true).mean()),
+        mnre=float(np.exp(-np.abs(logs)).mean()),
+        bias=exp(float(logs.mean())),
+        near=int((off <= NEAR * true * (1 + 1e-12)).sum()),
+    )
+
+
+@dataclass(frozen=True)
+class Order:
+    """How many pairs are answered in the right order."""
+
+    count: int = 0
+    """Pairs with different true values."""
+    right: int = 0
+    tied: int = 0
+    """Answered as equal: not right."""
+    wrong: tuple[tuple[str, str], ...] = ()
+    """(truly more, truly less) of the pairs that are not right."""
+
+    def __add__(self, other: Order) -> Order:
+        return Order(
+            self.count + other.count,
+            self.right + other.right,
+            self.tied + other.tied,
+            self.wrong + other.wrong,
+        )
+
+
+def order(true: Mapping[str, float], answered: Mapping[str, float]) -> Order:
+    """Of every pair of names with different true values.
+
+    >>> order({"a": 3, "b": 2, "c": 1}, {"a": 0.9, "b": 0.1, "c": 0.5})
+    Order(count=3, right=2, tied=0, wrong=(('b', 'c'),))
+    """
+    found = Order()
+    for one, other in combinations(true, 2):
+        if true[one] != true[other]:
+            more, less = (one, other) if true[one] > true[other] else (other, one)
+            right, tied = answered[more] > answered[less], answered[more] == answered[less]
+            found += Order(1, int(right), int(tied), () if right else ((more, less),))
+    return found
+
+
+# ---- asking ------------------------------------------------------------------------------------------------------
+
+
+def ask(table: Objects, backends: Backends, sized: bool, progress: Progress) -> dict[str, Answer]:
+    """By name. With `sized`, the backend gets each object's size, as from a photo of known scale; else its name
+    alone.
+
+    Raises InputError where a photo cannot be read, or the backend cannot answer.
+    """
+
+    def use(physics: Physics) -> dict[str, Answer]:
+        found = {}
+        for k, item in enumerate(table.items):
+            progress(f"physics of {item.name}", k, len(table.items))
+            rgb, outline = _photo(item.photo, item.mask) if item.photo and item.mask else silhouette(item)
+            thing = PhotoObject(1, outline, item.label)
+            known = box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
+            scale = known if sized and known else _found_scale([thing])
+            found[item.name] = _answer(physics(rgb, [thing], scale)[1])
+        return found
+
+    answers: dict[str, Answer] = backends.run("physics", use)
+    return answers
+
+
+def _answer(matter: Matter) -> Answer:
+    return Answer(matter.mass, matter.friction, matter.elasticity, matter.reason)
+
+
+def _found_scale(objects: Sequence[PhotoObject]) -> float | None:
+    """px/m as `perceive` finds it, from objects of known size among them; None where none is."""
+    found = photo_scale(objects, {one.id: kind_of(one.label) for one in objects})
+    return found.pixels_per_meter if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE else None
+
+
+def _photo(photo: Path, mask: Path) -> tuple[Rgb, Outline]:
+    rgb, labels = read_photo(photo).rgb, read_labels(mask)
+    if labels.shape != rgb.shape[:2]:
+        found = f"{labels.shape[1]} x {labels.shape[0]} px"
+        expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {photo.name}"
+        raise InputError.of(str(mask), found, expected, "make it the photo's size")
+    objects, _ = fit_objects(rgb, from_masks((labels > 0).astype(np.uint16)))
+    return rgb, objects[0].outline
+
+
+def silhouette(item: Item) -> tuple[Rgb, Outline]:
+    """A grey shape on paper: a ball's disc, or the rectangle of the two longest sides; turned objects stand upright."""
+    size = item.size or {Form.BALL: (1.0,), Form.TURNED: (2.0, 1.0), Form.BOX: (1.0, 1.0, 1.0)}[item.form]
+    middle = np.array([CANVAS / 2, CANVAS / 2])
+    per_mm = LONGEST / max(size)
+    outline: Outline
+    if item.form is Form.BALL:
+        outline = Disc(middle, size[0] / 2 * per_mm)
+    else:
+        tall, wide = size if item.form is Form.TURNED else sorted(size)[-2:]
+        corners = np.array([[-wide, -tall], [wide, -tall], [wide, tall], [-wide, tall]]) / 2
+        outline = Region((Ring(middle + corners * per_mm),))
+    covered = raster.coverage(outline, (CANVAS, CANVAS))[..., None]
+    rgb: NDArray[np.uint8] = np.rint(PAPER_GREY + (INK_GREY - PAPER_GREY) * covered).astype(np.uint8)
+    return np.repeat(rgb, 3, axis=2), outline
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Objects of one scene of the studio that are alike in label and true physics."""
+
+    scene: str
+    label: str
+    count: int
+    true: Answer
+    scaled: Answer
+    """Medians of the answers where the photo's true scale is given."""
+    found: Answer
+    """The same where it is not: objects of known size give it, or nothing does."""
+
+
+def ask_photos(truth: Path, backends: Backends, progress: Progress) -> list[Kind]:
+    """Every kind of object on the photos below `truth` with known physics, cut out by the true masks.
+
+    Raises InputError where there are none.
+    """
+    files = sorted(truth.glob("*/truth.json"))
+    if not files:
+        fix = "name the folder of the studio's truth, studio/truth in physgen's repository"
+        raise InputError.of("--truth", f'"{truth}"', "holds no truth.json", fix)
+
+    def use(physics: Physics) -> list[Kind]:
+        kinds: list[Kind] = []
+        for k, file in enumerate(files):
+            progress(f"physics of {file.parent.name}", k, len(files))
+            kinds += _kinds_of(file, physics)
+        return kinds
+
+    found: list[Kind] = backends.run("physics", use)
+    return found
+
+
+def _kinds_of(file: Path, physics: Physics) -> list[Kind]:
+    folder = file.resolve().parents[3] / "scenes" / file.parent.name
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+        true = {
+            one["id"]: (one["label"], Answer(one["mass_g"], one["friction"], one["elasticity"]))
+            for one in record["objects"]
+        }
+        per_meter = float(record["pixels_per_meter"])
+    except (ValueError, KeyError, TypeError) as error:
+        fix = "make it again: make studio"
+        raise InputError.of(str(file), "", f"is no truth of the studio ({error!r})", fix) from None
+    rgb = read_photo(folder / "photo.png").rgb
+    cut, _ = fit_objects(rgb, from_masks(read_labels(folder / "photo.assets" / "masks.png")))
+    objects = [replace(one, label=true[one.id][0]) for one in cut if one.id in true]
+    scaled, found = physics(rgb, objects, per_meter), physics(rgb, objects, _found_scale(objects))
+    alike: dict[Any, list[int]] = {}
+    for one in objects:
+        label, facts = true[one.id]
+        if facts.mass:
+            alike.setdefault((kind_of(label).noun or label, facts), []).append(one.id)
+
+    def median(answers: Sequence[Matter]) -> Answer:
+        numbers = {key: float(np.median([getattr(one, key) for one in answers])) for key in NUMBERS}
+        return Answer(**numbers, reason=answers[0].reason)
+
+    return [
+        Kind(
+            file.parent.name, true[ids[0]][0], len(ids), facts,
+            median([scaled[i] for i in ids]), median([found[i] for i in ids]),
+        )
+        for (_, facts), ids in alike.items()
+    ]  # fmt: skip
+
+
+# ---- report ------------------------------------------------------------------------------------------------------
+
+MASS, ORDER = "Mass", "Order of friction and elasticity"
+PAPER_MASS = ("the paper, GPT-4V on photos", "20", "390 g", "75 %", "[53, 89]", "-", "-", "-", "-")
+PAPER_ORDER = {"friction": (12, 13), "elasticity": (6, 7)}
+HEADS = ("set", "objects", "ADE", "within 30 %", "95 %", "ALDE", "APE", "MnRE", "bias")
+SHOWN = 2
+"""Pairs not in order that a table names; the JSON has all."""
+NOTE = (
+    "ADE: mean absolute difference. 95 %: interval of the share, since the objects are few. ALDE: mean |ln(told / "
+    "true)|. APE: mean |told - true| / true. MnRE: mean of the smaller of told / true and true / told, 1 is right. "
+    "ADE to MnRE as in NeRF2Physics (Zhai et al., CVPR 2024). Bias: geometric mean of told / true. The paper's objects "
+    "are others: 20 of Amazon Berkeley Objects."
+)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Origin of the answers."""
+
+    who: str
+    """`table`, `vlm`, or a file of answers."""
+    sized: bool
+    photos: bool
+    """Whether each object has a photo."""
+    here: bool
+    """Whether a backend answered now, rather than a file."""
+
+
+def findings(table: Objects, answers: Mapping[str, Answer], kinds: Sequence[Kind], asked: Asked) -> Findings:
+    """Without plots; see `plots`."""
+    every = [(item, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
+    sets = {table.title: masses([pair for _, *pair in every])}  # type: ignore[misc]
+    free = [(true, told) for item, true, told in every if not regulated(item.label)]
+    if 0 < len(free) < len(every):
+        sets["without regulated weights"] = masses(free)
+    for way in ("scaled", "found") if kinds else ():
+        pairs = [(one.true.mass or 0.0, getattr(one, way).mass) for one in kinds]
+        sets[f"studio's photos, scale {'told' if way == 'scaled' else 'found'}"] = masses(pairs)
+    scores = {name: score for name, score in sets.items() if score is not None}
+    orders = [(one, order(one.values, _values(answers, one.of))) for one in table.rankings]
+    totals = {of: sum((found for one, found in orders if one.of == of), Order()) for of in COEFFICIENTS}
+    studio = {of: _ordered(kinds, of) for of in COEFFICIENTS}
+    rows: list[dict[str, Any]] = [
+        {"kind": "set", "set": name, **score.as_dict()} for name, score in scores.items()
+    ]
+    rows += [_order_row(one.of, one.about, found, one.source) for one, found in orders]
+    rows += [_order_row(of, "studio's photos", found, "") for of, found in studio.items() if found.count]
+    sections = []
+    if every or kinds:
+        cells = tuple(_cells(name, score) for name, score in scores.items())
+        sections.append(Section(MASS, (), (Table(HEADS, (*cells, PAPER_MASS), note=NOTE),)))
+    if any(found.count for found in (*totals.values(), *studio.values())):
+        sections.append(_order_section(orders, totals, studio))
+    if every:
+        sections.append(_object_section(table, answers))
+    if kinds:
+        sections.append(_kind_section(kinds))
+    more = {
+        "by": asked.who,
+        "size_told": asked.sized,
+        "table": table.title,
+        "source": table.source,
+        "paper": {"objects": 20, "ade_g": 390, "share": 0.75, "friction": [12, 13], "elasticity": [6, 7]},
+        "answers": {name: {key: getattr(one, key) for key in NUMBERS} for name, one in answers.items()},
+        "studio": [_kind_row(one) for one in kinds],
+    }
+    sentences = _sentences(sets[table.title], totals, asked, bool(kinds), table)
+    title = "Mass, friction and elasticity"
+    return Findings("properties", title, tuple(sentences), tuple(sections), rows, (), more)
+
+
+def regulated(label: str) -> bool:
+    """Whether materials.yaml knows a weight for such an object that rules fix: a golf ball's."""
+    what = kind_of(label)
+    return what.mass is not None and what.spread <= REGULATED and what.form == "ball"
+
+
+def _values(answers: Mapping[str, Answer], of: str) -> dict[str, float]:
+    return {name: value for name, one in answers.items() if (value := getattr(one, of)) is not None}
+
+
+def _ordered(kinds: Sequence[Kind], of: str) -> Order:
+    """Pairs within each scene."""
+    total = Order()
+    for scene in dict.fromkeys(one.scene for one in kinds):
+        here = {f"{scene}: {one.label}, {one.true.mass:g} g": one for one in kinds if one.scene == scene}
+        total += order(
+            {name: getattr(one.true, of) for name, one in here.items()},
+            {name: getattr(one.scaled, of) for name, one in here.items()},
+        )
+    return total
+
+
+def _sentences(
+    score: Masses | None, totals: Mapping[str, Order], asked: Asked, studio: bool, table: Objects
+) -> list[str]:
+    lines = []
+    who = f"The backend {asked.who}" if asked.here else asked.who
+    if score is not None:
+        low, high = score.interval
+        lines.append(
+            f"{who} gives {score.near} of {score.count} masses to within 30 % ({100 * score.share:.0f} %; interval of "
+            f"95 %: {100 * low:.0f} to {100 * high:.0f} %), with a mean error of {_grams(score.ade)}. The paper: 75 % "
+            "of 20, 0.39 kg."
+        )
+    for of, found in totals.items():
+        if found.count:
+            right, count = PAPER_ORDER[of]
+            tied = f", {found.tied} answered as equal" if found.tied else ""
+            lines.append(
+                f"{of.capitalize()}: {found.right} of {found.count} pairs in the right order{tied}. The paper: "
+                f"{right} of {count}."
+            )
+    if asked.here and not asked.photos:
+        sized = sum(bool(item.size) for item in table.items) if asked.sized else 0
+        part = "" if sized == len(table.items) else f" of the {sized} that have one in the table"
+        size = f"its size is given by the scale{part}" if sized else "its size is not given"
+        lines.append(
+            "A table has no photos: the backend gets each object's name with a bare silhouette, a disc or a rectangle; "
+            f"{size}. The paper asks about photos."
+        )
+    if asked.here and asked.who == "table":
+        lines.append(
+            "The backend reads materials.yaml, which has nothing from the table that ships: that table's masses and "
+            "comparisons of friction and elasticity are independent of it. Not independent are regulated weights, "
+            "such as a golf ball's: materials.yaml knows the rules."
+        )
+    if studio:
+        lines.append(
+            "On the studio's photos the true masks and labels are given; the true values were set by whoever made the "
+            "scenes."
+        )
+    return lines
+
+
+def _order_row(of: str, about: str, found: Order, source: str) -> dict[str, Any]:
+    return {
+        "kind": of, "set": about, "source": source, "pairs": found.count, "right": found.right, "tied": found.tied,
+        "not_in_order": [list(pair) for pair in found.wrong],
+    }  # fmt: skip
+
+
+def _cells(title: str, score: Masses) -> tuple[str, ...]:
+    low, high = score.interval
+    return (
+        title, str(score.count), _grams(score.ade), f"{100 * score.share:.0f} %",
+        f"[{100 * low:.0f}, {100 * high:.0f}]", f"{score.alde:.2f}", f"{score.ape:.2f}", f"{score.mnre:.2f}",
+        f"{score.bias:.2f}",
+    )  # fmt: skip
+
+
+def _grams(grams: float) -> str:
+    """Three digits.
+
+    >>> _grams(390.4), _grams(12.34)
+    ('390 g', '12.3 g')
+    """
+    return f"{grams:.3g} g" if grams < 1000 else f"{grams / 1000:.3g} kg"
+
+
+def _order_section(
+    orders: Sequence[tuple[Ranking, Order]], totals: Mapping[str, Order], studio: Mapping[str, Order]
+) -> Section:
+    rows = []
+    for of in COEFFICIENTS:
+        own = [(one, found) for one, found in orders if one.of == of]
+        for one, found in own:
+            some = ", ".join(f"{more} > {less}" for more, less in found.wrong[:SHOWN])
+            rest = f" and {len(found.wrong) - SHOWN} more" if len(found.wrong) > SHOWN else ""
+            rows.append((of, one.about, *_counts(found), some + rest))
+        if len(own) > 1:
+            rows.append((of, "all of these", *_counts(totals[of]), ""))
+        if studio[of].count:
+            rows.append((of, "studio's photos, within each", *_counts(studio[of]), ""))
+        right, count = PAPER_ORDER[of]
+        rows.append((of, "the paper, GPT-4V on videos", f"{right} of {count}", "-", ""))
+    heads = ("coefficient", "compared", "in order", "told equal", "not in order (more > less)")
+    return Section(ORDER, (), (Table(heads, tuple(rows)),))
+
+
+def _counts(found: Order) -> tuple[str, str]:
+    return f"{found.right} of {found.count}", str(found.tied)
+
+
+def _factor(true: float, answered: float) -> float:
+    """By how much a mass is off, 1 or more: 2 is half or twice."""
+    return exp(abs(log(answered / true)))
+
+
+def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
+    pairs = [(item, item.mass or 1.0, answers[item.name].mass or 0.0) for item in table.weighed]
+    rows = tuple(
+        (
+            item.label,
+            f"{true:g}",
+            f"{told:g}",
+            f"{told / true:.2f}",
+            "x".join(f"{side:g}" for side in item.size),
+        )
+        for item, true, told in sorted(pairs, key=lambda pair: _factor(*pair[1:]))
+    )
+    heads = ("object", "true, g", "told, g", "told / true", "size, mm")
+    return Section("Each object, the nearest first", (), (Table(heads, rows, note=table.source),))
+
+
+def _kind_section(kinds: Sequence[Kind]) -> Section:
+    def three(grams: float | None) -> str:
+        return f"{grams or 0:.3g}" if (grams or 0) < 1000 else f"{grams:.0f}"
+
+    cells = tuple(
+        (
+            one.scene, one.label, str(one.count), f"{one.true.mass:g}", three(one.scaled.mass), three(one.found.mass),
+            f"{one.true.friction:g} / {one.scaled.friction:g}", f"{one.true.elasticity:g} / {one.scaled.elasticity:g}",
+        )
+        for one in kinds
+    )  # fmt: skip
+    heads = ("photo", "objects", "of them", "true, g", "scale told", "scale found", "friction", "elasticity")
+    note = "Masses where the photo's scale is given, and where it is not; friction and elasticity: true / answered."
+    return Section("The studio's photos", (), (Table(heads, cells, note=note),))
+
+
+def _kind_row(one: Kind) -> dict[str, Any]:
+    return {
+        "scene": one.scene,
+        "label": one.label,
+        "count": one.count,
+        **{f"true_{key}": getattr(one.true, key) for key in NUMBERS},
+        **{f"told_{key}": getattr(one.scaled, key) for key in NUMBERS},
+        "found_mass": one.found.mass,
+    }
+
+
+def plots(
+    table: Objects, answers: Mapping[str, Answer], kinds: Sequence[Kind]
+) -> dict[str, tuple[Figure, ...]]:
+    """For the page, by the title of their section."""
+    sets = {}
+    if table.weighed:
+        rows = [(item.name, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
+        sets["the table's objects"] = rows
+    if kinds:
+        sets["the studio's objects"] = [
+            (one.label, one.true.mass or 0, one.scaled.mass or 0) for one in kinds
+        ]
+    orders = tuple(_order_plot(one, answers) for one in table.rankings if len(one.values) > 1)
+    return {MASS: (_mass_plot(sets),) if sets else (), ORDER: orders}
+
+
+def _mass_plot(sets: Mapping[str, Sequence[tuple[str, float, float]]]) -> Figure:
+    """`sets` by title: name, true g, answered g. Both axes are logarithmic; the band holds errors up to 30 %."""
+
+    def draw(axes: Axes, palette: Palette) -> None:
+        from matplotlib.ticker import LogLocator, NullFormatter
+
+        every = [row for rows in sets.values() for row in rows]
+        numbers = [number for _, true, told in every for number in (true, told)]
+        low, high = min(numbers) / 1.6, max(numbers) * 1.6
+        line = np.array([low, high])
+        axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
+        axes.fill_between(
+            line, (1 - NEAR) * line, (1 + NEAR) * line, color=palette.faint, alpha=0.7, linewidth=0
+        )
+        axes.plot(line, line, color=palette.soft, linewidth=0.7)
+        for (title, rows), colour, mark in zip(
+            sets.items(), (palette.blue, palette.orange), "o^", strict=False
+        ):
+            _, true, told = zip(*rows, strict=True)
+            axes.scatter(true, told, s=11, color=colour, marker=mark, linewidths=0, label=title, zorder=3)
+        named: list[tuple[float, float]] = []
+        for name, true, told in sorted(
+            every, key=lambda row: -_factor(*row[1:])
+        ):  # the farthest off, with room
+            at = log10(true), log10(told)
+            if len(named) < 7 and all(abs(at[0] - x) >= 0.7 or abs(at[1] - y) >= 0.1 for x, y in named):
+                named.append(at)
+                axes.annotate(
+                    name, (true, told), (4, 1), textcoords="offset points", fontsize=5.5, va="center"
+                )
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1,) if high / low > 100 else (1, 2, 5)))
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+            axis.set_minor_formatter(NullFormatter())
+        axes.set(xlabel="true mass (g)", ylabel="answered mass (g)")
+        axes.legend(loc="upper left")
+
+    what = " and of ".join(sets)
+    about = (
+        f"Masses of {what}, answered over true; the band is within 30 %. Some of the farthest off are named."
+    )
+    return plotted(draw, about, 110, 100)
+
+
+def _order_plot(ranking: Ranking, answers: Mapping[str, Answer]) -> Figure:
+    """Answered over true coefficients: what rises from left to right is in order."""
+    names = sorted(ranking.values, key=lambda name: ranking.values[name])
+    told = [float(getattr(answers[name], ranking.of)) for name in names]
+    true = [ranking.values[name] for name in names]
+
+    def draw(axes: Axes, palette: Palette) -> None:
+        places = range(len(names))
+        axes.plot(places, true, color=palette.soft, marker="o", markersize=3, label="measured")
+        axes.plot(places, told, color=palette.blue, marker="s", markersize=3, linewidth=0, label="answered")
+        axes.set_xticks(places, [name.replace("-", " ") for name in names], rotation=30, ha="right")
+        axes.set(ylabel=ranking.of, ylim=(0, max(*true, *told) * 1.1), xlim=(-0.4, len(names) - 0.6))
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
+        axes.set_position((0.14, 0.34, 0.83, 0.56))  # names need room
+
+    source = f" ({ranking.source})" if ranking.source else ""
+    about = (
+        f"{ranking.of.capitalize()}, {ranking.about}: measured{source}, and answered. Only the order counts."
+    )
+    return plotted(draw, about, 110, 62)
