@@ -9,14 +9,14 @@ from pathlib import Path
 
 from physgen import pipeline
 from physgen.environment import gpu, this_machine
-from physgen.evaluate.controllability.sweep import sweep
-from physgen.evaluate.controllability.told import findings as answered
+from physgen.evaluate.controllability import findings as answered
+from physgen.evaluate.controllability import sweep
 from physgen.evaluate.measure import Findings, Section, Table, markdown
 from physgen.evaluate.objects import SHIPPED, read_table
 from physgen.evaluate.properties import MASS, ORDER, Asked, ask, ask_photos
 from physgen.evaluate.properties import findings as weighed
-from physgen.evaluate.runtime.measured import measure
-from physgen.evaluate.runtime.told import findings as timed
+from physgen.evaluate.runtime import findings as timed
+from physgen.evaluate.runtime import measure
 from physgen.registry import Backends
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,12 +12,17 @@ from scipy import stats
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.evaluate.controllability.answers import answers
-from physgen.evaluate.controllability.closed import rolled, slid
-from physgen.evaluate.controllability.monotone import kendall, spearman
-from physgen.evaluate.controllability.outcomes import outcome
-from physgen.evaluate.controllability.sweep import Swept, sweep
-from physgen.evaluate.controllability.told import findings
+from physgen.evaluate.controllability import (
+    Swept,
+    answers,
+    findings,
+    kendall,
+    outcome,
+    rolled,
+    slid,
+    spearman,
+    sweep,
+)
 
 MU, GRAVITY = 0.25, 980.0
 TABLE = """\

@@ -12,7 +12,7 @@ import pytest
 
 from physgen import environment
 from physgen.cli.main import main
-from physgen.evaluate.runtime.runs import read_runs
+from physgen.evaluate.runtime import read_runs
 
 WALLS = (1.0, 5.0, 2.0)
 
@@ -119,10 +119,10 @@ def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
 def test_manifests_without_times(tmp_path: Path, stages: Any, capsys: pytest.CaptureFixture[str]) -> None:
     clip(tmp_path / "out" / "a", 1.0, stages=stages)
     assert main(["evaluate", "runtime", str(tmp_path / "out")]) == 2
-    assert "out/a/manifest.json: tells no times of its stages; make the clip again" in capsys.readouterr().err
+    assert "out/a/manifest.json: has no times of its stages; make the clip again" in capsys.readouterr().err
     clip(tmp_path / "out" / "b", 1.0)
     assert main(["evaluate", "runtime", str(tmp_path / "out")]) == 0
-    assert "out/a/manifest.json: warning: tells no times of its stages" in capsys.readouterr().err
+    assert "out/a/manifest.json: warning: has no times of its stages" in capsys.readouterr().err
 
 
 def test_a_manifest_that_cannot_be_read_is_told(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from physgen.cli.arguments import speeds, turns
@@ -55,35 +54,25 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from physgen import pipeline
-    from physgen.evaluate.controllability.sweep import sweep
-    from physgen.evaluate.controllability.told import findings
+    from physgen.evaluate.controllability import findings, plots, sweep, swept_clips
     from physgen.evaluate.measure import check_folder
 
-    check_folder(options.output)
+    check_folder(options.output, plots=True)
     if options.variant == "all":
         raise InputError.of("--variant", "all", "names more than one", "write one name")
-    if options.output:
-        from physgen.report.plots.style import require_matplotlib
-
-        require_matplotlib()
-    where = Path(options.scene)
-    if where.is_dir() and not (where / "scene.yaml").is_file():
-        from physgen.evaluate.controllability.clips import swept_clips
-
+    place = Path(options.scene)
+    if place.is_dir() and not (place / "scene.yaml").is_file():
         _refuse(options)
-        swept = swept_clips(where, options.object)
+        swept = swept_clips(place, options.object)
     else:
         scene = pipeline.load(options.scene, options.set, options.variant, options.allow_outside)
         bar = Bar()
         swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
         bar.clear()
-    told = findings(swept)
+    found = findings(swept)
     if options.output:
-        from physgen.evaluate.controllability.drawn import plots
-
-        first, *rest = told.sections
-        told = replace(told, sections=(replace(first, parts=(*plots(swept), *first.parts)), *rest))
-    return hand_over(told, options)
+        found = found.with_parts({found.sections[0].title: plots(swept)})
+    return hand_over(found, options)
 
 
 def _refuse(options: argparse.Namespace) -> None:

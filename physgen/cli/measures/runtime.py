@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from physgen.cli.arguments import count
@@ -38,26 +37,19 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from physgen.environment import gpu, this_machine
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.runtime.measured import measure
-    from physgen.evaluate.runtime.runs import read_runs
-    from physgen.evaluate.runtime.told import findings, plot
+    from physgen.evaluate.runtime import findings, measure, plot, read_runs
 
-    check_folder(options.output)
+    check_folder(options.output, plots=True)
     if not options.folders and options.measure is None:
         fix = "name folders of clips, or add --measure"
         raise InputError.of("evaluate runtime", "", "was given no records", fix)
-    if options.output:
-        from physgen.report.plots.style import require_matplotlib
-
-        require_matplotlib()
     runs = read_runs(options.folders, print_problem) if options.folders else []
     if options.measure is not None:
         bar = Bar()
         runs += measure(options.measure, options.repeat, bar.show)
         bar.clear()
     graphics = gpu()
-    told = findings(runs, f"{this_machine()}{f', {graphics}' if graphics else ', no GPU'}")
+    found = findings(runs, f"{this_machine()}{f', {graphics}' if graphics else ', no GPU'}")
     if options.output:
-        first, *rest = told.sections
-        told = replace(told, sections=(replace(first, parts=(plot(runs), *first.parts)), *rest))
-    return hand_over(told, options)
+        found = found.with_parts({found.sections[0].title: (plot(runs),)})
+    return hand_over(found, options)

@@ -1,1 +1,0 @@
-"""Records of runs, or runs made now -> what each stage takes, beside the paper's table and on a named machine."""
