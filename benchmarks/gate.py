@@ -58,7 +58,7 @@ INTENDED: dict[str, str] = {
 
 VARIABLE_KEYS = re.compile(
     r"(^|_)(cpu|wall|elapsed|started|finished|date|date_created|memory|host|machine|platform|python|versions?|"
-    r"processors?|cores|commit|took)($|_)"
+    r"processors?|cores|commit|took|report\.html)($|_)"
 )
 """Keys of JSON whose values differ from run to run."""
 
@@ -82,7 +82,7 @@ class Runner:
     def __init__(self, checkout: Path, folder: Path) -> None:
         self.checkout, self.folder = checkout, folder
         root = checkout / "physgen" / "__main__.py"
-        self.module = "physgen" if root.exists() else "physgen.cli.main"
+        self.module = "physgen" if root.exists() else "physgen.cli"
         self.environment = os.environ | {
             "PYTHONPATH": str(checkout),
             "XDG_CACHE_HOME": str(folder / "cache"),

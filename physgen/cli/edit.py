@@ -17,7 +17,7 @@ from physgen.problems import InputError
 # ----------------------------------------------------------------------
 # `edit`: a scene, or a photo that is perceived first, in the browser.
 
-NEEDED = ("starlette", "uvicorn")
+NEEDED = ("fastapi", "uvicorn")
 SCENES = (".yaml", ".yml")
 SIGNS = re.compile(r"""^\s*\{?\s*["']?(physgen|extends|image|size|world|objects)["']?\s*:""", re.MULTILINE)
 """What a text has in it that is a scene, or was to be one: a key of its top level."""
@@ -44,8 +44,8 @@ def edit(options: argparse.Namespace) -> int:
         return OK
     editor = Editor(scene, Place(options.host, options.port), options.allow_outside, options.output)
     try:
-        if (strange := editor.session.document.draft.strange) is not None:
-            print_error(f"{strange}: came with the scene or was moved here, and is left alone")
+        if (strange := editor.session.document.draft.set_aside) is not None:
+            print_error(f"{strange}: is a draft of another folder or version, and is left alone")
         if editor.session.recovered:
             print_error(f"{scene}: goes on where the editor ended before it was saved")
         if options.host not in ("127.0.0.1", "::1", "localhost"):

@@ -1,763 +1,499 @@
-"""The HTTP interface of the editor."""
+"""The HTTP interface of the editor: what each address takes and returns, and how it asks the session.
+
+Requests are checked by the models below, which are also the source of /api/openapi.json. Handlers are plain
+functions, which FastAPI runs in threads, so that a slow one holds up no other.
+"""
 
 from __future__ import annotations
 
 import json
-import re
 import secrets
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from functools import cache
-from itertools import islice
-from typing import Any, NoReturn, TypeVar
+from typing import Annotated, Any, Literal
 
-from starlette.concurrency import run_in_threadpool
-from starlette.requests import ClientDisconnect, Request
+from fastapi import APIRouter, Depends, Header, Query, Request
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
 from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Route
 
 from physgen.edit.errors import EditError, Why
-from physgen.edit.guard import (
-    BODY,
-    MAX_DEPTH,
-    MAX_OPS,
-    MAX_VALUES,
-    MAX_WORDS,
-    RESOLVED,
-    TOKEN,
-    Keys,
-    Turns,
-    Windows,
-    overtaken,
-    too_large,
-)
+from physgen.edit.events import Turns, Windows, overtaken
+from physgen.edit.guard import Keys
 from physgen.edit.operations import MAX_KEY, MAX_STEPS
-from physgen.edit.render_job import Rendering
-from physgen.edit.session import Asked, Session
+from physgen.edit.render_job import RenderJob
+from physgen.edit.session import EditRequest, Session
 
-# ----------------------------------------------------------------------
-# A request -> what it asks for, as plain checked data; raises EditError where it is not what the interface
-# says.
+MAX_OPS = 1000
+MAX_WORDS = 200
+"""Characters of names, and of what an edit is called."""
+MAX_SAMPLE = 10**8
+MAX_EVENT = 2**53 - 1
 
-_MARKS = re.compile(rb'"(?:[^"\\]++|\\.)*+"?|[\[{,]', re.DOTALL)
-"""Texts, beginnings of lists and objects, and commas: no fewer than there are values."""
+Data = dict[str, Any]
 
 
-def malformed(message: str, fix: str) -> EditError:
-    """Not as the interface says."""
-    return EditError(Why.MALFORMED, message, fix)
-
-
-async def body(request: Request) -> dict[str, Any]:
-    """The JSON mapping that a request carries. Raises EditError."""
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if kind != "application/json":
-        raise EditError(Why.KIND, "the body is not called JSON", "send Content-Type: application/json")
-    data = bytearray()
-    try:
-        async for part in request.stream():
-            if len(data) + len(part) > BODY:
-                raise too_large(BODY)
-            data += part
-    except ClientDisconnect:
-        raise malformed("the body ended early", "send it again") from None
-    return await run_in_threadpool(parsed, data)
-
-
-def parsed(data: bytes | bytearray) -> dict[str, Any]:
-    """Bytes -> a mapping. Raises EditError, and before anything is made of them where that would be too much."""
-    if next(islice(_MARKS.finditer(data), MAX_VALUES, None), None) is not None:
-        raise malformed(f"the body holds more than {MAX_VALUES:,} texts, lists and commas", "send less")
-    try:
-        text = data.decode("utf-8")
-        told = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
-    except (ValueError, RecursionError) as error:
-        reason = "it is nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise malformed(f"the body is not JSON: {reason}"[:300], "send a JSON object") from None
-    if not isinstance(told, dict):
-        raise malformed("the body is not a JSON object", 'send {"version": 1, ...}')
-    if not _shallow(told) or not _encodable(told):
-        raise malformed("the body holds what no scene can", "nest less, and send whole characters")
-    return told
-
-
-def _refuse_constant(text: str) -> NoReturn:
-    raise ValueError(f"{text} is no number")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    made = dict(pairs)
-    if len(made) != len(pairs):
-        raise ValueError("a key is written twice")
-    return made
-
-
-def _shallow(told: Any) -> bool:
-    level = [told]
-    for _ in range(MAX_DEPTH):
-        level = [
-            child
-            for value in level
-            if isinstance(value, dict | list)
-            for child in (value.values() if isinstance(value, dict) else value)
-        ]
-        if not level:
-            return True
-    return False
-
-
-def _encodable(told: Any) -> bool:
-    """Whether every text in it is one: half a pair of surrogates is none."""
-    try:
-        json.dumps(told, ensure_ascii=False).encode("utf-8")
-    except (UnicodeEncodeError, ValueError):
-        return False
-    return True
-
-
-def query(request: Request, *names: str) -> dict[str, str]:
-    """What stands behind the question mark: these names alone, each once. Raises EditError."""
-    told: dict[str, str] = {}
-    for name, value in request.query_params.multi_items():
-        if name not in names or name in told:
-            raise malformed(f"{name[:40]} is not asked here, or twice", f"send {', '.join(names) or 'none'}")
-        told[name] = value
-    return told
-
-
-class Fields:
-    """The keys of a body, each asked for by kind; what nobody asked for is refused at the end."""
-
-    def __init__(self, told: dict[str, Any]) -> None:
-        self._told = told
-        self._known: set[str] = set()
-
-    def take(self, key: str) -> Any:
-        """The value of a key, None where it is absent."""
-        self._known.add(key)
-        return self._told.get(key)
-
-    def version(self) -> int:
-        """Of the state that was seen."""
-        version = self.take("version")
-        if isinstance(version, float) and version.is_integer():
-            version = int(version)
-        if not isinstance(version, int) or isinstance(version, bool) or not 0 <= version < 2**53:
-            raise malformed("version is not a whole number", "send the version of the state that you see")
-        return version
-
-    def asked(self) -> Asked:
-        """Version, variant, what, tag and id."""
-        version = self.version()
-        variant, what, tag = self.words("variant") or None, self.words("what") or "", self.words("tag")
-        return Asked(version, variant, what, tag, self.words("id", 64))
-
-    def words(self, key: str, most: int = MAX_WORDS) -> str | None:
-        """A text on one line, or null."""
-        value = self.take(key)
-        if value is None:
-            return None
-        if not isinstance(value, str) or len(value) > most:
-            raise malformed(f"{key} is not a text of at most {most} characters", "send a short text or null")
-        return value
-
-    def choice(self, key: str, words: tuple[str, ...]) -> str | None:
-        """One of several words, or null."""
-        value = self.take(key)
-        if value is not None and value not in words:
-            raise malformed(f"{key} is none of {', '.join(words)}", "send one of them, or null")
-        chosen: str | None = value
-        return chosen
-
-    def text(self, key: str) -> str:
-        """A long text."""
-        value = self.take(key)
-        if not isinstance(value, str):
-            raise malformed(f"{key} is not a text", "send the text of the file")
-        return value
-
-    def truth(self, key: str) -> bool:
-        """True or false; true where it is absent."""
-        value = self.take(key)
-        if value is not None and not isinstance(value, bool):
-            raise malformed(f"{key} is neither true nor false", "send one of the two")
-        return value is not False
-
-    def mapping(self, key: str) -> dict[str, Any]:
-        """An object."""
-        value = self.take(key)
-        if not isinstance(value, dict):
-            raise malformed(f"{key} is not an object", "send {...}")
-        return value
-
-    def listed(self, key: str) -> list[str | None] | None:
-        """A list of names, in which null may be, or null."""
-        value = self.take(key)
-        if value is None:
-            return None
-        if not isinstance(value, list) or len(value) > MAX_OPS or not all(map(_is_name, value)):
-            raise malformed(f"{key} is not a list of names", "send [...] or null")
-        return value
-
-    def ops(self) -> list[dict[str, Any]]:
-        """Operations; what each says is looked at where it is made."""
-        value = self.take("ops")
-        if isinstance(value, list) and len(value) > MAX_OPS:
-            raise malformed(f"more than {MAX_OPS} operations", "send fewer at a time")
-        if not isinstance(value, list) or not all(isinstance(op, dict) for op in value):
-            raise malformed("ops is not a list of objects", 'send [{"set": [...], "value": ...}]')
-        return value
-
-    def done(self) -> None:
-        """Nothing else was sent. Raises EditError."""
-        rest = min(set(self._told) - self._known, default=None)
-        if rest is not None:
-            raise malformed(f"{rest[:40]} is not known here", f"send {', '.join(sorted(self._known))}")
-
-
-def _is_name(item: object) -> bool:
-    return item is None or (isinstance(item, str) and len(item) <= MAX_WORDS)
-
-
-# ----------------------------------------------------------------------
-# The interface, told in OpenAPI 3.1: what each address takes and gives.
-
-Part = dict[str, Any]
-
-TEXT: Part = {"type": "string"}
-WORDS: Part = {"type": ["string", "null"], "maxLength": MAX_WORDS}
-WHOLE: Part = {"type": "integer", "minimum": 0, "maximum": 2**53 - 1}
-LINE: Part = {"type": ["integer", "null"], "minimum": 0}
-ANY: Part = {"type": "object"}
-MAYBE: Part = {"type": ["object", "null"]}
-
-
-def ref(name: str) -> Part:
-    """A schema by its name."""
-    return {"$ref": f"#/components/schemas/{name}"}
-
-
-def record(required: Part, further: Part | None = None, closed: bool = False) -> Part:
-    """A mapping with these keys."""
-    made: Part = {"type": "object", "required": list(required), "properties": {**required, **(further or {})}}
-    return made | {"additionalProperties": False} if closed else made
-
-
-def listed(items: Part, most: int | None = None) -> Part:
-    """A list of such."""
-    return {"type": "array", "items": items} | ({} if most is None else {"maxItems": most})
-
-
-ASKED: Part = {"version": WHOLE}
-BESIDE: Part = {
-    "variant": WORDS,
-    "what": WORDS,
-    "tag": WORDS,
-    "id": {"type": ["string", "null"], "maxLength": 64},
-}
-
-STEP: Part = {
-    "anyOf": [{"type": "string", "maxLength": MAX_KEY}, {"type": "integer", "minimum": 0, "maximum": 10**6}]
-}
-PATH: Part = listed(STEP, MAX_STEPS) | {"minItems": 1}
-SAID: Part = {"severity": {"enum": ["error", "warning"]}, "message": TEXT, "fix": TEXT, "path": TEXT}
-
-SCHEMAS: Part = {
-    "Op": {
-        "description": "One operation; a path is a list of keys and of numbers of items, from 0.",
-        "anyOf": [
-            record({"set": PATH, "value": {}}, closed=True),
-            record({"unset": PATH}, closed=True),
-            record({"add": PATH, "value": {}}, closed=True),
-            record({"rename": PATH, "to": TEXT}, closed=True),
-            record({"remove": PATH}, closed=True),
-        ],
-    },
-    "Problem": record(SAID, {"line": LINE, "column": LINE, "object": {"type": ["string", "null"]}}),
-    "Error": record(
-        {"error": record({"message": TEXT, "fix": TEXT}), "problems": listed(ANY)},
-        {
-            "version": WHOLE,
-            "overtaken": {"type": "boolean"},
-            "maps": {"type": "boolean"},
-            "conflict": ref("Conflict"),
-        },
-    ),
-    "Conflict": record(
-        {"theirs": TEXT, "merged": {"type": ["string", "null"]}, "clashes": listed(ref("Clash"))}
-    ),
-    "Clash": record({"line": WHOLE, "base": TEXT, "mine": TEXT, "theirs": TEXT}),
-    "Motion": record(
-        {"key": TEXT, "from": WHOLE, "upto": WHOLE, "total": WHOLE, "done": {"type": "boolean"}},
-        {"bodies": listed(ANY), "problems": listed(ref("Problem")), "took_ms": {"type": "number"}},
-    ),
-    "File": record(
-        {
-            "name": TEXT,
-            "folder": TEXT,
-            "saved": {"type": "boolean"},
-            "outside": {"enum": [None, "changed", "gone", "unread"]},
-            "recovered": {"type": "boolean"},
-        }
-    ),
-    "State": record(
-        {
-            "version": WHOLE,
-            "id": {"type": ["string", "null"]},
-            "file": ref("File"),
-            "windows": WHOLE,
-            "text": TEXT,
-            "variant": {"type": ["string", "null"]},
-            "variants": listed(TEXT),
-            "undo": {"type": ["string", "null"]},
-            "redo": {"type": ["string", "null"]},
-            "problems": listed(ref("Problem")),
-            "todo": listed(ANY),
-            "scene": MAYBE,
-            "derived": MAYBE,
-            "motion": {"anyOf": [ref("Motion"), {"type": "null"}]},
-            "picture": {"type": ["string", "null"]},
-        }
-    ),
-    "Preview": record(
-        {"motion": {"anyOf": [ref("Motion"), {"type": "null"}]}, "problems": listed(ref("Problem"))},
-        {"overtaken": {"type": "boolean"}},
-    ),
-    "Rendering": record(
-        {
-            "state": {"enum": ["idle", "running", "done", "stopped", "failed"]},
-            "running": {"type": "boolean"},
-            "stage": TEXT,
-            "done": {"type": "number"},
-            "total": {"type": "number"},
-            "lines": listed(TEXT),
-            "error": MAYBE,
-            "result": {"type": ["array", "null"], "items": ANY},
-            "command": TEXT,
-        }
-    ),
-}
-
-ERRORS: Part = {
-    "400": "Not what this page says.",
-    "401": "The token is missing or wrong.",
-    "403": "Another site's page asks, or another name is used.",
-    "405": "The address is asked in another way.",
-    "507": "The disk is full, or may not be written.",
-}
-BODIED: Part = {"413": "The body is too large.", "415": "The body is not called JSON."}
-EDITED: Part = {"409": "Of a version that is gone, or overtaken.", "422": "It cannot be done to this scene."}
-
-
-def _query(name: str, schema: Part, required: bool = False) -> Part:
-    return {"name": name, "in": "query", "required": required, "schema": schema}
-
-
-def _answers(content: Part, errors: Part) -> Part:
-    problem = {"application/json": {"schema": ref("Error")}}
-    told = {code: {"description": text, "content": problem} for code, text in sorted(errors.items())}
-    return {"200": {"description": "Done.", "content": content}, **told}
-
-
-def _json(schema: Part) -> Part:
-    return {"application/json": {"schema": schema}}
-
-
-def _get(about: str, content: Part, *query: Part, errors: Part | None = None) -> Part:
-    found: Part = {"summary": about, "responses": _answers(content, ERRORS | (errors or {}))}
-    return found | ({"parameters": list(query)} if query else {})
-
-
-def _send(about: str, body: Part, gives: Part) -> Part:
-    return {
-        "summary": about,
-        "requestBody": {"required": True, "content": _json(body)},
-        "responses": _answers(_json(gives), ERRORS | BODIED | EDITED),
-    }
-
-
-def _asking(further: Part | None = None) -> Part:
-    return record({**ASKED, **(further or {})}, BESIDE, closed=True)
-
-
-def _key(name: str) -> Part:
-    return {"name": name, "in": "path", "required": True, "schema": {"type": "string", "minLength": 1}}
-
-
-@cache
-def document() -> Part:
-    """The whole of it."""
-    from physgen import __version__
-
-    state, variant = ref("State"), _query("variant", {"type": "string", "maxLength": MAX_WORDS})
-    wrong = {"422": "The scene has errors."}
-    gone = {"409": "Another took its place; ask for the state."}
-    absent = {"404": "There is no such."}
-    ops = {"ops": listed(ref("Op"), MAX_OPS)}
-    render = record(
-        {},
-        {
-            "version": WHOLE,
-            "variants": {
-                "type": ["array", "null"],
-                "items": {"type": ["string", "null"], "maxLength": MAX_WORDS},
-                "maxItems": MAX_OPS,
-            },
-            "format": {"type": ["string", "null"], "maxLength": MAX_WORDS},
-            "refine": {"type": ["boolean", "null"]},
-        },
-        closed=True,
-    )
-    png: Part = {"image/png": {"schema": {"type": "string", "contentMediaType": "image/png"}}}
-    truth: Part = {"enum": ["true", "false"]}
-    news = record({"run": TEXT, "next": WHOLE, "events": listed(ANY)})
-    paths = {
-        "/api/openapi.json": {"get": _get("This page.", _json(ANY))},
-        "/api/materials": {"get": _get("The table of materials.", _json(listed(ANY)))},
-        "/api/state": {"get": _get("The scene and how it moves.", _json(state), variant)},
-        "/api/photo": {"get": _get("The photo.", png, errors=wrong | absent)},
-        "/api/mask": {
-            "get": _get(
-                "Where an object is: 255, else 0.",
-                png,
-                variant,
-                _query("object", {"type": "string", "minLength": 1}, True),
-                errors=wrong | absent,
-            ),
-            "post": _send("Correct what was perceived.", _asking({"op": ANY}), state),
-        },
-        "/api/edit": {"post": _send("Operations, all or none.", _asking(ops), state)},
-        "/api/preview": {"post": _send("What operations would do.", _asking(ops), ref("Preview"))},
-        "/api/undo": {"post": _send("One step back.", _asking(), state)},
-        "/api/redo": {"post": _send("One step on.", _asking(), state)},
-        "/api/text": {"put": _send("Another text.", _asking({"text": TEXT}), state)},
-        "/api/save": {
-            "post": _send(
-                "Write the file.",
-                record(ASKED, {**BESIDE, "resolve": {"enum": [None, *RESOLVED]}}, closed=True),
-                state,
-            )
-        },
-        "/api/motion/{key}": {
-            "get": _get(
-                "More of a motion, from a sample on.",
-                _json(ref("Motion")),
-                _key("key"),
-                _query("from", {"type": "integer", "minimum": 0, "maximum": 10**8}),
-                errors=gone,
-            )
-        },
-        "/api/picture/{key}": {
-            "get": _get(
-                "What is drawn; with a motion, its shadows.",
-                _json(ANY),
-                _key("key"),
-                _query("motion", TEXT),
-                errors=gone | wrong,
-            )
-        },
-        "/api/render": {
-            "get": _get("How far a run is.", _json(ref("Rendering"))),
-            "post": _send("Save, and render.", render, record({"job": TEXT})),
-        },
-        "/api/once": {
-            "post": _send(
-                "A key that opens the page one time: `/?once=KEY`.",
-                record({}, closed=True),
-                record({"key": TEXT}),
-            )
-        },
-        "/api/render/stop": {"post": _send("End the run.", record({}, closed=True), ref("Rendering"))},
-        "/api/command": {
-            "get": _get(
-                "What a person types for the same.",
-                _json(record({"command": TEXT})),
-                variant,
-                _query("format", {"type": "string", "maxLength": MAX_WORDS}),
-                _query("refine", {"enum": ["true", "false"]}),
-            )
-        },
-        "/api/events": {
-            "get": _get(
-                "What happened since an event of a run of the server; asked again and again.",
-                _json(news),
-                _query("window", TEXT),
-                _query("run", TEXT),
-                _query("since", {"type": "string", "pattern": "^[0-9]{1,15}$"}),
-                _query("hidden", truth),
-                _query("leaves", truth),
-            )
-        },
-    }
-    return {
-        "openapi": "3.1.0",
-        "info": {"title": "physgen edit", "version": __version__},
-        "paths": paths,
-        "components": {
-            "schemas": SCHEMAS,
-            "securitySchemes": {"token": {"type": "apiKey", "in": "header", "name": TOKEN}},
-        },
-        "security": [{"token": []}],
-    }
-
-
-# ----------------------------------------------------------------------
-# Addresses of the interface -> doors of the session. What takes time runs in a thread; the loop stays free.
-
-T = TypeVar("T")
-
-WINDOW = "x-physgen-window"
-
-
-class Answer(JSONResponse):
-    """JSON that is made fast, and refuses what is none."""
+class JsonAnswer(JSONResponse):
+    """JSON in compact form; raises ValueError for numbers that JSON does not have."""
 
     def render(self, content: Any) -> bytes:
-        """Bytes of the body."""
+        """The body of the answer."""
         return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8")
 
 
-class Api:
-    """The addresses below /api."""
+@dataclass(frozen=True)
+class Services:
+    """What the handlers work with; kept in the state of the application."""
 
-    def __init__(self, session: Session, windows: Windows, rendering: Rendering, keys: Keys) -> None:
-        self.session, self.windows, self.rendering, self.keys = session, windows, rendering, keys
-        self.turns = Turns()
-
-    def routes(self) -> list[Route]:
-        """All of them."""
-        get, put, post = ["GET"], ["PUT"], ["POST"]
-        return [
-            Route("/api/openapi.json", self.openapi, methods=get),
-            Route("/api/materials", self.materials, methods=get),
-            Route("/api/state", self.state, methods=get),
-            Route("/api/photo", self.photo, methods=get),
-            Route("/api/mask", self.mask, methods=get),
-            Route("/api/mask", self.correct, methods=post),
-            Route("/api/edit", self.edit, methods=post),
-            Route("/api/preview", self.preview, methods=post),
-            Route("/api/undo", self.undo, methods=post),
-            Route("/api/redo", self.redo, methods=post),
-            Route("/api/text", self.write, methods=put),
-            Route("/api/save", self.save, methods=post),
-            Route("/api/motion/{key}", self.motion, methods=get),
-            Route("/api/picture/{key}", self.picture, methods=get),
-            Route("/api/render", self.rendered, methods=get),
-            Route("/api/render", self.render, methods=post),
-            Route("/api/render/stop", self.stop, methods=post),
-            Route("/api/command", self.command, methods=get),
-            Route("/api/once", self.once, methods=post),
-            Route("/api/events", self.events, methods=get),
-            Route("/result/{key}/{name:path}", self.result, methods=get),
-        ]
-
-    # What there is
-
-    async def openapi(self, request: Request) -> Response:
-        """This interface."""
-        query(request)
-        return Answer(document())
-
-    async def materials(self, request: Request) -> Response:
-        """The table."""
-        query(request)
-        return Answer(await run_in_threadpool(materials))
-
-    async def state(self, request: Request) -> Response:
-        """The scene and how it moves."""
-        return Answer(await run_in_threadpool(self.session.state, _variant(query(request, "variant"))))
-
-    async def photo(self, request: Request) -> Response:
-        """As PNG."""
-        query(request)
-        return Response(await run_in_threadpool(self.session.photo), media_type="image/png")
-
-    async def mask(self, request: Request) -> Response:
-        """Of one object, as PNG."""
-        told = query(request, "variant", "object")
-        if not told.get("object"):
-            raise malformed("no object is named", "send object=NAME")
-        made = await run_in_threadpool(self.session.mask, _variant(told), told["object"])
-        return Response(made, media_type="image/png")
-
-    async def motion(self, request: Request) -> Response:
-        """More of one."""
-        begin = query(request, "from").get("from", "0")
-        if not (begin.isascii() and begin.isdecimal() and len(begin) < 10):
-            raise malformed("from is not a number of samples", "send from=0")
-        key = request.path_params["key"]
-        told = await run_in_threadpool(self.session.live.more, key, int(begin))
-        if told is None:
-            raise overtaken()
-        return Answer(told)
-
-    async def picture(self, request: Request) -> Response:
-        """What is drawn; with `motion`, its shadows."""
-        key, motion = request.path_params["key"], query(request, "motion").get("motion")
-        pictures = self.session.pictures
-        if motion is None:
-            told = await run_in_threadpool(pictures.look, key)
-        else:
-            told = await run_in_threadpool(pictures.shadows, key, motion)
-        if told is None:
-            raise overtaken()
-        return Answer(told)
-
-    async def once(self, request: Request) -> Response:
-        """A key that opens the page one time."""
-        told = Fields(await body(request))
-        told.done()
-        return Answer({"key": self.keys.made()})
-
-    async def events(self, request: Request) -> Response:
-        """What is new; a window that asks is counted until it leaves, or asks no more."""
-        told = query(request, "window", "run", "since", "hidden", "leaves")
-        since, window = told.get("since", "0"), (told.get("window") or request.headers.get(WINDOW, ""))[:80]
-        if not (since.isascii() and since.isdecimal() and len(since) < 16):
-            raise malformed("since is no number of an event", "send the next of the answer before")
-        if not {told.get("hidden", "false"), told.get("leaves", "false")} <= {"true", "false"}:
-            raise malformed("hidden and leaves are true or false", "send hidden=true")
-        if told.get("leaves") == "true":
-            self.windows.leave(window)
-            return Answer({"run": self.windows.run, "next": int(since), "events": []})
-        hidden = told.get("hidden") == "true"
-        return Answer(self.windows.ask(window, told.get("run", ""), int(since), hidden))
-
-    # Edits
-
-    async def edit(self, request: Request) -> Response:
-        """Operations."""
-        told = Fields(await body(request))
-        asked, ops = told.asked(), told.ops()
-        told.done()
-        return Answer(await run_in_threadpool(self.session.edit, asked, ops))
-
-    async def preview(self, request: Request) -> Response:
-        """What they would do; of one window's requests only the newest of the present version is worked out."""
-        told = Fields(await body(request))
-        asked, ops = told.asked(), told.ops()
-        told.done()
-        window = request.headers.get(WINDOW, "")[:80]
-        turn = self.turns.take(window)
-
-        def work() -> dict[str, Any]:
-            return self.session.preview(asked, ops)
-
-        try:
-            return Answer(await run_in_threadpool(self.turns.when_newest, window, turn, work))
-        except EditError as error:
-            if error.why is not Why.STALE or not window:
-                raise
-            # a page asks many times while something is dragged, and a browser's console tells of each answer that is no
-            return Answer({"motion": None, "problems": [], "overtaken": True})
-
-    async def undo(self, request: Request) -> Response:
-        """One step back."""
-        return await self._step(request, -1)
-
-    async def redo(self, request: Request) -> Response:
-        """One step on."""
-        return await self._step(request, 1)
-
-    async def _step(self, request: Request, by: int) -> Response:
-        asked = await self._asked(request)
-        return Answer(await run_in_threadpool(self.session.step, asked, by))
-
-    async def write(self, request: Request) -> Response:
-        """Another text."""
-        told = Fields(await body(request))
-        asked, text = told.asked(), told.text("text")
-        told.done()
-        return Answer(await run_in_threadpool(self.session.write, asked, text))
-
-    async def save(self, request: Request) -> Response:
-        """Write the file."""
-        told = Fields(await body(request))
-        asked, resolve = told.asked(), told.choice("resolve", RESOLVED)
-        told.done()
-        return Answer(await run_in_threadpool(self.session.save, asked, resolve))
-
-    async def correct(self, request: Request) -> Response:
-        """A mask made right."""
-        told = Fields(await body(request))
-        asked, op = told.asked(), told.mapping("op")
-        told.done()
-        return Answer(await run_in_threadpool(self.session.correct, asked, op))
-
-    # What is rendered
-
-    async def render(self, request: Request) -> Response:
-        """Save, and begin."""
-        told = Fields(await body(request))
-        version = None if told.take("version") is None else told.version()
-        variants, format, refine = told.listed("variants"), told.words("format"), told.truth("refine")
-        told.done()
-
-        def begin() -> str:
-            self.session.save_for_rendering(version)
-            return self.rendering.start(variants, format or "mp4", refine)
-
-        return Answer({"job": await run_in_threadpool(begin)})
-
-    async def rendered(self, request: Request) -> Response:
-        """How far it is."""
-        query(request)
-        return Answer(self._status())
-
-    async def stop(self, request: Request) -> Response:
-        """End it."""
-        told = Fields(await body(request))
-        told.done()
-        await run_in_threadpool(self.rendering.stop)
-        return Answer(self._status())
-
-    def _status(self) -> dict[str, Any]:
-        return addressed(self.rendering.status())
-
-    async def command(self, request: Request) -> Response:
-        """What a person types for the same."""
-        told = query(request, "variant", "format", "refine")
-        format, refine = told.get("format", "mp4"), told.get("refine", "true")
-        if len(format) > MAX_WORDS or refine not in ("true", "false"):
-            raise malformed("format or refine is not what it may be", "send format=mp4 and refine=true")
-        variant = _variant(told)
-        line = await run_in_threadpool(self.rendering.command, variant, format, refine == "true")
-        return Answer({"command": line})
-
-    async def result(self, request: Request) -> Response:
-        """A file of the last run."""
-        key, name = request.path_params["key"], request.path_params["name"]
-        job = self.rendering.status()["job"]
-        known = job is not None and secrets.compare_digest(key.encode(), job.encode())
-        found = await run_in_threadpool(self.rendering.file, name) if known else None
-        if found is None:
-            raise EditError(Why.ABSENT, "there is no such result", "render again")
-        return FileResponse(found)
-
-    async def _asked(self, request: Request) -> Asked:
-        told = Fields(await body(request))
-        asked = told.asked()
-        told.done()
-        return asked
+    session: Session
+    windows: Windows
+    rendering: RenderJob
+    keys: Keys
+    token: str
+    turns: Turns
 
 
-def addressed(status: dict[str, Any]) -> dict[str, Any]:
-    """How far a run is, its folders as addresses of this server."""
-    if status["result"] is None:
-        return status
-    rows = [{**row, "folder": f"/result/{status['job']}/{row['folder']}/"} for row in status["result"]]
-    return {**status, "result": rows}
+def services_of(request: Request) -> Services:
+    """The services of the application that serves a request."""
+    found: Services = request.app.state.services
+    return found
+
+
+Served = Annotated[Services, Depends(services_of)]
+Window = Annotated[str, Header(alias="X-Physgen-Window", max_length=80)]
+
+
+# Requests
+
+
+def _whole(value: object) -> object:
+    """JSON does not tell 1.0 from 1."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+Whole = Annotated[int, BeforeValidator(_whole), Field(strict=True, ge=0, le=2**53 - 1)]
+Words = Annotated[str, Field(max_length=MAX_WORDS)]
+Step = Annotated[str, Field(max_length=MAX_KEY)] | Annotated[Whole, Field(le=10**6)]
+Path = Annotated[list[Step], Field(min_length=1, max_length=MAX_STEPS)]
+
+
+class Body(BaseModel):
+    """A request's body; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class SetOp(Body):
+    set: Path
+    value: JsonValue
+
+
+class UnsetOp(Body):
+    unset: Path
+
+
+class AddOp(Body):
+    add: Path
+    value: JsonValue
+
+
+class RenameOp(Body):
+    rename: Path
+    to: str
+
+
+class RemoveOp(Body):
+    remove: Path
+
+
+class Edit(Body):
+    """An edit of the version that the page shows, in the file or in a variant."""
+
+    version: Whole
+    variant: Words | None = None
+    what: Words | None = None
+    tag: Words | None = None
+    id: Annotated[str, Field(max_length=64)] | None = None
+
+    def request(self) -> EditRequest:
+        """For the session."""
+        return EditRequest(self.version, self.variant or None, self.what or "", self.tag, self.id)
+
+
+class Operations(Edit):
+    """Operations, all or none; a path is a list of keys and of indices from 0."""
+
+    ops: Annotated[list[SetOp | UnsetOp | AddOp | RenameOp | RemoveOp], Field(max_length=MAX_OPS)]
+
+    def plain(self) -> list[Data]:
+        """The operations as mappings."""
+        return [op.model_dump() for op in self.ops]
+
+
+class Text(Edit):
+    text: str
+
+
+class Save(Edit):
+    resolve: Literal["mine", "theirs", "merge"] | None = None
+
+
+class MaskEdit(Edit):
+    """A correction of masks; see physgen.edit.masks for the operations."""
+
+    op: dict[str, JsonValue]
+
+
+class Render(Body):
+    version: Whole | None = None
+    variants: Annotated[list[Words | None], Field(max_length=MAX_OPS)] | None = None
+    format: Words | None = None
+    refine: bool | None = None
+
+
+class Nothing(Body):
+    pass
+
+
+class Parameters(BaseModel):
+    """What stands behind the question mark; unknown names are errors."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class OfVariant(Parameters):
+    variant: Words | None = None
+
+
+class OfObject(OfVariant):
+    object: Annotated[str, Field(min_length=1)]
+
+
+class FromSample(Parameters):
+    start: Annotated[int, Field(alias="from", ge=0, le=MAX_SAMPLE)] = 0
+
+
+class OfMotion(Parameters):
+    motion: str | None = None
+
+
+class Since(Parameters):
+    window: str = ""
+    run: str = ""
+    since: Annotated[int, Field(ge=0, le=MAX_EVENT)] = 0
+    hidden: Literal["true", "false"] = "false"
+    leaves: Literal["true", "false"] = "false"
+
+
+class OfCommand(OfVariant):
+    format: Words = "mp4"
+    refine: Literal["true", "false"] = "true"
+
+
+# Answers, as /api/openapi.json describes them
+
+
+class Message(BaseModel):
+    message: str
+    fix: str
+
+
+class Clash(BaseModel):
+    line: int
+    base: str
+    mine: str
+    theirs: str
+
+
+class Conflict(BaseModel):
+    theirs: str
+    merged: str | None
+    clashes: list[Clash]
+
+
+class Error(BaseModel):
+    error: Message
+    problems: list[Data]
+    version: int | None = None
+    overtaken: bool | None = None
+    maps: bool | None = None
+    conflict: Conflict | None = None
+
+
+class ProblemRow(BaseModel):
+    severity: Literal["error", "warning"]
+    message: str
+    fix: str
+    path: str
+    line: int | None = None
+    column: int | None = None
+    object: str | None = None
+
+
+class Motion(BaseModel):
+    key: str
+    start: int = Field(alias="from")
+    upto: int
+    total: int
+    done: bool
+    bodies: list[Data]
+    problems: list[ProblemRow]
+    took_ms: float
+
+
+class FileState(BaseModel):
+    name: str
+    folder: str
+    saved: bool
+    outside: Literal["changed", "gone", "unread"] | None
+    recovered: bool
+
+
+class State(BaseModel):
+    version: int
+    id: str | None
+    file: FileState
+    windows: int
+    text: str
+    variant: str | None
+    variants: list[str]
+    undo: str | None
+    redo: str | None
+    problems: list[ProblemRow]
+    todo: list[Data]
+    scene: Data | None
+    derived: Data | None
+    motion: Motion | None
+    picture: str | None
+    made: str | None
+
+
+class Preview(BaseModel):
+    motion: Motion | None
+    problems: list[ProblemRow]
+    overtaken: bool = False
+
+
+class Rendering(BaseModel):
+    job: str | None
+    state: Literal["idle", "running", "done", "stopped", "failed"]
+    running: bool
+    stage: str
+    done: float
+    total: float
+    lines: list[str]
+    error: Data | None
+    result: list[Data] | None
+    command: str
+
+
+class Events(BaseModel):
+    run: str
+    next: int
+    events: list[Data]
+
+
+class Job(BaseModel):
+    job: str
+
+
+class Command(BaseModel):
+    command: str
+
+
+class Key(BaseModel):
+    key: str
+
+
+PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": {}}}}
+ERRORS: dict[int | str, dict[str, Any]] = {
+    400: {"description": "The request does not match this description."},
+    401: {"description": "The token is missing or wrong."},
+    403: {"description": "A page of another site asks, or another host name is used."},
+    404: {"description": "There is no such address."},
+    405: {"description": "The address does not take this method."},
+    409: {"description": "The request is about a state that is gone, or the file on disk has changed."},
+    413: {"description": "The body is too large."},
+    415: {"description": "The body is not application/json."},
+    422: {"description": "The request is well formed and cannot be carried out on this scene."},
+    500: {"description": "The editor failed."},
+    507: {"description": "The disk is full, or may not be written."},
+}
+for _row in ERRORS.values():
+    _row["model"] = Error
+
+api = APIRouter(default_response_class=JsonAnswer)
+
+
+# Reading
+
+
+@api.get("/api/materials")
+def materials(query: Annotated[Parameters, Query()]) -> list[Data]:
+    """The table of materials."""
+    return materials_table()
 
 
 @cache
-def materials() -> list[dict[str, Any]]:
-    """The table of materials, by name."""
+def materials_table() -> list[Data]:
+    """Rows of the table of materials."""
     from physgen import materials as table
 
     return [asdict(row) for row in table.materials()]
 
 
-def _variant(told: dict[str, str]) -> str | None:
-    value = told.get("variant") or None
-    if value is not None and len(value) > MAX_WORDS:
-        raise malformed("variant is no name", "send the name of a variant")
-    return value
+@api.get("/api/state", response_model=State)
+def state(served: Served, query: Annotated[OfVariant, Query()]) -> Response:
+    """The scene, its problems and its motion."""
+    return JsonAnswer(served.session.state(query.variant or None))
+
+
+@api.get("/api/photo", responses=PNG, response_class=Response)
+def photo(served: Served, query: Annotated[Parameters, Query()]) -> Response:
+    """The photo."""
+    return Response(served.session.photo(), media_type="image/png")
+
+
+@api.get("/api/mask", responses=PNG, response_class=Response)
+def mask(served: Served, query: Annotated[OfObject, Query()]) -> Response:
+    """The mask of an object."""
+    return Response(served.session.mask(query.variant or None, query.object), media_type="image/png")
+
+
+@api.get("/api/motion/{key}", response_model=Motion)
+def motion(served: Served, key: str, query: Annotated[FromSample, Query()]) -> Response:
+    """A further part of a motion, from a sample on."""
+    return _present(served.session.live.more(key, query.start))
+
+
+@api.get("/api/picture/{key}")
+def picture(served: Served, key: str, query: Annotated[OfMotion, Query()]) -> Response:
+    """Background and objects; with a motion, their shadows."""
+    pictures = served.session.pictures
+    found = pictures.look(key) if query.motion is None else pictures.shadows(key, query.motion)
+    return _present(found)
+
+
+def _present(found: Mapping[str, Any] | None) -> Response:
+    if found is None:
+        raise overtaken()
+    return JsonAnswer(found)
+
+
+@api.get("/api/events", response_model=Events)
+def events(served: Served, query: Annotated[Since, Query()], window: Window = "") -> Response:
+    """What happened since an event of a run of the server. A window that asks is counted until it leaves."""
+    name = (query.window or window)[:80]
+    if query.leaves == "true":
+        served.windows.leave(name)
+        return JsonAnswer({"run": served.windows.run, "next": query.since, "events": []})
+    return JsonAnswer(served.windows.ask(name, query.run, query.since, query.hidden == "true"))
+
+
+# Edits
+
+
+@api.post("/api/edit", response_model=State)
+def edit(served: Served, body: Operations) -> Response:
+    """Make operations, all or none."""
+    return JsonAnswer(served.session.edit(body.request(), body.plain()))
+
+
+@api.post("/api/preview", response_model=Preview)
+def preview(served: Served, body: Operations, window: Window = "") -> Response:
+    """The motion that operations would give; of one window's requests only the newest is worked out."""
+    turn = served.turns.take(window)
+    try:
+        work = lambda: served.session.preview(body.request(), body.plain())  # noqa: E731
+        return JsonAnswer(served.turns.when_newest(window, turn, work))
+    except EditError as error:
+        if error.why is not Why.STALE or not window:
+            raise
+        # a page asks many times while something is dragged, and a browser's console shows every refused request
+        return JsonAnswer({"motion": None, "problems": [], "overtaken": True})
+
+
+@api.post("/api/undo", response_model=State)
+def undo(served: Served, body: Edit) -> Response:
+    """One step back."""
+    return JsonAnswer(served.session.step(body.request(), -1))
+
+
+@api.post("/api/redo", response_model=State)
+def redo(served: Served, body: Edit) -> Response:
+    """One step forward."""
+    return JsonAnswer(served.session.step(body.request(), 1))
+
+
+@api.put("/api/text", response_model=State)
+def write(served: Served, body: Text) -> Response:
+    """Replace the text."""
+    return JsonAnswer(served.session.write(body.request(), body.text))
+
+
+@api.post("/api/save", response_model=State)
+def save(served: Served, body: Save) -> Response:
+    """Write the file."""
+    return JsonAnswer(served.session.save(body.request(), body.resolve))
+
+
+@api.post("/api/mask", response_model=State)
+def correct(served: Served, body: MaskEdit) -> Response:
+    """Correct a mask, and what follows from it."""
+    return JsonAnswer(served.session.correct(body.request(), body.op))
+
+
+# Rendering
+
+
+@api.post("/api/render", response_model=Job)
+def render(served: Served, body: Render) -> Response:
+    """Save, and start to render."""
+    served.session.save_for_rendering(body.version)
+    job = served.rendering.start(body.variants, body.format or "mp4", body.refine is not False)
+    return JsonAnswer({"job": job})
+
+
+@api.get("/api/render", response_model=Rendering)
+def rendered(served: Served, query: Annotated[Parameters, Query()]) -> Response:
+    """Progress and results."""
+    return JsonAnswer(with_addresses(served.rendering.status()))
+
+
+@api.post("/api/render/stop", response_model=Rendering)
+def stop(served: Served, body: Nothing) -> Response:
+    """Stop rendering."""
+    served.rendering.stop()
+    return JsonAnswer(with_addresses(served.rendering.status()))
+
+
+@api.get("/api/command", response_model=Command)
+def command(served: Served, query: Annotated[OfCommand, Query()]) -> Response:
+    """The command line that renders the same."""
+    line = served.rendering.command(query.variant or None, query.format, query.refine == "true")
+    return JsonAnswer({"command": line})
+
+
+@api.post("/api/once", response_model=Key)
+def once(served: Served, body: Nothing) -> Response:
+    """A key that opens the page one time: `/?once=KEY`."""
+    return JsonAnswer({"key": served.keys.new()})
+
+
+@api.get("/result/{key}/{name:path}", include_in_schema=False)
+def result(served: Served, key: str, name: str) -> Response:
+    """A file of the last run."""
+    job = served.rendering.status()["job"]
+    known = job is not None and secrets.compare_digest(key.encode(), job.encode())
+    found = served.rendering.file(name) if known else None
+    if found is None:
+        raise EditError(Why.ABSENT, "there is no such result", "render again")
+    return FileResponse(found)
+
+
+def with_addresses(status: Data) -> Data:
+    """The status of a run with its folders as addresses of this server."""
+    if status["result"] is None:
+        return status
+    rows = [{**row, "folder": f"/result/{status['job']}/{row['folder']}/"} for row in status["result"]]
+    return {**status, "result": rows}

@@ -1,4 +1,4 @@
-"""The editor's server: its page, its static files and the address it listens at."""
+"""The editor's server: the application, its page and static files, and the socket it listens at."""
 
 from __future__ import annotations
 
@@ -11,84 +11,87 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
-from urllib.request import Request as Request_request
+from urllib.request import Request as UrlRequest
 from urllib.request import urlopen
 
 import uvicorn
-from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
-from starlette.routing import Route
 
 from physgen import __version__
-from physgen.edit.api import Answer, Api, addressed
+from physgen.edit.api import ERRORS, JsonAnswer, Served, Services, api, with_addresses
+from physgen.edit.draft import running_at
 from physgen.edit.errors import EditError, Why
-from physgen.edit.guard import TOKEN, Guard, Keys, Windows
-from physgen.edit.render_job import Rendering
+from physgen.edit.events import Turns, Windows
+from physgen.edit.guard import TOKEN, Guard, Keys
+from physgen.edit.render_job import RenderJob
 from physgen.edit.session import Session
 from physgen.files import resource
 from physgen.problems import InputError
 
-# ----------------------------------------------------------------------
-# A Session -> the ASGI application: the page, what it is made of, and the interface.
+__all__ = ["Editor", "Place", "invited", "running_at"]
 
 PLAYER = ("motion", "clock", "scene", "balls", "touch", "units", "quantities", "layers")
-"""The report's player, less its charts and its page: plain scripts, joined in this order."""
+"""Scripts of the report's player without its charts and page, joined in this order."""
 STYLES = ("page.css", "player.css", "edit.css")
 SCHEMA = "scene-1.schema.json"
-_PART = re.compile(r"edit/[a-z][a-z0-9_-]{0,40}\.(js|css)").fullmatch
-_KINDS = {
+MEDIA_TYPES = {
     "json": "application/json",
     "js": "text/javascript; charset=utf-8",
     "css": "text/css; charset=utf-8",
 }
+_PART = re.compile(r"edit/[a-z][a-z0-9_-]{0,40}\.(js|css)").fullmatch
 
 
-def application(
-    session: Session, windows: Windows, rendering: Rendering, keys: Keys, token: str, host: str, port: int
-) -> Guard:
-    """What a server runs."""
-    api = Api(session, windows, rendering, keys)
-    app = Starlette(
-        routes=[
-            Route("/", page, methods=["GET"]),
-            Route("/static/{name:path}", static, methods=["GET"]),
-            *api.routes(),
-        ],
+# The application
+
+
+def application(services: Services) -> FastAPI:
+    """The page and the interface of a session."""
+    app = FastAPI(
+        title="physgen edit",
+        version=__version__,
+        openapi_url="/api/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+        responses=ERRORS,
         exception_handlers={
-            EditError: _refused,
-            InputError: _wrong,
-            HTTPException: _http,
-            OSError: _failed,
-            Exception: _broken,
+            EditError: _edit_error,
+            InputError: _input_error,
+            RequestValidationError: _invalid_request,
+            HTTPException: _http_error,
+            OSError: _disk_error,
+            Exception: _internal_error,
         },
     )
-    app.router.redirect_slashes = False
-    app.state.token, app.state.keys = token, keys
-    return Guard(app, token, host, port)
+    app.include_router(api)
+    app.add_api_route("/", page, include_in_schema=False)
+    app.add_api_route("/static/{name:path}", static, include_in_schema=False)
+    app.state.services = services
+    return app
 
 
-async def page(request: Request) -> Response:
-    """The editor's page; it holds nothing of the scene. A key that opens it one time is traded for the token."""
-    key = request.query_params.get("once")
-    if key is not None and request.app.state.keys.used(key):
-        return RedirectResponse(f"/?token={request.app.state.token}", 303)
-    return Response(await run_in_threadpool(_page), media_type="text/html; charset=utf-8")
+def page(served: Served, once: str | None = None) -> Response:
+    """The page, which holds nothing of the scene. A one-time key is exchanged for the token."""
+    if once is not None and served.keys.use(once):
+        return RedirectResponse(f"/?token={served.token}", 303)
+    return Response(_page(), media_type="text/html; charset=utf-8")
 
 
-async def static(request: Request) -> Response:
+def static(name: str) -> Response:
     """A script or a style of the package."""
-    name = request.path_params["name"]
-    found = await run_in_threadpool(part, name)
+    found = part(name)
     if found is None:
         raise EditError(Why.ABSENT, f"there is no {name[:80]}", "open the address as it was printed")
-    return Response(found, media_type=_KINDS[name.rpartition(".")[2]])
+    return Response(found, media_type=MEDIA_TYPES[name.rpartition(".")[2]])
 
 
 def part(name: str) -> bytes | None:
-    """What the page is made of, by name: those that are listed, and files of the folder `edit` by a plain name."""
+    """A file of the page: one that is listed, or a file of the folder `edit` with a plain name."""
     try:
         if name == "player.js":
             scripts = [_read("templates", "player", f"{script}.js") for script in PLAYER]
@@ -122,65 +125,70 @@ def _page() -> str:
     return text
 
 
-async def _refused(request: Request, error: Exception) -> Response:
+# Errors as answers
+
+
+def _refusal(status: int, message: str, fix: str, problems: list[dict[str, Any]] | None = None) -> Response:
+    return JsonAnswer({"error": {"message": message, "fix": fix}, "problems": problems or []}, status)
+
+
+def _edit_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, EditError)
-    headers = {"Allow": error.more["allow"]} if error.why is Why.METHOD else None
-    return Answer(error.body(), error.why.value, headers)
+    return JsonAnswer(error.body(), error.why.value)
 
 
-async def _wrong(request: Request, error: Exception) -> Response:
-    """Something about the scene that was not foreseen to be wrong."""
+def _input_error(request: Request, error: Exception) -> Response:
+    """A problem of the scene that no edit expected."""
     assert isinstance(error, InputError)
     problems = [problem.as_dict() | {"object": None} for problem in error.problems]
     first = error.problems[0]
     message = " ".join(part for part in (first.found, first.expected) if part)
-    told = {"error": {"message": message, "fix": first.fix}, "problems": problems}
-    return Answer(told, Why.IMPOSSIBLE.value)
+    return _refusal(Why.IMPOSSIBLE.value, message, first.fix, problems)
 
 
-async def _http(request: Request, error: Exception) -> Response:
+def _invalid_request(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"][1:])
+    message = f"{where}: {first['msg']}" if where else str(first["msg"])
+    return _refusal(Why.MALFORMED.value, message[:300], "see /api/openapi.json")
+
+
+def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    fix = "see /api/openapi.json"
-    told = {"error": {"message": error.detail.lower(), "fix": fix}, "problems": []}
-    return Answer(told, error.status_code, dict(error.headers or {}))
+    answer = _refusal(error.status_code, str(error.detail).lower(), "see /api/openapi.json")
+    answer.headers.update(error.headers or {})
+    return answer
 
 
-async def _failed(request: Request, error: Exception) -> Response:
-    """The disk: full, or not to be written."""
+def _disk_error(request: Request, error: Exception) -> Response:
+    """The disk is full, or may not be written."""
     assert isinstance(error, OSError)
     where = f"{Path(error.filename).name}: " if isinstance(error.filename, str) else ""
     message = f"{where}{(error.strerror or 'it could not be read or written').lower()}"
-    told = {
-        "error": {"message": message, "fix": "make room, or mend the rights, and try again"},
-        "problems": [],
-    }
-    return Answer(told, 507)
+    return _refusal(507, message, "make room, or correct the permissions, and try again")
 
 
-async def _broken(request: Request, error: Exception) -> Response:
-    """A mistake of ours."""
-    message = f"the editor failed: {type(error).__name__}"
-    told = {"error": {"message": message, "fix": "undo, and please report it"}, "problems": []}
-    return Answer(told, 500)
+def _internal_error(request: Request, error: Exception) -> Response:
+    return _refusal(500, f"the editor failed: {type(error).__name__}", "undo, and please report it")
 
 
-# ----------------------------------------------------------------------
-# A scene's path -> the editor, served until it is stopped.
+# The server
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the editor listens; port None: that of the editor whose draft is gone on with, or any that is free."""
+    """Where the editor listens. Port None: that of the editor whose draft is continued, or any free one."""
 
     host: str = "127.0.0.1"
     port: int | None = None
 
 
 class Editor:
-    """The server of one scene: it listens once it is made, and answers once it runs; `close` ends it.
+    """The server of one scene. It listens once it is constructed and answers once it runs; `close` ends it.
 
-    Raises InputError where the scene cannot be opened or the place not be listened at, BusyError where another editor
-    has the scene.
+    Raises InputError where the scene cannot be opened or the address is taken, BusyError where another editor has the
+    scene.
     """
 
     def __init__(
@@ -193,14 +201,14 @@ class Editor:
         place = place or Place()
         self.windows = Windows()
         self.keys = Keys()
-        self.session = Session(path, allow_outside, self.windows.tell)
-        self.rendering = Rendering(
-            path, output, allow_outside, lambda status: self.windows.tell(addressed(status))
+        self.session = Session(path, allow_outside, self.windows.send)
+        self.rendering = RenderJob(
+            path, output, allow_outside, lambda status: self.windows.send(with_addresses(status))
         )
         try:
             self.windows.counted(self.session.count_windows)
             draft = self.session.document.draft
-            before = draft.place()  # an open page finds its server again
+            before = draft.last_address()  # an open page finds its server again
             token = before.get("token")
             self.token = token if isinstance(token, str) and token else secrets.token_urlsafe(24)
             self._socket = _found_again(place, before.get("port"))
@@ -218,9 +226,8 @@ class Editor:
         return f"http://{shown}:{self.port}/?token={self.token}"
 
     def _made(self, place: Place) -> uvicorn.Server:
-        app = application(
-            self.session, self.windows, self.rendering, self.keys, self.token, place.host, self.port
-        )
+        services = Services(self.session, self.windows, self.rendering, self.keys, self.token, Turns())
+        app = Guard(application(services), self.token, place.host, self.port)
         config = uvicorn.Config(
             app,
             access_log=False,
@@ -233,8 +240,8 @@ class Editor:
         return uvicorn.Server(config)
 
     def once(self) -> str:
-        """An address that leads to the page one time: it stands in the list of processes for all to read."""
-        return f"{self.address.partition('?')[0]}?once={self.keys.made()}"
+        """An address that opens the page one time: the list of processes shows it to all users of the machine."""
+        return f"{self.address.partition('?')[0]}?once={self.keys.new()}"
 
     def run(self) -> None:
         """Serve until `stop`, or Ctrl-C."""
@@ -245,17 +252,17 @@ class Editor:
         self.server.should_exit = True
 
     def close(self) -> Path | None:
-        """Let go of the scene; the folder of its draft where something in it is not saved."""
+        """Release the scene. Returns the folder of its draft where something is not saved."""
         self.rendering.stop()
         self._socket.close()
         return self.session.close()
 
 
 def invited(address: str) -> str:
-    """An address of a running editor that leads to its page one time; its own where it does not answer."""
+    """A one-time address of a running editor's page; the address itself where the editor does not answer."""
     base, _, token = address.partition("/?token=")
     headers = {TOKEN: token, "Content-Type": "application/json"}
-    asked = Request_request(f"{base}/api/once", b"{}", headers, method="POST")
+    asked = UrlRequest(f"{base}/api/once", b"{}", headers, method="POST")
     try:
         with urlopen(asked, timeout=5) as answer:
             return f"{base}/?once={json.load(answer)['key']}"
@@ -273,7 +280,7 @@ def _found_again(place: Place, before: object) -> socket.socket:
 
 def _listening(place: Place) -> socket.socket:
     family = socket.AF_INET6 if ":" in place.host else socket.AF_INET
-    # named, so that asyncio sends small answers at once: without it each waits 40 ms for the reader's word
+    # with the protocol named, asyncio sends small answers at once instead of after 40 ms
     made = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,4 +1,7 @@
-"""A scene file that is edited: its states, saving, and merging with what other programs write."""
+"""A scene file that is edited: its states, saving, and merging with what other programs write.
+
+Not locked: `Session` calls one method at a time.
+"""
 
 from __future__ import annotations
 
@@ -8,48 +11,329 @@ import shutil
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
-from physgen.edit.draft import Draft, Found, draft_folder, sync, write_durably
+from physgen.edit.draft import Draft, draft_folder, sync, write_durably
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.history import History, State
 from physgen.edit.yaml_tree import marked, readable
-from physgen.files import back_up as aside
-from physgen.files import file_stamp
+from physgen.files import back_up, file_stamp
 from physgen.problems import InputError
 from physgen.scene.document import MAX_BYTES, decode
 from physgen.scene.files import MAPS, RefusedError, confined, scene_bytes
 
-# ----------------------------------------------------------------------
-# How a file begins and how its lines end, which an edit leaves as it is.
+BY_OTHERS = "changed by another program"
+"""What the history calls a state that another program wrote."""
 
 
-@dataclass(frozen=True)
-class Ends:
-    """Of one file."""
+class Document:
+    """The states of one file. Raises InputError where it cannot be read, BusyError where another editor has it."""
 
-    bom: bool = False
-    """Whether it begins with a byte order mark."""
-    crlf: bool = False
-    """Whether its lines end as on Windows."""
+    def __init__(self, path: Path, allow_outside: bool = False) -> None:
+        self.path, self.allow_outside = path, allow_outside
+        self.real = Path(os.path.realpath(path))
+        text = self._read_first()
+        self.draft = Draft(path)
+        self.outside: str | None = None
+        """`changed` or `gone`: what another program did to the file, where that is still to be resolved."""
+        self.ids: deque[str] = deque(maxlen=100)
+        """Of the newest requests: one that is sent again is not carried out twice."""
+        self._saving = False
+        """Whether maps and text are being written; the draft says so, so that a crash between the two is noticed."""
+        self._copies = frozenset((0,))
+        self.saved = State(text)
+        """What the file held when it was read or written last."""
+        self.history = History(self.saved)
+        found = self.draft.load()
+        if found is not None:
+            self._continue(found)
+        else:
+            self._store()
+        self._stamps = stamps(self._own(self.saved.text))
+        self.recovered = not self.is_saved
+        """Whether it continues what an editor left that ended before everything was saved."""
 
-    def encoded(self, text: str) -> bytes:
-        """The bytes of the file that holds a text."""
-        return (codecs.BOM_UTF8 if self.bom else b"") + text.encode("utf-8")
+    def _continue(self, found: dict[str, Any]) -> None:
+        """Take over what another editor left."""
+        history = History.from_data(found["history"])
+        if history.version == 1:  # nothing was edited
+            self.draft.forget_maps(set())
+            self._store()
+            return
+        self.history, self.saved = history, State(**found["saved"])
+        self.ids += found["ids"]
+        if found["saving"]:
+            self._end_saving()
+        self.history.replace_maps(self._has_maps, self.saved.maps)
+        self.look_outside()
 
-    def adapted(self, text: str) -> str:
-        """A text from a page, whose fields have no carriage returns, with the line ends of the file."""
+    def _has_maps(self, state: State) -> bool:
+        return state.maps in (0, self.saved.maps) or self.draft.maps(state.maps).is_dir()
+
+    def _end_saving(self) -> None:
+        """An editor ended between maps and text: complete the save if the text is there, else take the maps back."""
+        folder, kept = self._own(self.now.text), self.draft.maps(self.saved.maps)
+        theirs = None
+        with suppress(EditError):
+            theirs = self._theirs()
+        if theirs == self.now.text:
+            if folder is not None:
+                install(self.draft.maps(self.now.maps), folder)
+            self._set_saved(State(self.now.text, self.now.maps))
+        elif folder is not None and kept.is_dir():
+            install(kept, folder)
+
+    # The draft
+
+    def _store(self) -> None:
+        """Write all states. Raises OSError."""
+        self.draft.store(
+            {
+                "history": self.history.as_data(),
+                "saved": asdict(self.saved),
+                "ids": list(self.ids),
+                "saving": self._saving,
+            }
+        )
+
+    @contextmanager
+    def _stored(self) -> Iterator[None]:
+        """Write what the block changes; where that fails, nothing is changed. Raises OSError."""
+        self.restore_draft()
+        before = self.history.copy(), self.saved, self.ids.copy(), self._saving
+        try:
+            yield
+            self._store()
+        except BaseException:
+            self.history, self.saved, self.ids, self._saving = before
+            raise
+
+    def restore_draft(self) -> None:
+        """Write the draft again where another program removed it. Raises OSError."""
+        if self.draft.is_gone():
+            self._store()
+            self.history.replace_maps(self._has_maps, self.saved.maps)
+
+    @property
+    def now(self) -> State:
+        """The present state."""
+        return self.history.now
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file holds the present state."""
+        return self._nothing_made and self.outside != "gone"
+
+    @property
+    def _nothing_made(self) -> bool:
+        """Whether the present state is that which the file held when it was read or written last."""
+        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps)
+
+    def maps(self, state: State) -> Path | None:
+        """The folder of a state's maps; None: the scene's own, which another program may change."""
+        return None if state.maps == self.saved.maps else self.draft.maps(state.maps)
+
+    def _own(self, text: str) -> Path | None:
+        """The folder that a text names for its maps; None: it names none, or one that it may not."""
+        with suppress(EditError):
+            return folder_of(text, self.path.absolute().parent, self.allow_outside)
+        return None
+
+    def note_maps(self) -> None:
+        """The scene's own maps are known as they are: what is made now is made of them."""
+        if self.now.maps == self.saved.maps:
+            self._stamps = stamps(self._own(self.now.text))
+
+    # Changes
+
+    def push(self, state: State) -> None:
+        """Add a state. Raises OSError: then it is not added."""
+        if len(state.text) > MAX_BYTES // 4 and len(state.text.encode()) > MAX_BYTES:
+            raise EditError(
+                Why.TOO_LARGE, "the file would be larger than 8 MiB", "keep pixels in image files"
+            )
+        with self._stored():
+            self.history.push(replace(state, time=time.time()))
+            if state.id:
+                self.ids.append(state.id)
+        if self.history.maps() != self._copies:
+            self._copies = self.history.maps()
+            self.draft.forget_maps({*self._copies, self.saved.maps})
+
+    def step(self, by: int, request: str | None) -> None:
+        """Undo (-1) or redo (1). Raises EditError, OSError."""
+        if not self.history.can(by):
+            word = "undo" if by < 0 else "redo"
+            raise EditError(Why.IMPOSSIBLE, f"there is nothing to {word}", "edit something first")
+        with self._stored():
+            self.history.step(by)
+            if request:
+                self.ids.append(request)
+
+    # The file
+
+    def save(self, resolve: str | None) -> None:
+        """Write what there is; where another program wrote since, as `resolve` says. Raises EditError, OSError."""
+        try:
+            theirs = self._theirs()
+        except EditError:
+            if resolve != "mine":
+                raise
+            back_up(self.real)  # as NAME~: it cannot be a step of the history
+            theirs = None
+        if resolve == "theirs":
+            self._take(theirs)
+            return
+        differs = theirs is not None and theirs != self.saved.text
+        if theirs is not None and differs and self._settle(theirs, resolve):
+            return
+        self._write(theirs, over=resolve == "mine" and not differs)
+
+    def look_outside(self) -> str | None:
+        """What another program did, taken in where it can be: `taken`, `merged`, `clash`, `gone`, None for nothing."""
+        try:
+            theirs = self._theirs()
+        except EditError:
+            self.outside = "changed"
+            return "clash"
+        if theirs is None:
+            before, self.outside = self.outside, "gone"
+            return "gone" if before != "gone" else None
+        if theirs == self.saved.text:
+            before, self.outside = self.outside, None
+            return "taken" if before is not None else None
+        if self._nothing_made and self.outside is None:
+            self._take(theirs)
+            return "taken"
+        if self._merge(theirs).text is not None:
+            self._settle(theirs, None)
+            return "merged"
+        self.outside = "changed"
+        return "clash"
+
+    def close(self) -> Path | None:
+        """Let go; the draft's folder where something in it is not saved."""
+        keep = not self.is_saved
+        self.draft.close(keep)
+        return self.draft.folder if keep else None
+
+    def _take(self, theirs: str | None) -> None:
+        """What is on the disk is the newest state. Raises EditError."""
+        if theirs is None:
+            raise EditError(Why.IMPOSSIBLE, "the file is gone", "save, and it is there again")
+        if (theirs, self.saved.maps) != (self.now.text, self.now.maps):
+            self.push(State(theirs, self.saved.maps, BY_OTHERS))
+        self._set_saved(State(theirs, self.saved.maps))
+
+    def _settle(self, theirs: str, resolve: str | None) -> bool:
+        """Take in what another program wrote. True where nothing is left to be written. Raises EditError."""
+        if self._nothing_made and resolve is None:
+            self._take(theirs)
+            return True
+        mine, made = self.now, self._merge(theirs)
+        if resolve == "mine":  # theirs stays within reach: one step back
+            self.push(State(theirs, mine.maps, BY_OTHERS))
+            self.push(State(mine.text, mine.maps, "keep mine over another program's"))
+        elif made.text is None:
+            clashes = [clash.as_dict() for clash in made.clashes]
+            conflict = {"theirs": theirs, "merged": None, "clashes": clashes}
+            message = "another program changed the same lines of the file"
+            self.outside = "changed"
+            raise EditError(Why.STALE, message, "choose mine or theirs", {"conflict": conflict})
+        elif made.text != mine.text:
+            self.push(State(made.text, mine.maps, "merge with what another program wrote"))
+        self._set_saved(State(theirs, self.saved.maps))
+        return False
+
+    def _merge(self, theirs: str) -> Merged:
+        """Both changes; where what comes of it is no YAML and both were, they clash after all."""
+        made = merged(self.saved.text, self.now.text, theirs)
+        if made.text is None or not readable(self.now.text) or not readable(theirs) or readable(made.text):
+            return made
+        return Merged(None)
+
+    def _set_saved(self, saved: State) -> None:
+        """Note what the file holds."""
+        with self._stored():
+            self.saved, self._saving = saved, False
+            self.history.end_step()
+        self.outside = None
+        self.note_maps()
+
+    def _write(self, theirs: str | None, over: bool) -> None:
+        """Maps first, then the text that names them; both or neither. `over`: also over another program's maps."""
+        if self.now.maps == self.saved.maps:
+            self._write_text(theirs)
+        else:
+            folder = folder_of(self.now.text, self.path.absolute().parent, self.allow_outside)
+            if folder is None:
+                raise impossible("the text names no folder for its maps", "write assets: and a folder's name")
+            self._write_maps(folder, theirs, over)
+        self._set_saved(State(self.now.text, self.now.maps))
+
+    def _write_text(self, theirs: str | None) -> None:
+        if theirs != self.now.text:
+            write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())
+
+    def _write_maps(self, folder: Path, theirs: str | None, over: bool) -> None:
+        """What was there is kept aside, for an undo, and is put back where not all could be written."""
+        own, kept = self._own(self.saved.text), self.draft.maps(self.saved.maps)
+        if folder != own and has_maps(folder):
+            fix = "name a folder that is not there yet, or that which the scene had"
+            raise impossible(f"assets: {folder.name} holds maps of something else", fix)
+        if folder == own and stamps(folder) != self._stamps and not over:
+            message = "another program changed the scene's maps since yours were made"
+            fix = "choose mine to write yours over them; theirs stay one step back"
+            raise EditError(Why.STALE, message, fix, {"maps": True})
+        set_aside(own, kept)
+        if own is not None and not same_maps(kept, own):  # painted by another program: within reach, too
+            number, mine = self.draft.new_maps(), self.now
+            set_aside(own, self.draft.maps(number))
+            kept = self.draft.maps(number)
+            self.push(State(mine.text, number, BY_OTHERS))
+            self.push(State(mine.text, mine.maps, "keep my maps over another program's"))
+        with self._stored():
+            self._saving = True
+        try:
+            install(self.draft.maps(self.now.maps), folder)
+            self._write_text(theirs)
+        except BaseException:
+            with suppress(OSError):
+                install(kept, folder)
+            self._stamps = stamps(folder)
+            self._saving = False
+            raise
+
+    def _read_first(self) -> str:
+        """The file's text, at the beginning. Raises InputError."""
+        gone = not self.real.exists() and (draft_folder(self.path) / "draft.json").is_file()
+        data = b"" if gone else scene_bytes(self.path, str(self.path))  # what is gone, the draft still holds
+        text = decode(data, str(self.path))
+        self._bom, self._crlf = data.startswith(codecs.BOM_UTF8), "\r\n" in text
+        return text
+
+    def with_line_ends(self, text: str) -> str:
+        """A text of the page, whose fields have no carriage returns, with the line ends of the file."""
         text = text.removeprefix("\ufeff")
-        return text.replace("\n", "\r\n") if self.crlf and "\r" not in text else text
+        return text.replace("\n", "\r\n") if self._crlf and "\r" not in text else text
+
+    def _theirs(self) -> str | None:
+        """What the file holds; None where it is gone. Raises EditError where it is no text."""
+        try:
+            with open(self.real, "rb") as stream:
+                return decode(stream.read(MAX_BYTES + 1), str(self.path))
+        except FileNotFoundError:
+            return None
+        except (InputError, OSError):
+            message = "another program wrote something that is no scene into the file"
+            raise EditError(Why.STALE, message, "put the file right, then save") from None
 
 
-# ----------------------------------------------------------------------
-# Three texts, of which two come of the first -> one with the changes of both, line by line; or where they
-# clash.
+# Merging
 
 
 @dataclass(frozen=True)
@@ -129,8 +413,7 @@ def _kept(old: list[str], new: list[str]) -> list[tuple[int, int, int]]:
     ]
 
 
-# ----------------------------------------------------------------------
-# Maps of a draft -> the folder that the scene reads, and back again where not all could be written.
+# Maps
 
 
 def folder_of(text: str, home: Path, allow_outside: bool) -> Path | None:
@@ -193,7 +476,7 @@ def install(source: Path, folder: Path) -> None:
             file.unlink()
 
 
-def same(one: Path, other: Path | None) -> bool:
+def same_maps(one: Path, other: Path | None) -> bool:
     """Whether two folders hold the same maps."""
     for name in MAPS:
         files = [folder / f"{name}.png" for folder in (one, other) if folder is not None]
@@ -201,287 +484,3 @@ def same(one: Path, other: Path | None) -> bool:
         if len({*held, *([None] if other is None else [])}) > 1:
             return False
     return True
-
-
-# ----------------------------------------------------------------------
-# A scene file on the disk and what is being made of it: states with a history, kept in a draft, saved and
-# merged.
-#
-# Not locked: `Session` calls it one door at a time.
-
-THEIRS = "changed by another program"
-
-
-class Document:
-    """The states of one file. Raises InputError where it cannot be read, BusyError where another editor has it."""
-
-    def __init__(self, path: Path, allow_outside: bool = False) -> None:
-        self.path, self.allow_outside = path, allow_outside
-        self.real = Path(os.path.realpath(path))
-        text = self._opened()
-        self.draft = Draft(path)
-        self.outside: str | None = None
-        """`changed` or `gone`: what another program did to the file, where that is still to be settled."""
-        self.ids: deque[str] = deque(maxlen=100)
-        """Of the newest requests: one that is sent again is not made twice."""
-        self._copies = frozenset((0,))
-        self.saved = State(text)
-        """What the file held when it was read or written last."""
-        found = self.draft.recovered()
-        if found is not None and found.history.version > 1:
-            self._go_on(found)
-        else:
-            self.history = History(self.saved)
-            self.draft.begin(self.saved)
-        self._stamps = stamps(self._own(self.saved.text))
-        self.recovered = not self.is_saved
-        """Whether it goes on with what an editor left that ended before it was saved."""
-
-    def _go_on(self, found: Found) -> None:
-        """With what another editor left."""
-        self.history, self.saved = found.history, found.saved
-        self.ids += [found.newest] if found.newest else []
-        self.draft.go_on()
-        if found.saving is not None:
-            self._end_saving(found.saving)
-        self.history.mend(lambda state: self._has(state), self.saved.maps)
-        self.look_outside()
-
-    def _has(self, state: State) -> bool:
-        return state.maps in (0, self.saved.maps) or self.draft.maps(state.maps).is_dir()
-
-    def _end_saving(self, state: State) -> None:
-        """It ended between maps and text: on if the text is there, else back, so that the two fit."""
-        folder, kept = self._own(state.text), self.draft.maps(self.saved.maps)
-        theirs = None
-        with suppress(EditError):
-            theirs = self._theirs()
-        if theirs == state.text:
-            if folder is not None:
-                install(self.draft.maps(state.maps), folder)
-            self._base(State(state.text, state.maps))
-        elif folder is not None and kept.is_dir():
-            install(kept, folder)
-
-    @property
-    def now(self) -> State:
-        """The present state."""
-        return self.history.now
-
-    @property
-    def is_saved(self) -> bool:
-        """Whether the file holds the present state."""
-        return self._nothing_made and self.outside != "gone"
-
-    @property
-    def _nothing_made(self) -> bool:
-        """Whether the present state is that which the file held when it was read or written last."""
-        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps)
-
-    def maps(self, state: State) -> Path | None:
-        """The folder of a state's maps; None: the scene's own, which another program may change."""
-        return None if state.maps == self.saved.maps else self.draft.maps(state.maps)
-
-    def _own(self, text: str) -> Path | None:
-        """The folder that a text names for its maps; None: it names none, or one that it may not."""
-        with suppress(EditError):
-            return folder_of(text, self.path.absolute().parent, self.allow_outside)
-        return None
-
-    def note_maps(self) -> None:
-        """The scene's own maps are known as they are: what is made now is made of them."""
-        if self.now.maps == self.saved.maps:
-            self._stamps = stamps(self._own(self.now.text))
-
-    # Changes
-
-    def push(self, state: State) -> None:
-        """A new state: on the disk first. Raises OSError."""
-        self._fits(state.text)
-        self.there()
-        state = replace(state, time=time.time())
-        self.draft.push(self.now, state, self.history.version + 1)
-        self.history.push(state)
-        if state.id:
-            self.ids.append(state.id)
-        if self.history.maps() != self._copies:
-            self._copies = self.history.maps()
-            self.draft.forget_maps({*self._copies, self.saved.maps})
-
-    def step(self, by: int, said: str | None) -> None:
-        """Undo (-1) or redo (1). Raises EditError, OSError."""
-        if not self.history.can(by):
-            word = "undo" if by < 0 else "redo"
-            raise EditError(Why.IMPOSSIBLE, f"there is nothing to {word}", "edit something first")
-        self.there()
-        self.draft.step(by, self.history.version + 1, said)
-        self.history.step(by)
-        if said:
-            self.ids.append(said)
-
-    def settle(self) -> None:
-        """All is on the disk when this returns. Raises OSError: asked again, it is written anew."""
-        self.there()
-        self.draft.settle()
-
-    def there(self) -> None:
-        """The draft is, though somebody may have removed it. Raises OSError."""
-        if self.draft.is_gone():
-            self.draft.renew(self.history, self.saved)
-            self.history.mend(self._has, self.saved.maps)
-
-    def _fits(self, text: str) -> None:
-        if len(text) > MAX_BYTES // 4 and len(text.encode()) > MAX_BYTES:
-            raise EditError(
-                Why.TOO_LARGE, "the file would be larger than 8 MiB", "keep pixels in image files"
-            )
-
-    # The file
-
-    def save(self, resolve: str | None) -> None:
-        """Write what there is; where another program wrote since, as `resolve` says. Raises EditError, OSError."""
-        try:
-            theirs = self._theirs()
-        except EditError:
-            if resolve != "mine":
-                raise
-            aside(self.real)  # as NAME~: it cannot be a step of the history
-            theirs = None
-        if resolve == "theirs":
-            self._take(theirs)
-            return
-        differs = theirs is not None and theirs != self.saved.text
-        if theirs is not None and differs and self._settle(theirs, resolve):
-            return
-        self._write(theirs, over=resolve == "mine" and not differs)
-
-    def look_outside(self) -> str | None:
-        """What another program did, taken in where it can be: `taken`, `merged`, `clash`, `gone`, None for nothing."""
-        try:
-            theirs = self._theirs()
-        except EditError:
-            self.outside = "changed"
-            return "clash"
-        if theirs is None:
-            before, self.outside = self.outside, "gone"
-            return "gone" if before != "gone" else None
-        if theirs == self.saved.text:
-            before, self.outside = self.outside, None
-            return "taken" if before is not None else None
-        if self._nothing_made and self.outside is None:
-            self._take(theirs)
-            return "taken"
-        if self._merge(theirs).text is not None:
-            self._settle(theirs, None)
-            return "merged"
-        self.outside = "changed"
-        return "clash"
-
-    def close(self) -> Path | None:
-        """Let go; the draft's folder where something in it is not saved."""
-        keep = not self.is_saved
-        self.draft.close(keep)
-        return self.draft.folder if keep else None
-
-    def _take(self, theirs: str | None) -> None:
-        """What is on the disk is the newest state. Raises EditError."""
-        if theirs is None:
-            raise EditError(Why.IMPOSSIBLE, "the file is gone", "save, and it is there again")
-        if (theirs, self.saved.maps) != (self.now.text, self.now.maps):
-            self.push(State(theirs, self.saved.maps, THEIRS))
-        self._base(State(theirs, self.saved.maps))
-
-    def _settle(self, theirs: str, resolve: str | None) -> bool:
-        """Take in what another program wrote. True where nothing is left to be written. Raises EditError."""
-        if self._nothing_made and resolve is None:
-            self._take(theirs)
-            return True
-        mine, made = self.now, self._merge(theirs)
-        if resolve == "mine":  # theirs stays within reach: one step back
-            self.push(State(theirs, mine.maps, THEIRS))
-            self.push(State(mine.text, mine.maps, "keep mine over another program's"))
-        elif made.text is None:
-            clashes = [clash.as_dict() for clash in made.clashes]
-            conflict = {"theirs": theirs, "merged": None, "clashes": clashes}
-            message = "another program changed the same lines of the file"
-            self.outside = "changed"
-            raise EditError(Why.STALE, message, "choose mine or theirs", {"conflict": conflict})
-        elif made.text != mine.text:
-            self.push(State(made.text, mine.maps, "merge with what another program wrote"))
-        self._base(State(theirs, self.saved.maps))
-        return False
-
-    def _merge(self, theirs: str) -> Merged:
-        """Both changes; where what comes of it is no YAML and both were, they clash after all."""
-        made = merged(self.saved.text, self.now.text, theirs)
-        if made.text is None or not readable(self.now.text) or not readable(theirs) or readable(made.text):
-            return made
-        return Merged(None)
-
-    def _base(self, saved: State) -> None:
-        self.there()
-        self.draft.base(self.now, saved, self.history.version)
-        self.history.end_step()
-        self.saved, self.outside = saved, None
-        self.note_maps()
-
-    def _write(self, theirs: str | None, over: bool) -> None:
-        """Maps first, then the text that names them; both or neither. `over`: also over another program's maps."""
-        if self.now.maps == self.saved.maps:
-            self._write_text(theirs)
-        else:
-            folder = folder_of(self.now.text, self.path.absolute().parent, self.allow_outside)
-            if folder is None:
-                raise impossible("the text names no folder for its maps", "write assets: and a folder's name")
-            self._write_maps(folder, theirs, over)
-        self._base(State(self.now.text, self.now.maps))
-
-    def _write_text(self, theirs: str | None) -> None:
-        if theirs != self.now.text:
-            write_durably(self.real, self.ends.encoded(self.now.text))
-
-    def _write_maps(self, folder: Path, theirs: str | None, over: bool) -> None:
-        """What was there is kept aside, for an undo, and is put back where not all could be written."""
-        own, kept = self._own(self.saved.text), self.draft.maps(self.saved.maps)
-        if folder != own and has_maps(folder):
-            fix = "name a folder that is not there yet, or that which the scene had"
-            raise impossible(f"assets: {folder.name} holds maps of something else", fix)
-        if folder == own and stamps(folder) != self._stamps and not over:
-            message = "another program changed the scene's maps since yours were made"
-            fix = "choose mine to write yours over them; theirs stay one step back"
-            raise EditError(Why.STALE, message, fix, {"maps": True})
-        set_aside(own, kept)
-        if own is not None and not same(kept, own):  # painted by another program: within reach, too
-            number, mine = self.draft.new_maps(), self.now
-            set_aside(own, self.draft.maps(number))
-            kept = self.draft.maps(number)
-            self.push(State(mine.text, number, THEIRS))
-            self.push(State(mine.text, mine.maps, "keep my maps over another program's"))
-        self.draft.saving()
-        try:
-            install(self.draft.maps(self.now.maps), folder)
-            self._write_text(theirs)
-        except BaseException:
-            with suppress(OSError):
-                install(kept, folder)
-            self._stamps = stamps(folder)
-            raise
-
-    def _opened(self) -> str:
-        """The file's text, at the beginning. Raises InputError."""
-        gone = not self.real.exists() and (draft_folder(self.path) / "journal.jsonl").is_file()
-        data = b"" if gone else scene_bytes(self.path, str(self.path))  # what is gone, the draft still holds
-        text = decode(data, str(self.path))
-        self.ends = Ends(data.startswith(codecs.BOM_UTF8), "\r\n" in text)
-        return text
-
-    def _theirs(self) -> str | None:
-        """What the file holds; None where it is gone. Raises EditError where it is no text."""
-        try:
-            with open(self.real, "rb") as stream:
-                return decode(stream.read(MAX_BYTES + 1), str(self.path))
-        except FileNotFoundError:
-            return None
-        except (InputError, OSError):
-            message = "another program wrote something that is no scene into the file"
-            raise EditError(Why.STALE, message, "put the file right, then save") from None

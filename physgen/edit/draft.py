@@ -1,4 +1,8 @@
-"""The draft folder beside a scene: a journal of every state, written before it is answered; one editor at a time."""
+"""The draft folder beside a scene: every state is written there before it is answered, by one editor at a time.
+
+`.NAME.editing/` holds `draft.json` with all states, copies of maps that were corrected (`maps-1`, ...), and where the
+editor listens. It is removed when the editor ends with everything saved; the next editor continues one that is left.
+"""
 
 from __future__ import annotations
 
@@ -8,139 +12,21 @@ import os
 import re
 import shutil
 import stat
-import time
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from physgen.edit.history import History, State, difference, patched
+from physgen.edit.history import History, State
 from physgen.files import partial
 from physgen.problems import InputError
 
-# ----------------------------------------------------------------------
-# Bytes -> a file that holds them even when the power goes: beside, to the disk, then renamed; its rights
-# stay.
-
-
-def write_durably(path: Path, data: bytes) -> None:
-    """The whole of it or nothing; behind a link, what it leads to. Raises OSError."""
-    path = Path(os.path.realpath(path))
-    beside = partial(path)
-    try:
-        with open(
-            os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666), "wb"
-        ) as stream:
-            with suppress(OSError):  # a new file has none yet, and of another's we may not have them all
-                told = os.stat(path)
-                os.fchmod(stream.fileno(), stat.S_IMODE(told.st_mode))
-                os.fchown(stream.fileno(), told.st_uid, told.st_gid)
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            beside.unlink()
-        raise
-    sync(path.parent)
-
-
-def sync(path: Path) -> None:
-    """What a file holds is on the disk; of a folder, the names in it."""
-    with suppress(OSError):
-        number = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
-
-
-# ----------------------------------------------------------------------
-# The lines of a journal -> the states that it tells of, up to the first line that is none or does not fit.
-
-FORMAT = 1
-
-
-@dataclass
-class Found:
-    """What a journal holds."""
-
-    history: History
-    saved: State
-    """What the file held last."""
-    good: int
-    """Bytes that were taken; what follows was cut short, or is of no use."""
-    newest: str | None = None
-    """Id of the newest request."""
-    saving: State | None = None
-    """What was being written when the editor ended: maps, and perhaps the text."""
-
-
-def replayed(data: bytes) -> Found | None:
-    """None where there is nothing to go on with."""
-    lines = data.splitlines(keepends=True)
-    first = _line(lines[0]) if lines else None
-    if first is None or first.get("journal") != FORMAT or not isinstance(first.get("text"), str):
-        return None
-    saved = State(first["text"], first.get("maps", 0))
-    found = Found(History(saved), saved, len(lines[0]))
-    for raw in lines[1:]:
-        line = _line(raw)
-        if line is None or not _taken(found, line):
-            break
-        found.good += len(raw)
-    return found
-
-
-def _line(raw: bytes) -> dict[str, Any] | None:
-    try:
-        line = json.loads(raw)
-    except ValueError:
-        return None
-    return line if raw.endswith(b"\n") and isinstance(line, dict) else None
-
-
-def _taken(found: Found, line: dict[str, Any]) -> bool:
-    """Whether a line fits to what was before; then it is done."""
-    history = found.history
-    try:
-        match line["do"]:
-            case "push":
-                text = patched(history.now.text, line["text"])
-                state = State(text, line["maps"], line["what"], line["tag"], line["id"], line["time"])
-                history.push(state)
-                found.newest = state.id or found.newest
-            case "step" if history.can(line["by"]):
-                history.step(line["by"])
-                found.newest = line["id"] or found.newest
-            case "saving":
-                found.saving = history.now
-            case "base":
-                found.saved = State(patched(history.now.text, line["text"]), line["maps"])
-                found.saving = None
-                history.end_step()
-            case _:
-                return False
-        history.version = max(history.version, line.get("version", 0))
-    except (KeyError, TypeError, ValueError):
-        return False
-    return True
-
-
-# ----------------------------------------------------------------------
-# The draft folder beside a scene: every state on the disk before it is answered, one editor at a time.
-#
-# `.NAME.editing/` holds `journal.jsonl`, copies of maps that were corrected (`maps-1`, ...), and where the
-# editor
-# listens. It goes when the editor ends saved; one that is found is gone on with.
+FORMAT = 2
+"""Of draft.json. Format 1 was a journal, journal.jsonl: such a folder is set aside, never overwritten."""
 
 
 def draft_folder(path: Path) -> Path:
-    """Of a scene file."""
+    """The draft folder of a scene file."""
     real = Path(os.path.realpath(path))
     return real.with_name(f".{real.name}.editing")
 
@@ -150,147 +36,93 @@ class BusyError(Exception):
 
 
 class Draft:
-    """One scene's draft folder, held by this process alone. Raises BusyError, InputError."""
+    """The draft folder of one scene, held by this process alone. Raises BusyError, InputError."""
 
     def __init__(self, path: Path) -> None:
         self.folder = draft_folder(path)
-        self.strange: Path | None = None
-        """Where a folder of that name was put that no editor of this folder made: it came with the scene."""
+        self.set_aside: Path | None = None
+        """The new name of a folder that was found and is not a draft of this editor."""
+        self._address: tuple[int, str, str] | None = None
+        self._last_maps = 0
         try:
-            self._make()
-            self._lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            self._lock = self._make_folder()
+            if not self._is_readable():  # of another version, say
+                self._move_aside()
+                os.close(self._lock)
+                self._lock = self._make_folder()
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             fix = "copy the scene to a folder that you may write to"
             raise InputError.of(str(path), "", f"cannot have a draft beside it: {reason}", fix) from None
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(self._lock)
-            raise BusyError from None
-        self._journal: int | None = None
-        self._disk = ThreadPoolExecutor(1, "journal")
-        self._settling: Future[None] | None = None
-        self._place: tuple[int, str, str] | None = None
-        self._maps = 0
-        self._lost = False
-
-    def _make(self) -> None:
-        """The folder, known by its number on the disk: one that was copied or unpacked here has another."""
-        if os.path.lexists(self.folder) and not _is_ours(self.folder):
-            count = 1
-            while os.path.lexists(aside := self.folder.with_name(f"{self.folder.name}~{count}")):
-                count += 1
-            self.folder.rename(aside)
-            self.strange = aside
-        self.folder.mkdir(mode=0o700, exist_ok=True)
-        write_durably(self.folder / "owner", str(os.stat(self.folder).st_ino).encode())
 
     @property
     def file(self) -> Path:
-        """The journal."""
-        return self.folder / "journal.jsonl"
+        """The states."""
+        return self.folder / "draft.json"
 
-    # What is written
+    def _make_folder(self) -> int:
+        """Make the folder, or take over one of this user, and lock it. Raises BusyError, OSError."""
+        if os.path.lexists(self.folder) and not _is_ours(self.folder):
+            self._move_aside()
+        self.folder.mkdir(mode=0o700, exist_ok=True)
+        inode = os.stat(self.folder).st_ino  # a copy that was moved here has another
+        write_durably(self.folder / "owner", str(inode).encode())
+        lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(lock)
+            raise BusyError from None
+        return lock
 
-    def begin(self, state: State) -> None:
-        """A new journal, of a file that holds this."""
-        for old in self.folder.glob("maps-*"):
-            if not state.maps:
-                shutil.rmtree(old)
-        self._shut()
-        told = {"journal": FORMAT, "text": state.text, "maps": state.maps, "time": time.time()}
-        write_durably(self.file, _journal_line(told))
-        self.go_on()
+    def _is_readable(self) -> bool:
+        """Whether its states can be read, or there are none yet."""
+        if (self.folder / "journal.jsonl").exists():
+            return False
+        try:
+            found = _read_json(self.file)
+            History.from_data(found["history"])
+            State(**found["saved"])
+            return found["format"] == FORMAT and isinstance(found["ids"], list) and "saving" in found
+        except FileNotFoundError:
+            return True
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
+
+    def _move_aside(self) -> None:
+        count = 1
+        while os.path.lexists(aside := self.folder.with_name(f"{self.folder.name}~{count}")):
+            count += 1
+        self.folder.rename(aside)
+        self.set_aside = aside
+
+    # States
+
+    def load(self) -> dict[str, Any] | None:
+        """What `store` wrote last; None where there is nothing."""
+        try:
+            return dict(_read_json(self.file))
+        except FileNotFoundError:
+            return None
+
+    def store(self, data: Mapping[str, Any]) -> None:
+        """Write all states to the disk; the old ones stay until the new ones are complete. Raises OSError."""
+        if self.is_gone():
+            self._renew()
+        data = {"format": FORMAT, **data}
+        write_durably(self.file, json.dumps(data, separators=(",", ":")).encode())
 
     def is_gone(self) -> bool:
-        """Whether somebody removed the folder: what is written then is nowhere."""
-        return self._journal is None or self._lost or os.fstat(self._journal).st_nlink == 0
+        """Whether another program removed the folder."""
+        return os.fstat(self._lock).st_nlink == 0 or not self.folder.is_dir()
 
-    def renew(self, history: History, saved: State) -> None:
-        """The folder anew, with all states. Raises OSError."""
-        self._shut()
-        self._make()
-        lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        if os.path.sameopenfile(lock, self._lock):
-            os.close(lock)
-        else:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.close(self._lock)
-            self._lock = lock
-        states, at = history.states()
-        self.begin(states[0])
-        for before, state in pairwise(states):
-            self.push(before, replace(state, tag=None), 0)
-        for _ in range(len(states) - 1 - at):
-            self.step(-1, 0, None)
-        self.base(states[at], saved, history.version)
-        self._lost = False
-        if self._place is not None:
-            self.listens(*self._place)
-
-    def go_on(self) -> None:
-        """Further lines go behind those that are there."""
-        self._journal = os.open(self.file, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
-
-    def note(self, line: Mapping[str, Any]) -> None:
-        """One line, on the disk once `settle` returns. Raises OSError; then nothing was noted."""
-        assert self._journal is not None
-        data = _journal_line({"time": round(time.time(), 3), **line})
-        size = os.fstat(self._journal).st_size
-        try:
-            written = os.write(self._journal, data)
-            while written < len(data):
-                written += os.write(self._journal, data[written:])
-        except OSError:
-            with suppress(OSError):
-                os.ftruncate(self._journal, size)
-            raise
-        self._settling = self._disk.submit(os.fsync, self._journal)
-
-    def settle(self) -> None:
-        """All that was noted is on the disk when this returns. Raises OSError: then it is lost until `renew`."""
-        if self._settling is not None:
-            try:
-                self._settling.result()
-            except OSError:
-                self._settling, self._lost = None, True
-                raise
-
-    def push(self, before: State, state: State, version: int) -> None:
-        """A new state."""
-        change = difference(before.text, state.text)
-        told = {"maps": state.maps, "what": state.what, "tag": state.tag, "id": state.id, "time": state.time}
-        self.note({"do": "push", "version": version, **told, "text": change})
-
-    def step(self, by: int, version: int, said: str | None) -> None:
-        """Undo or redo."""
-        self.note({"do": "step", "by": by, "version": version, "id": said})
-
-    def saving(self) -> None:
-        """Maps of the present state are about to be written over those of the scene."""
-        self.note({"do": "saving"})
-        self.settle()
-
-    def base(self, now: State, saved: State, version: int) -> None:
-        """What the file holds now."""
-        change = difference(now.text, saved.text)
-        self.note({"do": "base", "text": change, "maps": saved.maps, "version": version})
-
-    # What is found
-
-    def recovered(self) -> Found | None:
-        """The states; None where there is nothing to go on with. Of what cannot be taken a copy stays aside."""
-        try:
-            data = self.file.read_bytes()
-        except OSError:
-            return None
-        found = replayed(data)
-        if found is not None and found.good < len(data):
-            with open(self.folder / "journal.bad", "ab") as stream:
-                stream.write(data[found.good :])
-            os.truncate(self.file, found.good)
-        return found
+    def _renew(self) -> None:
+        """Make the folder again. Raises OSError."""
+        lock = self._make_folder()
+        os.close(self._lock)
+        self._lock = lock
+        if self._address is not None:
+            self.listens(*self._address)
 
     # Maps
 
@@ -299,18 +131,18 @@ class Draft:
         return self.folder / f"maps-{number}"
 
     def new_maps(self) -> int:
-        """A number that no copy has, or was promised, yet."""
+        """A number that no copy has yet, and that was not returned before."""
         found = (re.fullmatch(r"maps-(\d+)", path.name) for path in self.folder.iterdir())
-        self._maps = 1 + max(self._maps, *(int(match[1]) for match in found if match), 0)
-        return self._maps
+        self._last_maps = 1 + max(self._last_maps, *(int(match[1]) for match in found if match), 0)
+        return self._last_maps
 
     def keep_maps(self, folder: Path) -> None:
-        """A new copy is on the disk, before a state tells of it."""
+        """Write a new copy through to the disk, before a state refers to it."""
         for path in (*folder.iterdir(), folder, self.folder):
             sync(path)
 
     def forget_maps(self, kept: set[int]) -> None:
-        """Copies that no state has any more."""
+        """Remove the copies that no state refers to."""
         for path in self.folder.glob("maps-*"):
             number = path.name.removeprefix("maps-")
             if number.isdecimal() and int(number) not in kept:
@@ -318,13 +150,13 @@ class Draft:
 
     # Where the editor listens
 
-    def place(self) -> dict[str, Any]:
-        """Where the one before listened."""
-        return _told(self.folder)
+    def last_address(self) -> dict[str, Any]:
+        """Port, token and address of the editor before."""
+        return _address_in(self.folder)
 
     def listens(self, port: int, token: str, address: str) -> None:
-        """Tell the next one; nobody else may read it."""
-        self._place = port, token, address
+        """Write where this editor listens, readable by its user alone."""
+        self._address = port, token, address
         file = self.folder / "server.json"
         with suppress(OSError):
             file.unlink()
@@ -333,31 +165,27 @@ class Draft:
             json.dump({"port": port, "token": token, "address": address}, stream)
 
     def close(self, keep: bool) -> None:
-        """Let go of it, and with all in it unless it is to be kept."""
-        self._shut()
-        self._disk.shutdown()
+        """Release the folder, and remove it unless it is to be kept."""
         if not keep:
             shutil.rmtree(self.folder, ignore_errors=True)
             sync(self.folder.parent)
         with suppress(OSError):
             os.close(self._lock)
 
-    def _shut(self) -> None:
-        if self._journal is not None:
-            wait([self._settling] if self._settling else [])
-            os.close(self._journal)
-            self._journal = None
+
+def _read_json(file: Path) -> Any:
+    return json.loads(file.read_bytes())
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether an editor of this user made the folder where it is: nothing in it is from strangers then."""
+    """Whether an editor of this user made the folder where it is."""
     try:
-        told = os.lstat(folder)
-        said = (folder / "owner").read_text()
+        found = os.lstat(folder)
+        owner = (folder / "owner").read_text()
     except (OSError, ValueError):
         return False
-    own = stat.S_ISDIR(told.st_mode) and told.st_uid == os.getuid() and not told.st_mode & 0o077
-    return own and said == str(told.st_ino)
+    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return own and owner == str(found.st_ino)
 
 
 def running_at(path: Path) -> str | None:
@@ -372,20 +200,51 @@ def running_at(path: Path) -> str | None:
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        address = _told(folder).get("address")
+        address = _address_in(folder).get("address")
         return address if isinstance(address, str) else None
     finally:
         os.close(number)
     return None
 
 
-def _told(folder: Path) -> dict[str, Any]:
+def _address_in(folder: Path) -> dict[str, Any]:
     try:
-        told = json.loads((folder / "server.json").read_text(encoding="utf-8"))
+        found = _read_json(folder / "server.json")
     except (OSError, ValueError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return found if isinstance(found, dict) else {}
 
 
-def _journal_line(told: Mapping[str, Any]) -> bytes:
-    return json.dumps(told, ensure_ascii=True, separators=(",", ":")).encode() + b"\n"
+def write_durably(path: Path, data: bytes) -> None:
+    """Write a file completely or not at all, through to the disk, with its old permissions; follows links.
+
+    Raises OSError.
+    """
+    path = Path(os.path.realpath(path))
+    beside = partial(path)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
+    try:
+        with open(os.open(beside, flags, 0o666), "wb") as stream:
+            with suppress(OSError):  # a new file has no old permissions, and not all can be given again
+                old = os.stat(path)
+                os.fchmod(stream.fileno(), stat.S_IMODE(old.st_mode))
+                os.fchown(stream.fileno(), old.st_uid, old.st_gid)
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink()
+        raise
+    sync(path.parent)
+
+
+def sync(path: Path) -> None:
+    """Write a file, or the names in a folder, through to the disk."""
+    with suppress(OSError):
+        number = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)

@@ -1,132 +1,32 @@
-"""Checks of requests (host, origin, token, size), one-time keys, and events for open windows."""
+"""Checks of requests before they are handled: host, origin, token, and the size and type of the body.
+
+A page of another site can make a browser send requests here, and can point its own host name at this machine. Host
+and origin are therefore compared with those that are served, and everything that reads or changes the scene needs
+the token.
+"""
 
 from __future__ import annotations
 
 import ipaddress
-import json
 import secrets
 import socket
 import threading
-import time
-from collections import deque
-from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
 
 from starlette.datastructures import Headers
+from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from physgen.edit.errors import EditError, Why
 
-# ----------------------------------------------------------------------
-# What happens -> every window that asks what is new; a window is there as long as it asks.
-#
-# Asked again and again, not told by a stream that stays open: a browser opens six connections to a server,
-# and with as
-# many streams a seventh window would wait for ever.
-
-KEPT = 1000
-"""Events that wait for the windows."""
-PATIENCE = {False: 5.0, True: 130.0}
-"""s without a question after which a window is gone: one that is seen, and a hidden one, which browsers slow down."""
-MOST = 200
-"""Windows that are counted."""
-
-
-class Windows:
-    """The windows that ask; told from any thread."""
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self.run = secrets.token_urlsafe(6)
-        """Another for each server: numbers of events begin anew."""
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._events: deque[dict[str, Any]] = deque(maxlen=KEPT)
-        self._next = 0
-        self._gone: dict[str, float] = {}
-        """When a window that asks no more is gone."""
-        self._left: dict[str, float] = {}
-        """Until when a question of a window that was closed is its last one, which was under way."""
-        self._told = 0
-        self._counted: Callable[[int], None] = lambda count: None
-
-    def counted(self, heard: Callable[[int], None]) -> None:
-        """`heard` is told how many there are whenever that changes."""
-        self._counted = heard
-
-    def count(self) -> int:
-        """How many there are."""
-        with self._lock:
-            return len(self._gone)
-
-    def tell(self, event: dict[str, Any]) -> None:
-        """Each of them; from any thread."""
-        with self._lock:
-            self._add(event)
-
-    def ask(self, window: str, run: str, since: int, hidden: bool = False) -> dict[str, Any]:
-        """What is new since event `since` of a server's `run`; from another run, only how many windows there are."""
-        with self._lock:
-            now = self._clock()
-            self._left = {name: until for name, until in self._left.items() if until > now}
-            if window not in self._left and (window in self._gone or len(self._gone) < MOST):
-                self._gone[window] = now + PATIENCE[hidden]
-            self._recount(now)
-            if run != self.run:
-                events = [{"type": "windows", "windows": self._told}]
-            else:
-                old = max(since - (self._next - len(self._events)), 0)
-                events = list(self._events)[old:]
-            return {"run": self.run, "next": self._next, "events": events}
-
-    def leave(self, window: str) -> None:
-        """A window that was closed."""
-        with self._lock:
-            now = self._clock()
-            self._gone.pop(window, None)
-            self._left[window] = now + PATIENCE[False]
-            self._recount(now)
-
-    def _recount(self, now: float) -> None:
-        self._gone = {name: until for name, until in self._gone.items() if until > now}
-        if len(self._gone) != self._told:
-            self._told = len(self._gone)
-            self._counted(self._told)
-            self._add({"type": "windows", "windows": self._told})
-
-    def _add(self, event: dict[str, Any]) -> None:
-        self._events.append(event)
-        self._next += 1
-
-
-# ----------------------------------------------------------------------
-# How much a request may hold.
-
-
+TOKEN = "x-physgen-token"
 BODY = 8 * 2**20 + 2**16
 """Bytes of a body: a scene file is at most 8 MiB."""
-MAX_VALUES = 500_000
-"""Texts, lists, objects and commas of a body: no fewer than values."""
-MAX_OPS = 1000
-MAX_WORDS = 200
-"""Characters of `what`, `tag` and names."""
-MAX_DEPTH = 40
-RESOLVED = ("mine", "theirs", "merge")
-
-
-# ----------------------------------------------------------------------
-# Requests -> those that our own page sent: the right Host and Origin, the token, a body that is not too
-# large.
-#
-# A page of another site can make a browser send requests here, and can point its own name at this machine:
-# names and
-# origins are therefore held against those that we serve, and all that tells or changes something needs the
-# token.
-
-TOKEN = "x-physgen-token"
+MAX_KEYS = 100
+"""One-time keys that wait to be used; the oldest expire."""
 RESULT = "/result/"
-"""What was rendered: its address holds a key that is as good as the token, as a link carries no header."""
+"""Rendered files: their address holds a key of its own, as a link carries no header."""
 OPEN = ("/static/", RESULT)
-"""Addresses that need no token: they hold nothing of anybody, or have a key of their own."""
+"""Addresses that need no token: they hold nothing of the scene, or have a key of their own."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' blob: data:; media-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -140,7 +40,7 @@ HEADERS = {
 
 
 def result_headers(host: str) -> dict[str, str]:
-    """Of what was rendered: its own scripts run, in an origin of their own that reaches nothing of ours."""
+    """Headers of rendered files: their scripts run in an origin of their own, which cannot reach the editor."""
     own = f"data: blob: 'self' http://{host}"
     policy = (
         "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
@@ -150,7 +50,7 @@ def result_headers(host: str) -> dict[str, str]:
 
 
 class Guard:
-    """ASGI middleware that answers what it refuses."""
+    """ASGI middleware that answers the requests which it refuses, and adds headers to all answers."""
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
         self.app, self.token, self.host, self.port = app, token, host, port
@@ -158,27 +58,27 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
         if scope["type"] != "http":
-            if scope["type"] == "lifespan":
-                await self.app(scope, receive, send)
             return
 
-        async def headed(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 is_result = scope["path"].startswith(RESULT)
-                said = result_headers(f"{self.host}:{self.port}") if is_result else HEADERS
-                own = [(key.lower().encode(), value.encode()) for key, value in said.items()]
+                chosen = result_headers(f"{self.host}:{self.port}") if is_result else HEADERS
+                own = [(key.lower().encode(), value.encode()) for key, value in chosen.items()]
                 names = {key for key, _ in own}
                 message["headers"] = [(k, v) for k, v in message["headers"] if k not in names] + own
             await send(message)
 
         try:
-            self._admit(scope)
+            self._check(scope)
+            body = await _body(scope, receive)
         except EditError as error:
-            await refuse(error, headed)
+            answer = JSONResponse(error.body(), error.why.value)
+            await answer(scope, receive, send_with_headers)
             return
-        await self.app(scope, receive, headed)
+        await self.app(scope, body, send_with_headers)
 
-    def _admit(self, scope: Scope) -> None:
+    def _check(self, scope: Scope) -> None:
         headers = Headers(scope=scope)
         if [key for key, _ in scope["headers"]].count(b"host") != 1 or not self.is_ours(headers["host"]):
             raise EditError(
@@ -199,12 +99,11 @@ class Guard:
                 Why.UNTRUSTED, "the token is missing or wrong", "open the address as it was printed"
             )
         length = headers.get("content-length", "0")
-        most = BODY
-        if length.isascii() and length.isdecimal() and (len(length) > 12 or int(length) > most):
-            raise too_large(most)
+        if length.isascii() and length.isdecimal() and (len(length) > 12 or int(length) > BODY):
+            raise too_large()
 
     def is_ours(self, host: str) -> bool:
-        """Whether a Host header is one that we serve."""
+        """Whether a Host header names this server."""
         name, mark, port = host.rpartition(":")
         if not mark or host.endswith("]"):
             name, port = host, "80"
@@ -218,93 +117,59 @@ class Guard:
             return False
         if name == socket.gethostname().lower():
             return True
-        try:  # a name can be pointed at us by anybody, an address cannot
+        try:  # anyone can point a name at this machine, but not an address
             ipaddress.ip_address(name)
         except ValueError:
             return False
         return True
 
 
-def too_large(most: int) -> EditError:
+async def _body(scope: Scope, receive: Receive) -> Receive:
+    """A `receive` that has read the whole body. Raises EditError for a body that is too large or not JSON."""
+    if scope["method"] not in ("POST", "PUT"):
+        return receive
+    kind = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":
+        raise EditError(Why.KIND, "the body is not declared as JSON", "send Content-Type: application/json")
+    data, more = bytearray(), True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            raise EditError(Why.MALFORMED, "the body ended early", "send it again")
+        data += message.get("body", b"")
+        more = message.get("more_body", False)
+        if len(data) > BODY:
+            raise too_large()
+    parts = iter([{"type": "http.request", "body": bytes(data), "more_body": False}])
+
+    async def receive_again() -> Message:
+        return next(parts, None) or await receive()
+
+    return receive_again
+
+
+def too_large() -> EditError:
     """A body beyond its limit."""
-    return EditError(Why.TOO_LARGE, f"the body is larger than {most // 2**20} MiB", "send less")
-
-
-async def refuse(error: EditError, send: Send) -> None:
-    """The answer to a refused request."""
-    body = json.dumps(error.body()).encode()
-    headers: Iterable[tuple[bytes, bytes]] = [
-        (b"content-type", b"application/json"),
-        (b"content-length", str(len(body)).encode()),
-    ]
-    start: dict[str, Any] = {
-        "type": "http.response.start",
-        "status": error.why.value,
-        "headers": list(headers),
-    }
-    await send(start)
-    await send({"type": "http.response.body", "body": body})
-
-
-# ----------------------------------------------------------------------
-# Keys that open the page one time: an address that a browser is started with is read by all of the machine.
-
-KEYS_MOST = 100
-"""Keys that wait; the eldest are void."""
+    return EditError(Why.TOO_LARGE, f"the body is larger than {BODY // 2**20} MiB", "send less")
 
 
 class Keys:
-    """Those that were made and not used."""
+    """Keys that open the page one time: the address that a browser is started with is visible to all processes."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._waiting: list[str] = []
 
-    def made(self) -> str:
-        """A new one."""
+    def new(self) -> str:
+        """A new key."""
         key = secrets.token_urlsafe(24)
         with self._lock:
-            self._waiting = [*self._waiting[-KEYS_MOST + 1 :], key]
+            self._waiting = [*self._waiting[-MAX_KEYS + 1 :], key]
         return key
 
-    def used(self, key: str) -> bool:
-        """Whether it was good; it is no more."""
+    def use(self, key: str) -> bool:
+        """Whether the key was valid; it is not any more."""
         with self._lock:
             found = [one for one in self._waiting if secrets.compare_digest(one.encode(), key.encode())]
             self._waiting = [one for one in self._waiting if one not in found]
         return bool(found)
-
-
-# ----------------------------------------------------------------------
-# Of what one window asks again and again only the newest is worked out.
-
-T = TypeVar("T")
-
-
-class Turns:
-    """Which preview of a window is its newest: one that was overtaken is not worked out."""
-
-    def __init__(self) -> None:
-        self._newest: dict[str, int] = {}
-        self._lock = threading.Lock()
-        self._working = threading.Lock()
-
-    def take(self, window: str) -> int:
-        """A turn."""
-        with self._lock:
-            while window not in self._newest and len(self._newest) > 100:
-                del self._newest[next(iter(self._newest))]
-            self._newest[window] = turn = self._newest.get(window, 0) + 1
-            return turn
-
-    def when_newest(self, window: str, turn: int, work: Callable[[], T]) -> T:
-        """The work done, or EditError where a newer turn was taken meanwhile."""
-        with self._working:
-            if self._newest.get(window) != turn:
-                raise overtaken()
-            return work()
-
-
-def overtaken() -> EditError:
-    """A newer request of the same window took its place."""
-    return EditError(Why.STALE, "a newer request overtook this one", "wait for that one", {"overtaken": True})

@@ -2,48 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 PAUSE = 5.0
 """s after which an edit is a step of its own, whatever its tag."""
-MOST = 1000
-"""Steps that can be undone; the eldest are forgotten."""
+MAX_STEPS = 1000
+"""Steps that can be undone; the oldest are forgotten."""
 
 
 @dataclass(frozen=True)
 class State:
-    """All that an edit changes: the file's text, and which copy of its maps goes with it."""
+    """What an edit changes: the file's text, and which copy of its maps belongs to it."""
 
     text: str
     maps: int = 0
-    """Number of the folder of maps in the draft; 0: those that the scene had at the beginning."""
+    """Number of the folder of maps in the draft; 0: the scene's own."""
     what: str = ""
-    """What led here, as a person reads it: `push cue-ball`."""
+    """The edit that led here, for the undo button: `push cue-ball`."""
     tag: str | None = None
-    """Edits in a row with the same tag are one step, unless one was saved or a while passed."""
+    """Consecutive edits with the same tag are one step, unless one was saved or a pause passed."""
     id: str | None = None
-    """Of the request that made it: one that is sent again is not made twice."""
+    """Of the request that made it: a request that is sent again is not carried out twice."""
     time: float = 0.0
     """s since 1970."""
 
 
 @dataclass(frozen=True)
-class _Left:
-    """A state that is not now, without its text: how that differs from the state that is nearer to now."""
+class _Stored:
+    """A state without its text, and the change that makes its text of that of the state next to it, nearer to now."""
 
     state: State
     change: Sequence[Any]
 
 
 class History:
-    """The states, which of them is now, and a version that counts every change of that."""
+    """The states, which of them is present, and a version that counts all changes of that."""
 
     def __init__(self, first: State, version: int = 1) -> None:
-        self._past: list[_Left] = []
+        self._past: list[_Stored] = []
         self._now = first
-        self._future: list[_Left] = []
+        self._future: list[_Stored] = []
         self.version = version
 
     @property
@@ -62,24 +63,24 @@ class History:
         return self._future[-1].state.what if self._future else None
 
     def push(self, state: State) -> None:
-        """A new state; what was undone before is forgotten. Of a tag seen last, the step grows."""
+        """Add a state; what was undone before is forgotten. With the tag of the present state, its step grows."""
         self._future.clear()
-        if self._past and self._grows(state):
-            left = _recalled(self._now, self._past.pop())
+        if self._past and self._extends_step(state):
+            before = _recalled(self._now, self._past.pop())
             state = replace(state, what=state.what or self._now.what)
         else:
-            left = self._now
-        self._past.append(_left(left, state))
-        del self._past[: max(0, len(self._past) - MOST)]
+            before = self._now
+        self._past.append(_stored(before, state))
+        del self._past[: max(0, len(self._past) - MAX_STEPS)]
         self._now = state
         self.version += 1
 
-    def _grows(self, state: State) -> bool:
+    def _extends_step(self, state: State) -> bool:
         alike = state.tag is not None and self._now.tag == state.tag
         return alike and state.time - self._now.time < PAUSE
 
     def end_step(self) -> None:
-        """The next edit is a step of its own."""
+        """Make the next edit a step of its own."""
         self._now = replace(self._now, tag=None)
 
     def can(self, by: int) -> bool:
@@ -87,49 +88,61 @@ class History:
         return bool(self._past if by == -1 else self._future if by == 1 else False)
 
     def step(self, by: int) -> None:
-        """One back (-1) or on (1), which is there. A step that was undone does not grow."""
+        """Go one state back (-1) or forward (1)."""
         source, other = (self._past, self._future) if by < 0 else (self._future, self._past)
         state = _recalled(self._now, source.pop())
-        other.append(_left(self._now, state))
+        other.append(_stored(self._now, state))
         self._now = replace(state, tag=None)
         self.version += 1
 
-    def states(self) -> tuple[list[State], int]:
-        """All that can be reached, the eldest first, and which of them is now."""
-        past, future = [self._now], [self._now]
-        for left in reversed(self._past):
-            past.append(_recalled(past[-1], left))
-        for left in reversed(self._future):
-            future.append(_recalled(future[-1], left))
-        return [*reversed(past), *future[1:]], len(self._past)
-
-    def mend(self, has: Callable[[State], bool], maps: int) -> None:
-        """States whose maps are lost have others."""
+    def replace_maps(self, has: Callable[[State], bool], maps: int) -> None:
+        """Give the states whose maps are lost others."""
 
         def mended(state: State) -> State:
             return state if has(state) else replace(state, maps=maps)
 
         self._now = mended(self._now)
         for part in (self._past, self._future):
-            part[:] = [_Left(mended(left.state), left.change) for left in part]
+            part[:] = [_Stored(mended(one.state), one.change) for one in part]
 
     def maps(self) -> frozenset[int]:
-        """Which copies of maps can be reached."""
-        return frozenset(
-            state.maps for state in (self._now, *(left.state for left in (*self._past, *self._future)))
+        """Numbers of the copies of maps that can be reached."""
+        others = (one.state for one in (*self._past, *self._future))
+        return frozenset(state.maps for state in (self._now, *others))
+
+    def copy(self) -> History:
+        """The same states, independent of later changes of this history."""
+        made = copy(self)
+        made._past, made._future = list(self._past), list(self._future)
+        return made
+
+    def as_data(self) -> dict[str, Any]:
+        """For the draft."""
+        past, future = (
+            [[asdict(one.state), one.change] for one in part] for part in (self._past, self._future)
         )
+        return {"version": self.version, "now": asdict(self._now), "past": past, "future": future}
+
+    @staticmethod
+    def from_data(data: Mapping[str, Any]) -> History:
+        """The history of a draft. Raises KeyError, TypeError or ValueError where the data is none."""
+        made = History(State(**data["now"]), int(data["version"]))
+        made._past, made._future = (
+            [_Stored(State(**state), change) for state, change in data[part]] for part in ("past", "future")
+        )
+        return made
 
 
-def _left(state: State, nearer: State) -> _Left:
-    return _Left(replace(state, text=""), difference(nearer.text, state.text))
+def _stored(state: State, nearer: State) -> _Stored:
+    return _Stored(replace(state, text=""), difference(nearer.text, state.text))
 
 
-def _recalled(nearer: State, left: _Left) -> State:
-    return replace(left.state, text=patched(nearer.text, left.change))
+def _recalled(nearer: State, stored: _Stored) -> State:
+    return replace(stored.state, text=patched(nearer.text, stored.change))
 
 
 def difference(old: str, new: str) -> list[Any]:
-    """Where two texts part, how much of the old goes, and what comes.
+    """Where two texts part, how many characters of the old one go, and what replaces them.
 
     >>> difference("a: 1", "a: 12"), patched("a: 1", [4, 0, "2"])
     ([4, 0, '2'], 'a: 12')
@@ -140,15 +153,13 @@ def difference(old: str, new: str) -> list[Any]:
 
 
 def patched(old: str, change: Sequence[Any]) -> str:
-    """The new text again. Raises ValueError where the change is none of this text."""
+    """The new text of a difference."""
     at, cut, text = change
-    if not (isinstance(text, str) and 0 <= at <= at + cut <= len(old)):
-        raise ValueError("not of this text")
     return old[:at] + text + old[at + cut :]
 
 
 def _alike(one: str, other: str) -> int:
-    """Characters that both begin with: halves are compared, as that is fast."""
+    """Number of characters with which both begin, by bisection."""
     low, high = 0, min(len(one), len(other))
     while low < high:
         middle = (low + high + 1) // 2

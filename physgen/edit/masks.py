@@ -25,7 +25,7 @@ from physgen.edit.mask_tools import (
     too_small,
 )
 from physgen.edit.object_entries import Before, Data
-from physgen.edit.operations import adopted
+from physgen.edit.operations import replaced
 from physgen.maps import Percepts
 from physgen.perceive.document import object_names
 from physgen.perceive.roles import SMALLEST_OBJECT, Detections, PhotoObject
@@ -179,8 +179,8 @@ def _merge(work: Work, op: Op) -> str:
     kept, other = told
     work.masks[kept] = work.mask(kept) | work.mask(other)
     work.gone = other
-    work.ops, gone = adopted(work.known.document, kept, other)
-    work.ops.append({"remove": ["objects", other]})
+    _, gone = replaced(dict(work.known.document), other, kept)
+    work.ops = [{"merge": ["objects", other], "to": kept}]
     left = f", without {' and '.join(gone)}" if gone else ""
     return f"merge {other} into {kept}{left}"
 

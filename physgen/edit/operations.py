@@ -1,408 +1,128 @@
-"""Operations of the page (set, unset, add, remove, rename) applied to the text of a scene."""
+"""Operations of the page (set, unset, add, remove, rename) applied to the text of a scene.
+
+Each operation is made on plain data: the scene as the page shows it, with what the file extends and with the variant
+that is edited. `Target.write` then changes the text, such that it means that data and all other lines stay as they are.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path as File
 from typing import Any
 
+from physgen.edit import yaml_edit
 from physgen.edit.errors import impossible
-from physgen.edit.targets import ABSENT, InFile, InVariant, Target, reach
-from physgen.scene.overlay import parse_key
-from physgen.scene.schema import expanded, published
+from physgen.edit.yaml_tree import marked, same
+from physgen.problems import InputError
+from physgen.scene.document import Node, Source, plain, read
+from physgen.scene.files import with_bases
+from physgen.scene.overlay import SEALED, Edit, apply, kind_of, merge, parse_key, rivals
+from physgen.scene.schema import published
 from physgen.scene.write import schema_at
 from physgen.text import KeyPath, dotted
 
-# ----------------------------------------------------------------------
-# An object that another takes in -> operations by which all that named it names the other; and what is left
-# out.
-
 Data = dict[str, Any]
 
-OWN = ("mask", "shape", "place", "label", "prompt", "from", "mass", "density", "solid")
-"""Keys of an object that mean itself alone: what a variant says of them is not true of a larger one."""
-
-
-def adopted(document: Mapping[str, Any], kept: str, other: str) -> tuple[list[Data], list[str]]:
-    """Operations on a scene's data, and what they leave out, in words; `other` itself is still to be removed."""
-    ops: list[Data] = []
-    gone: list[str] = []
-    for section in ("forces", "joints", "fields", "render"):
-        before = document.get(section)
-        if before is None:
-            continue
-        after = _renamed(section, before, kept, other)
-        if section == "joints" and isinstance(after, Mapping):
-            for name in [name for name, told in after.items() if told is None]:
-                gone.append(f"joint {name}")
-                ops.append({"remove": ["joints", name]})
-        ops += _differences([section], before, after)
-    for variant, edits in _things(document.get("variants")):
-        for key, value in edits.items():
-            path = parse_key(key) or ()
-            where = ["variants", variant, key]
-            if path[:2] == ("objects", other):
-                said = ".".join(("objects", kept, *map(str, path[2:])))
-                if len(path) < 3 or path[2] in OWN or said in edits:
-                    gone.append(f"{key} of {variant}")
-                else:
-                    ops.append({"set": ["variants", variant, said], "value": value})
-                ops.append({"unset": where})
-            elif path and (after := _deep(path, value, kept, other)) != value:
-                ops.append({"unset": where} if after is None else {"set": where, "value": after})
-                gone += [f"{key} of {variant}"] if after is None else []
-    return ops, gone
-
-
-def _renamed(section: str, value: Any, kept: str, other: str) -> Any:
-    """A section with the one name in place of the other; a joint of the two with each other is None."""
-    if section == "forces" and isinstance(value, list):
-        return [_force(item, kept, other) for item in value]
-    if section in ("joints", "fields") and isinstance(value, Mapping):
-        return {name: _held(section, told, kept, other) for name, told in value.items()}
-    if section == "render" and isinstance(value, Mapping) and "camera" in value:
-        return {**value, "camera": _camera(value["camera"], kept, other)}
-    return value
-
-
-def _deep(path: Sequence[str | int], value: Any, kept: str, other: str) -> Any:
-    """The value of a variant's key; None: it joins the object to itself."""
-    match tuple(path):
-        case ("forces" | "joints" | "fields" | "render" as section,):
-            return _renamed(section, value, kept, other)
-        case ("forces", _):
-            return _force(value, kept, other)
-        case ("joints" | "fields" as section, _):
-            return _held(section, value, kept, other)
-        case ("joints" | "fields" as section, _, "objects"):
-            held = _held(section, {"objects": value}, kept, other)
-            return None if held is None else held["objects"]
-        case ("render", "camera"):
-            return _camera(value, kept, other)
-        case (
-            ("forces", _, "object")
-            | ("joints" | "fields", _, "objects", _)
-            | ("render", "camera", *_, "follow")
-        ):
-            return kept if value == other else value
-        case _:
-            return value
-
-
-def _force(item: Any, kept: str, other: str) -> Any:
-    return {**item, "object": kept} if isinstance(item, Mapping) and item.get("object") == other else item
-
-
-def _held(section: str, told: Any, kept: str, other: str) -> Any:
-    names = told.get("objects") if isinstance(told, Mapping) else None
-    if not isinstance(names, list) or other not in names:
-        return told
-    if section == "joints" and kept in names:
-        return None
-    return {**told, "objects": list(dict.fromkeys(kept if name == other else name for name in names))}
-
-
-def _camera(value: Any, kept: str, other: str) -> Any:
-    if isinstance(value, list):
-        return [_camera(view, kept, other) for view in value]
-    followed = isinstance(value, Mapping) and value.get("follow") == other
-    return {**value, "follow": kept} if followed else value
-
-
-def _differences(path: list[str | int], before: Any, after: Any) -> list[Data]:
-    """Operations that make the one of the other, at the values that differ."""
-    if before == after or after is None:
-        return []
-    if isinstance(before, Mapping) and isinstance(after, Mapping):
-        return [op for key in before for op in _differences([*path, key], before[key], after[key])]
-    if (
-        isinstance(before, list)
-        and isinstance(after, list)
-        and len(before) == len(after)
-        and path[-1] != "objects"
-    ):
-        pairs = enumerate(zip(before, after, strict=True))
-        return [op for k, (one, other) in pairs for op in _differences([*path, k], one, other)]
-    return [{"set": path, "value": after}]
-
-
-def _things(section: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    return (
-        [(k, v) for k, v in section.items() if isinstance(v, Mapping)] if isinstance(section, Mapping) else []
-    )
-
-
-# ----------------------------------------------------------------------
-# A thing that goes or is renamed -> what else of the scene names it, and what becomes of that.
-
+MAX_STEPS = 64
+"""Keys of a path."""
+MAX_KEY = 1000
+"""Characters of a key."""
+EXACT_DIGITS = 15
+"""Digits from which on a number is an arithmetic result, and is rounded to 6."""
 NAMED = ("objects", "boundaries", "joints", "fields", "variants")
 """Sections whose keys are names."""
+OWN_KEYS = ("mask", "shape", "place", "label", "prompt", "from", "mass", "density", "solid")
+"""Keys of an object that describe it alone: in a variant they do not hold for an object that it is merged into."""
+KINDS = {
+    "set": {"value"},
+    "unset": set(),
+    "add": {"value"},
+    "rename": {"to"},
+    "remove": set(),
+    "merge": {"to"},
+}
+"""The operations, and their further keys. `merge`, which corrections of masks make, replaces an object by another."""
 
 
-def remove(target: Target, path: KeyPath) -> str:
-    """Take away a thing and all that names it; returns what was done. Raises EditError."""
-    if reach(target.data(), path) is ABSENT:
-        raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
-    told = [str(path[-1])] if path[0] in NAMED else [dotted(path)]
-    if len(path) == 2 and path[0] == "objects":
-        told += _leave(target, str(path[1]))
-    if path[0] == "forces" and len(path) == 2 and isinstance(path[1], int):
-        _without_forces(target, [path[1]])
-    else:
-        target.gone(path)
-        if len(path) == 2 and path[0] in NAMED and isinstance(target, InFile):
-            _unsaid(target, path)
-    return "remove " + " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
+class _Absent:
+    """No value, as opposed to null."""
 
 
-def _leave(target: Target, name: str) -> Iterator[str]:
-    """What an object takes with it; what only names it among others stays."""
-    data = target.data()
-    forces = [at for at, force in _items(data, "forces") if force.get("object") == name]
-    if forces:
-        _without_forces(target, forces)
-        yield "its force" if len(forces) == 1 else f"its {len(forces)} forces"
-    for joint, told in _referring_things(data, "joints"):
-        if name in _names(told):
-            target.gone(("joints", joint))
-            if isinstance(target, InFile):
-                _unsaid(target, ("joints", joint))
-            yield f"joint {joint}"
-    for field, told in _referring_things(data, "fields"):
-        if name in _names(told):
-            rest = [other for other in _names(told) if other != name]
-            if rest:
-                target.put(("fields", field, "objects"), rest)
-            else:
-                target.gone(("fields", field))
-                yield f"field {field}"
-    for path in _followed(data, name):
-        target.gone(path)
-        yield "the camera's eye on it"
-    if isinstance(target, InFile):
-        _leave_variants(target, name)
-
-
-def _without_forces(target: Target, gone: list[int]) -> None:
-    """Forces by number; variants that count them count anew."""
-    for at in sorted(gone, reverse=True):
-        target.gone(("forces", at))
-    if isinstance(target, InFile):
-        for variant, edits in _referring_things(target.data(), "variants"):
-            for key in list(edits):
-                path = parse_key(key) or ()
-                if len(path) > 1 and path[0] == "forces" and isinstance(path[1], int):
-                    where: KeyPath = ("variants", variant, key)
-                    if path[1] in gone:
-                        target.gone(where)
-                    elif shift := sum(at < path[1] for at in gone):
-                        target.rename(where, dotted(("forces", path[1] - shift, *path[2:])))
-
-
-def _leave_variants(target: InFile, name: str) -> None:
-    """What variants say of forces, joints and fields that name the object."""
-    for variant, edits in _referring_things(target.data(), "variants"):
-        for key, value in list(edits.items()):
-            path, where = parse_key(key) or (), ("variants", variant, key)
-            match path:
-                case ("forces",) if isinstance(value, list):
-                    rest = [
-                        item for item in value if not (isinstance(item, dict) and item.get("object") == name)
-                    ]
-                    if len(rest) < len(value):
-                        target.put(where, rest)
-                case ("joints", _) if name in _names(value):
-                    target.gone(where)
-                case ("joints" | "fields", _, "objects") if isinstance(value, list) and name in value:
-                    target.gone(where)
-                case ("fields", _) if name in _names(value):
-                    rest = [other for other in _names(value) if other != name]
-                    if rest:
-                        target.put((*where, "objects"), rest)
-                    else:
-                        target.gone(where)
-                case ("render", "camera", *_) if name in (
-                    value,
-                    value.get("follow") if isinstance(value, dict) else 0,
-                ):
-                    target.gone(where)
-                case _:
-                    pass
-
-
-def _unsaid(target: InFile, path: KeyPath) -> None:
-    """Variants say nothing more of what is gone."""
-    for variant, edits in _referring_things(target.data(), "variants"):
-        for key in list(edits):
-            if (parse_key(key) or ())[:2] == path:
-                target.gone(("variants", variant, key))
-
-
-def _named(target: Target, path: KeyPath, to: Any) -> tuple[InFile, str]:
-    """The file, in which a thing at a path has a name, and a name. Raises EditError."""
-    if not isinstance(target, InFile):
-        raise impossible("a variant cannot give names", "do it in the file itself")
-    if len(path) != 2 or path[0] not in NAMED or reach(target.data(), path) is ABSENT:
-        fix = "name an object, a boundary, a joint, ..."
-        raise impossible(f"{dotted(path)} has no name that can be changed", fix)
-    rule = published()["$defs"]["name"]
-    if not isinstance(to, str) or not re.fullmatch(rule["pattern"].strip("^$"), to):
-        raise impossible("that is no name", f"write {rule['x-pattern']}")
-    return target, to
-
-
-def _free(target: InFile, path: KeyPath, to: str) -> None:
-    if reach(target.data(), (path[0], to)) is not ABSENT:
-        raise impossible(f"{to} is there already", "choose another name")
-
-
-def rename(target: Target, path: KeyPath, to: Any) -> str:
-    """Another name for a thing, wherever it is named; returns what was done. Raises EditError."""
-    target, to = _named(target, path, to)
-    data = target.data()
-    section, old = str(path[0]), str(path[1])
-    if to == old:
-        return f"rename {old}"
-    _free(target, path, to)
-    target.rename(path, to)
-    if section == "objects":
-        for where in _mentions(data, old):
-            target.put(where, to)
-    for variant, edits in _referring_things(target.data(), "variants"):
-        for key, value in list(edits.items()):
-            parts = parse_key(key) or ()
-            if section == "objects":
-                for inner in _within(parts, value, old):
-                    target.put(("variants", variant, key, *inner), to)
-            if section != "variants" and parts[:2] == path:
-                target.rename(("variants", variant, key), dotted((section, to, *parts[2:])))
-    return f"rename {old} to {to}"
-
-
-def _mentions(data: Any, name: str) -> Iterator[KeyPath]:
-    """Where a scene names an object."""
-    for at, force in _items(data, "forces"):
-        if force.get("object") == name:
-            yield "forces", at, "object"
-    for section in ("joints", "fields"):
-        for thing, told in _referring_things(data, section):
-            for at, other in enumerate(_names(told)):
-                if other == name:
-                    yield section, thing, "objects", at
-    yield from _followed(data, name)
-
-
-def _within(parts: KeyPath, value: Any, name: str) -> Iterator[KeyPath]:
-    """Where the value of a variant's key names an object."""
-    whole: Any = value
-    for part in reversed(parts):  # which item it is makes no difference: its place may be any number
-        whole = [whole] if isinstance(part, int) or part == "[*]" else {part: whole}
-    for path in _mentions(whole, name):
-        yield path[len(parts) :]
-
-
-def _followed(data: Any, name: str) -> Iterator[KeyPath]:
-    camera = reach(data, ("render", "camera"))
-    if isinstance(camera, dict) and camera.get("follow") == name:
-        yield "render", "camera", "follow"
-    if isinstance(camera, list):
-        for at, view in enumerate(camera):
-            if isinstance(view, dict) and view.get("follow") == name:
-                yield "render", "camera", at, "follow"
-
-
-def _referring_things(data: Any, section: str) -> list[tuple[str, Mapping[str, Any]]]:
-    found = reach(data, (section,))
-    return [(k, v) for k, v in found.items() if isinstance(v, dict)] if isinstance(found, dict) else []
-
-
-def _items(data: Any, section: str) -> list[tuple[int, Mapping[str, Any]]]:
-    found = reach(data, (section,))
-    return [(k, v) for k, v in enumerate(found) if isinstance(v, dict)] if isinstance(found, list) else []
-
-
-def _names(told: Any) -> list[Any]:
-    names = told.get("objects") if isinstance(told, dict) else None
-    return names if isinstance(names, list) else []
-
-
-# ----------------------------------------------------------------------
-# A file's text and the operations of an edit -> its text after them, and what they are called.
-
-KINDS = {"set": ("value",), "unset": (), "add": ("value",), "rename": ("to",), "remove": ()}
-"""Operations, and what each says beside its path."""
-MAX_STEPS, MAX_KEY = 40, 1000
-"""Keys of a path, and characters of a key."""
-EXACT = 12
-"""Digits from which on a number is what arithmetic left, not what anybody wrote."""
+ABSENT = _Absent()
+_NOWHERE = Source("", File())
 
 
 @dataclass(frozen=True)
 class Edited:
-    """The text, and what was done."""
+    """A text after operations, and their names."""
 
     text: str
     what: str
 
 
 def edited(
-    text: str, ops: Sequence[Mapping[str, Any]], variant: str | None, file: Path, allow_outside: bool
+    text: str, ops: Sequence[Mapping[str, Any]], variant: str | None, file: File, allow_outside: bool
 ) -> Edited:
-    """All operations, in order, in the file or in a variant. Raises EditError for the first that cannot be made."""
-    told: list[str] = []
+    """All operations, in order, in the file or in a variant. Raises EditError for the first that is impossible."""
+    made: list[str] = []
     for op in ops:
-        within = InFile(text, file, allow_outside)
-        target: Target = within if variant is None else InVariant(within, variant)
+        target = Target(text, variant, file, allow_outside)
         try:
-            told.append(_made(target, op))
+            made.append(_make(target, op))
         except ValueError as error:  # of the writer: a key that is too long
             raise impossible(str(error), "send what a scene can hold") from None
         text = target.text
-    return Edited(text, ", ".join(dict.fromkeys(told))[:200])
+    return Edited(text, ", ".join(dict.fromkeys(made))[:200])
 
 
-def _made(target: Target, op: Mapping[str, Any]) -> str:
+def _make(target: Target, op: Mapping[str, Any]) -> str:
+    """Make one operation; returns its name."""
     kind = next((kind for kind in KINDS if kind in op), None)
     if kind is None or set(op) != {kind, *KINDS[kind]}:
-        raise impossible(
-            "an operation is none that is known", 'send {"set": [...], "value": ...} or the like'
-        )
-    path = _path(op[kind])
+        raise impossible("an operation is not known", 'send {"set": [...], "value": ...} or the like')
+    path = _checked(op[kind])
     if kind == "remove":
-        return remove(target, path)
+        return _remove(target, path)
     if kind == "rename":
-        return rename(target, path, op["to"])
+        return _rename(target, path, op["to"])
+    if kind == "merge":
+        target.write(replaced(target.data, str(path[-1]), op["to"])[0])
+        return f"merge {path[-1]} into {op['to']}"
+    if target.variant is not None and path[0] in SEALED:
+        raise impossible(f"a variant cannot change {path[0]}", "edit the file itself")
     if kind == "unset" or op["value"] is None:
         target.unset(path)
-        return f"unset {_called(path)}"
-    value = short(op["value"])
-    if kind == "set":
-        target.put(path, value)
-        return f"set {_called(path)}"
-    seen = reach(target.data(), path)
-    if isinstance(seen, list) or (
-        (schema_at(path) or expanded()).get("type") == "array" and seen in (ABSENT, None)
-    ):
-        target.append(path, value)
-    elif seen is not ABSENT:
-        raise impossible(f"{dotted(path)} is there already", "choose another name, or set it")
-    else:
-        target.put(path, value)
-    return f"add {_called(path)}"
+        return f"unset {_name(path)}"
+    value, data = short(op["value"]), deepcopy(target.data)
+    if kind == "add":
+        seen = reach(data, path)
+        is_list = (schema_at(path) or {}).get("type") == "array"
+        if isinstance(seen, list) or (is_list and seen in (ABSENT, None)):
+            value = [*(seen if isinstance(seen, list) else []), value]
+        elif seen is not ABSENT:
+            raise impossible(f"{dotted(path)} is there already", "choose another name, or set it")
+    assign(data, path, value)
+    holder = reach(data, path[:-1])
+    for rival in rivals(kind_of(path[:-1])).get(str(path[-1]), ()):
+        holder.pop(rival, None)
+    target.write(data, path)
+    return f"{kind} {_name(path)}"
 
 
-def _called(path: KeyPath) -> str:
-    """A path as the history names it: an object's key by the object."""
+def _name(path: KeyPath) -> str:
+    """A path as the history shows it: without the section for a key of an object."""
     return dotted(path[1:] if len(path) > 2 and path[0] == "objects" else path)
 
 
-def _path(told: Any) -> KeyPath:
-    if isinstance(told, list) and 0 < len(told) <= MAX_STEPS and all(map(_is_step, told)):
-        return tuple(told)
-    raise impossible("a path is no list of keys and numbers", 'send ["objects", "ball", "mass"]')
+def _checked(path: Any) -> KeyPath:
+    if isinstance(path, list | tuple) and 0 < len(path) <= MAX_STEPS and all(map(_is_step, path)):
+        return tuple(path)
+    raise impossible("a path is not a list of keys and numbers", 'send ["objects", "ball", "mass"]')
 
 
 def _is_step(key: Any) -> bool:
@@ -412,7 +132,7 @@ def _is_step(key: Any) -> bool:
 
 
 def short(value: Any) -> Any:
-    """A value as it is written: whole numbers as such, no more digits than anybody means.
+    """A value as it is written: integers as such, and no digits that only come from arithmetic.
 
     >>> short([412.5000000000001, -30.0, 0.25, 12345678.9])
     [412.5, -30, 0.25, 12345678.9]
@@ -424,7 +144,7 @@ def short(value: Any) -> Any:
     if isinstance(value, float):
         if not math.isfinite(value):
             raise impossible("a number is not finite", "send a finite number")
-        if sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0."))) >= EXACT:
+        if sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0."))) >= EXACT_DIGITS:
             value = float(f"{value:.6g}")
         return int(value) if value.is_integer() and abs(value) < 1e5 else value
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 1e5:
@@ -432,3 +152,380 @@ def short(value: Any) -> Any:
             raise impossible("a number is too large", "send a finite number")
         return float(value) if float(f"{value:.1e}") == value else value
     return value
+
+
+# Plain data
+
+
+def reach(data: Any, path: KeyPath) -> Any:
+    """The value at a path of plain data; ABSENT where there is none."""
+    for key in path:
+        held = isinstance(data, dict) or (isinstance(data, list) and isinstance(key, int) and key >= 0)
+        try:
+            data = data[key] if held else None
+        except (KeyError, IndexError):
+            held = False
+        if not held:
+            return ABSENT
+    return data
+
+
+def assign(data: Data, path: KeyPath, value: Any) -> None:
+    """Set the value at a path, and make the mappings that lead to it. Raises EditError."""
+    holder: Any = data
+    for depth, key in enumerate(path):
+        if isinstance(holder, dict) and isinstance(key, str):
+            if depth + 1 < len(path) and holder.get(key) is None:
+                holder[key] = {}
+        elif not isinstance(holder, list) or not isinstance(key, int) or key > len(holder):
+            where = dotted(path[:depth]) or "the file"
+            raise impossible(f"{where} has no {key}", "set the whole of it")
+        elif key == len(holder):
+            if depth + 1 < len(path):
+                raise impossible(f"{dotted(path[: depth + 1])} is not there", "set the whole list")
+            holder.append(value)
+        if depth + 1 < len(path):
+            holder = holder[key]
+        else:
+            holder[key] = value
+
+
+def take(data: Data, path: KeyPath) -> None:
+    """Remove what is at a path, if anything is."""
+    holder = reach(data, path[:-1])
+    if isinstance(holder, dict):
+        holder.pop(path[-1], None)
+    elif isinstance(holder, list) and isinstance(path[-1], int) and path[-1] < len(holder):
+        del holder[path[-1]]
+
+
+# Where an edit is written
+
+
+class Target:
+    """A file, or a variant of it. Raises EditError where the text cannot be read."""
+
+    def __init__(self, text: str, variant: str | None, file: File, allow_outside: bool) -> None:
+        self.text, self.variant = text, variant
+        self._own: Data = marked(text).data()
+        self._base = _inherited(text, file, allow_outside)
+        self._whole = self._own if self._base is None else _overlaid(self._base, self._own)
+        self.data = self._whole
+        """The scene as the page shows it, without defaults."""
+        if variant is not None:
+            self._edits = reach(self._whole, ("variants", variant))
+            if not isinstance(self._edits, dict):
+                raise impossible(
+                    f"there is no variant {variant[:64]}", "make it first, or edit the file itself"
+                )
+            self.data = _with_edits(self._whole, self._edits)
+
+    def inherits(self, path: KeyPath) -> bool:
+        """Whether the value at a path comes from another file, in whole or in part."""
+        return self._base is not None and reach(self._base, path) is not ABSENT
+
+    def write(self, data: Data, at: KeyPath | None = None) -> None:
+        """Change the text such that the scene is `data`; a variant sets what changes at a path `at` as a whole.
+
+        Raises EditError.
+        """
+        if self.variant is None:
+            self._write_file(data)
+            return
+        edits: Data = dict(self._edits)
+        changes = {path: value for path, value in _changes(self.data, data, ()) if path[0] not in SEALED}
+        if at is not None and any(path[: len(at)] == at for path in changes):
+            changes = {path: value for path, value in changes.items() if path[: len(at)] != at}
+            changes[at] = reach(data, at)
+        for path, value in sorted(changes.items(), key=lambda change: change[1] is ABSENT):
+            edits = self._with_edit(edits, path, value)
+        self._write_edits(edits)
+
+    def unset(self, path: KeyPath) -> None:
+        """Remove a value: in a variant what the variant changes there, or else the value itself. Raises EditError."""
+        if self.variant is not None and not isinstance(path[-1], int):
+            edits = self._without_edits(self._edits, path)
+            if edits != self._edits:
+                self._write_edits(edits)
+                return
+        data = deepcopy(self.data)
+        take(data, path)
+        self.write(data, path if isinstance(path[-1], str) else path[:-1])
+
+    def _write_file(self, data: Data) -> None:
+        own = data if self._base is None else _overlay(self._base, self._own, data, ())
+        self.text = yaml_edit.put(self.text, (), own)
+
+    def _write_edits(self, edits: Data) -> None:
+        whole = deepcopy(self._whole)
+        whole["variants"][self.variant] = edits
+        self._write_file(whole)
+
+    def _with_edit(self, edits: Data, path: KeyPath, value: Any) -> Data:
+        """Edits after which `value` is at a path; ABSENT: nothing. Raises EditError."""
+        if same(reach(_with_edits(self._whole, edits), path), value):
+            return edits
+        key = dotted(path)
+        if parse_key(key) != path:
+            raise impossible(f"a variant cannot change {key[:80]}", "edit the file itself")
+        holder = _holder(edits, path)
+        if holder is not None:
+            edits = self._without_edits(edits, path)
+            if value is not ABSENT:
+                assign(edits, (holder, *path[len(parse_key(holder) or ()) :]), value)
+        else:
+            edits = {k: v for k, v in edits.items() if k == key or not _is_below(k, path)}
+            edits[key] = None if value is ABSENT else value
+        for _ in range(2):
+            if same(reach(_with_edits(self._whole, edits), path), value):
+                return edits
+            edits = {
+                k: v for k, v in edits.items() if not _is_below(k, path)
+            }  # a later key overrides it: be the last
+            edits[key] = None if value is ABSENT else value
+        raise impossible(f"variant {self.variant} cannot change {key}", "edit the file itself")
+
+    def _without_edits(self, edits: Mapping[str, Any], path: KeyPath) -> Data:
+        """Edits that change nothing at a path."""
+        edits = deepcopy({key: value for key, value in edits.items() if not _is_below(key, path)})
+        if (holder := _holder(edits, path)) is not None:
+            take(edits, (holder, *path[len(parse_key(holder) or ()) :]))
+        return edits
+
+
+def _is_below(key: str, path: KeyPath) -> bool:
+    """Whether a variant's key is a path, or one in it."""
+    return (parse_key(key) or ())[: len(path)] == path
+
+
+def _holder(edits: Mapping[str, Any], path: KeyPath) -> str | None:
+    """The last of the edits that sets a mapping or a list in which a path lies."""
+    found = None
+    for key, value in edits.items():
+        above = parse_key(key) or ()
+        if 0 < len(above) < len(path) and path[: len(above)] == above and isinstance(value, dict | list):
+            found = key
+    return found
+
+
+def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]:
+    """Paths at which plain data differs, with the new values; ABSENT for what goes."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in {**old, **new}:
+            yield from _changes(old.get(key, ABSENT), new.get(key, ABSENT), (*path, key))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for at, (one, other) in enumerate(zip(old, new, strict=True)):
+            yield from _changes(one, other, (*path, at))
+    elif not same(old, new):
+        yield path, new
+
+
+def _inherited(text: str, file: File, allow_outside: bool) -> Data | None:
+    """What the file starts from; None where that is nothing."""
+    if marked(text).child("extends") is None:
+        return None
+    root = read(text, Source(str(file), file.absolute().parent))
+    assert isinstance(root.value, dict)
+    only_base = root.with_value({"extends": root.value["extends"]})
+    try:
+        base: Data = plain(with_bases(only_base, file, allow_outside))
+    except InputError:  # which is reported as a problem of the file
+        return {}
+    base.pop("extends", None)
+    return base
+
+
+def _overlaid(base: Data, own: Data) -> Data:
+    made: Data = plain(merge(_node(base), _node(own)))
+    return made
+
+
+def _overlay(base: Data, own: Any, new: Data, path: KeyPath) -> Data:
+    """What the file must say so that, over its base, the scene is `new`; what it says already stays."""
+    made: Data = {}
+    own = own if isinstance(own, dict) else {}
+    for key, value in new.items():
+        under = base.get(key, ABSENT)
+        if isinstance(value, dict) and isinstance(under, dict):
+            part = _overlay(under, own.get(key), value, (*path, key))
+            if part or key in own:
+                made[key] = part
+        elif key in own or not same(value, under):
+            made[key] = value
+    against = rivals(kind_of(path))
+    ruled_out = {rival for key in made for rival in against.get(key, ())}
+    return made | {key: None for key in base if key not in new and key not in ruled_out}
+
+
+def _with_edits(whole: Data, edits: Mapping[str, Any]) -> Data:
+    """The scene with the edits of a variant; wrong ones, which are reported as problems, are left out."""
+    root = _node(whole)
+    for key, value in edits.items():
+        with suppress(InputError):
+            root = apply(root, Edit(key, _node(value), ()))
+    made: Data = plain(root)
+    return made
+
+
+def _node(data: Any) -> Node:
+    """Plain data as the tree of a file that is nowhere."""
+    value = data
+    if isinstance(data, dict):
+        value = {key: _node(child) for key, child in data.items()}
+    elif isinstance(data, list):
+        value = [_node(child) for child in data]
+    return Node(value, _NOWHERE)
+
+
+# Removing and renaming
+
+
+def _remove(target: Target, path: KeyPath) -> str:
+    """Remove an entry and what refers to it; returns the name of the edit. Raises EditError."""
+    if reach(target.data, path) is ABSENT:
+        raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
+    names = [str(path[-1])] if path[0] in NAMED else [dotted(path)]
+    if len(path) == 2 and path[0] == "objects":
+        data, gone = replaced(target.data, str(path[1]), None)
+        names += gone
+    else:
+        data = deepcopy(target.data)
+        take(data, path)
+        if len(path) == 2 and path[0] == "forces":
+            _change_edits(data, lambda key: _without_forces(key, [path[1]]))
+        elif len(path) == 2 and path[0] in NAMED:
+            _change_edits(data, lambda key: None if key[:2] == path else key)
+    target.write(data)
+    return "remove " + " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def _rename(target: Target, path: KeyPath, to: Any) -> str:
+    """Rename an entry and what refers to it; returns the name of the edit. Raises EditError."""
+    if target.variant is not None:
+        raise impossible("a variant cannot give names", "do it in the file itself")
+    if len(path) != 2 or path[0] not in NAMED or reach(target.data, path) is ABSENT:
+        raise impossible(f"{dotted(path)} has no name that can be changed", "name an object, a joint, ...")
+    rule = published()["$defs"]["name"]
+    if not isinstance(to, str) or not re.fullmatch(rule["pattern"].strip("^$"), to):
+        raise impossible("that is not a name", f"write {rule['x-pattern']}")
+    section, old = str(path[0]), str(path[1])
+    if to != old:
+        if reach(target.data, (section, to)) is not ABSENT:
+            raise impossible(f"{to} is there already", "choose another name")
+        if target.inherits(path):
+            raise impossible(f"{dotted(path)} comes from the file that this one extends", "rename it there")
+        if section == "objects":
+            data, _ = replaced(target.data, old, to)
+        else:
+            data = deepcopy(target.data)
+            data[section] = {to if key == old else key: value for key, value in data[section].items()}
+            _change_edits(data, lambda key: (section, to, *key[2:]) if key[:2] == path else key)
+        target.write(data)
+    return f"rename {old} to {to}"
+
+
+def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
+    """A scene in which an object has another name, is merged into another object, or (None) is gone.
+
+    Also returns, in words, what went with it: forces on an object that is gone, joints of two that became one.
+    """
+    data, gone = deepcopy(data), list[str]()
+    merged = to in data["objects"]
+    if to is None or merged:
+        del data["objects"][name]
+    else:
+        data["objects"] = {to if key == name else key: value for key, value in data["objects"].items()}
+    joints = list(data.get("joints") or {})
+    forces = _refer(data, name, to, gone)
+    if forces:
+        gone.insert(0, "its force" if len(forces) == 1 else f"its {len(forces)} forces")
+        _change_edits(data, lambda key: _without_forces(key, forces))
+    lost = {("joints", joint) for joint in joints if joint not in data["joints"]}
+    _change_edits(data, lambda key: None if key[:2] in lost else key)
+    for variant, edits in _entries(data, "variants"):
+        made: Data = {}
+        for key, value in edits.items():
+            path = parse_key(key) or ()
+            if path[:2] == ("objects", name):
+                new = None if to is None else dotted(("objects", to, *path[2:]))
+                own = merged and (len(path) < 3 or path[2] in OWN_KEYS or new in edits)
+                if new is not None and not own:
+                    made[new] = value
+            else:
+                value = _refer_in_edit(path, value, name, to)
+                if value is not ABSENT:
+                    made[key] = value
+        if merged:
+            gone += [f"{key} of {variant}" for key in edits if len(made) < len(edits) and key not in made]
+        data["variants"][variant] = made
+    return data, gone
+
+
+def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> list[int]:
+    """Replace an object's name wherever a scene refers to it, in place; returns the numbers of forces that go."""
+    dropped: list[int] = []
+    forces = part.get("forces")
+    if isinstance(forces, list):
+        for at, force in enumerate(forces):
+            if isinstance(force, dict) and force.get("object") == name:
+                force["object"] = to
+                dropped += [at] if to is None else []
+        part["forces"] = [force for at, force in enumerate(forces) if at not in dropped]
+    for section in ("joints", "fields"):
+        for key, entry in _entries(part, section):
+            names = entry.get("objects")
+            if not isinstance(names, list) or name not in names:
+                continue
+            rest = list(dict.fromkeys(to if one == name else one for one in names if one != name or to))
+            if not rest or (section == "joints" and len(rest) < len(names)):
+                del part[section][key]
+                gone.append(f"{section[:-1]} {key}")
+            else:
+                entry["objects"] = rest
+    camera = reach(part, ("render", "camera"))
+    for view in camera if isinstance(camera, list) else [camera]:
+        if isinstance(view, dict) and view.get("follow") == name:
+            view["follow"] = to
+            if to is None:
+                del view["follow"]
+                gone.append("the camera that follows it")
+    return dropped
+
+
+def _refer_in_edit(path: KeyPath, value: Any, name: str, to: str | None) -> Any:
+    """The value of a variant's key with another name for an object; ABSENT where the key has no meaning any more."""
+    whole = deepcopy(value)
+    place = tuple(0 if isinstance(part, int) or part == "[*]" else part for part in path)
+    for part in reversed(place):  # an item's number makes no difference here
+        whole = [whole] if part == 0 else {part: whole}
+    if not isinstance(whole, dict):
+        return value
+    _refer(whole, name, to, [])
+    return reach(whole, place)
+
+
+def _change_edits(data: Data, change: Callable[[KeyPath], KeyPath | None]) -> None:
+    """Give the keys of all variants other paths, or (None) remove them."""
+    for variant, edits in _entries(data, "variants"):
+        made: Data = {}
+        for key, value in edits.items():
+            path = parse_key(key) or ()
+            new = change(path)
+            if new is not None:
+                made[key if new == path else dotted(new)] = value
+        data["variants"][variant] = made
+
+
+def _without_forces(key: KeyPath, gone: Sequence[Any]) -> KeyPath | None:
+    """A variant's key once forces went: None for one of those; later forces have smaller numbers."""
+    if len(key) < 2 or key[0] != "forces" or not isinstance(key[1], int):
+        return key
+    if key[1] in gone:
+        return None
+    return ("forces", key[1] - sum(at < key[1] for at in gone), *key[2:])
+
+
+def _entries(data: Data, section: str) -> list[tuple[str, Data]]:
+    """The entries of a section that are mappings."""
+    found = data.get(section)
+    return [(k, v) for k, v in found.items() if isinstance(v, dict)] if isinstance(found, dict) else []

@@ -49,7 +49,7 @@ def nobody(event: Data) -> None:
     """Events that nobody hears."""
 
 
-class Rendering:
+class RenderJob:
     """Renders one scene file into one folder, one run at a time; safe to be called from several threads."""
 
     def __init__(self, path: Path, output: Path, allow_outside: bool = False, tell: Tell = nobody) -> None:

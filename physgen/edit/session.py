@@ -74,7 +74,7 @@ Tell = Callable[[Data], None]
 
 
 @dataclass(frozen=True)
-class Asked:
+class EditRequest:
     """A request for an edit: of which version, in which variant, and what it is called in the history."""
 
     version: int
@@ -179,7 +179,7 @@ class Session:
 
     # Edits
 
-    def edit(self, asked: Asked, ops: Sequence[Mapping[str, Any]]) -> Data:
+    def edit(self, asked: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
         """Operations, all or none. Raises EditError."""
         with self._edits:
             if self._is_new(asked):
@@ -189,7 +189,7 @@ class Session:
                 self._push(asked, State(text, now.maps, asked.what or made.what))
         return self._answer(asked)
 
-    def preview(self, asked: Asked, ops: Sequence[Mapping[str, Any]]) -> Data:
+    def preview(self, asked: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
         """The motion that operations would give; nothing is kept. Raises EditError."""
         with self._edits:
             now = self._current(asked)
@@ -198,17 +198,17 @@ class Session:
         look = self.live.preview(made.text, maps, asked.variant)
         return {"motion": look.motion, "problems": look.problems}
 
-    def write(self, asked: Asked, text: str) -> Data:
+    def write(self, asked: EditRequest, text: str) -> Data:
         """Another text, right or wrong. Raises EditError."""
         with self._edits:
             if self._is_new(asked):
                 now = self._current(asked)
                 self._push(
-                    asked, State(self.document.ends.adapted(text), now.maps, asked.what or "edit the YAML")
+                    asked, State(self.document.with_line_ends(text), now.maps, asked.what or "edit the YAML")
                 )
         return self._answer(asked)
 
-    def correct(self, asked: Asked, op: Mapping[str, Any]) -> Data:
+    def correct(self, asked: EditRequest, op: Mapping[str, Any]) -> Data:
         """A mask made right, and what follows of it. Raises EditError."""
         from physgen.edit.corrections import correct
 
@@ -216,7 +216,7 @@ class Session:
             if not self._is_new(asked):
                 return self._answer(asked)
             self._current(asked)
-            self.document.there()
+            self.document.restore_draft()
             now, draft = self.document.now, self.document.draft
             self.document.note_maps()
             number, maps = draft.new_maps(), self.document.maps(now)
@@ -241,7 +241,7 @@ class Session:
                 raise
         return self._answer(asked) | {"made": made.made}
 
-    def step(self, asked: Asked, by: int) -> Data:
+    def step(self, asked: EditRequest, by: int) -> Data:
         """Undo (-1) or redo (1). Raises EditError."""
         with self._edits:
             if self._is_new(asked):
@@ -250,7 +250,7 @@ class Session:
                 self._changed()
         return self._answer(asked)
 
-    def save(self, asked: Asked, resolve: str | None = None) -> Data:
+    def save(self, asked: EditRequest, resolve: str | None = None) -> Data:
         """Write the file. Raises EditError where another program wrote it, too, and `resolve` does not settle it."""
         with self._edits:
             self._current(asked)
@@ -261,7 +261,7 @@ class Session:
         """What is rendered is what is seen: the file is written first. Raises EditError."""
         with self._edits:
             if version is not None:
-                self._current(Asked(version))
+                self._current(EditRequest(version))
             if not self.document.is_saved:
                 self._save(None)
 
@@ -271,17 +271,14 @@ class Session:
         finally:
             self._changed()  # what another program wrote may be taken in though the file is not written
 
-    def _answer(self, asked: Asked) -> Data:
+    def _answer(self, asked: EditRequest) -> Data:
         """The state after an edit, given out when the edit is on the disk. Raises OSError."""
-        told = self.state(asked.variant)
-        with self._edits:
-            self.document.settle()
-        return told
+        return self.state(asked.variant)
 
-    def _is_new(self, asked: Asked) -> bool:
+    def _is_new(self, asked: EditRequest) -> bool:
         return asked.id is None or asked.id not in self.document.ids
 
-    def _current(self, asked: Asked) -> State:
+    def _current(self, asked: EditRequest) -> State:
         version = self.document.history.version
         if asked.version != version:
             message = f"version {asked.version} is not the present one, {version}"
@@ -289,7 +286,7 @@ class Session:
             raise EditError(Why.STALE, message, fix, {"version": version})
         return self.document.now
 
-    def _push(self, asked: Asked, state: State) -> None:
+    def _push(self, asked: EditRequest, state: State) -> None:
         now = self.document.now
         if (state.text, state.maps) != (now.text, now.maps):
             tag = None if asked.tag is None else f"{asked.variant or ''} {asked.tag}"

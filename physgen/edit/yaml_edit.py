@@ -288,15 +288,14 @@ def _before(node: Marked, path: KeyPath, key: str) -> int:
 def _replaced(text: str, path: KeyPath, value: Any) -> str:
     """Another value where one is; of a collection only what differs."""
     node = find(text, path)
-    if node.kind is Kind.BLOCK_MAP and isinstance(value, dict) and value:
-        for key, _, _ in node.keys:
-            if key not in value:
-                text = _replaced_key(text, path, key, value)
-        for key, child in value.items():
-            text = put(text, (*path, key), child)
-        return text
-    if node.kind is Kind.BLOCK_LIST and isinstance(value, list) and value and len(value) <= MANY:
-        return _items(text, path, node.data(), value)
+    if node.is_map and isinstance(value, dict) and value and node.children:
+        keys = {key for key, _, _ in node.keys}
+        if not node.is_flow or (keys != value.keys() and keys & value.keys()):
+            return _entries(text, path, node, value)
+    elif node.is_list and isinstance(value, list) and value and node.children:
+        steps = _steps(node.data(), value)
+        if (not node.is_flow or len(value) != len(node.children)) and _count(steps) <= MANY:
+            return _items(text, path, steps, value)
 
     def meant(data: Any) -> Any:
         if not path:
@@ -313,23 +312,47 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
     return checked(text, patches, meant)
 
 
-def _replaced_key(text: str, path: KeyPath, key: str, value: dict[str, Any]) -> str:
-    """Without a key; where it was the only one, another takes its place."""
-    if len(find(text, path).children) > 1:
-        return drop(text, (*path, key))
-    first = next(iter(value))
-    text = put(text, (*path, first), value[first])
-    return drop(text, (*path, key))
+def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
+    """A mapping key by key; a key that is gone whose value is that of a new one is renamed."""
+    old: dict[str, Any] = node.data()
+    new = [key for key in value if key not in old]
+    for key in old:
+        if key in value:
+            continue
+        name = next((name for name in new if same(old[key], value[name])), None)
+        if name is not None:
+            new.remove(name)
+            text = rename(text, (*path, key), name)
+            continue
+        if len(find(text, path).children) == 1:  # an empty mapping would lose its style
+            first = next(iter(value))
+            text = put(text, (*path, first), value[first])
+        text = drop(text, (*path, key))
+    for key, child in value.items():
+        if key not in old or not same(old[key], child):
+            text = put(text, (*path, key), child)
+    return text
 
 
-def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
-    """A list item by item, from its end, so that places stay what they are."""
+Steps = list[tuple[int, int, int, int]]
+"""Runs of items that differ: where they begin and end in the old list, and in the new one."""
+
+
+def _steps(old: list[Any], new: list[Any]) -> Steps:
     if len(old) == len(new):
-        for at, item in enumerate(new):
-            text = put(text, (*path, at), item)
-        return text
-    steps = SequenceMatcher(None, list(map(repr, old)), list(map(repr, new)), autojunk=False).get_opcodes()
-    for _, begin, end, first, last in reversed([step for step in steps if step[0] != "equal"]):
+        pairs = zip(old, new, strict=True)
+        return [(at, at + 1, at, at + 1) for at, (one, other) in enumerate(pairs) if not same(one, other)]
+    matcher = SequenceMatcher(None, list(map(repr, old)), list(map(repr, new)), autojunk=False)
+    return [step[1:] for step in matcher.get_opcodes() if step[0] != "equal"]
+
+
+def _count(steps: Steps) -> int:
+    return sum(max(end - begin, last - first) for begin, end, first, last in steps)
+
+
+def _items(text: str, path: KeyPath, steps: Steps, new: list[Any]) -> str:
+    """A list item by item, from its end, so that numbers of items stay what they are."""
+    for begin, end, first, last in reversed(steps):
         shared = min(end - begin, last - first)
         for at in range(shared):
             text = put(text, (*path, begin + at), new[first + at])

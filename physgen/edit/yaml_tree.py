@@ -57,6 +57,7 @@ class Marked:
     """Of a mapping: each key, and where it stands."""
     children: list[Marked] = field(default_factory=list)
     """Values of a mapping, or items."""
+    _places: dict[str, int] = field(default_factory=dict)
 
     @property
     def is_map(self) -> bool:
@@ -77,8 +78,9 @@ class Marked:
         """Which of the children a key or an index means; None: there is none."""
         if isinstance(key, int):
             return key if self.is_list and 0 <= key < len(self.children) else None
-        names = [name for name, _, _ in self.keys]
-        return names.index(key) if key in names else None
+        if len(self._places) != len(self.keys):
+            self._places = {name: at for at, (name, _, _) in enumerate(self.keys)}
+        return self._places.get(key)
 
     def child(self, key: str | int) -> Marked | None:
         """The value of a key or an index."""

@@ -5,12 +5,19 @@ from __future__ import annotations
 import signal
 import subprocess
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import httpx
 
-from physgen.edit.app import Editor
+from physgen.edit.app import Editor, application
+
+
+@cache
+def document() -> dict[str, Any]:
+    """The interface as /api/openapi.json describes it."""
+    return application(None).openapi()  # type: ignore[arg-type]
 
 
 @dataclass

@@ -16,10 +16,9 @@ from hypothesis import strategies as st
 from schemathesis.checks import not_a_server_error
 from schemathesis.generation.modes import GenerationMode
 from schemathesis.specs.openapi import checks as told
-from served import Served
+from served import Served, document
 
-from physgen.edit.api import document
-from physgen.edit.guard import Windows
+from physgen.edit.events import Windows
 from physgen.edit.live import unpacked
 from physgen.materials import materials
 
@@ -327,7 +326,7 @@ def test_a_window_that_asks_no_more_is_gone() -> None:
     assert [event["windows"] for event in windows.ask("other", windows.run, 0)["events"]][-1] == 1
     assert heard[-1] == 1
     for k in range(3000):
-        windows.tell({"type": "version", "version": k})
+        windows.send({"type": "version", "version": k})
     assert windows.ask("other", windows.run, 1)["events"][-1]["version"] == 2999
 
 

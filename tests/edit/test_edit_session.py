@@ -20,7 +20,7 @@ from served import Killable, Served
 from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports without the server
 from physgen.cli.main import main
 from physgen.edit import corrections, document
-from physgen.edit.session import Asked, Watch
+from physgen.edit.session import EditRequest, Watch
 
 Serve = Callable[..., Served]
 
@@ -375,7 +375,7 @@ def test_of_two_corrections_at_once_the_second_is_asked_for_again(
     def overtaken(*arguments: Any) -> Any:
         """Another window's correction is made while this one is written."""
         monkeypatch.setattr(corrections, "write_patched", real)
-        session.correct(Asked(1), eraser(served, 8))
+        session.correct(EditRequest(1), eraser(served, 8))
         return real(*arguments)
 
     monkeypatch.setattr(corrections, "write_patched", overtaken)
