@@ -13,13 +13,14 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Header, Query, Request
+from fastapi import APIRouter, Depends, Header, Query, Request, Security
+from fastapi.security import APIKeyHeader
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
 from starlette.responses import FileResponse, JSONResponse, Response
 
 from physgen.edit.errors import EditError, Why
 from physgen.edit.events import Turns, Windows, overtaken
-from physgen.edit.guard import Keys
+from physgen.edit.guard import TOKEN, Keys
 from physgen.edit.operations import MAX_KEY, MAX_STEPS
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import EditRequest, Session
@@ -322,7 +323,9 @@ ERRORS: dict[int | str, dict[str, Any]] = {
 for _row in ERRORS.values():
     _row["model"] = Error
 
-api = APIRouter(default_response_class=JsonAnswer)
+TOKEN_HEADER = APIKeyHeader(name=TOKEN, scheme_name="token", auto_error=False)
+"""For the description: `Guard` has checked the token already."""
+api = APIRouter(default_response_class=JsonAnswer, dependencies=[Security(TOKEN_HEADER)])
 
 
 # Reading

@@ -128,9 +128,6 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
     """A `receive` that has read the whole body. Raises EditError for a body that is too large or not JSON."""
     if scope["method"] not in ("POST", "PUT"):
         return receive
-    kind = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
-    if kind != "application/json":
-        raise EditError(Why.KIND, "the body is not declared as JSON", "send Content-Type: application/json")
     data, more = bytearray(), True
     while more:
         message = await receive()
@@ -140,6 +137,9 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
         more = message.get("more_body", False)
         if len(data) > BODY:
             raise too_large()
+    kind = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+    if data and kind != "application/json":
+        raise EditError(Why.KIND, "the body is not declared as JSON", "send Content-Type: application/json")
     parts = iter([{"type": "http.request", "body": bytes(data), "more_body": False}])
 
     async def receive_again() -> Message:

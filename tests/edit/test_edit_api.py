@@ -44,7 +44,10 @@ Serve = Callable[..., Served]
 def stranger(address: str) -> Any:
     """Who knows the interface by its OpenAPI alone; the token is tried elsewhere."""
     schema = json.loads(json.dumps(document()))
-    del schema["security"], schema["components"]["securitySchemes"]
+    del schema["components"]["securitySchemes"]
+    for ways in schema["paths"].values():
+        for way in ways.values():
+            del way["security"]
     asks = schemathesis.openapi.from_dict(schema)
     asks.config.update(base_url=address.partition("/?")[0])
     return asks
@@ -68,7 +71,7 @@ def test_what_it_says_it_takes_is_answered_as_it_says(path, method, serving: Ser
             case.body.pop("id", None)
         answer = case.call(headers={"X-Physgen-Token": served.token})
         case.validate_response(answer, checks=CHECKS)
-        assert answer.status_code in (200, 409, 422)
+        assert answer.status_code in (200, 409, 422), (answer.content, case.body)
         if answer.headers["content-type"] == ["application/json"] and isinstance(answer.json(), dict):
             present = answer.json().get("version", present)
 
