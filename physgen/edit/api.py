@@ -72,9 +72,10 @@ def _whole(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-Whole = Annotated[int, BeforeValidator(_whole), Field(strict=True, ge=0, le=2**53 - 1)]
+Whole = Annotated[int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(_whole)]
+Index = Annotated[int, Field(strict=True, ge=0, le=10**6), BeforeValidator(_whole)]
 Words = Annotated[str, Field(max_length=MAX_WORDS)]
-Step = Annotated[str, Field(max_length=MAX_KEY)] | Annotated[Whole, Field(le=10**6)]
+Step = Annotated[str, Field(max_length=MAX_KEY)] | Index
 Path = Annotated[list[Step], Field(min_length=1, max_length=MAX_STEPS)]
 
 
