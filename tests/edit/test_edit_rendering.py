@@ -13,7 +13,7 @@ import pytest
 
 from physgen.cli.main import main
 from physgen.edit.errors import EditError
-from physgen.edit.render_job import Rendering
+from physgen.edit.render_job import RenderJob
 
 Copy = Callable[[str], Path]
 
@@ -36,7 +36,7 @@ def test_it_makes_what_its_command_makes(copied: Copy, tmp_path: Path) -> None:
     """The line that it shows is typed by hand, into another folder: the same frames by their hashes."""
     path = short(copied("wall-ball"))
     events: list[dict[str, Any]] = []
-    job = Rendering(path, tmp_path / "out put", tell=events.append)
+    job = RenderJob(path, tmp_path / "out put", tell=events.append)
     name = job.start([None, "beach-ball"])
     with pytest.raises(EditError, match="under way"):
         job.start()
@@ -70,7 +70,7 @@ def test_files_of_its_results_alone_are_given(copied: Copy, tmp_path: Path) -> N
     (out / "other").mkdir(parents=True)
     (out / "other" / "video.mp4").write_bytes(b"mine")
     (tmp_path / "secret").write_text("x")
-    job = Rendering(path, out)
+    job = RenderJob(path, out)
     assert job.file("other/video.mp4") is None
     job.start(format="gif")
     (row,) = job.wait(120)["result"]
@@ -86,7 +86,7 @@ def test_files_of_its_results_alone_are_given(copied: Copy, tmp_path: Path) -> N
 def test_stopped_it_leaves_nothing_half_made(copied: Copy, tmp_path: Path) -> None:
     """In the middle of drawing: the folder holds no partial file, and the next run begins from there."""
     path = copied("kitchen")
-    job = Rendering(path, tmp_path / "out")
+    job = RenderJob(path, tmp_path / "out")
     job.start()
     deadline = time.monotonic() + 60
     while job.status()["stage"] != "drawing frames":
@@ -104,7 +104,7 @@ def test_stopped_it_leaves_nothing_half_made(copied: Copy, tmp_path: Path) -> No
 def test_what_goes_wrong_is_told(copied: Copy, tmp_path: Path) -> None:
     path = copied("wall-ball")
     path.write_text(path.read_text().replace("physgen: 1", "physgen: 7"))
-    job = Rendering(path, tmp_path / "out")
+    job = RenderJob(path, tmp_path / "out")
     job.start()
     status = job.wait(60)
     assert status["state"] == "failed"
@@ -117,7 +117,7 @@ def test_what_goes_wrong_is_told(copied: Copy, tmp_path: Path) -> None:
 
 
 def test_the_command_is_quoted_for_a_shell(tmp_path: Path) -> None:
-    job = Rendering(tmp_path / "my scene.yaml", tmp_path / "o'ut", allow_outside=True)
+    job = RenderJob(tmp_path / "my scene.yaml", tmp_path / "o'ut", allow_outside=True)
     line = job.command("b; rm -rf ~", "mp4,gif")
     assert shlex.split(line) == [
         "physgen", "render", str(tmp_path / "my scene.yaml"), "-o", str(tmp_path / "o'ut"),
