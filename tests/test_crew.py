@@ -230,9 +230,7 @@ def test_boxes_and_points_go_through_the_crew_too(odd: type[Odd], monkeypatch: p
 
 
 def test_boundaries_that_need_depth_say_so_before_any_work():
-    with pytest.raises(
-        InputError, match=r"boundary=depth-normals.* needs depth; choose one for depth, too"
-    ):
+    with pytest.raises(InputError, match=r"boundary=depth-normals.* needs depth; choose one for depth, too"):
         Backends(load_plan(["boundary=depth-normals"]))
 
 

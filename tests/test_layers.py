@@ -25,7 +25,7 @@ BY_NAME = {"physgen.registry", "physgen.evaluate.backends.features_module"}
 VAGUE = {"utils", "helpers", "common", "misc", "manager", "base"}
 
 KNOWN = {
-    ("physgen.evaluate.plausibility.reading.clips", "physgen.evaluate.plausibility.reading.archives"),
+    ("physgen.evaluate.plausibility.array_tracks", "physgen.evaluate.plausibility.array_tracks"),
 }
 """Importer and imported: what still leads upwards or closes a cycle. The table only shrinks."""
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physgen.evaluate.plausibility.tracks import Array, Form, Tracks
+from physgen.evaluate.plausibility.tracks import Array, Outline, Tracks
 from physgen.scene.scene import View
 
 Rng = np.random.Generator
@@ -88,7 +88,7 @@ def made(rng: Rng, fault: str | None, fps: float, seconds: float = 1.6) -> Track
     n = len(balls.radii)
     return Tracks(
         "balls", times, tuple(f"ball {k + 1}" for k in range(n)), places, np.full(places.shape[:2], np.nan),
-        tuple(Form(float(r), float(r), float(r) * np.sqrt(0.4)) for r in balls.radii),
+        tuple(Outline(float(r), float(r), float(r) * np.sqrt(0.4)) for r in balls.radii),
         balls.masses, True, View.TOP if top else View.SIDE, 0.02, "balls in closed form", flat=False,
     )  # fmt: skip
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table
-from physgen.evaluate.plausibility.score import EVEN
+from physgen.evaluate.plausibility.evidence import EVEN
 from physgen.simulate.uncertainty_summary import interval_of_mean
 
 from .balls import FREE

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from physgen.evaluate.plausibility.reading.masks import SHAKE, Ids, gathered, tracked
+from physgen.evaluate.plausibility.array_tracks import SHAKE, Ids, gathered, tracked
 from physgen.evaluate.plausibility.tracks import Tracks
 
 LARGEST = 1024

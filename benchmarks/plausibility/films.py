@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from physgen.evaluate.plausibility.tracks import Given, Tracks
+from physgen.evaluate.plausibility.tracks import Known, Tracks
 
 Rng = np.random.Generator
 
@@ -14,13 +14,13 @@ Rng = np.random.Generator
 def stranger(tracks: Tracks) -> Tracks:
     """As anybody's: no walls, pushes or joints are known; masses neither."""
     return replace(
-        tracks, given=Given(), masses=np.array([max(f.reach, 1.0) ** 2 for f in tracks.forms]), weighed=False
+        tracks, given=Known(), masses=np.array([max(f.reach, 1.0) ** 2 for f in tracks.forms]), weighed=False
     )
 
 
 def weighed(tracks: Tracks) -> Tracks:
     """The same with its masses."""
-    return replace(tracks, given=Given())
+    return replace(tracks, given=Known())
 
 
 def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from physgen.evaluate.measure import Findings, Section, Table, markdown
+from physgen.evaluate.plausibility.evidence import EVEN, MIDDLE
 from physgen.evaluate.plausibility.judge import verdict_word
-from physgen.evaluate.plausibility.score import EVEN, MIDDLE
 
 from .confusion import findings
 from .run import SEEDS

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from physgen import pipeline
+from physgen.evaluate.plausibility.array_tracks import from_scene, from_world
 from physgen.evaluate.plausibility.judge import Verdict, judge
 from physgen.evaluate.plausibility.reading import read
-from physgen.evaluate.plausibility.reading.asked import Asked
-from physgen.evaluate.plausibility.reading.clips import from_scene, from_world
+from physgen.evaluate.plausibility.request import Request
 from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.scene.load import raw_document
 
@@ -67,7 +67,7 @@ def studio() -> list[dict]:
         name = path.parent.parent.name
         posed = _posed(told["scene"], (), told["times_s"], told["objects"])
         rows.append(_row(f"{name}, film", "poses", [judge(posed)]))
-        masks = read(path.parent, Asked(fps=fps, view=view))
+        masks = read(path.parent, Request(fps=fps, view=view))
         rows.append(_row(f"{name}, film", "masks", [judge(tracks, without=("overlap",)) for tracks in masks]))
     for path in sorted((ROOT / "studio/truth").glob("*/clips/clips.json")):
         told = json.loads(path.read_text())

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
+from physgen.evaluate.plausibility.array_tracks import from_world
 from physgen.evaluate.plausibility.judge import Verdict, judge
-from physgen.evaluate.plausibility.reading.clips import from_world
 from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.simulate.engine import simulate
 

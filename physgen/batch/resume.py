@@ -12,7 +12,18 @@ from typing import Any
 
 from physgen.problems import Place, Problem, Severity
 
-CODE = ("compile", "export", "geometry", "perceive", "pipeline", "refine", "render", "report", "scene", "simulate")
+CODE = (
+    "compile",
+    "export",
+    "geometry",
+    "perceive",
+    "pipeline",
+    "refine",
+    "render",
+    "report",
+    "scene",
+    "simulate",
+)
 """Rooms whose code makes clips and their pages."""
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from physgen.report.plots.style import Palette
 
+
 IMAGE, MOTION, REFERENCE = "image", "motion", "reference"
 WORDS = {IMAGE: "Image-FID", MOTION: "Motion-FID"}
 LEVEL = 0.95

@@ -38,6 +38,7 @@ from physgen.report.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+
 Progress = Callable[[str, int, int], None]
 """Stage, steps done, steps in all."""
 PAGE, RESULT = "index.html", "result.json"

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
     from physgen.report.plots.style import Palette
 
+
 Floats = NDArray[np.float64]
 Detections = tuple[tuple[Patch, ...], Floats]
 """Masks, and confidences (N,)."""

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from physgen.export.formats import LabelFormat, Writer
-    from physgen.export.labels import Clip, Moment, MomentQueue
+    from physgen.export.formats import LabelFormat
+    from physgen.export.labels import Clip, Moment, MomentQueue, Writer
     from physgen.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.record import RunRecord

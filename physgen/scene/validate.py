@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from jsonschema import ValidationError
     from jsonschema.protocols import Validator
 
+
 MAX_PROBLEMS = 200
 """Messages of one file; more are not read."""
 MAX_ERRORS = 10 * MAX_PROBLEMS

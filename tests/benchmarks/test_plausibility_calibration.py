@@ -11,8 +11,8 @@ from plausibility.films import stranger
 from plausibility.pieces import in_two
 from plausibility.trial import Said
 
+from physgen.evaluate.plausibility.array_tracks import from_world
 from physgen.evaluate.plausibility.judge import judge
-from physgen.evaluate.plausibility.reading.clips import from_world
 from physgen.simulate.engine import simulate
 from physgen.simulate.uncertainty_summary import interval_of_mean
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physgen.evaluate.plausibility.judge import Verdict, judge
-from physgen.evaluate.plausibility.tracks import Form, Given, Tracks
+from physgen.evaluate.plausibility.tracks import Known, Outline, Tracks
 from physgen.problems import InputError
 from physgen.scene.scene import View
 
@@ -22,7 +22,7 @@ def clip(paths: list[np.ndarray], view: View = View.SIDE, radius: float = 10.0, 
     }  # fmt: skip
     return Tracks(
         "clip", np.arange(len(places)) / FPS, tuple(f"ball-{k + 1}" for k in range(count)), places,
-        np.full(places.shape[:2], np.nan), (Form(radius, radius, 0.6 * radius),) * count, view=view, **given,
+        np.full(places.shape[:2], np.nan), (Outline(radius, radius, 0.6 * radius),) * count, view=view, **given,
     )  # fmt: skip
 
 
@@ -150,7 +150,7 @@ def test_nothing_starts_by_itself_but_what_is_hit_pushed_or_let_go() -> None:
     starts[0] -= (150, 0)  # nobody near
     alone = judge(clip(starts, View.TOP))
     assert alone.faults()[0][0] == "starts"
-    pushed = judge(clip(starts, View.TOP, given=Given(pushed=((1, 0.6, 0.7),))))
+    pushed = judge(clip(starts, View.TOP, given=Known(pushed=((1, 0.6, 0.7),))))
     assert pushed.wrong is False
     hit = judge(
         clip(two(np.array([220.0, 0.0]), still, np.array([20.0, 0.0]), np.array([200.0, 0.0])), View.TOP)

@@ -106,8 +106,8 @@ def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
     from physgen.evaluate.plausibility.judge import Verdict, judge
     from physgen.evaluate.plausibility.reading import read
-    from physgen.evaluate.plausibility.reading.asked import Asked
-    from physgen.evaluate.plausibility.told import findings
+    from physgen.evaluate.plausibility.report import summary
+    from physgen.evaluate.plausibility.request import Request
     from physgen.scene.scene import View
 
     check_folder(options.output)
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
         from physgen.report.plots.style import require_matplotlib
 
         require_matplotlib()
-    asked = Asked(
+    asked = Request(
         options.fps, View(options.view), dict(options.mass), tuple(options.held), tuple(options.pushed)
     )
     bar = Bar()
@@ -125,4 +125,4 @@ def run(options: argparse.Namespace) -> int:
             bar.show(tracks.name, len(verdicts), len(verdicts) + 1)
             verdicts.append(judge(asked.applied(tracks), options.noise, options.skip))
     bar.clear()
-    return hand_over(findings(verdicts, plots=options.output is not None), options)
+    return hand_over(summary(verdicts, plots=options.output is not None), options)

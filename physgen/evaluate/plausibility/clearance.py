@@ -1,4 +1,4 @@
-"""Tracks -> how far apart two things are in every frame: at least, as they may touch; at most, as they overlap."""
+"""Distances between objects in every frame: a lower bound (do they touch?) and an upper bound (do they overlap?)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.plausibility.tracks import Array, Form, Tracks
+from physgen.evaluate.plausibility.tracks import Array, Outline, Tracks
 
 PART = 0.35
 """px between segments, at most, into which a wall is cut."""
@@ -123,7 +123,7 @@ def _to_segment(points: Array, a: Array, b: Array) -> Array:
     return np.hypot(off[:, 0], off[:, 1])
 
 
-def _from_disc(center: Array, form: Form, piece: Array) -> Array:
+def _from_disc(center: Array, form: Outline, piece: Array) -> Array:
     """(T,): a disc and a convex piece (T, K, 2); exact."""
     following = np.roll(piece, -1, axis=1)
     along = following - piece

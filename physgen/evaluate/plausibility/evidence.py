@@ -1,8 +1,11 @@
-"""What is asked of a clip, and what speaks for an answer: who, when, how much."""
+"""Answers to the questions with their evidence, and the score of a deviation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+
+# ----------------------------------------------------------------------
+# What is asked of a clip, and what speaks for an answer: who, when, how much.
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Answer:
     """All instances of one question."""
 
     evidence: tuple[Evidence, ...]
@@ -29,7 +32,7 @@ class Asked:
     """Where it is empty."""
 
     @classmethod
-    def of(cls, evidence: list[Evidence], why_not: str) -> Asked:
+    def of(cls, evidence: list[Evidence], why_not: str) -> Answer:
         """Sorted."""
         plain = [replace(e, deviation=float(e.deviation), frame=int(e.frame)) for e in evidence]
         return cls(tuple(sorted(plain, key=lambda e: -e.deviation)), "" if evidence else why_not)
@@ -38,3 +41,30 @@ class Asked:
     def deviation(self) -> float:
         """Of the worst."""
         return self.evidence[0].deviation if self.evidence else 0.0
+
+
+# ----------------------------------------------------------------------
+# How far off -> a score from 0, surely wrong, to 1, nothing wrong; 0.5 parts right from wrong.
+
+MIDDLE = {
+    "gravity": 0.2,
+    "momentum": 0.3,
+    "energy": 0.2,
+    "overlap": 0.1,
+    "jumps": 0.5,
+    "starts": 0.6,
+    "speeding": 0.2,
+}
+"""Deviations at which right and wrong are separated: the best of the calibration in benchmarks/plausibility."""
+STEEP = 3.0
+"""The score falls to 1/9 at twice the middle."""
+EVEN = 0.5
+
+
+def score(question: str, deviation: float) -> float:
+    """1 for nothing wrong, 0.5 at the middle.
+
+    >>> score("gravity", 0.0), round(score("gravity", MIDDLE["gravity"]), 3)
+    (1.0, 0.5)
+    """
+    return float(1.0 / (1.0 + (deviation / MIDDLE[question]) ** STEEP))

@@ -1,18 +1,43 @@
-"""Tracks -> every question's answer with its evidence, and one score."""
+"""Tracks -> the answer to every question with its evidence, and one score."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from physgen.evaluate.plausibility.evidence import Asked, Evidence
+from physgen.evaluate.plausibility.evidence import EVEN, Answer, Evidence, score
+from physgen.evaluate.plausibility.gravity import common, gravity
 from physgen.evaluate.plausibility.motion import Motion
-from physgen.evaluate.plausibility.questions import QUESTIONS
-from physgen.evaluate.plausibility.questions.gravity import common
-from physgen.evaluate.plausibility.score import EVEN, score
+from physgen.evaluate.plausibility.questions import energy, jumps, momentum, overlap, speeding
+from physgen.evaluate.plausibility.starts import starts
 from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.problems import InputError
+
+# ----------------------------------------------------------------------
+# What is asked: one file a question, and its row here.
+
+
+class Question(NamedTuple):
+    """What must hold, in words, and who finds what speaks against it."""
+
+    text: str
+    ask: Callable[[Motion], Answer]
+
+
+QUESTIONS = {
+    "gravity": Question("all that flies falls alike", gravity),
+    "momentum": Question("who meets another pushes it back", momentum),
+    "energy": Question("nothing parts faster than it came", energy),
+    "overlap": Question("nothing goes through another", overlap),
+    "jumps": Question("nothing jumps", jumps),
+    "starts": Question("nothing at rest starts by itself", starts),
+    "speeding": Question("nothing on a table speeds up by itself", speeding),
+}
+
+
+# ----------------------------------------------------------------------
+# Tracks -> every question's answer with its evidence, and one score.
 
 FEWEST = 8
 """Frames: with fewer, nothing that moves can be told from noise."""
@@ -26,7 +51,7 @@ class Verdict:
 
     tracks: Tracks
     motion: Motion
-    answers: dict[str, Asked]
+    answers: dict[str, Answer]
 
     def score(self, question: str) -> float | None:
         """0..1; None where it could not be asked."""

@@ -1,18 +1,168 @@
-"""Tracks -> what every question is asked of: noise, stretches, sudden changes of velocity, and who was near."""
+"""Segments of constant acceleration in each track, and the changes of velocity between them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from physgen.evaluate.plausibility.clearance import Clearance
-from physgen.evaluate.plausibility.noise import noise
-from physgen.evaluate.plausibility.stretches import FEWEST, Stretch, stretches
-from physgen.evaluate.plausibility.tracks import Array, Tracks, runs
+from physgen.evaluate.plausibility.tracks import Array, Tracks, noise, runs
+
+# ----------------------------------------------------------------------
+# A track -> stretches of constant acceleration, least squares in all; where they meet, something happened.
+#
+# Optimal partitioning (Jackson et al., 2005): the pieces that make squared errors plus a price for each piece
+# least,
+# found exactly by dynamic programming. Bounces fall between frames, and so do the borders of pieces.
+
+PRICE = 30.0
+"""Of a piece, in squared noise: six numbers are fitted, and its border is chosen among many."""
+LONGEST = 90
+"""Frames: what is longer is cut, which harms nobody."""
+FEWEST = 4
+"""Frames that tell a velocity: one more than an acceleration's three numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Frames in which a thing moved with one acceleration."""
+
+    first: int
+    last: int
+    """Frames, both in it."""
+    middle: float
+    """s."""
+    terms: Array
+    """(3, 2): place px, velocity px/s, acceleration px/s², at the middle."""
+    spread: Array
+    """(3, 3): covariance of the terms, along each axis; infinite where frames are too few."""
+    jerk: Array
+    """(2,) px/s³ of a cubic in its place."""
+    jerk_error: float
+    residual: float
+    """Root mean square of what is left, over the noise; 0 where nothing can be."""
+
+    @property
+    def count(self) -> int:
+        """Of its frames."""
+        return self.last - self.first + 1
+
+    @property
+    def good(self) -> bool:
+        """Whether it tells velocities."""
+        return self.count >= FEWEST
+
+    @property
+    def acceleration(self) -> Array:
+        """(2,) px/s²."""
+        return np.asarray(self.terms[2])
+
+    @property
+    def acceleration_error(self) -> float:
+        """px/s², standard deviation along each axis."""
+        return float(np.sqrt(self.spread[2, 2]))
+
+    def place(self, time: float) -> Array:
+        """(2,) px."""
+        s = time - self.middle
+        return np.asarray(self.terms[0] + s * self.terms[1] + s * s / 2 * self.terms[2])
+
+    def place_error(self, time: float) -> float:
+        """px."""
+        s = time - self.middle
+        return _error(np.array([1.0, s, s * s / 2]), self.spread)
+
+    def velocity(self, time: float) -> Array:
+        """(2,) px/s."""
+        return np.asarray(self.terms[1] + (time - self.middle) * self.terms[2])
+
+    def velocity_error(self, time: float) -> float:
+        """px/s, standard deviation along each axis."""
+        return _error(np.array([0.0, 1.0, time - self.middle]), self.spread)
+
+
+def segments(path: Array, times: Array, first: int, sigma: float) -> list[Segment]:
+    """Of frames without a gap, `path` (n, 2) px at `times` (n,) s; `first` is the number of their first frame."""
+    return [
+        fitted(path[a:b], times[a:b], first + a, sigma) for a, b in _borders((path - path.mean(0)) / sigma)
+    ]
+
+
+def _borders(path: Array) -> list[tuple[int, int]]:
+    """`path` in units of its noise."""
+    n = len(path)
+    costs = _costs(path)
+    best = np.full(n + 1, np.inf)
+    best[0] = 0.0
+    back = np.zeros(n + 1, np.int64)
+    for end in range(1, n + 1):
+        begin = max(0, end - LONGEST)
+        lengths = end - np.arange(begin, end)
+        total = best[begin:end] + costs[lengths, np.arange(begin, end)] + PRICE
+        k = int(np.argmin(total))
+        best[end], back[end] = total[k], begin + k
+    found = []
+    end = n
+    while end > 0:
+        found.append((int(back[end]), end))
+        end = int(back[end])
+    return found[::-1]
+
+
+def _costs(path: Array) -> Array:
+    """[length, first]: squared errors of the best parabola through `length` frames from `first` on."""
+    n = len(path)
+    costs = np.zeros((min(n, LONGEST) + 1, n))
+    for length in range(4, min(n, LONGEST) + 1):
+        windows = np.lib.stride_tricks.sliding_window_view(path, length, axis=0)  # (m, 2, length)
+        off = windows - windows[..., :1]
+        left = (off**2).sum(axis=2) - ((off @ _basis(length)) ** 2).sum(axis=2)
+        costs[length, : n - length + 1] = np.maximum(left, 0.0).sum(axis=1)
+    return costs
+
+
+@cache
+def _basis(length: int) -> Array:
+    """(length, 3): orthonormal, spans parabolas."""
+    grid = np.linspace(-1.0, 1.0, length)
+    return np.asarray(np.linalg.qr(np.stack([np.ones(length), grid, grid**2], axis=1))[0])
+
+
+def fitted(path: Array, times: Array, first: int, sigma: float) -> Segment:
+    """All frames as one stretch."""
+    n = len(path)
+    middle = float(times.mean())
+    s = times - middle
+    order = min(n, 3)
+    columns = np.stack([np.ones(n), s, s * s / 2], axis=1)[:, :order]
+    inverse = np.linalg.pinv(columns)
+    terms, spread = np.zeros((3, 2)), np.full((3, 3), np.inf)
+    terms[:order] = inverse @ path
+    left = path - columns @ terms[:order]
+    residual = 0.0
+    if n >= FEWEST:
+        residual = float(np.sqrt((left**2).sum() / (2 * (n - 3)))) / sigma
+        spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
+    jerk, error = np.zeros(2), np.inf
+    if n > FEWEST:
+        cubic = np.linalg.pinv(np.concatenate([columns, (s**3 / 6)[:, None]], axis=1))
+        jerk = cubic[3] @ path
+        error = float(np.sqrt(cubic[3] @ cubic[3])) * sigma
+    return Segment(first, first + n - 1, middle, terms, spread, jerk, error, residual)
+
+
+def _error(row: Array, spread: Array) -> float:
+    if not np.isfinite(spread).all():
+        return np.inf
+    return float(np.sqrt(max(float(row @ spread @ row), 0.0)))
+
+
+# ----------------------------------------------------------------------
+# Tracks -> what every question is asked of: noise, stretches, sudden changes of velocity, and who was near.
 
 PARTED = 12
 """Frames on each side of a blow that did not show, at most, that tell how much it can have been."""
@@ -25,12 +175,12 @@ SMOOTH = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class VelocityChange:
     """Between two stretches of one thing: its velocity changes, suddenly or not."""
 
     thing: int
-    before: Stretch
-    after: Stretch
+    before: Segment
+    after: Segment
     time: float
     """s: when both are nearest to each other."""
     offset: float
@@ -82,14 +232,14 @@ class Motion:
         self.clearance = Clearance(tracks)
 
     @cached_property
-    def stretches(self) -> list[list[Stretch]]:
+    def stretches(self) -> list[list[Segment]]:
         """Of each thing, by time; a gap in its track ends one."""
         tracks = self.tracks
         return [
             [
                 stretch
                 for first, last in runs(tracks.seen[:, k])
-                for stretch in stretches(
+                for stretch in segments(
                     tracks.places[first:last, k], tracks.times[first:last], first, float(self.sigma[k])
                 )
             ]
@@ -97,7 +247,7 @@ class Motion:
         ]
 
     @cached_property
-    def turns(self) -> list[list[Turn]]:
+    def turns(self) -> list[list[VelocityChange]]:
         """Of each thing, between stretches that tell velocities."""
         return [self._turns(k) for k in range(len(self.tracks.names))]
 
@@ -117,14 +267,14 @@ class Motion:
             found.append(bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[k])))
         return found
 
-    def stretch_at(self, thing: int, frame: int) -> Stretch | None:
+    def stretch_at(self, thing: int, frame: int) -> Segment | None:
         """The one that holds a frame, if it tells velocities."""
         for stretch in self.stretches[thing]:
             if stretch.first <= frame <= stretch.last:
                 return stretch if stretch.good else None
         return None
 
-    def parted(self, thing: int, stretch: Stretch, time: float) -> tuple[Stretch, Stretch] | None:
+    def parted(self, thing: int, stretch: Segment, time: float) -> tuple[Segment, Segment] | None:
         """One stretch as two that meet at a moment, with one acceleration: how much of a blow may have been overlooked.
 
         None where frames on either side are too few.
@@ -213,7 +363,7 @@ class Motion:
         shake = 4 * float(self.sigma[thing]) / max(self.tracks.forms[thing].reach, 4.0)
         return Spin(float(line[0]), off < 0.02 + shake)
 
-    def _turns(self, thing: int) -> list[Turn]:
+    def _turns(self, thing: int) -> list[VelocityChange]:
         told = [s for s in self.stretches[thing] if s.good]
         found = []
         for before, after in pairwise(told):
@@ -223,19 +373,19 @@ class Motion:
             found.append(self._turn(thing, before, after))
         return found
 
-    def _turn(self, thing: int, before: Stretch, after: Stretch) -> Turn:
+    def _turn(self, thing: int, before: Segment, after: Segment) -> VelocityChange:
         times, step = self.tracks.times, self.tracks.step
         ticks = np.linspace(times[before.last] - step / 2, times[after.first] + step / 2, 41)
         missed = [float(np.hypot(*(after.place(t) - before.place(t)))) for t in ticks]
         least = int(np.argmin(missed))
-        turn = Turn(thing, before, after, float(ticks[least]), missed[least], False)
+        turn = VelocityChange(thing, before, after, float(ticks[least]), missed[least], False)
         change = float(np.hypot(*turn.change))
         a, b = before.acceleration, after.acceleration
         smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
         sudden = change > max(
             SURE * turn.error, SMOOTH * smooth * (after.first - before.last), self._slow(thing)
         )
-        return Turn(thing, before, after, turn.time, turn.offset, sudden)
+        return VelocityChange(thing, before, after, turn.time, turn.offset, sudden)
 
     def _slow(self, thing: int) -> float:
         """px/s: changes below it are none."""

@@ -1,22 +1,25 @@
-"""Where things were in each frame, and what is known of them: all that plausibility is judged by.
-
-No velocities, no contacts, no forces: a clip of ours and anybody's video are judged by the same numbers.
-"""
+"""Positions of the objects of a clip over its frames, what is known of them, and how noisy the positions are."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.scene.scene import View
 
+# ----------------------------------------------------------------------
+# Where things were in each frame, and what is known of them: all that plausibility is judged by.
+#
+# No velocities, no contacts, no forces: a clip of ours and anybody's video are judged by the same numbers.
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Form:
+class Outline:
     """How a thing lies about its tracked place. px."""
 
     core: float
@@ -42,7 +45,7 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Given:
+class Known:
     """What somebody says acts from outside, so that nobody wonders. Indices of things."""
 
     held: frozenset[int] = frozenset()
@@ -71,7 +74,7 @@ class Tracks:
     """(T, N, 2) px, image axes: of the centre of mass or what stands for it; NaN where it is not seen."""
     angles: Array
     """(T, N) rad, a positive one turns +x towards +y; NaN where nobody knows."""
-    forms: tuple[Form, ...]
+    forms: tuple[Outline, ...]
     masses: Array
     """(N,) g, or in any other unit."""
     weighed: bool
@@ -81,7 +84,7 @@ class Tracks:
     """px: noise is never taken to be less."""
     source: str
     """What was read, in words: `boxes of MOT`."""
-    given: Given = field(default_factory=Given)
+    given: Known = field(default_factory=Known)
     flat: bool = True
     """Whether gravity is known to be none, as in a scene that says so."""
 
@@ -104,3 +107,46 @@ def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+# ----------------------------------------------------------------------
+# Tracks -> how much they shake, px: from high differences, of which what falls, slides or swings has next to
+# none.
+
+ORDERS = (3, 5)
+"""Third differences see few blows; fifth ones see no swinging either."""
+CLEARLY = 0.6
+"""The fifth are taken where they say so much less."""
+TO_SIGMA = 1.4826
+"""Median of |x| -> standard deviation, of a normal distribution."""
+FEWEST = 5
+
+
+def noise(tracks: Tracks) -> Array:
+    """(N,) px, standard deviation along each axis, at least `tracks.floor`.
+
+    The median takes no notice of bounces, as long as they are few. What rests tells nothing: centroids of pixels
+    shake only as they move. What nothing can be told of shakes as the others do.
+    """
+    own = np.array([_of(tracks, k) for k in range(len(tracks.names))])
+    known = own[np.isfinite(own)]
+    typical = float(np.median(known)) if len(known) else tracks.floor
+    own = np.where(np.isfinite(own), own, typical)
+    return np.asarray(np.maximum(np.clip(own, typical / 2, None), tracks.floor))
+
+
+def _of(tracks: Tracks, thing: int) -> float:
+    """px; NaN where nothing can be told."""
+    found = []
+    for order in ORDERS:
+        parts = []
+        for first, last in runs(tracks.seen[:, thing]):
+            path = tracks.places[first:last, thing]
+            if len(path) > order:
+                moved = np.hypot(*(path[order:] - path[:-order]).T) > 2 * tracks.floor
+                parts.append(np.abs(np.diff(path, order, axis=0))[moved])
+        values = np.concatenate(parts) if parts else np.empty((0, 2))
+        spread = np.sqrt(sum(comb(order, k) ** 2 for k in range(order + 1)))
+        found.append(TO_SIGMA * float(np.median(values)) / spread if len(values) >= FEWEST else np.nan)
+    third, fifth = found
+    return fifth if fifth < CLEARLY * third else third

@@ -1,12 +1,11 @@
-"""Does all that flies fall alike, at all times? Seen from the side."""
+"""Do all flights fall alike, at all times? Seen from the side."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from physgen.evaluate.plausibility.evidence import Asked, Evidence
-from physgen.evaluate.plausibility.motion import Motion
-from physgen.evaluate.plausibility.stretches import Stretch
+from physgen.evaluate.plausibility.evidence import Answer, Evidence
+from physgen.evaluate.plausibility.motion import Motion, Segment
 from physgen.evaluate.plausibility.tracks import Array
 from physgen.scene.scene import View
 
@@ -26,21 +25,21 @@ LIFT = 0.5
 """Of gravity: what is pulled upwards by less may lean on something."""
 
 
-def gravity(motion: Motion) -> Asked:
+def gravity(motion: Motion) -> Answer:
     """Each flight's acceleration against the median of all flights' (by length), and against itself over its time.
 
     What flies as freely, but is pulled upwards, is judged by the same.
     """
     if motion.tracks.view is View.TOP:
-        return Asked((), "seen from above: gravity presses on the table")
+        return Answer((), "seen from above: gravity presses on the table")
     if motion.tracks.flat:
-        return Asked((), "the scene has no gravity")
+        return Answer((), "the scene has no gravity")
     pulled = common(motion)
     if pulled is None:
-        return Asked((), "nothing flies freely for long enough")
+        return Answer((), "nothing flies freely for long enough")
     size = float(np.hypot(*pulled))
     lifted = [(k, s) for k, s in flights(motion, UP) if np.hypot(*s.acceleration) > LIFT * size]
-    return Asked.of([_judged(motion, k, s, pulled, size) for k, s in (*flights(motion), *lifted)], "")
+    return Answer.of([_judged(motion, k, s, pulled, size) for k, s in (*flights(motion), *lifted)], "")
 
 
 def common(motion: Motion) -> Array | None:
@@ -53,7 +52,7 @@ def common(motion: Motion) -> Array | None:
     return np.array([_median(accelerations[:, k], weights) for k in (0, 1)])
 
 
-def flights(motion: Motion, way: float = DOWN) -> list[tuple[int, Stretch]]:
+def flights(motion: Motion, way: float = DOWN) -> list[tuple[int, Segment]]:
     """Things and their flights, all that are pulled one `way`; what is guided, as a pendulum is, has none."""
     if motion.tracks.view is View.TOP or motion.tracks.flat:
         return []
@@ -79,7 +78,7 @@ def _guided(motion: Motion, thing: int) -> bool:
     return smooth >= 2
 
 
-def flies(motion: Motion, thing: int, stretch: Stretch, way: float = DOWN) -> bool:
+def flies(motion: Motion, thing: int, stretch: Segment, way: float = DOWN) -> bool:
     """Whether a stretch is surely a flight: curved or plumb, touched by nothing that is known, smooth all along."""
     tracks = motion.tracks
     if not motion.free(thing) or stretch.count < FEWEST or (stretch.count - 1) * tracks.step < SHORTEST:
@@ -100,7 +99,7 @@ def flies(motion: Motion, thing: int, stretch: Stretch, way: float = DOWN) -> bo
     return bool(np.nanmin(motion.clearance.to_walls(thing)[inner[0] : inner[1] + 1], initial=np.inf) > 0.5)
 
 
-def _falls(motion: Motion, thing: int, stretch: Stretch, way: float) -> bool:
+def _falls(motion: Motion, thing: int, stretch: Segment, way: float) -> bool:
     """A parabola, or a plumb line that gets faster or slower that way."""
     sigma, error = float(motion.sigma[thing]), stretch.acceleration_error
     a = stretch.acceleration
@@ -128,7 +127,7 @@ def _median(values: Array, weights: Array) -> float:
     return float(values[order][int(np.searchsorted(heap, heap[-1] / 2))])
 
 
-def _judged(motion: Motion, thing: int, stretch: Stretch, pulled: Array, size: float) -> Evidence:
+def _judged(motion: Motion, thing: int, stretch: Segment, pulled: Array, size: float) -> Evidence:
     off = float(np.hypot(*(stretch.acceleration - pulled)))
     # few frames tell little of their own noise, too: Student's t grows about so
     sure = SURE * np.sqrt(2) * (1 + 4 / (stretch.count - 3))
@@ -150,7 +149,7 @@ def _judged(motion: Motion, thing: int, stretch: Stretch, pulled: Array, size: f
     return Evidence(max(apart, bent), (stretch.first + stretch.last) // 2, (thing,), text)
 
 
-def _kinked(motion: Motion, thing: int, stretch: Stretch, pulled: Array) -> bool:
+def _kinked(motion: Motion, thing: int, stretch: Segment, pulled: Array) -> bool:
     """Whether a fall as all others' with one small blow in it explains the places as well."""
     rows = slice(stretch.first, stretch.last + 1)
     s = motion.tracks.times[rows] - stretch.middle
@@ -164,5 +163,5 @@ def _kinked(motion: Motion, thing: int, stretch: Stretch, pulled: Array) -> bool
     return best <= left + EQUAL * float(motion.sigma[thing]) ** 2
 
 
-def _bend_error(stretch: Stretch, times: Array) -> float:
+def _bend_error(stretch: Segment, times: Array) -> float:
     return float(stretch.jerk_error * (times[-1] - times[0]) / 2)

@@ -1,12 +1,12 @@
-"""Does nothing at rest start by itself? Only what moves and touches, a push, or gravity sets a thing moving."""
+"""Does an object at rest start to move by itself?"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from physgen.evaluate.plausibility.evidence import Asked, Evidence
+from physgen.evaluate.plausibility.evidence import Answer, Evidence
+from physgen.evaluate.plausibility.gravity import common
 from physgen.evaluate.plausibility.motion import Motion
-from physgen.evaluate.plausibility.questions.gravity import common
 from physgen.evaluate.plausibility.tracks import Array, runs
 from physgen.scene.scene import View
 
@@ -20,13 +20,13 @@ AFTER = 6
 """Frames in which it must have come away."""
 
 
-def starts(motion: Motion) -> Asked:
+def starts(motion: Motion) -> Answer:
     """Each time that something at rest comes to move, and everything that rests and stays."""
     found = []
     for k in range(len(motion.tracks.names)):
         if motion.free(k):
             found += _of(motion, k)
-    return Asked.of(found, "nothing rests")
+    return Answer.of(found, "nothing rests")
 
 
 def _of(motion: Motion, thing: int) -> list[Evidence]:

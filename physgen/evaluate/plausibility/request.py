@@ -1,4 +1,4 @@
-"""What a user says of tracks that do not say it themselves, and how lists of rows become arrays."""
+"""What the caller states about tracks, and tables of rows as arrays."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from physgen.evaluate.plausibility.tracks import Array, Form, Given, Tracks
+from physgen.evaluate.plausibility.tracks import Array, Known, Outline, Tracks
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import View
 from physgen.text import natural
@@ -22,7 +22,7 @@ EVEN = 0.25
 
 
 @dataclass(frozen=True)
-class Asked:
+class Request:
     """Flags of the command."""
 
     fps: float | None = None
@@ -84,7 +84,13 @@ class Row:
 
 
 def from_rows(
-    name: str, frames: Sequence[int], rows: Sequence[Row], fps: float, floor: float, source: str, asked: Asked
+    name: str,
+    frames: Sequence[int],
+    rows: Sequence[Row],
+    fps: float,
+    floor: float,
+    source: str,
+    asked: Request,
 ) -> Tracks:
     """`rows` with the frame of each, from 0 on. Raises InputError for a thing twice in a frame, and for too many."""
     if not rows:
@@ -109,16 +115,16 @@ def from_rows(
         cores[k].append(row.core)
         reaches[k].append(row.reach)
     forms = tuple(
-        Form(float(np.quantile(c, 0.2)), float(np.quantile(r, 0.8)), 0.6 * float(np.quantile(r, 0.8)))
+        Outline(float(np.quantile(c, 0.2)), float(np.quantile(r, 0.8)), 0.6 * float(np.quantile(r, 0.8)))
         for c, r in zip(cores, reaches, strict=True)
     )
     return Tracks(
         name, np.arange(count) / fps, tuple(names), places, angles, forms, areas(forms), False, asked.view, floor,
-        source, Given(), flat=False,
+        source, Known(), flat=False,
     )  # fmt: skip
 
 
-def areas(forms: Sequence[Form]) -> Array:
+def areas(forms: Sequence[Outline]) -> Array:
     """(N,): px² of discs as large as they reach; 1 for all where one is a point."""
     sizes = np.array([form.reach**2 for form in forms])
     return sizes if (sizes > 0).all() else np.ones(len(forms))

@@ -1,4 +1,4 @@
-"""Sudden turns -> blows: of one thing against something that has no track, or of two that met."""
+"""Sudden changes of velocity -> impacts of one object, or of two that met."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from physgen.evaluate.plausibility.motion import Motion, Turn
-from physgen.evaluate.plausibility.stretches import Stretch
+from physgen.evaluate.plausibility.motion import Motion, Segment, VelocityChange
 from physgen.evaluate.plausibility.tracks import Array
 
 SAME = 1.0
@@ -31,8 +30,8 @@ class Part:
     """One thing's share in a blow."""
 
     thing: int
-    before: Stretch
-    after: Stretch
+    before: Segment
+    after: Segment
     time: float
     shown: bool = True
     """Whether it turned at all, as far as one can tell."""
@@ -74,7 +73,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Blow:
+class Impact:
     """Of one thing alone, or of two and nobody else."""
 
     frame: int
@@ -92,9 +91,9 @@ class Blow:
         return all(part.missed <= MISSED * change * step for part in self.parts if part.shown)
 
 
-def blows(motion: Motion) -> list[Blow]:
+def impacts(motion: Motion) -> list[Impact]:
     """All that concern one or two things that are free, told and not in a crowd; each once."""
-    found: list[Blow] = []
+    found: list[Impact] = []
     for turns in motion.turns:
         for turn in turns:
             blow = _blow(motion, turn) if turn.sudden and _askable(motion, turn) else None
@@ -105,12 +104,12 @@ def blows(motion: Motion) -> list[Blow]:
     return found
 
 
-def _askable(motion: Motion, turn: Turn) -> bool:
+def _askable(motion: Motion, turn: VelocityChange) -> bool:
     step = motion.tracks.step
     return motion.free(turn.thing) and not motion.was_pushed(turn.thing, turn.time - step, turn.time + step)
 
 
-def _blow(motion: Motion, turn: Turn) -> Blow | None:
+def _blow(motion: Motion, turn: VelocityChange) -> Impact | None:
     first, last = turn.before.last, turn.after.first
     mine = Part(turn.thing, turn.before, turn.after, turn.time)
     others = []
@@ -124,7 +123,7 @@ def _blow(motion: Motion, turn: Turn) -> Blow | None:
         if met:
             others.append(other)
     if not others:
-        return Blow(turn.frame, turn.time, (mine,))
+        return Impact(turn.frame, turn.time, (mine,))
     if len(others) > 1 or not motion.free(others[0].thing):
         return None
     return _together(motion, mine, others[0])
@@ -137,7 +136,7 @@ def _turns(motion: Motion, thing: int, time: float, frames: float) -> bool:
     )
 
 
-def _partner(motion: Motion, thing: int, turn: Turn) -> Part | None:
+def _partner(motion: Motion, thing: int, turn: VelocityChange) -> Part | None:
     """What it did then; None where that cannot be told."""
     for other in motion.turns[thing]:
         if abs(other.time - turn.time) <= SAME * motion.tracks.step:
@@ -178,7 +177,7 @@ def _met(motion: Motion, one: Part, other: Part) -> bool | None:
     return True
 
 
-def _together(motion: Motion, one: Part, other: Part) -> Blow | None:
+def _together(motion: Motion, one: Part, other: Part) -> Impact | None:
     """At the time that suits both best; None where a third was at the second."""
     both = {one.thing, other.thing}
     for thing in motion.near(other.thing, one.before.last, one.after.first):
@@ -193,10 +192,10 @@ def _together(motion: Motion, one: Part, other: Part) -> Blow | None:
         sum(float(np.sum((p.after.place(t) - p.before.place(t)) ** 2)) for p in (one, other)) for t in ticks
     ]
     time = float(ticks[int(np.argmin(missed))])
-    return Blow(one.before.last, time, (replace(one, time=time), replace(other, time=time)))
+    return Impact(one.before.last, time, (replace(one, time=time), replace(other, time=time)))
 
 
-def _known(found: list[Blow], blow: Blow, step: float) -> bool:
+def _known(found: list[Impact], blow: Impact, step: float) -> bool:
     return any(
         set(blow.things) == set(one.things)
         and len(one.things) == 2
