@@ -22,8 +22,7 @@ from pathlib import Path
 from statistics import median
 
 from physgen.batch.run import Job, run
-from physgen.export.video import Format
-from physgen.pipeline import Page, load
+from physgen.pipeline import Page, RenderOptions, load
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = ROOT / "scenes" / "dominoes" / "scene.yaml"
@@ -116,11 +115,18 @@ def beside(clips: int = 60) -> dict:
         out = Path(name)
         jobs = [
             Job(
-                str(SCENE), str(out), (*SMALL, f"forces[0].impulse=[{900 + k}, 0]"), None, False, (Format.MP4,),
-                ("physgen",), page=Page.NONE, name=f"c{k}", cached=False,
+                str(SCENE),
+                RenderOptions(
+                    overrides=(*SMALL, f"forces[0].impulse=[{900 + k}, 0]"),
+                    command=("physgen",),
+                    page=Page.NONE,
+                    name=f"c{k}",
+                    cached=False,
+                ),
+                str(out),
             )
             for k in range(clips + 1)
-        ]  # fmt: skip
+        ]
         assert run(jobs[0]).folder is not None
         begun = time.process_time()
         for job in jobs[1:]:

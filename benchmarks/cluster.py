@@ -26,8 +26,7 @@ from batch import SMALL, TINY, physgen, sets, timed, variants
 
 from physgen.batch import cluster as farm
 from physgen.batch.run import Job
-from physgen.export.video import Format
-from physgen.pipeline import Page, load
+from physgen.pipeline import Page, RenderOptions, load
 
 CLIPS, TURNS = 100, 5
 WAYS = {"processes": [], "dask": ["--cluster", "dask"], "dask, shipped": ["--cluster", "dask", "--ship"]}
@@ -90,11 +89,12 @@ def handed(clips: int, together: int, ship: bool) -> None:
         (folder / "tiny.yaml").write_text(TINY)
         jobs = [
             Job(
-                str(folder / "tiny.yaml"), str(folder / "out"), (f"objects.ball.mass={k + 1}",), None, False,
-                (Format.MP4,), (), page=Page.NONE, name=f"c{k}",
+                str(folder / "tiny.yaml"),
+                RenderOptions(overrides=(f"objects.ball.mass={k + 1}",), page=Page.NONE, name=f"c{k}"),
+                str(folder / "out"),
             )
             for k in range(clips)
-        ]  # fmt: skip
+        ]
         begun = 0.0
         for number, done in enumerate(farm.run_on_cluster("dask", 2, jobs, clips, ship)):
             assert done.folder is not None

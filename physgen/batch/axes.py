@@ -12,21 +12,26 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
-from physgen.batch import distributions
-from physgen.batch.distributions import Choice, Distribution, Integers, Steps
-from physgen.batch.values import SplitError, Value, WrongError, kind_of, split, yaml
+from physgen.batch.distributions import (
+    EXAMPLES,
+    Choice,
+    Distribution,
+    Integers,
+    Steps,
+    is_range,
+    read_distribution,
+    read_range,
+)
+from physgen.batch.values import Value, ValueTextError, kind_of, parse_yaml, split
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.overlay import parse_key
 from physgen.tables import Kind
 from physgen.text import KeyPath, dotted, quoted
 
-# ----------------------------------------------------------------------
-# Arguments `KEY=VALUES` -> axes: keys of a scene, each with its values or the distribution of its draws.
-
-STARS = {"*", "[*]"}
+WILDCARDS = {"*", "[*]"}
 """Parts of a key that stand for several."""
-_EACH = re.compile(r"\s*~\s*each\s+(.*)", re.DOTALL).fullmatch
 EXAMPLE = "objects.ball.mass=100,200"
+_EACH = re.compile(r"\s*~\s*each\s+(.*)", re.DOTALL).fullmatch
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,7 @@ class Key:
     key: str
     """Dotted, as `--set` takes it."""
     argument: str
-    """All of it, as it was written."""
+    """The whole argument as written."""
 
     @property
     def path(self) -> KeyPath:
@@ -47,8 +52,8 @@ class Key:
 
     @property
     def place(self) -> Place:
-        """Where messages point."""
-        return place_of(self.argument)
+        """The argument as messages name it."""
+        return Place(quoted(self.argument, "", 80))
 
 
 @dataclass(frozen=True)
@@ -58,53 +63,49 @@ class Listed(Key):
     parts: tuple[Value | Steps, ...]
 
     def __len__(self) -> int:
-        return self._begins[-1]
+        return self._starts[-1]
 
     def at(self, index: int) -> Value:
-        """One of them, from 0."""
+        """Value `index`, from 0. Raises IndexError."""
         if not 0 <= index < len(self):
             raise IndexError(index)
-        which = bisect_right(self._begins, index) - 1
+        which = bisect_right(self._starts, index) - 1
         part = self.parts[which]
-        return part.at(index - self._begins[which]) if isinstance(part, Steps) else part
+        return part.at(index - self._starts[which]) if isinstance(part, Steps) else part
 
     @cached_property
-    def _begins(self) -> tuple[int, ...]:
-        """Index of the first value of each part, and of the one that would come next."""
-        return tuple(
-            accumulate((part.count if isinstance(part, Steps) else 1 for part in self.parts), initial=0)
-        )
+    def _starts(self) -> tuple[int, ...]:
+        """Index of the first value of each part, and the number of values."""
+        counts = (part.count if isinstance(part, Steps) else 1 for part in self.parts)
+        return tuple(accumulate(counts, initial=0))
 
     @cached_property
     def kind(self) -> Kind:
-        """Of its values."""
+        """Of its column."""
         return kind_of(
             (0 if part.whole else 0.5) if isinstance(part, Steps) else part.data for part in self.parts
         )
 
     @property
-    def telling(self) -> Iterator[int]:
-        """Indices of the values that somebody wrote: of a range its ends."""
-        index = 0
-        for part in self.parts:
-            yield index
+    def written(self) -> Iterator[int]:
+        """Indices of the values that the user wrote: of a range its ends."""
+        for part, start in zip(self.parts, self._starts, strict=False):
+            yield start
             if isinstance(part, Steps):
-                index += part.count - 1
-                yield index
-            index += 1
+                yield start + part.count - 1
 
 
 @dataclass(frozen=True)
 class Drawn(Key):
-    """Values by a distribution."""
+    """Values of a distribution."""
 
     distribution: Distribution
     each: bool = False
-    """The key's stars stand for draws of their own: see `batch.each`."""
+    """Every key that the wildcards match has its own draws; see `per_object`."""
 
     @cached_property
     def kind(self) -> Kind:
-        """Of its values."""
+        """Of its column."""
         if isinstance(self.distribution, Choice):
             return kind_of(value.data for value in self.distribution.values)
         return Kind.WHOLE if isinstance(self.distribution, Integers) else Kind.NUMBER
@@ -113,28 +114,27 @@ class Drawn(Key):
 Axis = Listed | Drawn
 
 
-def place_of(argument: str) -> Place:
-    """An argument as messages name it."""
-    return Place(quoted(argument, "", 80))
-
-
 def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
-    """In the order in which they are written; raises InputError with what is wrong with each."""
+    """Axes in the order of the arguments. Raises InputError with the problems of all of them."""
     problems: list[Problem] = []
     axes: list[Axis] = []
-    for pieces in _pieces(arguments):
+    for pieces in _grouped(arguments):
+        argument = " ".join(pieces)
         try:
-            axes.append(_whole(pieces))
-        except InputError as error:
-            problems += error.problems
-    problems += _clashes(axes)
+            if len(pieces) > 1:
+                found = f"came in {len(pieces)} pieces: a shell splits at spaces"
+                raise ValueTextError(found, f"put it in quotes: {shlex.quote(argument)}")
+            axes.append(_read_axis(argument))
+        except ValueTextError as error:
+            problems.append(Problem(Key("", argument).place, "", "", error.expected, error.fix))
+    problems += _conflicts(axes)
     if problems:
         raise InputError(problems)
     return tuple(axes)
 
 
-def _pieces(arguments: Sequence[str]) -> Iterator[list[str]]:
-    """Each `KEY=...` with what follows it and is none: the shell may have split it."""
+def _grouped(arguments: Sequence[str]) -> Iterator[list[str]]:
+    """Each `KEY=...` with the arguments without `=` that follow it: the shell may have split one."""
     group: list[str] = []
     for argument in arguments:
         if group and ("=" in argument or "=" not in group[0]):
@@ -145,94 +145,73 @@ def _pieces(arguments: Sequence[str]) -> Iterator[list[str]]:
         yield group
 
 
-def _whole(pieces: Sequence[str]) -> Axis:
-    argument = " ".join(pieces)
-    if len(pieces) > 1:
-        fix = f"put it in quotes: {shlex.quote(argument)}"
-        raise _wrong(argument, f"came in {len(pieces)} pieces: a shell splits at spaces", fix)
-    key, equals, values = argument.partition("=")
-    key = key.strip()
+def _read_axis(argument: str) -> Axis:
+    """Raises ValueTextError."""
+    key, equals, values = (part.strip() for part in argument.partition("="))
+    example = f"write e.g. {EXAMPLE}"
     if not equals:
-        raise _wrong(argument, "has no =", f"write KEY=VALUES, e.g. {EXAMPLE}")
+        raise ValueTextError("has no =", f"write KEY=VALUES, e.g. {EXAMPLE}")
     if parse_key(key) is None:
-        raise _wrong(
-            argument, f"{quoted(key)} is not a dotted key" if key else "has no key", f"write e.g. {EXAMPLE}"
-        )
-    if not values.strip():
-        raise _wrong(argument, "has no values", f"write e.g. {EXAMPLE}; null takes a key away")
-    try:
-        if each := _EACH(values):
-            if not STARS & set(parse_key(key) or ()):
-                raise WrongError("is one key, and has one draw as it is", f"write {key}=~{each[1].strip()}")
-            return Drawn(key, argument, distributions.read_distribution(f"~{each[1].strip()}"), each=True)
-        if values.lstrip().startswith("~"):
-            return Drawn(key, argument, distributions.read_distribution(values.strip()))
-        if (call := re.match(r"\s*([\w-]+)\s*\(", values)) and re.sub(
-            "[-_]", "", call[1]
-        ) in distributions.FORMS:
-            raise WrongError("is text as it stands", f"a distribution begins with ~: {key}=~{values.strip()}")
-        return Listed(key, argument, _parts(values))
-    except WrongError as error:
-        raise _wrong(argument, error.expected, error.fix) from None
+        raise ValueTextError(f"{quoted(key)} is not a dotted key" if key else "has no key", example)
+    if not values:
+        raise ValueTextError("has no values", f"{example}; null takes a key away")
+    if each := _EACH(values):
+        if not WILDCARDS & set(parse_key(key) or ()):
+            raise ValueTextError("is one key, and has one draw as it is", f"write {key}=~{each[1].strip()}")
+        return Drawn(key, argument, read_distribution(f"~{each[1].strip()}"), each=True)
+    if values.startswith("~"):
+        return Drawn(key, argument, read_distribution(values))
+    if (call := re.match(r"([\w-]+)\s*\(", values)) and re.sub("[-_]", "", call[1]) in EXAMPLES:
+        raise ValueTextError("is text as it stands", f"a distribution begins with ~: {key}=~{values}")
+    return Listed(key, argument, tuple(_parts(values)))
 
 
-def _parts(values: str) -> tuple[Value | Steps, ...]:
-    try:
-        texts = split(values)
-    except SplitError as error:
-        fix = "close it, or put text that holds it in quotes within quotes"
-        raise WrongError(f"has a {error.mark} without its partner", fix) from None
-    parts: list[Value | Steps] = []
+def _parts(values: str) -> Iterator[Value | Steps]:
     seen: set[str] = set()
-    for text in texts:
+    for text in split(values):
         if not text:
-            raise WrongError(
+            raise ValueTextError(
                 "has an empty value between commas", "take the comma away; null takes a key away"
             )
         if text.startswith("~"):
-            raise WrongError(
+            raise ValueTextError(
                 "mixes values and a distribution", "write the distribution alone, or ~choice(...)"
             )
-        if distributions.is_range(text):
-            parts.append(distributions.read_range(text))
+        if is_range(text):
+            yield read_range(text)
             continue
         try:
-            value = yaml(text)
+            value = parse_yaml(text)
         except InputError as error:
             problem = error.problems[0]
-            raise WrongError(f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix) from None
-        if (told := json.dumps(value.data)) in seen:
-            raise WrongError(f"has {quoted(text, '')} twice", "keep one")
-        seen.add(told)
-        parts.append(value)
-    return tuple(parts)
+            raise ValueTextError(f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix) from None
+        if (canonical := json.dumps(value.data)) in seen:
+            raise ValueTextError(f"has {quoted(text, '')} twice", "keep one")
+        seen.add(canonical)
+        yield value
 
 
-def _wrong(argument: str, expected: str, fix: str) -> InputError:
-    return InputError([Problem(place_of(argument), "", "", expected, fix)])
-
-
-def _clashes(axes: Sequence[Axis]) -> Iterator[Problem]:
-    """Axes that leave nothing of one before them."""
+def _conflicts(axes: Sequence[Axis]) -> Iterator[Problem]:
+    """Axes that override all of an earlier one."""
     for n, later in enumerate(axes):
         for former in axes[:n]:
             if same_key(former) == same_key(later):
                 fix = f"write one argument: {later.key}=VALUE,VALUE; a shell makes several of {{VALUE,VALUE}}"
                 yield Problem(later.place, "", "", f"sets a key that {former.place} sets already", fix)
                 break
-            if covers(later.path, former.path):
+            if _covers(later.path, former.path):
                 fix = "keep one of them, or set the parts of the one"
                 yield Problem(later.place, "", "", f"leaves nothing of {former.place}", fix)
                 break
 
 
 def same_key(axis: Axis) -> str:
-    """The key spelt in one way: `pivot[0]` as `pivot.0`."""
+    """The key in one spelling: `pivot[0]` as `pivot.0`."""
     return ".".join(map(_bare, axis.path))
 
 
-def covers(later: KeyPath, former: KeyPath) -> bool:
-    """Whether all that the former key names lies within what the later one does."""
+def _covers(later: KeyPath, former: KeyPath) -> bool:
+    """Whether everything that the former key names lies within what the later one sets."""
     pairs = zip(map(_bare, later), map(_bare, former), strict=False)
     return len(later) <= len(former) and all(a in ("*", b) for a, b in pairs)
 
@@ -241,16 +220,11 @@ def _bare(part: object) -> str:
     return str(part).strip("[]")
 
 
-# ----------------------------------------------------------------------
-# `objects.*.mass=~each uniform(50, 200)` and a scene -> a key with draws of its own for each thing that `*`
-# means.
-
-
 def per_object(axes: Sequence[Axis], documents: Sequence[Any]) -> tuple[Axis, ...]:
-    """All axes, those with `each` as one for each key that they mean; what a later axis sets anyway is left out.
+    """Replaces axes with `each` by one axis for every key that they match and no later axis sets.
 
-    `documents` are the resolved scenes that the sweep starts from, as plain data: what some of them lack is no key.
-    Raises InputError where there is none at all.
+    `documents` are the resolved scenes that the sweep starts from, as plain data; a key must be in all of them.
+    Raises InputError where an axis matches nothing.
     """
     found: list[Axis] = []
     problems: list[Problem] = []
@@ -258,43 +232,41 @@ def per_object(axes: Sequence[Axis], documents: Sequence[Any]) -> tuple[Axis, ..
         if not isinstance(axis, Drawn) or not axis.each:
             found.append(axis)
             continue
-        ways = [list(_meant(document, axis.path)) for document in documents]
-        common = [way for way in ways[0] if all(way in others for others in ways[1:])]
+        matches = [list(_matches(document, axis.path)) for document in documents]
+        common = [path for path in matches[0] if all(path in others for others in matches[1:])]
         if not common:
-            problems.append(
-                Problem(axis.place, "", "", "means nothing that the scene has", "see the key's first parts")
-            )
+            fix = "see the key's first parts"
+            problems.append(Problem(axis.place, "", "", "matches nothing that the scene has", fix))
         text = axis.argument.partition("=")[2].lstrip(" ~").removeprefix("each").strip()
-        for way in common:
-            if not any(covers(later.path, way) for later in axes[n + 1 :]):
-                key = dotted(way)
+        for path in common:
+            if not any(_covers(later.path, path) for later in axes[n + 1 :]):
+                key = dotted(path)
                 found.append(replace(axis, key=key, argument=f"{key}=~{text}", each=False))
     if problems:
         raise InputError(problems)
     return tuple(found)
 
 
-def _meant(document: Any, path: KeyPath, way: KeyPath = ()) -> Iterator[KeyPath]:
-    """Ways that the path means, its stars replaced; what stands behind the last star need not be there."""
-    star = next((k for k, part in enumerate(path) if part in STARS), None)
-    if star is None:
-        yield (*way, *path)
+def _matches(document: Any, path: KeyPath, before: KeyPath = ()) -> Iterator[KeyPath]:
+    """Paths with every wildcard replaced; what follows the last wildcard need not exist."""
+    wildcard = next((k for k, part in enumerate(path) if part in WILDCARDS), None)
+    if wildcard is None:
+        yield (*before, *path)
         return
     place = document
-    for part in path[:star]:
-        place = _child(place, part)
-    if isinstance(place, list) and path[star] in ("*", "[*]"):
-        children: Iterator[tuple[str | int, Any]] = iter(enumerate(place))
-    elif path[star] == "*" and hasattr(place, "items"):
-        children = iter(place.items())
-    else:
-        return
-    for name, child in children:
-        yield from _meant(child, path[star + 1 :], (*way, *path[:star], name))
-
-
-def _child(place: Any, part: str | int) -> Any:
-    """None where there is none."""
+    for part in path[:wildcard]:
+        place = child(place, part)
+    names: Sequence[str | int] = ()
     if isinstance(place, list):
-        return place[int(part)] if str(part).isdecimal() and int(part) < len(place) else None
-    return place.get(part) if hasattr(place, "get") else None
+        names = range(len(place))
+    elif path[wildcard] == "*" and hasattr(place, "keys"):
+        names = list(place.keys())
+    for name in names:
+        yield from _matches(child(place, name), path[wildcard + 1 :], (*before, *path[:wildcard], name))
+
+
+def child(document: Any, part: str | int) -> Any:
+    """One value of a list or mapping; None where it is missing."""
+    if isinstance(document, list):
+        return document[int(part)] if str(part).isdecimal() and int(part) < len(document) else None
+    return document.get(part) if hasattr(document, "get") else None

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from physgen.batch.clips import FoundClip
-from physgen.batch.values import WrongError, yaml
+from physgen.batch.values import ValueTextError, parse_yaml
 from physgen.problems import InputError
 from physgen.scene.load import scene_name
 
@@ -236,8 +236,8 @@ def _parameter(text: str) -> tuple[str, Any]:
     """`KEY=VALUE`, as `--set` takes it."""
     name, _, value = str(text).partition("=")
     try:
-        return name, yaml(value).data
-    except (WrongError, InputError):
+        return name, parse_yaml(value).data
+    except (ValueTextError, InputError):
         return name, value
 
 

@@ -1,4 +1,8 @@
-"""Fetch a remote scene with the files that it names."""
+"""Fetch a remote scene with the files that it names.
+
+A scene is untrusted wherever it comes from: only files that a local scene might read are fetched, so nothing above the
+folder that holds the scene's folder, and no larger files than are allowed there.
+"""
 
 from __future__ import annotations
 
@@ -16,26 +20,21 @@ from physgen.scene.load import Opened
 from physgen.scene.pack import pack_scene, pictures_named
 from physgen.scene.pack_format import MOST_PICTURE
 
-MOST_KNOWN = 10_000
+MAX_KEYS = 10_000
 _KEYS: dict[tuple[str, tuple[str, ...]], str] = {}
-"""URL and edits that name files -> what the scene's pack is known by."""
+"""URL and overrides that name files -> key of the scene's pack."""
 
 
 def fetch_scene(url: str, overrides: Sequence[str] = (), variant: str | None = None) -> Path:
-    """The scene's file in a folder that its content names; fetched once by a process.
+    """The scene's file in a local folder, fetched once by a process, with the files that `overrides` name.
 
-    What `overrides` name is fetched, too. Raises InputError with what is wrong with the scene, OSError where the place
-    cannot be reached.
+    Raises InputError with what is wrong with the scene, OSError where the place cannot be reached.
     """
-
-    def fetch() -> bytes:
-        return fetched_pack(url, overrides, variant)
-
-    scene = url, naming(overrides)
+    scene = url, file_overrides(overrides)
     if scene in _KEYS:
-        return scene_in(_KEYS[scene], fetch, url)
-    data = fetch()
-    if len(_KEYS) >= MOST_KNOWN:
+        return scene_in(_KEYS[scene], lambda: fetched_pack(url, overrides, variant), url)
+    data = fetched_pack(url, overrides, variant)
+    if len(_KEYS) >= MAX_KEYS:
         _KEYS.clear()
     _KEYS[scene] = pack_key(data)
     return scene_in(_KEYS[scene], lambda: data, url)
@@ -43,8 +42,8 @@ def fetch_scene(url: str, overrides: Sequence[str] = (), variant: str | None = N
 
 def fetched_pack(url: str, overrides: Sequence[str] = (), variant: str | None = None) -> bytes:
     """The same as a pack."""
-    with TemporaryDirectory(prefix="physgen-") as beside:
-        return packed_for(_copied(url, overrides, Path(beside)), overrides, variant, shown=url)
+    with TemporaryDirectory(prefix="physgen-") as folder:
+        return packed_for(_fetch(url, overrides, Path(folder)), overrides, variant, shown=url)
 
 
 def packed_for(
@@ -54,14 +53,14 @@ def packed_for(
     allow_outside: bool = False,
     shown: str | None = None,
 ) -> bytes:
-    """A scene's pack, the same for all its variants, and for all `overrides` that are alike in `naming`.
+    """A scene's pack, the same for all its variants and for all overrides with the same `file_overrides`.
 
-    Raises InputError with what is wrong with the scene as it would be rendered; or where files lie outside its folder.
+    Raises InputError with what is wrong with the scene as it would be rendered, or where files lie outside its folder.
     """
     moved: list[Problem] = []
     try:
-        data = pack_scene(path, naming(overrides), allow_outside, moved.append)
-    except InputError:  # it may be right with all that the command adds
+        data = pack_scene(path, file_overrides(overrides), allow_outside, moved.append)
+    except InputError:  # it may be right with all overrides of the command
         Opened(path, allow_outside, shown).scene(overrides, variant)
         moved.clear()
         data = pack_scene(path, overrides, allow_outside, moved.append, variant)
@@ -74,10 +73,10 @@ def packed_for(
     return data
 
 
-def naming(overrides: Sequence[str]) -> tuple[str, ...]:
+def file_overrides(overrides: Sequence[str]) -> tuple[str, ...]:
     """Those that name files.
 
-    >>> naming(["image=b.png", "objects.ball.mass=3", "variants.dark.assets=dark"])
+    >>> file_overrides(["image=b.png", "objects.ball.mass=3", "variants.dark.assets=dark"])
     ('image=b.png', 'variants.dark.assets=dark')
     """
     return tuple(
@@ -85,40 +84,39 @@ def naming(overrides: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _copied(url: str, overrides: Sequence[str], beside: Path) -> Path:
-    """The scene below a folder of this machine, everything as it stands there. Raises InputError."""
-    folder, _, name = url.rpartition("/")
-    above, _, home = folder.rpartition("/")
+def _fetch(url: str, overrides: Sequence[str], folder: Path) -> Path:
+    """Copies the scene and its files below `folder`, with the same relative paths. Raises InputError."""
+    parent, _, name = url.rpartition("/")
+    above, _, home = parent.rpartition("/")
     if not name.lower().endswith(SUFFIXES):
         raise InputError.of(url, "", "is not a scene file", "name a .yaml file")
     if not home or above.endswith(":/"):  # it lies in the bucket itself
-        above, home = folder if folder.endswith("/") else f"{folder}/", ""
-    copies = _Copies(open_folder(above), beside / "root")
+        above, home = parent if parent.endswith("/") else f"{parent}/", ""
+    copies = _Copies(open_folder(above), folder / "root")
     top = Path(home, name)
     if not copies.bring(top, MAX_BYTES):
-        raise InputError.of(
-            url, "", "no such file, or one of more than 8 MiB", "write the URL of a scene file"
-        )
+        found = "no such file, or one of more than 8 MiB"
+        raise InputError.of(url, "", found, "write the URL of a scene file")
     node = read_scene(copies.root / top, url)
     for _ in range(MAX_EXTENDS):
         link = children(node).get("extends")
-        path = None if link is None else _meant(link, copies.root)
+        path = None if link is None else _allowed_path(link, copies.root)
         if path is None or path.suffix.lower() not in SUFFIXES:
-            break  # what is wrong with it is told when all is read
+            break  # an error is reported when all is read
         if not copies.bring(path.relative_to(copies.root), MAX_BYTES):
             break
         node = read_scene(path, str(path))
     file = copies.root / top
     root = with_bases(read_scene(file, url), file, False)
     for key, named in pictures_named(root, overrides, root.source):
-        path = _meant(named, named.source.folder)
+        path = _allowed_path(named, named.source.folder)
         for wanted in () if path is None else _pictures(key, path.relative_to(copies.root)):
             copies.bring(wanted, MOST_PICTURE)
     return file
 
 
-def _meant(node: Node, within: Path) -> Path | None:
-    """The path that a value means below `within`; None where it means none, as is told when all is read."""
+def _allowed_path(node: Node, within: Path) -> Path | None:
+    """The path that a value names below `within`; None where it names none, which is reported later."""
     if not isinstance(node.value, str) or not node.value:
         return None
     try:
@@ -136,16 +134,16 @@ def _pictures(key: str, path: Path) -> Iterator[Path]:
 
 
 class _Copies:
-    """Files below a URL, below a folder of this machine."""
+    """Local copies of remote files, each fetched once."""
 
     def __init__(self, source: RemoteFolder, root: Path) -> None:
         self._source, self.root = source, root
-        self._asked: dict[Path, bool] = {}
+        self._fetched: dict[Path, bool] = {}
 
     def bring(self, name: Path, most: int) -> bool:
-        """Whether there is such a file, of `most` bytes at most."""
-        if name not in self._asked:
+        """Whether there is such a file, of at most `most` bytes."""
+        if name not in self._fetched:
             target = self.root / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            self._asked[name] = self._source.fetch(name.as_posix(), target, most)
-        return self._asked[name]
+            self._fetched[name] = self._source.fetch(name.as_posix(), target, most)
+        return self._fetched[name]

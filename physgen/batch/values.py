@@ -13,28 +13,16 @@ from physgen.scene.document import Source, plain, read
 from physgen.tables import Cell, Kind
 from physgen.text import number
 
-# ----------------------------------------------------------------------
-# Text of one argument -> its values: split at commas that stand in no bracket and no quotes, each read as
-# YAML.
-
-_OPEN = {"[": "]", "{": "}", "(": ")"}
+_BRACKETS = {"[": "]", "{": "}", "(": ")"}
 _QUOTED = {"'": re.compile(r"'(?:[^']|'')*'"), '"': re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)}
 
 
-class WrongError(ValueError):
-    """Values that are none; `expected` and `fix` say why, in the words of a Problem."""
+class ValueTextError(ValueError):
+    """Text that is no value; `expected` and `fix` become those of a Problem."""
 
     def __init__(self, expected: str, fix: str) -> None:
         super().__init__(expected)
         self.expected, self.fix = expected, fix
-
-
-class SplitError(ValueError):
-    """Brackets or quotes that do not match; `mark` is the one that is left alone."""
-
-    def __init__(self, mark: str) -> None:
-        super().__init__(mark)
-        self.mark = mark
 
 
 @dataclass(frozen=True)
@@ -44,87 +32,85 @@ class Value:
     text: str
     """YAML, as `--set` takes it."""
     data: Any
-    """What it says: None, bool, int, float, str, list or dict."""
+    """The parsed value: None, bool, int, float, str, list or dict."""
 
 
 def split(text: str) -> list[str]:
-    """Raises SplitError.
+    """Parts between commas that are outside brackets and quotes. Raises ValueTextError for unmatched ones.
 
     >>> split("1, [2, 3],'a,b'")
     ['1', '[2, 3]', "'a,b'"]
     """
-    return [text[begin:end].strip() for begin, end in _pieces(text)]
+    return [text[begin:end].strip() for begin, end in _part_ranges(text)]
 
 
-def _pieces(text: str) -> Iterator[tuple[int, int]]:
-    waiting: list[str] = []
+def _part_ranges(text: str) -> Iterator[tuple[int, int]]:
+    open_brackets: list[str] = []
     begin, before, end_of_quotes = 0, "", 0
-    for at, mark in enumerate(text):
+    for at, character in enumerate(text):
         if at < end_of_quotes:
             continue
-        if mark in "'\"" and before in ("", ",", ":", *_OPEN):  # within a word it is an apostrophe
-            quotes = _QUOTED[mark].match(text, at)
+        if character in "'\"" and before in ("", ",", ":", *_BRACKETS):  # within a word it is an apostrophe
+            quotes = _QUOTED[character].match(text, at)
             if not quotes:
-                raise SplitError(mark)
+                raise _unmatched(character)
             end_of_quotes = quotes.end()
-        elif mark in _OPEN:
-            waiting.append(mark)
-        elif mark in "]})":
-            if not waiting or _OPEN[waiting.pop()] != mark:
-                raise SplitError(mark)
-        elif mark == "," and not waiting:
+        elif character in _BRACKETS:
+            open_brackets.append(character)
+        elif character in "]})":
+            if not open_brackets or _BRACKETS[open_brackets.pop()] != character:
+                raise _unmatched(character)
+        elif character == "," and not open_brackets:
             yield begin, at
-            begin = at + 1
-            before = ""
+            begin, before = at + 1, ""
             continue
-        before = before if mark.isspace() else mark
-    if waiting:
-        raise SplitError(waiting[-1])
+        before = before if character.isspace() else character
+    if open_brackets:
+        raise _unmatched(open_brackets[-1])
     yield begin, len(text)
 
 
-def yaml(text: str) -> Value:
-    """Raises InputError, with messages that name no place, where it is none."""
+def _unmatched(character: str) -> ValueTextError:
+    fix = "close it, or put text that holds it in quotes within quotes"
+    return ValueTextError(f"has a {character} without its partner", fix)
+
+
+def parse_yaml(text: str) -> Value:
+    """Raises InputError with messages that name no place."""
     return Value(text, plain(read(text, Source("", Path()), counted=False)))
 
 
-def numeric(text: str) -> int | float | None:
-    """A number written as YAML does; None for anything else.
+def parse_number(text: str) -> int | float | None:
+    """A number written in YAML; None for any other text.
 
-    >>> [numeric(text) for text in ("-3", "1e6", "0x10", "yes", "[1]", "")]
+    >>> [parse_number(text) for text in ("-3", "1e6", "0x10", "yes", "[1]", "")]
     [-3, 1000000.0, 16, None, None, None]
     """
     try:
-        data = yaml(text).data
+        data = parse_yaml(text).data
     except InputError:
         return None
     return data if isinstance(data, int | float) and not isinstance(data, bool) else None
 
 
-def of(data: int | float) -> Value:
-    """A number, with the shortest text that says exactly it."""
+def number_value(data: int | float) -> Value:
+    """A number with its shortest exact text."""
     return Value(number(data), data)
 
 
-# ----------------------------------------------------------------------
-# Values that somebody wrote -> the kind of column that holds them, and their cells.
-
-
 def kind_of(values: Iterable[Any]) -> Kind:
-    """The narrowest kind that holds all; None fits into any."""
+    """The narrowest kind of column for all values; None fits every kind."""
     known = [value for value in values if value is not None]
-    seen = {type(value) for value in known}
-    if not seen or not seen <= {int, float, bool} or (bool in seen and len(seen) > 1):
+    types = {type(value) for value in known}
+    if not types or not types <= {int, float, bool} or (bool in types and len(types) > 1):
         return Kind.TEXT
-    if any(
-        isinstance(value, int) and abs(value) >= 2**63 for value in known
-    ):  # no column of whole numbers is so wide
+    if any(isinstance(value, int) and abs(value) >= 2**63 for value in known):  # beyond an int64 column
         return Kind.TEXT
-    return Kind.TRUTH if seen == {bool} else Kind.WHOLE if seen == {int} else Kind.NUMBER
+    return Kind.TRUTH if types == {bool} else Kind.WHOLE if types == {int} else Kind.NUMBER
 
 
 def cell(value: Value, kind: Kind) -> Cell:
-    """A parameter's value as its column holds it: lists and mappings as YAML."""
+    """A value as a column of that kind stores it; lists and mappings become YAML text."""
     data = value.data
     if data is None:
         return None

@@ -72,6 +72,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen import pipeline
     from physgen.batch.run import Job
     from physgen.export.video import Format
+    from physgen.pipeline import RenderOptions
 
     refuse_unseen(options)
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
@@ -91,26 +92,23 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         tracked: tuple[str, ...] | None = None,
         look: tuple[str, ...] = (),
     ) -> Job:
-        return Job(
-            path,
-            options.output,
-            (*look, *overrides, *further),
-            variant,
-            options.allow_outside,
-            formats,
-            tuple(options.command_line),
-            options.chaos,
-            options.device,
-            refiner,
-            options.cache,
-            page,
-            name,
-            tracked,
-            options.export,
-            options.single_file,
-            options.fan,
-            options.fan_seed,
+        chosen = RenderOptions(
+            overrides=(*look, *overrides, *further),
+            variant=variant,
+            name=name,
+            allow_outside=options.allow_outside,
+            formats=formats,
+            command=tuple(options.command_line),
+            chaos=options.chaos,
+            draws=options.fan,
+            draw_seed=options.fan_seed,
+            device=options.device,
+            cached=options.cache,
+            page=page,
+            single_file=options.single_file,
+            export=tuple(options.export),
         )
+        return Job(path, chosen, options.output, refiner, tracked)
 
     return make
 
@@ -178,11 +176,11 @@ def refuse_twins(jobs: list[Job]) -> None:
     seen: dict[str, str] = {}
     problems = []
     for job in jobs:
-        name = pipeline.output_name(job.path, job.variant)
+        name = pipeline.output_name(job.scene, job.options.variant)
         if name in seen:
             expected = f"would be written over {seen[name]}: both are called {name}"
-            problems += InputError.of(job.path, "", expected, "render them into two folders").problems
-        seen.setdefault(name, job.path)
+            problems += InputError.of(job.scene, "", expected, "render them into two folders").problems
+        seen.setdefault(name, job.scene)
     if problems:
         raise InputError(problems)
 
@@ -255,17 +253,17 @@ def make_all(
     many = count > 1
     gallery = shown is Shown.GALLERY and (many or kept_in.has_index())
     if gallery and count <= MOST_SHOWN:
-        jobs = (replace(job, pictured=True) for job in jobs)
+        jobs = (replace(job, pictures=True) for job in jobs)
     tally, told = Tally(), _Told()
     bar = Bar()
     with (
         Counter(count if many else 0) as counter,
-        kept_in.cleared(),
+        kept_in.cleaned_up(),
         closing(_made(jobs, count, options, bar, counter)) as done_ones,
     ):
         for done in done_ones:
             bar.clear()
-            if done.full:  # of every clip that follows the same would be said
+            if done.disk_full:  # of every clip that follows the same would be said
                 tally.full = True
                 break
             _count(tally, done)
@@ -289,7 +287,7 @@ def _made(
     if getattr(options, "cluster", None):
         from physgen.batch.cluster import run_on_cluster
 
-        return run_on_cluster(options.cluster, workers, jobs, count, options.ship, counter.tell)
+        return run_on_cluster(options.cluster, workers, jobs, options.ship, counter.tell)
     from physgen.batch.run import run_all
 
     return run_all(jobs, workers, lambda job: bar.show if count == 1 or bar.told else _silent)
@@ -336,9 +334,9 @@ def _told_of(done: Done, as_json: bool, counter: Counter) -> None:
     if as_json:
         with suppress(InputError):
             line = {
-                "clip": done.job.folder.name,
-                "scene": done.job.path,
-                "variant": done.job.variant,
+                "clip": done.job.name,
+                "scene": done.job.scene,
+                "variant": done.job.options.variant,
                 "state": done.state.value,
                 "folder": done.where,
                 "seconds": round(done.seconds, 3),

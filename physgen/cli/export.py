@@ -23,23 +23,25 @@ if TYPE_CHECKING:
 
 def export(options: argparse.Namespace) -> int:
     from physgen.batch.run import Job
-    from physgen.pipeline import Page
+    from physgen.pipeline import Page, RenderOptions
 
     check_formats(options.format, "--format")
     options.set = [*options.set, *filmed(options)]
     jobs = [
         Job(
             path,
+            RenderOptions(
+                overrides=tuple(options.set),
+                variant=variant,
+                allow_outside=options.allow_outside,
+                formats=(),
+                command=tuple(options.command_line),
+                device=options.device,
+                cached=options.cache,
+                page=Page.NONE,
+                export=tuple(options.format),
+            ),
             options.output,
-            tuple(options.set),
-            variant,
-            options.allow_outside,
-            (),
-            tuple(options.command_line),
-            device=options.device,
-            cached=options.cache,
-            page=Page.NONE,
-            export=options.format,
         )
         for path in options.scenes
         for variant in variants_of(path, options)

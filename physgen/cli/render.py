@@ -82,11 +82,11 @@ def _first(scenes: Sequence[str]) -> list[Path]:
 
 def _inputs(job: Job) -> list[Path]:
     """Files that the clip was made of, and the folder in which maps may appear; of a pack, the pack."""
-    if Path(job.path).suffix not in (".yaml", ".yml"):
+    if Path(job.scene).suffix not in (".yaml", ".yml"):
         return []
     try:
         told = json.loads((job.folder / "manifest.json").read_bytes())
-        home = Path(job.path).resolve().parent
+        home = Path(job.scene).resolve().parent
         files = [home / name for name in told["inputs"]]
         assets = told["document"].get("assets")
         return [*files, home / assets] if assets else files

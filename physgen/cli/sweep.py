@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from physgen.batch.remote import is_url
 from physgen.cli.arguments import names, number_of_clips, place, seed
 from physgen.cli.clips import job_maker, local_path, make_all, quick
-from physgen.cli.output import OK, print_error, print_line, print_problem, print_problems
+from physgen.cli.output import OK, print_error, print_line, print_problems
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
 
 if TYPE_CHECKING:
     from physgen.batch.axes import Axis
     from physgen.batch.run import Job
-    from physgen.batch.sweep import Point, Sweep, Trial
+    from physgen.batch.sweep import Check, Point, Sweep
     from physgen.scene.load import Opened
 
 
@@ -33,7 +33,7 @@ MOST_TRACKED = 32
 
 
 def sweep(options: argparse.Namespace) -> int:
-    from physgen.batch.sweep import Design, planned, try_values
+    from physgen.batch.sweep import Design, check_values, planned
     from physgen.pipeline import scene_file
     from physgen.scene.load import Opened
 
@@ -44,9 +44,9 @@ def sweep(options: argparse.Namespace) -> int:
     variants = _variants(opened.variants, options)
     axes = _axes(opened, variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
-    trial = try_values(plan, opened, options.set)
-    print_problems(trial.warnings)
-    return _listed(plan, options) if options.dry_run else _made(plan, trial, options)
+    check = check_values(plan, opened, options.set)
+    print_problems(check.warnings)
+    return _listed(plan, options) if options.dry_run else _made(plan, check, options)
 
 
 def _scene_first(options: argparse.Namespace) -> None:
@@ -89,20 +89,19 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
     return OK
 
 
-def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
+def _made(plan: Sweep, check: Check, options: argparse.Namespace) -> int:
     from physgen import pipeline
     from physgen.batch import sweep_files
     from physgen.batch.outcomes import columns
-    from physgen.batch.sweep_files import row, staging_folder
     from physgen.tables import HINT, Table, has_parquet
 
     variant = None if len(plan.variants) > 1 else plan.variants[0]
     named = f"{pipeline.output_name(options.scene, variant)}-sweep"
     options.output = options.output or str(Path("out", named))
-    tracked = _tracked(trial, options.track)
+    tracked = _tracked(check, options.track)
     make = job_maker(options)
-    table = sweep_files.all_columns(plan, columns(tracked))
-    told = sweep_files.sweep_record(
+    table = sweep_files.table_columns(plan, columns(tracked))
+    record = sweep_files.sweep_record(
         plan,
         options.scene,
         Path(local_path(options.scene, options)),
@@ -114,19 +113,11 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
         units={column.name: column.unit for column in table if column.unit},
     )
     with ExitStack() as stack:
-        stage = stack.enter_context(staging_folder(options.output))
-        start = sweep_files.begin(stage.folder, told, plan, stage.bring)
-        for warning in start.warnings:
-            print_problem(warning)
-        for kept in start.kept:
-            print_error(
-                f"{options.output}: {kept.name.rpartition('~')[0]} tells of another sweep; kept as {kept.name}"
-            )
-        stage.sent([stage.folder / sweep_files.SWEEP_FILE, *start.kept])
-        stage.removed([kept.name.rpartition("~")[0] for kept in start.kept])
+        folder = stack.enter_context(sweep_files.sweep_folder(options.output))
+        print_problems(folder.begin(record, plan))
         if not has_parquet():
             print_error(HINT)
-        rows = stack.enter_context(Table(stage.folder / "sweep", table))
+        rows = stack.enter_context(Table(folder.folder / "sweep", table))
         under_way: deque[Point] = deque()  # they end in the order in which they are begun
 
         def jobs() -> Iterator[Job]:
@@ -138,7 +129,7 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
                 yield make(options.scene, point.variant, point.overrides, point.name, tracked, look)
 
         def beside() -> Sequence[str]:
-            made = stage.sent(rows.publish()) if rows.count == len(plan) else ()
+            made = folder.send(rows.publish()) if rows.count == len(plan) else ()
             if rows.lost is not None:
                 print_error(
                     f"{options.output}: sweep.parquet could not be written: {rows.lost}; the table is CSV alone"
@@ -149,19 +140,19 @@ def _made(plan: Sweep, trial: Trial, options: argparse.Namespace) -> int:
             jobs(),
             len(plan),
             options,
-            heard=lambda done: rows.add(row(plan, under_way.popleft(), done)),
+            heard=lambda done: rows.add(sweep_files.table_row(plan, under_way.popleft(), done)),
             beside=beside,
         )
 
 
-def _tracked(trial: Trial, said: list[str] | None) -> tuple[str, ...]:
+def _tracked(check: Check, said: list[str] | None) -> tuple[str, ...]:
     if said is None:
-        return trial.objects if len(trial.objects) <= MOST_TRACKED else ()
+        return check.objects if len(check.objects) <= MOST_TRACKED else ()
     problems = []
     for name in said:
-        if name not in trial.objects:
-            close = nearest(name, trial.objects)
-            fix = f'did you mean "{close}"?' if close else f"write any of {listed(trial.objects[:30])}"
+        if name not in check.objects:
+            close = nearest(name, check.objects)
+            fix = f'did you mean "{close}"?' if close else f"write any of {listed(check.objects[:30])}"
             problems.append(Problem(Place("--track"), "", f'"{name}"', "is no object that can move", fix))
     if problems:
         raise InputError(problems)

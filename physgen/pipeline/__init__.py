@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from physgen import notebook_display
-from physgen.pipeline.clip import Page, SceneOrigin, output_name, render_scene
+from physgen.pipeline.clip import output_name, render_scene
+from physgen.pipeline.options import Page, RenderOptions, SceneOrigin
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
@@ -42,6 +43,7 @@ __all__ = [
     "Page",
     "Progress",
     "Refiners",
+    "RenderOptions",
     "SceneOrigin",
     "Warm",
     "Warn",

@@ -8,7 +8,6 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from physgen.files import Stamp, file_stamp
 from physgen.pipeline.filming import Filming
 from physgen.pipeline.labels import Labels
+from physgen.pipeline.options import Page, RenderOptions
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
 from physgen.pipeline.stages import chaos, drawn_by, lint, render
@@ -164,84 +164,45 @@ def energy_problem(scene: Scene, world: World, trajectory: Trajectory, record: R
 U8 = NDArray[np.uint8]
 
 
-class Page(Enum):
-    """How much `report.html` holds."""
-
-    FULL = "full"
-    """With the player, the charts and what was perceived."""
-    PLAIN = "plain"
-    """Pictures and tables: half the time of a short clip is saved."""
-    NONE = "none"
-    """There is none."""
-
-
-@dataclass(frozen=True)
-class SceneOrigin:
-    """What a scene is to the user, where a copy of it is rendered."""
-
-    path: str
-    """Of the scene: a path on another machine, or a URL."""
-    source: str
-    """What the manifest says of where the scene is; see `RunRecord.source`."""
-
-
 def render_scene(
     path: str | Path,
     out: str | Path = "out",
+    options: RenderOptions | None = None,
     *,
-    overrides: Sequence[str] = (),
-    variant: str | None = None,
-    name: str | None = None,
-    mark: str = "",
-    allow_outside: bool = False,
-    formats: Sequence[Format] | None = None,
-    command: Sequence[str] = (),
-    ask_chaos: bool = False,
-    draws: int = 0,
-    draw_seed: int = 0,
-    device: str = "cpu",
     refiners: Refiners | None = None,
-    cached: bool = True,
-    page: Page = Page.FULL,
-    export: Sequence[str] = (),
-    known: SceneOrigin | None = None,
     warm: Warm | None = None,
-    single_file: bool = False,
     progress: Progress = silent,
     warn: Warn = ignore_warning,
+    **changes: Any,
 ) -> Path:
-    """The whole line: `out/<scene>/` with video, trajectory, manifest and report, whole or not at all; returns it.
+    """Renders a scene to `out/<name>/`: video, trajectory, manifest and report, complete or not at all.
 
-    `name` is the folder's in place of the scene's; `mark` goes into the manifest and tells what was asked for.
-    `formats` are the video's, none where they are empty; `ask_chaos` runs the scene's neighbours too, for the report;
-    `draws` of what is uncertain are simulated, 0 for none, and `draw_seed` says which; `device` is that of `render`.
-    `refiners` hold models from one scene to the next, and `warm` holds what the scene before left at hand; motions and
-    frames that are refined come from the cache where they are kept, if it is to be `cached`; `page` says how much the
-    report holds, and as a `single_file` it carries its film, to be mailed alone. Labels in the formats of `export`, of
-    the clip without refinement, go to `truth/`, or, where there is no video, to the folder itself. What is told of the
-    scene is `known` where `path` is a copy. Raises InputError; where it is refinement that fails, the folder is there
-    all the same, with `unrefined.mp4`.
+    `changes` are fields of RenderOptions, which replace those of `options`. `refiners` keep models from one scene to
+    the next, and `warm` keeps what stages of the previous scene computed. Returns the folder. Raises InputError; where
+    refinement fails, the folder exists all the same, with `unrefined.mp4`.
     """
-    from physgen.export.video import Format
     from physgen.report.films import size_warning
     from physgen.report.folders import atomic_folder, output_folder
     from physgen.report.perception import perception
     from physgen.report.record import RunRecord, inputs, source_of
 
-    record = RunRecord(scene="", command=list(command) or ["physgen", "render", str(path)])
-    record.overrides, record.variant, record.mark = list(overrides), variant, mark
-    record.device = drawn_by(device)
+    options = replace(options or RenderOptions(), **changes)
+    variant, origin, page = options.variant, options.origin, options.page
+    record = RunRecord(scene="", command=list(options.command) or ["physgen", "render", str(path)])
+    record.overrides, record.variant, record.mark = list(options.overrides), variant, options.mark
+    record.device = drawn_by(options.device)
     warm = warm or Warm(Keep.NOTHING)
     begun = time.time_ns()
     with record.stage("load"):
-        scene = warm.load(path, overrides, variant, allow_outside, known.path if known else None)
-        scene = replace(scene, name=output_name(path, variant) if name is None else name)
+        shown = origin.path if origin else None
+        scene = warm.load(path, options.overrides, variant, options.allow_outside, shown)
+        scene = replace(scene, name=options.name or output_name(path, variant))
         maps = warm.maps(scene)
     final = output_folder(Path(out), scene.name)
     record.scene, record.document = scene.name, scene.document
     record.seeds = {"refine": scene.refine.seed}
     record.inputs = inputs(scene, scene_file(path), warm.hash)
-    record.source = known.source if known else source_of(Path(path), final)
+    record.source = origin.source if origin else source_of(Path(path), final)
     record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
 
     def odd(problem: Problem) -> None:
@@ -256,12 +217,12 @@ def render_scene(
         odd(problem)
     with record.stage("report"):
         seen = perception(scene, compiled, maps.percepts) if page is Page.FULL else None
-    filming = Filming(scene, compiled, maps, device, record, warm)
-    labels = Labels.of(export, scene, maps.percepts)
+    filming = Filming(scene, compiled, maps, options.device, record, warm)
+    labels = Labels.of(options.export, scene, maps.percepts)
     still_sound = partial(inputs_unchanged, scene, record, begun, maps.stamps)
     del maps
-    kinds = (Format.MP4,) if formats is None else tuple(formats)
-    if export and not kinds:
+    kinds = tuple(options.formats)
+    if options.export and not kinds:
         labels.check_kept(final)
     faults: Sequence[Problem] = ()
     retouched = None
@@ -269,23 +230,25 @@ def render_scene(
         footage = None
         if scene.refine.backend != "none":
             footage = held.enter_context(
-                guidance_footage(filming, record, progress, warn, cached, still_sound)
+                guidance_footage(filming, record, progress, warn, options.cached, still_sound)
             )
             trajectory = footage.trajectory
         else:
             progress("simulate", 0, 1)
-            trajectory = filming.simulated(progress, cached, warn)
+            trajectory = filming.simulated(progress, options.cached, warn)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         if (lost := energy_problem(scene, compiled.world, trajectory, record)) is not None:
             odd(lost)
-        if ask_chaos:
+        if options.chaos:
             with record.stage("chaos"):
                 record.chaos = chaos(compiled.world, progress).as_dict()
         spread = None
-        if draws:
-            record.seeds["fan"] = draw_seed
+        if options.draws:
+            record.seeds["fan"] = options.draw_seed
             with record.stage("fan"):
-                spread = simulate_draws(scene, compiled, draws, draw_seed, variant, progress, odd)
+                spread = simulate_draws(
+                    scene, compiled, options.draws, options.draw_seed, variant, progress, odd
+                )
                 record.fan = None if spread is None else spread.told()
         folder = held.enter_context(atomic_folder(final))
         truth = folder / "truth" if kinds else folder
@@ -318,17 +281,17 @@ def render_scene(
                     page,
                     seen,
                     retouched,
-                    single_file,
+                    options.single_file,
                     decided,
                 )
-        if not draws:
+        if not options.draws:
             _fan_goes(final, warn)
         if kinds:
             labels.tell_gone(final, warn)
         if not still_sound():
             record.mark = ""  # the next run makes it again: nobody knows which of the two was drawn
         write_manifest(record, folder)
-    if single_file and page is not Page.NONE:
+    if options.single_file and page is not Page.NONE:
         large = size_warning(final / "report.html", "make the clip shorter or smaller")
         if large is not None:
             warn(large)

@@ -122,7 +122,7 @@ def hands_of(worker: int) -> list[int]:
     found = []
     for entry in Path("/proc").iterdir():
         try:
-            if entry.name.isdecimal() and b"cluster.hands" in (entry / "cmdline").read_bytes():
+            if entry.name.isdecimal() and b"child_main" in (entry / "cmdline").read_bytes():
                 told = (entry / "stat").read_text().rpartition(")")[2].split()
                 if int(told[1]) == worker and told[0] != "Z":
                     found.append(int(entry.name))

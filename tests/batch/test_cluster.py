@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -23,8 +22,7 @@ from physgen.batch.cluster import run_on_cluster
 from physgen.batch.run import Done, Job, State
 from physgen.batch.workers import LostError
 from physgen.cli.main import main
-from physgen.export.video import Format
-from physgen.pipeline import Page
+from physgen.pipeline import Page, RenderOptions
 from physgen.problems import InputError
 
 MADE_BY_MACHINES = ("stages", "peak_memory_mib", "command")
@@ -89,21 +87,21 @@ def same_clips(one: Path, other: Path) -> None:
         assert (one / file).read_bytes() == (other / file).read_bytes(), file
 
 
-def jobs_of(scene: Path, out: Path, count: int = 8) -> list[Job]:
+def jobs_of(scene: Path, out: Path, count: int = 8, *overrides: str) -> list[Job]:
     return [
         Job(
             str(scene),
+            RenderOptions(
+                overrides=(f"objects.ball.mass={50 + k}", *overrides), page=Page.NONE, name=f"clip-{k}"
+            ),
             str(out),
-            (f"objects.ball.mass={50 + k}",),
-            None,
-            False,
-            (Format.MP4,),
-            (),
-            page=Page.NONE,
-            name=f"clip-{k}",
         )
         for k in range(count)
     ]
+
+
+def changed(job: Job, **options: object) -> Job:
+    return replace(job, options=replace(job.options, **options))
 
 
 def test_a_local_cluster_makes_the_clips_of_this_machine_and_is_quiet(
@@ -136,7 +134,7 @@ def test_workers_of_a_scheduler_make_the_same_whether_they_see_the_folders_or_no
         flags += ["--ship"]
     if way == "unseen":  # another disk has another file under the same name
         monkeypatch.setattr(cluster, "file_stamp", lambda path: (1, 2, 3))
-        monkeypatch.setattr(cluster.Home, "_token", lambda self, out: "no-such-file")
+        monkeypatch.setattr(cluster._Transfer, "_token", lambda self, out: "no-such-file")
     if way == "stored":  # only this process sees it
         out = "memory://farmed"
     _, said = rendered(capfd, *flags, "-o", out, "--cluster", two.flag)
@@ -208,24 +206,14 @@ class Fatal(str):
 
 def test_a_clip_that_always_kills_its_process_fails_alone(lesson: Path) -> None:
     jobs = jobs_of(lesson, lesson.parent / "out", 5)
-    jobs[2] = replace(jobs[2], command=(Fatal("_exit(7)"),))
+    jobs[2] = changed(jobs[2], command=(Fatal("_exit(7)"),))
     ended = list(run_on_cluster("dask", 2, jobs))
     assert [done.state for done in ended] == [State.FAILED if k == 2 else State.MADE for k in range(5)]
     assert "its process ended with exit code 7" in str(ended[2].problems[0])
 
 
-def test_a_clip_that_always_kills_its_worker_fails_alone(workers: Cluster, lesson: Path) -> None:
-    workers.staff(3)
-    jobs = jobs_of(lesson, lesson.parent / "out", 7)
-    jobs[2] = replace(jobs[2], command=(Fatal("kill(__import__('os').getppid(), 9)"),))
-    ended = list(run_on_cluster(workers.flag, 1, jobs))
-    assert [done.job.name for done in ended if done.folder is None] == ["clip-2"]
-    assert "its workers died each time" in str(ended[2].problems[0])
-    assert [worker.poll() for worker in workers.workers].count(None) == 1  # one in company, and one alone
-
-
 def test_who_stops_leaves_nothing_running_and_the_scheduler_alone(two: Cluster, lesson: Path) -> None:
-    jobs = [replace(job, overrides=("render.frames=5000",)) for job in jobs_of(lesson, lesson.parent / "out")]
+    jobs = jobs_of(lesson, lesson.parent / "out", 8, "render.frames=5000")
     busy: list[int] = []
 
     def interrupt() -> None:
@@ -246,9 +234,8 @@ def test_who_stops_leaves_nothing_running_and_the_scheduler_alone(two: Cluster, 
 
 
 def test_workers_with_another_physgen_are_refused(two: Cluster, lesson: Path, monkeypatch) -> None:
-    ours = cluster.here()
-    monkeypatch.setattr(cluster, "here", lambda: {**ours, "numpy": "1.0", "sources": "0" * 64})
-    monkeypatch.setattr("physgen.batch.cluster_worker.here", cluster.here)
+    ours = cluster.own_versions()
+    monkeypatch.setattr(cluster, "own_versions", lambda: {**ours, "numpy": "1.0", "sources": "0" * 64})
     with pytest.raises(InputError) as error:
         list(run_on_cluster(two.flag, 1, jobs_of(lesson, lesson.parent / "out", 2)))
     (problem,) = error.value.problems
@@ -256,8 +243,7 @@ def test_workers_with_another_physgen_are_refused(two: Cluster, lesson: Path, mo
     assert problem.expected == (
         f"has numpy {ours['numpy']}, and here is numpy 1.0: its clips would not be the same"
     )
-    monkeypatch.setattr(cluster, "here", lambda: {**ours, "sources": "0" * 64})
-    monkeypatch.setattr("physgen.batch.cluster_worker.here", cluster.here)
+    monkeypatch.setattr(cluster, "own_versions", lambda: {**ours, "sources": "0" * 64})
     with pytest.raises(
         InputError, match=f"has sources {ours['sources'][:12]}, and here is sources 000000000000"
     ):
@@ -278,11 +264,11 @@ def test_refined_clips_ask_for_a_gpu_where_the_cluster_has_any(
 
     plain, *others = jobs_of(lesson, lesson.parent / "out", 7)
     asks = [
-        replace(job, overrides=(*job.overrides, "refine.backend=none", "refine.backend=wan"))
+        changed(job, overrides=(*job.options.overrides, "refine.backend=none", "refine.backend=wan"))
         for job in others
     ]
-    assert cluster.wants_gpu(replace(plain, device="cuda"))
-    assert not cluster.wants_gpu(replace(plain, overrides=("refine.backend=wan", "refine.backend=none")))
+    assert cluster.wants_gpu(changed(plain, device="cuda"))
+    assert not cluster.wants_gpu(changed(plain, overrides=("refine.backend=wan", "refine.backend=none")))
     assert not cluster.wants_gpu(plain)
     lesson.write_text(lesson.read_text() + "refine: {backend: wan}\n")
     assert cluster.wants_gpu(plain)
@@ -311,36 +297,14 @@ def test_results_are_pulled_in_order_and_jobs_as_they_are_needed(two: Cluster, l
             pulled.append(job)
             yield job
 
-    with closing(run_on_cluster(two.flag, 1, jobs(), 400)) as results:
+    with closing(run_on_cluster(two.flag, 1, jobs())) as results:
         for k in range(4):
             assert next(results).job.name == f"clip-{k}"
             assert len(pulled) <= k + 1 + 2 * cluster.AHEAD
     assert len(pulled) < 60
 
 
-def test_many_workers_get_several_jobs_at_a_time(two: Cluster, lesson: Path, monkeypatch) -> None:
-    monkeypatch.setattr(cluster, "FEW", 1)
-    parcels = []
-    monkeypatch.setattr(
-        cluster._Farm,
-        "_begin",
-        lambda self, tasks, answers, begin=cluster._Farm._begin: (
-            parcels.append(len(tasks)),
-            begin(self, tasks, answers),
-        ),
-    )
-    jobs = jobs_of(lesson, lesson.parent / "out", 24)
-    jobs[1] = replace(jobs[1], command=(Fatal("_exit(7)"),))
-    ended = list(run_on_cluster(two.flag, 1, jobs, len(jobs)))
-    assert [done.job.name for done in ended] == [job.name for job in jobs]
-    assert [done.job.name for done in ended if done.folder is None] == ["clip-1"]
-    assert max(parcels) == 2
-    assert parcels[-2:] == [1, 0]  # the last ones one by one
-
-
 def test_what_is_no_cluster_is_told(lesson: Path, capsys, monkeypatch) -> None:
-    from physgen.batch import cluster
-
     monkeypatch.setattr(cluster, "TIMEOUT", 0.3)
 
     def said(*flags: str) -> str:
@@ -365,20 +329,14 @@ def test_what_is_no_cluster_is_told(lesson: Path, capsys, monkeypatch) -> None:
     assert not (lesson.parent / "out").exists()
 
 
-def test_nobody_wants_a_hand_that_works_for_nobody(monkeypatch) -> None:
-    """What is cancelled ends at once; a hand that has nothing to do goes."""
-    crew = cluster_worker.Crew()
-    made = []
-    start = subprocess.Popen
-    monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: made.append(start(*a, **k)) or made[-1])
+def test_cancelled_work_ends_at_once_and_idle_processes_later(monkeypatch) -> None:
     monkeypatch.setattr(cluster_worker, "IDLE", 0.2)
-    with pytest.raises(LostError, match="no more wanted"):
-        crew.ask("", ({}, b"", None), lambda: False)
-    answer = crew.ask("", ({}, b"", None), lambda: True)  # versions differ: it says so
+    children = cluster_worker.Children()
+    with pytest.raises(LostError, match="not wanted any more"):
+        children.ask(({}, b"", None), lambda: False)
+    answer = children.ask(({}, b"", None), lambda: True)  # it reports that versions differ
     assert isinstance(answer, bytes)
     waited(lambda: not hands_of(os.getpid()))
-    waited(lambda: all(process.returncode is not None for process in made))  # nor do dead ones stay about
-    assert len(made) == 2
 
 
 def test_a_scheduler_that_is_lost_ends_the_run(lesson: Path, tmp_path: Path) -> None:
@@ -386,7 +344,7 @@ def test_a_scheduler_that_is_lost_ends_the_run(lesson: Path, tmp_path: Path) -> 
     with dask_cluster.cluster(tmp_path / "own") as own:
         own.hire()
         jobs = jobs_of(lesson, lesson.parent / "out", 400)
-        with closing(run_on_cluster(own.flag, 1, jobs, 400)) as results:
+        with closing(run_on_cluster(own.flag, 1, jobs)) as results:
             next(results)
             own.lose()
             with pytest.raises(

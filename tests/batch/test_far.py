@@ -11,7 +11,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from physgen.batch import remote, run
+from physgen.batch import remote
 from physgen.batch.remote_scene import fetch_scene
 from physgen.cli.main import main
 from physgen.problems import InputError
@@ -263,16 +263,6 @@ def test_a_place_that_cannot_be_written_is_one_failed_clip(store, lesson: Path, 
     assert said.err == (
         f"{lesson}: failed: memory://clips/lesson/.sending.json: LookupError: no credentials\n"
     )
-
-
-def test_what_killed_runs_left_on_this_machine_goes(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(run.tempfile, "tempdir", str(tmp_path))
-    with run.own_folder() as folder:
-        (folder / "half").write_text("x")
-        assert folder.is_relative_to(tmp_path)
-    (home,) = tmp_path.iterdir()
-    assert home.stat().st_mode & 0o077 == 0
-    assert not list(home.iterdir())
 
 
 def test_only_urls_import_fsspec(lesson: Path) -> None:

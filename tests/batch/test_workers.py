@@ -148,8 +148,8 @@ def _interrupted(results: Iterator[int], folder: Path) -> None:
 def test_workers_of_a_killed_process_end(tmp_path: Path) -> None:
     code = (
         "from functools import partial; from pathlib import Path; import test_workers as t;"
-        "from physgen.batch.workers import spread;"
-        f"list(spread(partial(t.naps, Path({str(tmp_path)!r})), range(4), 2, t.never))"
+        "from physgen.batch.workers import run_parallel;"
+        f"list(run_parallel(partial(t.naps, Path({str(tmp_path)!r})), range(4), 2, t.never))"
     )
     run = subprocess.Popen(
         [sys.executable, "-c", f"if __name__ == '__main__':\n exec({code!r})"],

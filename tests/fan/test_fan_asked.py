@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from physgen.batch.run import Job
 from physgen.cli.main import main
-from physgen.export.video import Format
+from physgen.pipeline import RenderOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = """\
@@ -51,10 +51,11 @@ def test_a_fan_of_one_is_none(count: str, capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_another_fan_is_another_clip() -> None:
-    plain = Job("a.yaml", "out", (), None, False, (Format.MP4,), ("physgen",))
-    marks = [plain, replace(plain, draws=8), replace(plain, draws=9), replace(plain, draws=8, draw_seed=1)]
-    assert len({job.mark for job in marks}) == 4
-    assert replace(plain, draw_seed=3).mark == plain.mark, "a seed of no draws is none"
+    def mark(**options: Any) -> str:
+        return Job("a.yaml", RenderOptions(**options)).mark
+
+    assert len({mark(), mark(draws=8), mark(draws=9), mark(draws=8, draw_seed=1)}) == 4
+    assert mark(draw_seed=3) == mark(), "a seed of no draws is none"
 
 
 def test_fan_page_is_what_its_json_says() -> None:

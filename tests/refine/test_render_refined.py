@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline, registry
+from physgen.batch import run
 from physgen.cli import main
 from physgen.registry import Backend
 
@@ -37,7 +38,7 @@ def _exact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         Backend("refine", "broken", "gaussian:broken", "Raises.", takes_setup=True),
     )
     monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, *more))
-    monkeypatch.setattr("physgen.batch.run._REFINERS", {})
+    run._refiners.cache_clear()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     Path("pair.yaml").write_text(SCENE, encoding="utf-8")
@@ -154,7 +155,7 @@ def test_a_bare_name_takes_the_weights_of_the_configuration(monkeypatch: pytest.
     )
     Path("physgen.toml").write_text('[backend]\nrefine = "exact:some/weights"\n', encoding="utf-8")
     rendered("--refine", "exact")
-    monkeypatch.setattr("physgen.batch.run._REFINERS", {})
+    run._refiners.cache_clear()
     rendered("--refine", "exact:other/weights")
     assert made == ["some/weights", "other/weights"]
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.batch.axes import read_axes
-from physgen.batch.sweep import BYTES, clip_name, planned
+from physgen.batch.sweep import MAX_NAME_BYTES, clip_name, planned
 from physgen.batch.values import Value
 from physgen.text import natural
 
@@ -45,7 +45,7 @@ def test_ten_thousand_names_are_unique_safe_short_and_in_order() -> None:
     sweep = planned(read_axes(arguments), (None, "very-heavy"), 50)
     found = [point.name for point in sweep]
     assert len(found) == len({name.lower() for name in found}) == 10_000
-    assert all(re.fullmatch(r"[\w.,=+-]+", name) and len(name.encode()) <= BYTES for name in found)
+    assert all(re.fullmatch(r"[\w.,=+-]+", name) and len(name.encode()) <= MAX_NAME_BYTES for name in found)
     assert sorted(random.Random(1).sample(found, 10_000), key=natural) == found
     for number in (0, 1, 49, 50, 9999, 4321):
         point = sweep.find(found[number])
@@ -66,7 +66,7 @@ def test_any_value_makes_a_name_for_a_file(told: list[tuple[str, str]], draw: in
     found = clip_name(
         None, None, [3], draw, [(f"key{n}", Value("", data)) for n, (_, data) in enumerate(told)]
     )
-    assert len(found.encode()) <= BYTES
+    assert len(found.encode()) <= MAX_NAME_BYTES
     assert not set(found) & set("/\\:*?\"<>| \0\n'$`~&;()[]{}!#")
     assert found.isprintable()
     assert found.startswith(f"03-{draw:04d}")

@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.batch.axes import Drawn, Listed, read_axes
+from physgen.batch.axes import Drawn, Listed, per_object, read_axes
 from physgen.batch.sweep import Design, planned
 from physgen.problems import InputError
 from physgen.tables import Kind
@@ -151,7 +151,7 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
         ),
         (
             ["a.b=~unifrom(1,2)"],
-            "a.b=~unifrom(1,2): names no distribution that is known; did you mean ~uniform(0.2, 0.9)?",
+            "a.b=~unifrom(1,2): names no known distribution; did you mean ~uniform(0.2, 0.9)?",
         ),
         (["a.b=~normal"], "a.b=~normal: has no numbers; write e.g. ~normal(200, 15), in quotes"),
         (
@@ -181,7 +181,7 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
         (["a.b.v=1,2", "a.*.v=3,4"], "a.*.v=3,4: leaves nothing of a.b.v=1,2"),
         (
             ["a.b=~uniform(0,1)"],
-            "a.b=~uniform(0,1): is a distribution, and nobody says how many draws; add e.g. --samples 100",
+            "a.b=~uniform(0,1): is a distribution without a number of draws; add e.g. --samples 100",
         ),
         ([], "sweep: has no keys to vary; write e.g. objects.ball.mass=100:900:9, or --variant all"),
         (
@@ -277,3 +277,60 @@ def test_a_long_list_is_gone_through_once() -> None:
     for outside in (-1, 7):
         with pytest.raises(IndexError):
             axis.at(outside)
+
+
+SCENE = {
+    "objects": {"ball": {"mass": 1, "velocity": [0, 0]}, "crate": {"mass": 2, "velocity": [0, 0]}},
+    "boundaries": {"floor": {"friction": 0.5}},
+    "forces": [{"object": "ball", "impulse": [1, 0]}, {"object": "crate", "impulse": [2, 0]}],
+}
+
+
+def expanded(*arguments: str, scenes: tuple[Any, ...] = (SCENE,)) -> list[str]:
+    return [axis.argument for axis in per_object(read_axes(arguments), scenes)]
+
+
+def message(*arguments: str, **more: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        expanded(*arguments, **more)
+    [problem] = caught.value.problems
+    return str(problem)
+
+
+def test_wildcards_match_what_the_scene_has() -> None:
+    assert expanded("objects.*.mass=~each normal(5, 1, 0, inf)", "a.b=1,2") == [
+        "objects.ball.mass=~normal(5, 1, 0, inf)",
+        "objects.crate.mass=~normal(5, 1, 0, inf)",
+        "a.b=1,2",
+    ]
+    assert expanded("objects.*.velocity.0= ~ each uniform(1, 2)") == [
+        "objects.ball.velocity.0=~uniform(1, 2)",
+        "objects.crate.velocity.0=~uniform(1, 2)",
+    ]
+    assert expanded("forces[*].impulse[*]=~each uniform(1, 2)") == [
+        f"forces[{force}].impulse[{axis}]=~uniform(1, 2)" for force in (0, 1) for axis in (0, 1)
+    ]
+    assert expanded("objects.*.rolling=~each uniform(0, 1)")  # a key that is not written yet
+
+
+def test_keys_of_later_axes_are_not_drawn() -> None:
+    assert expanded("objects.*.mass=~each uniform(1, 2)", "objects.ball.mass=7,8") == [
+        "objects.crate.mass=~uniform(1, 2)",
+        "objects.ball.mass=7,8",
+    ]
+
+
+def test_a_key_must_be_in_all_variants() -> None:
+    other = {"objects": {"crate": {}, "cup": {}}}
+    assert expanded("objects.*.mass=~each uniform(1, 2)", scenes=(SCENE, other)) == [
+        "objects.crate.mass=~uniform(1, 2)"
+    ]
+
+
+def test_wildcards_without_a_match_are_an_error() -> None:
+    assert "matches nothing that the scene has" in message("joints.*.motor=~each uniform(1, 2)")
+    assert message("objects.ball.mass=~each uniform(1, 2)").endswith(
+        "is one key, and has one draw as it is; write objects.ball.mass=~uniform(1, 2)"
+    )
+    with pytest.raises(InputError, match="stands for several keys, which have not been resolved"):
+        planned(read_axes(["objects.*.mass=~each uniform(1, 2)"]), samples=3)
