@@ -74,7 +74,7 @@ def table(found: dict) -> str:
     from physgen.simulate.uncertain_values import spread
 
     lines = [
-        "| mass, told | half | kinds of things | error, standard deviations | within 1 (68 %) | within 2 (95 %) |",
+        "| mass, given | half | kinds of objects | error, standard deviations | within 1 (68 %) | within 2 (95 %) |",
         "| --- | --- | ---: | ---: | ---: | ---: |",
     ]
     for told in TOLD:

@@ -44,7 +44,7 @@ from physgen.batch.run import (
     with_user_names,
 )
 from physgen.batch.workers import AHEAD, LostError
-from physgen.files import file_stamp, partial
+from physgen.files import Stamp, file_stamp, partial
 from physgen.pipeline.packs import pack_key, scene_file
 from physgen.problems import InputError
 from physgen.report.folders import atomic_folder, output_folder
@@ -508,15 +508,16 @@ def wants_gpu(job: Job) -> bool:
     if is_url(job.scene):
         return False
     try:
-        opened = _opened(str(scene_file(job.scene)), job.options.allow_outside)
+        file = scene_file(job.scene)
+        opened = _opened(file, file_stamp(file), job.options.allow_outside)
         return opened.scene(job.options.overrides, job.options.variant).refine.backend != "none"
     except InputError:  # reported where it is rendered
         return False
 
 
 @lru_cache(maxsize=1)
-def _opened(path: str, allow_outside: bool) -> Opened:
-    """A scene file of many clips is read once."""
+def _opened(path: Path, stamp: Stamp, allow_outside: bool) -> Opened:
+    """A scene file of many clips is read once, and again when its `stamp` changes."""
     from physgen.scene.load import Opened
 
     return Opened(path, allow_outside)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.batch.axes import read_axes
-from physgen.batch.sweep import MAX_NAME_BYTES, clip_name, planned
+from physgen.batch.sweep import MAX_NAME_BYTES, clip_name, planned, short_text
 from physgen.batch.values import Value
 from physgen.text import natural
 
@@ -63,9 +63,8 @@ def test_names_stay_when_a_sweep_grows() -> None:
 
 @given(st.lists(st.tuples(st.text(max_size=12), st.text(max_size=200)), max_size=12), st.integers(0, 10**7))
 def test_any_value_makes_a_name_for_a_file(told: list[tuple[str, str]], draw: int) -> None:
-    found = clip_name(
-        None, None, [3], draw, [(f"key{n}", Value("", data)) for n, (_, data) in enumerate(told)]
-    )
+    parts = [f"key{n}={short_text(Value('', data))}" for n, (_, data) in enumerate(told)]
+    found = clip_name(["03", f"{draw:04d}"], parts)
     assert len(found.encode()) <= MAX_NAME_BYTES
     assert not set(found) & set("/\\:*?\"<>| \0\n'$`~&;()[]{}!#")
     assert found.isprintable()

@@ -293,7 +293,7 @@ def test_a_table_of_other_draws_is_kept_and_told(lesson: Path, tmp_path: Path, c
     assert sweep(lesson, out, *flags, "--samples", "3") == 0
     told = capsys.readouterr().err
     for kind, data in old.items():
-        assert f"{out}: sweep.{kind} tells of another sweep; kept as sweep.{kind}~\n" in told
+        assert f"{out}: warning: sweep.{kind} is of another sweep; kept as sweep.{kind}~\n" in told
         assert (out / f"sweep.{kind}~").read_bytes() == data
         assert (out / f"sweep.{kind}").read_bytes() != data
     assert len(pd.read_csv(out / "sweep.csv")) == 3
@@ -337,7 +337,7 @@ def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monk
         assert (tmp_path / "out" / "sweep.part.csv").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sweep_files, "row", stop)
+    monkeypatch.setattr(sweep_files, "table_row", stop)
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 130
     monkeypatch.undo()
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
