@@ -67,23 +67,21 @@ def local(clips: int = CLIPS, turns: int = TURNS) -> list[dict]:
 def handing(clips: int = 400) -> list[dict]:
     """CPU ms a clip of the process that hands out, with client, scheduler and workers' loops in it."""
     rows = []
-    for together in (1, 8):
-        for ship in (False, True):
-            code = f"import cluster; cluster.handed({clips}, {together}, {ship})"
-            run = subprocess.run(
-                [sys.executable, "-c", code],
-                check=True,
-                capture_output=True,
-                text=True,
-                cwd=Path(__file__).parent,
-            )
-            rows.append({"together": together, "shipped": ship, "ms": float(run.stdout)})
+    for ship in (False, True):
+        code = f"import cluster; cluster.handed({clips}, {ship})"
+        run = subprocess.run(
+            [sys.executable, "-c", code],
+            check=True,
+            capture_output=True,
+            text=True,
+            cwd=Path(__file__).parent,
+        )
+        rows.append({"shipped": ship, "ms": float(run.stdout)})
     return rows
 
 
-def handed(clips: int, together: int, ship: bool) -> None:
+def handed(clips: int, ship: bool) -> None:
     """Prints it; of clips that are hardly any work, without what starting takes."""
-    farm._Farm._together = property(lambda self: together)  # type: ignore[assignment]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "tiny.yaml").write_text(TINY)
@@ -96,7 +94,7 @@ def handed(clips: int, together: int, ship: bool) -> None:
             for k in range(clips)
         ]
         begun = 0.0
-        for number, done in enumerate(farm.run_on_cluster("dask", 2, jobs, clips, ship)):
+        for number, done in enumerate(farm.run_on_cluster("dask", 2, jobs, ship)):
             assert done.folder is not None
             if number == clips // 4:
                 begun = _own()

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.cluster import FEW
 from physgen.batch.workers import AHEAD
 
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -48,24 +47,19 @@ def figures(batch: Mapping[str, Any], cluster: Mapping[str, Any]) -> dict[str, A
     (dask,) = (row for row in cluster["local"] if row["way"] == "dask")
     share = dask["rate"][1]  # of the throughput of processes, the median of turns
     core = two["rate"] / two["jobs"] * share  # clips a second
-    together = max(1, CORES // FEW)
-    handing = {
-        row["together"]: row["ms"] / 1000 for row in cluster["handing"] if not row["shipped"]
-    }  # s of the process that hands out
-    most = max(handing)
+    # s of the process that hands out
+    handing = next(row["ms"] / 1000 for row in cluster["handing"] if not row["shipped"])
     sizes = {row["file"]: row["bytes"] for row in batch["sizes"]}
-    drawing, handed = CLIPS / (core * CORES), CLIPS * handing[most]
+    drawing, handed = CLIPS / (core * CORES), CLIPS * handing
     return {
         "core": core,
         "cpu": two["cpu"] * CLIPS,
         "more": two["cpu"] / one["cpu"],
-        "together": together,
-        "measured": most,
         "handing": handing,
         "drawing": drawing,
         "handed": handed,
         "wall": max(drawing, handed),
-        "busy": int(handing[most] ** -1 / core),
+        "busy": int(handing**-1 / core),
         "sizes": sizes,
         "bytes": sum(sizes[name] for name in BY_CLIP) * CLIPS,
         "parent": [(row["clips"], row["mib"]) for row in batch.get("parent", ())],
@@ -87,7 +81,7 @@ def _told(f: Mapping[str, Any]) -> str:
         (
             "handing out, one process",
             time(f["handed"]),
-            f"{1000 * f['handing'][f['measured']]:.3g} ms of CPU a clip",
+            f"{1000 * f['handing']:.3g} ms of CPU a clip",
         ),
         ("**the run takes**", f"**{time(f['wall'])}**", f"the longer of the two: {bound}"),
         ("CPU of all cores", time(f["cpu"]), ""),
@@ -106,8 +100,7 @@ def _told(f: Mapping[str, Any]) -> str:
             "| --- | ---: | --- |",
             *(f"| {what} | {took} | {whence} |" for what, took, whence in rows),
             "",
-            f"Clips go out in parcels of {f['together']} to {CORES:,} threads; {f['measured']} in one were measured,",
-            "with the loops of scheduler and workers in the same process, so that handing out takes less than this.",
+            "Handing out was measured with the loops of scheduler and workers in the same process: it takes less.",
             "One process that hands out keeps some",
             f"{f['busy']:,} cores busy with clips as short as these; clips that take ten times as long, ten times as",
             "many cores. Beyond that, share a sweep among several runs, each with its own folder and scheduler: draws",
@@ -132,8 +125,7 @@ def _told(f: Mapping[str, Any]) -> str:
             f"No more than {AHEAD} clips a worker are ahead of the oldest unfinished one, {AHEAD * CORES:,} here, so",
             "neither the scheduler nor the process that hands out holds more than these, however many there are.",
             *([f"Measured, with two processes: {', '.join(held)}."] if held else []),
-            "The scheduler sees one task a parcel:",
-            f"{CLIPS // f['together']:,} tasks in all, {CLIPS / f['together'] / f['wall']:.3g} a second.",
+            f"The scheduler sees one task a clip: {CLIPS / f['wall']:.3g} a second.",
             "",
         ]
     )
