@@ -165,7 +165,7 @@ def plausibility(rows: Any) -> list[Row]:
         for tracker, words in (("1 px", "at 1 px of noise"), ("masks", "from masks"))
     ]
     found = (
-        f"right clips are told from wrong ones for {told('exact', 'physgen')} of our clips and "
+        f"right and wrong clips are called rightly for {told('exact', 'physgen')} of our clips and "
         f"{told('exact', 'closed form')} of clips that another program made (balanced, with intervals of 95 %; exact "
         f"tracks, seeds held out); for {' and '.join(rest)}"
     )

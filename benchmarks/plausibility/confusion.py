@@ -1,4 +1,4 @@
-"""What the judge said of clips that are known -> the confusion table, as Findings."""
+"""What the judge answered for clips that are known -> the confusion table, as Findings."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ BAR = 0.95
 Row = Mapping[str, Any]
 
 
-def counted(said: Sequence[Said]) -> list[dict[str, Any]]:
+def counted(answers: Sequence[Said]) -> list[dict[str, Any]]:
     """A row for all clips of a source, family, fault and tracker: how many, called wrong, not asked; scores."""
     groups: dict[tuple[str, ...], list[Said]] = {}
-    for one in said:
+    for one in answers:
         groups.setdefault((one.tracker, one.source, one.family, one.fault), []).append(one)
     return [
         {
@@ -53,7 +53,7 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
     clips = sum(row["clips"] for row in _only(rows, tracker=exact))
     sentences = (
         f"Of {clips} clips, seeds {seeds.start} to {seeds.stop - 1}, which no threshold was chosen on, "
-        f"{_part(balanced(_only(rows, tracker=exact)))} are told rightly on {exact} tracks (balanced accuracy: the "
+        f"{_part(balanced(_only(rows, tracker=exact)))} are called rightly on {exact} tracks (balanced accuracy: the "
         "mean of the shares of right and of wrong clips).",
     )
     sections = [
@@ -66,7 +66,7 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
     shares = {source: _table(rows, source, trackers) for source in sources}
     more = {"seeds": [seeds.start, seeds.stop - 1], "balanced_accuracy": shares}
     return Findings(
-        "plausibility", "Right told from wrong", sentences, tuple(sections), list(rows), bars, more
+        "plausibility", "Right and wrong clips", sentences, tuple(sections), list(rows), bars, more
     )
 
 
@@ -77,7 +77,7 @@ class Counts(NamedTuple):
     wrong: int
     """Called so."""
     unasked: int
-    """Of whom nothing can be asked: told rightly they are not, whatever they are."""
+    """Of whom nothing can be asked: called rightly they are not, whatever they are."""
 
     @property
     def right(self) -> int:
@@ -86,7 +86,7 @@ class Counts(NamedTuple):
 
 
 def balanced(rows: Sequence[Row]) -> float | None:
-    """Mean of the shares of right clips and of wrong ones that are told rightly; None without either."""
+    """Mean of the shares of right clips and of wrong ones that are called rightly; None without either."""
     told = _told(rows)
     return None if told is None else sum(hits / count for hits, count in told) / 2
 
@@ -98,7 +98,7 @@ def interval(rows: Sequence[Row]) -> tuple[float, float] | None:
 
 
 def _told(rows: Sequence[Row]) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """Of right clips and of wrong ones, how many are told rightly, of all; None without either."""
+    """Of right clips and of wrong ones, how many are called rightly, of all; None without either."""
     right, wrong = _counts(rows, True), _counts(rows, False)
     if not (right.clips and wrong.clips):
         return None
@@ -112,13 +112,13 @@ def _counts(rows: Iterable[Row], right: bool) -> Counts:
 
 def _about() -> tuple[str, ...]:
     return (
-        "physgen: random scenes of nine kinds, and the same with one thing wrong: the simulator is stopped, something "
+        "physgen: random scenes of nine kinds, and the same with one body wrong: the simulator is stopped, something "
         "is changed, and it goes on. Closed form: balls on parabolas, by a program that shares nothing with the "
-        "engine. Neither walls nor pushes are told to the judge, and masses only where it says so. 16, 24 and 30 "
+        "engine. Neither walls nor pushes are given to the judge, and masses only where it says so. 16, 24 and 30 "
         f"frames a second by turns. Faults have {FREE:g} s without a touch before and after them, where they need it "
         "to show; thresholds were chosen on other seeds of both sources.",
         "Tracks: exact; with normal noise of so many px on each place, and on angles as much at the rim; or centroids "
-        "of masks, drawn without anti-aliasing, where things hide each other and no angle is known.",
+        "of masks, drawn without anti-aliasing, where bodies hide each other and no angle is known.",
     )
 
 

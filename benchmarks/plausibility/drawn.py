@@ -1,4 +1,4 @@
-"""Tracks -> frames with every thing's outline filled in with its id -> tracks from those masks."""
+"""Tracks -> frames with every body's outline filled in with its id -> tracks from those masks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BITS = 4
 
 
 def from_drawn(tracks: Tracks) -> Tracks:
-    """What can be told from ids alone: no angles, no outlines but discs, nothing of what is hidden."""
+    """What is known from ids alone: no angles, no outlines but discs, nothing of what is hidden."""
     ids, places, forms, areas = tracked(gathered(_maps(tracks)))
     return replace(
         tracks,
@@ -34,7 +34,7 @@ def from_drawn(tracks: Tracks) -> Tracks:
 
 
 def _maps(tracks: Tracks) -> Iterator[Ids]:
-    """As large as the way of all things, the camera stands that far away."""
+    """As large as the way of all bodies, the camera stands that far away."""
     reach = max(form.reach for form in tracks.forms) + 3
     low = np.maximum(tracks.places.min(axis=(0, 1)) - reach, -LARGEST / 4)
     width, height = (

@@ -74,25 +74,25 @@ def _wall(rng: Rng, *points: tuple[float, float]) -> Data:
 
 def bouncing(rng: Rng) -> Data:
     """Balls and boxes thrown into a room."""
-    things: Data = {}
+    bodies: Data = {}
     for k, x in enumerate(np.linspace(80, 430, int(rng.integers(2, 6)))):
         at = (float(x + rng.uniform(-15, 15)), _number(rng, 60, 260))
         if rng.random() < 0.75:
             speed = (_number(rng, -250, 250), _number(rng, -200, 100))
-            things[f"ball-{k}"] = _ball(rng, *at, _number(rng, 9, 24), speed)
+            bodies[f"ball-{k}"] = _ball(rng, *at, _number(rng, 9, 24), speed)
         else:
             box = _box(rng, *at, _number(rng, 20, 40), _number(rng, 15, 40), _number(rng, -40, 40))
-            things[f"box-{k}"] = box | {
+            bodies[f"box-{k}"] = box | {
                 "velocity": [_number(rng, -200, 200), 0.0],
                 "spin": _number(rng, -200, 200),
             }
     room = _wall(rng, (15, -300), (15, 490), (497, 490), (497, -300))
-    return {"world": _side(rng), "objects": things, "boundaries": {"room": room}}
+    return {"world": _side(rng), "objects": bodies, "boundaries": {"room": room}}
 
 
 def meeting(rng: Rng) -> Data:
     """Balls thrown at each other, to meet in the air."""
-    things: Data = {}
+    bodies: Data = {}
     world = _side(rng, 1.2)
     pull = 9.8 * world["pixels_per_meter"]
     for k in range(int(rng.integers(1, 3))):
@@ -101,13 +101,13 @@ def meeting(rng: Rng) -> Data:
             speed = _number(rng, 150, 400)
             start = (x + side * (speed * when + 14), y - _number(rng, -12, 12))
             velocity = (-side * speed, -pull * when / 2)
-            things[f"ball-{k}{'ab'[side > 0]}"] = _ball(rng, *start, _number(rng, 12, 22), velocity)
-    return {"world": world, "objects": things}
+            bodies[f"ball-{k}{'ab'[side > 0]}"] = _ball(rng, *start, _number(rng, 12, 22), velocity)
+    return {"world": world, "objects": bodies}
 
 
 def sliding(rng: Rng) -> Data:
     """Blocks that slide on tables, rolling balls, and some that fall off the edge."""
-    things: Data = {}
+    bodies: Data = {}
     tables: Data = {}
     for k, y in enumerate((170.0, 330.0, 480.0)):
         edge = _number(rng, 300, 500)
@@ -118,10 +118,10 @@ def sliding(rng: Rng) -> Data:
         for m in range(int(rng.integers(1, 3))):
             x, speed = 50 + 130.0 * m, _number(rng, 0, 450)
             if rng.random() < 0.5:
-                things[f"block-{k}{m}"] = _box(rng, x, y - 12, 34, 24) | {"velocity": [speed, 0]}
+                bodies[f"block-{k}{m}"] = _box(rng, x, y - 12, 34, 24) | {"velocity": [speed, 0]}
             else:
-                things[f"ball-{k}{m}"] = _ball(rng, x, y - 14, 14, (speed, 0))
-    return {"world": _side(rng, 1.6), "objects": things, "boundaries": tables}
+                bodies[f"ball-{k}{m}"] = _ball(rng, x, y - 14, 14, (speed, 0))
+    return {"world": _side(rng, 1.6), "objects": bodies, "boundaries": tables}
 
 
 def ramp(rng: Rng) -> Data:
@@ -130,32 +130,32 @@ def ramp(rng: Rng) -> Data:
     top, end = (40.0, 150.0), (300.0, 150.0 + 260 * float(np.tan(angle)))
     along = np.array([np.cos(angle), np.sin(angle)])
     up = np.array([np.sin(angle), -np.cos(angle)])
-    things: Data = {}
+    bodies: Data = {}
     for k, far in enumerate((40.0, 110.0)):
         if rng.random() < 0.6:
             x, y = np.array(top) + far * along + 14 * up
-            things[f"ball-{k}"] = _ball(rng, float(x), float(y), 14) | {"spin": 0}
+            bodies[f"ball-{k}"] = _ball(rng, float(x), float(y), 14) | {"spin": 0}
         else:
             x, y = np.array(top) + far * along + 12 * up
-            things[f"block-{k}"] = _box(rng, float(x), float(y), 36, 24, round(float(np.degrees(angle)), 4))
+            bodies[f"block-{k}"] = _box(rng, float(x), float(y), 36, 24, round(float(np.degrees(angle)), 4))
     walls = {"slope": _wall(rng, top, end), "floor": _wall(rng, (-300, 490), (900, 490))}
-    return {"world": _side(rng), "objects": things, "boundaries": walls}
+    return {"world": _side(rng), "objects": bodies, "boundaries": walls}
 
 
 def stack(rng: Rng) -> Data:
     """A pile of boxes, hit by a ball."""
     size = _number(rng, 30, 44)
-    things: Data = {}
+    bodies: Data = {}
     for row in range(3):
         for k in range(3 - row):
             x, y = 300 + (size + 2) * (k + row / 2), 480 - size * (row + 0.5)
-            things[f"box-{row}{k}"] = _box(rng, x, y, size, size)
-    things["ball"] = _ball(
+            bodies[f"box-{row}{k}"] = _box(rng, x, y, size, size)
+    bodies["ball"] = _ball(
         rng, 60, _number(rng, 330, 450), 16, (_number(rng, 250, 500), _number(rng, -150, 0))
     )
     return {
         "world": _side(rng, 1.5),
-        "objects": things,
+        "objects": bodies,
         "boundaries": {"floor": _wall(rng, (-300, 480), (900, 480))},
     }
 
@@ -163,11 +163,11 @@ def stack(rng: Rng) -> Data:
 def dominoes(rng: Rng) -> Data:
     """A row, the first of which falls."""
     height, gap = _number(rng, 60, 100), _number(rng, 30, 48)
-    things = {f"domino-{k}": _box(rng, 60 + gap * k, 450 - height / 2, 12, height) for k in range(8)}
-    things["domino-0"] |= {"spin": _number(rng, 80, 200)}
+    bodies = {f"domino-{k}": _box(rng, 60 + gap * k, 450 - height / 2, 12, height) for k in range(8)}
+    bodies["domino-0"] |= {"spin": _number(rng, 80, 200)}
     return {
         "world": _side(rng, 1.5),
-        "objects": things,
+        "objects": bodies,
         "boundaries": {"floor": _wall(rng, (-300, 450), (900, 450))},
     }
 
@@ -187,31 +187,31 @@ def pendulum(rng: Rng) -> Data:
 
 def table_top(rng: Rng) -> Data:
     """Discs on a table, some of them moving."""
-    things: Data = {}
+    bodies: Data = {}
     for k in range(int(rng.integers(4, 9))):
         x, y = 90 + 110 * (k % 4) + rng.uniform(-20, 20), 120 + 160 * (k // 4) + rng.uniform(-30, 30)
         moves = k % 2 == 0
         speed = (_number(rng, -350, 350), _number(rng, -350, 350)) if moves else (0.0, 0.0)
-        things[f"disc-{k}"] = _ball(rng, x, y, _number(rng, 14, 28), speed) | {"solid": "disc"}
+        bodies[f"disc-{k}"] = _ball(rng, x, y, _number(rng, 14, 28), speed) | {"solid": "disc"}
     world = {
         "view": "top",
         "pixels_per_meter": 200,
         "table": {"friction": _number(rng, 0.005, 0.1)},
         "duration": 2.0,
     }
-    return {"world": world, "objects": things}
+    return {"world": world, "objects": bodies}
 
 
 def billiards(rng: Rng) -> Data:
     """A cue ball at some others, between cushions."""
-    things: Data = {
+    bodies: Data = {
         "cue": _ball(rng, 70, 256 + rng.uniform(-8, 8), 13, (_number(rng, 500, 1100), _number(rng, -40, 40)))
     }
     for k in range(int(rng.integers(2, 7))):
         row, column = divmod(k, 2)
         x, y = 250 + 60 * row + rng.uniform(-8, 8), 230 + 56 * column + rng.uniform(-8, 8)
-        things[f"ball-{k}"] = _ball(rng, x, y, 13)
-    for ball in things.values():
+        bodies[f"ball-{k}"] = _ball(rng, x, y, 13)
+    for ball in bodies.values():
         ball |= {
             "solid": "sphere",
             "mass": 170,
@@ -222,7 +222,7 @@ def billiards(rng: Rng) -> Data:
         }
     frame = _wall(rng, (20, 20), (492, 20), (492, 492), (20, 492), (20, 20))
     world = {"view": "top", "pixels_per_meter": 230, "table": {"friction": 0.6}, "duration": 2.0}
-    return {"world": world, "objects": things, "boundaries": {"cushions": frame}}
+    return {"world": world, "objects": bodies, "boundaries": {"cushions": frame}}
 
 
 FAMILIES: dict[str, Callable[[Rng], Data]] = {

@@ -1,6 +1,6 @@
-"""A right world -> the same with one thing made wrong, by running it in pieces; None where it would not show.
+"""A right world -> the same with one body made wrong, by running it in pieces; None where it would not show.
 
-Whether it shows is told from the engine's contacts, not from what the judge sees.
+Whether it shows is decided by the engine's contacts, not from what the judge sees.
 """
 
 from __future__ import annotations

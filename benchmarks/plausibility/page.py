@@ -20,10 +20,10 @@ physgen evaluate plausibility out                             # every clip that 
 physgen evaluate plausibility scenes/billiards/scene.yaml     # a scene, simulated
 physgen evaluate plausibility gt.txt --fps 30 --skip overlap  # tracks of any video
 physgen evaluate plausibility tracks.csv --view top --mass ball=170 --pushed cue@0-0.1 -o page
-python benchmarks/run.py plausibility                         # right clips told from wrong ones, as below
+python benchmarks/run.py plausibility                         # right and wrong clips, as below
 ```
 
-Is the motion in a clip physically possible? There is no truth to compare with: only where things were in each
+Is the motion in a clip physically possible? There is no truth to compare with: only where bodies were in each
 frame. Each question below gives a score from 0 to 1 with its evidence: who, in which frame, how much. Below 0.5 a clip
 is called wrong; its score is that of its worst question, and the command exits with 1. A question that a clip shows
 nothing of is not asked, and a clip of which nothing can be asked is neither right nor wrong.
@@ -36,17 +36,17 @@ nothing of is not asked, and a clip of which nothing can be asked is neither rig
 | CSV: `frame` or `time`, `name`, `x`, `y`, and if known `angle` (rad), `radius` or `width`, `height` | as given | discs; of boxes the disc inside and the one around |
 | MOT: `gt.txt`, with `seqinfo.ini` for the rate | middles of boxes | as of boxes |
 | COCO with `track_id`s: `*.json` | centroids of masks, else middles of boxes | the largest disc inside, the least around |
-| TAP-Vid: `*.npz` with `video`, `points`, `occluded` | each point; with `object`, the points of a thing as one rigid body | how far the points lie |
+| TAP-Vid: `*.npz` with `video`, `points`, `occluded` | each point; with `object`, the points of a body as one rigid body | how far the points lie |
 | a folder of PNG maps, one a frame, ids or colours | centroids of what is wholly seen | as of masks |
 
 px, image axes, s. Of clips of ours nothing but places, outlines and masses is taken, and from the scene what acts from
 outside: pushes, joints, wind, scripts, boundaries. `--held`, `--pushed` and `--mass` say so of other tracks; masses
-are areas otherwise, and any ratio up to 12 times that will do. Things are taken to move in one plane: where they pass
+are areas otherwise, and any ratio up to 12 times that will do. Bodies are taken to move in one plane: where they pass
 before each other, say `--skip overlap`.
 
 ## What is asked
 
-How much a track shakes is told from its fifth or third differences (`--noise` says otherwise). Each track is cut into
+How much a track shakes is estimated from its fifth or third differences (`--noise` says otherwise). Each track is cut into
 stretches of constant acceleration, least squares and as few as the noise allows; blows lie where two meet, between
 frames, at the time at which both ways come nearest. What noise may explain (2.5 standard deviations) is taken off before
 anything is called a deviation.
@@ -54,12 +54,12 @@ anything is called a deviation.
 | question | deviation | 0.5 at |
 |---|---|---|
 | gravity | of a flight's acceleration from the median of all flights', or its change within one, over gravity. A flight is plumb or curved, smooth, turns evenly and touches nothing known; so is what is pulled upwards by over half as much. What changes its acceleration again and again hangs on something. Side only | {gravity} |
-| momentum | what is missing of the momentum that two pass to each other, where nothing else is near: seen from above, or both in flight. Round things must push apart | {momentum} |
+| momentum | what is missing of the momentum that two pass to each other, where nothing else is near: seen from above, or both in flight. Round bodies must push apart | {momentum} |
 | energy | how much faster something parts than it came along the change of its velocity, seen from what it hit, less what its spin gave | {energy} |
 | overlap | how deep two outlines lie in each other, more than at the start, over the smaller one's width; between frames too, and behind each other where the way goes on smoothly | {overlap} |
 | jumps | how far a step is from all that the velocities before and after allow, over the usual step | {jumps} |
-| starts | how far something at rest goes in 6 frames, though nothing that moves touches it, nobody pushes and it does not just go down; over a tenth of its size | {starts} |
-| speeding | how much faster a thing on a table gets by itself, over its speed; after a blow, a ball may get back 2/7 of the speed that it has lost since its fastest (a follow shot). Top only | {speeding} |
+| starts | how far something at rest goes in 6 frames, though nothing that moves touches it, no one pushes and it does not just go down; over a tenth of its size | {starts} |
+| speeding | how much faster a body on a table gets by itself, over its speed; after a blow, a ball may get back 2/7 of the speed that it has lost since its fastest (a follow shot). Top only | {speeding} |
 
 A score is 1/(1 + (deviation/middle)³).
 
@@ -67,7 +67,7 @@ What it does not see: masses that change, spins that go wrong, what is wrong whi
 fewer than four frames between two blows; a clip in which everything falls upwards or sideways; gravity that ends
 midway, since what rests in the air or goes straight on may lie on something unseen; a blow at what never moves, which
 may be nailed down. What falls in air for long (a feather) is called wrong, and so is what unseen hands push or hold and
-nobody told.
+no one stated.
 
 """
 
@@ -81,7 +81,7 @@ def page(rows: list[dict], machine: str) -> str:
     head = HEAD.format(**{name: f"{value:g}" for name, value in MIDDLE.items()})
     told = markdown(_scenes([row for row in rows if "scene" in row])).partition("\n")[2].strip()
     studio = _studio([row for row in rows if "studio" in row])
-    return f"{head}## Right told from wrong\n\n{body}\n\n{told}\n\n{studio}\n\nMeasured on {machine}.\n"
+    return f"{head}## Right and wrong clips\n\n{body}\n\n{told}\n\n{studio}\n\nMeasured on {machine}.\n"
 
 
 def _studio(rows: list[dict]) -> str:

@@ -58,7 +58,7 @@ def in_two(
 ) -> Array | None:
     """(T, N, 3) poses at `times`: as it is to the moment, then as changed.
 
-    None where one of `calm` touches something within some seconds after it, so that nobody could tell.
+    None where one of `calm` touches something within some seconds after it, so that no one could tell.
     """
     before, after = times[times <= moment], times[times > moment]
     first = simulate(world, np.append(before, moment) if before[-1] < moment else before)

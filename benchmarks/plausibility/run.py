@@ -1,4 +1,4 @@
-"""Right told from wrong by `evaluate plausibility`, on seeds that no threshold was chosen on, and our own scenes."""
+"""Right and wrong clips by `evaluate plausibility`, on seeds that no threshold was chosen on, and our own scenes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SEEDS = 24
 
 
 def plausibility(folder: Path) -> list[dict]:
-    """What was said of the clips of the proof, and of each bundled scene and variant."""
+    """The answers for the clips of the calibration, and of each bundled scene and variant."""
     said = trial(range(HELD_OUT, HELD_OUT + SEEDS), os.cpu_count() or 1)
     rows = [{key: value for key, value in row.items() if key != "scores"} for row in counted(said)]
     return [*rows, *scenes(), *studio()]

@@ -75,7 +75,7 @@ def test_masks_of_discs_give_their_places_back() -> None:
     seen = from_drawn(clip)
     shift = np.nanmedian(
         clip.places - seen.places, axis=(0, 1)
-    )  # the picture begins where the first thing does
+    )  # the picture begins where the first body does
     assert np.nanmax(np.abs(clip.places - seen.places - shift)) < 0.6
     assert seen.forms[0].core == pytest.approx(clip.forms[0].core, rel=0.05)
 

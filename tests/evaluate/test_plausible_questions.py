@@ -1,4 +1,4 @@
-"""Plausibility against nature: motions written down by hand, and the same with one thing made wrong."""
+"""Plausibility against nature: motions written down by hand, and the same with one body made wrong."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_what_is_pulled_upwards_is_seen_beside_what_falls() -> None:
     assert (question, "pulled upwards at 900" in evidence.text) == ("gravity", True)
     assert evidence.deviation == pytest.approx(2, abs=0.1)  # the other way is twice as far off as none
     beside = judge(clip([fall(), fall(x=250, vx=-60, vy=-420), 600 - fall(x=400)]))
-    assert [evidence.things for _, evidence in beside.faults()] == [(2,)]
+    assert [evidence.bodies for _, evidence in beside.faults()] == [(2,)]
 
 
 @pytest.mark.parametrize(("e", "wrong"), [(0.5, False), (0.95, False), (1.3, True)])
@@ -147,7 +147,7 @@ def test_a_jump_is_found_in_its_frame_by_its_size() -> None:
 def test_nothing_starts_by_itself_but_what_is_hit_pushed_or_let_go() -> None:
     still = np.zeros(2)
     starts = two(still, still, still, np.array([200.0, 0.0]))
-    starts[0] -= (150, 0)  # nobody near
+    starts[0] -= (150, 0)  # no one near
     alone = judge(clip(starts, View.TOP))
     assert alone.faults()[0][0] == "starts"
     pushed = judge(clip(starts, View.TOP, given=Known(pushed=((1, 0.6, 0.7),))))

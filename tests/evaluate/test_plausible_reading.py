@@ -198,7 +198,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     worst = row["questions"]["jumps"]["evidence"][0]
     assert (row["verdict"], worst["objects"], worst["frame"]) == ("wrong", ["ball-1"], 12)
     assert main(["evaluate", "plausibility", str(path), "--mass", "cue=5"]) == 2
-    assert '"cue" is none of its things' in capsys.readouterr().err
+    assert '"cue" is none of its bodies' in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         main(["evaluate", "plausibility"])
     assert "CLIP" in capsys.readouterr().err

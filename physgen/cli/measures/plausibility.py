@@ -36,14 +36,14 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         type=mass,
-        help="what a thing weighs; areas unless told",
+        help="what a body weighs; areas by default",
     )
     parser.add_argument(
         "--held",
         metavar="NAME",
         action="append",
         default=[],
-        help="a thing on a rope or in a hand: only jumps are asked",
+        help="a body on a rope or in a hand: only jumps are asked",
     )
     parser.add_argument(
         "--pushed",
@@ -51,17 +51,17 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         type=push,
-        help="somebody pushes it from A to B seconds, e.g. ball@0.5-0.8",
+        help="the caller pushes it from A to B seconds, e.g. ball@0.5-0.8",
     )
     parser.add_argument(
         "--skip",
         metavar="LIST",
         type=questions,
         default=(),
-        help=f"questions to leave out, of {','.join(QUESTIONS)}: overlap, where things pass before each other",
+        help=f"questions to leave out, of {','.join(QUESTIONS)}: overlap, where bodies pass before each other",
     )
     parser.add_argument(
-        "--noise", metavar="PX", type=positive, help="of the tracks; told from them unless given"
+        "--noise", metavar="PX", type=positive, help="of the tracks; estimated from them by default"
     )
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"

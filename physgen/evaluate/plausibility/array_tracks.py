@@ -26,12 +26,6 @@ if TYPE_CHECKING:
     from physgen.compile.world import Body, World
 
 
-# ----------------------------------------------------------------------
-# A clip of ours, or a scene that is run -> tracks: places and outlines, and what the scene says acts from
-# outside.
-#
-# Of contacts, energies and velocities, which `trajectory.npz` has too, nothing is read.
-
 EXACT = 0.02
 """px: what the engine's steps may shake."""
 
@@ -56,15 +50,15 @@ def from_clip(folder: Path) -> Tracks:
     from physgen.batch.clips import read_manifest
     from physgen.evaluate.plausibility.request import Request
 
-    told = read_manifest(folder)
-    view = View(str(told.document.get("world", {}).get("view", "side")))
+    manifest = read_manifest(folder)
+    view = View(str(manifest.document.get("world", {}).get("view", "side")))
     bare = from_archive(folder / "trajectory.npz", Request(view=view))
     name = folder.resolve().name
     try:
-        path = Path(folder.resolve(), told.source or "")
-        if not told.source or not path.is_file():
+        path = Path(folder.resolve(), manifest.source or "")
+        if not manifest.source or not path.is_file():
             raise InputError.of(str(path), "", "is not there", "")
-        scene = pipeline.load(path, told.overrides, told.variant, allow_outside=True)
+        scene = pipeline.load(path, manifest.overrides, manifest.variant, allow_outside=True)
         world = pipeline.compile(scene, pipeline.percepts(scene)).world
     except InputError:
         return replace(bare, name=name)
@@ -152,13 +146,10 @@ def _inscribed(piece: Array) -> float:
     return float((np.abs(piece[:, 0] * along[:, 1] - piece[:, 1] * along[:, 0])[keep] / length[keep]).min())
 
 
-# ----------------------------------------------------------------------
-# NumPy archives -> tracks: TAP-Vid's points, or a trajectory of ours by itself. Nothing is unpickled.
-
 ARCHIVES_SHAKE = 0.05
 """px."""
 FEWEST = 3
-"""Points of a thing that tell how it lies."""
+"""Points of a body that tell how it lies."""
 
 
 def from_archive(path: Path, asked: Request) -> Tracks:
@@ -207,13 +198,13 @@ def _points(
         found = f"{np.count_nonzero(~np.isfinite(points[~hidden]).all(axis=-1))} points"
         raise InputError.of(str(path), found, "are seen at no place: NaN", "say that they are occluded")
     if size is None:
-        fix = "keep the video's array in the archive: points are told in parts of it"
+        fix = "keep the video's array in the archive: points are given in parts of it"
         raise InputError.of(str(path), "", "does not say how large the video is", fix)
     if len(points) == 0:
         raise InputError.of(str(path), "", "has no tracks", "give what moves in it points")
     places = np.where(hidden[..., None], np.nan, points * size - 0.5).transpose(1, 0, 2)
     fps = asked.fps or (float(held["fps"]) if "fps" in held else None)
-    said = "" if fps else ", 30 frames a second assumed"
+    assumed = "" if fps else ", 30 frames a second assumed"
     times = np.arange(len(places)) / (fps or FPS)
     owners = held.get("object")
     if owners is None:
@@ -221,24 +212,24 @@ def _points(
         names = tuple(f"point {k + 1}" for k in range(count))
         return Tracks(
             title(path), times, names, places, np.full(places.shape[:2], np.nan), (Outline(0.0, 0.0),) * count,
-            np.ones(count), False, asked.view, ARCHIVES_SHAKE, f"single points, TAP-Vid{said}", Known(), flat=False,
+            np.ones(count), False, asked.view, ARCHIVES_SHAKE, f"single points, TAP-Vid{assumed}", Known(), flat=False,
         )  # fmt: skip
-    told = [str(name) for name in held["names"]] if "names" in held else []
-    first = 1 if told[:1] == ["background"] else 0
-    things = [one for one in np.unique(owners).tolist() if one >= first]
-    rigid = [_rigid(places[:, owners == one]) for one in things]
-    names = tuple(told[one] if 0 <= one < len(told) else f"thing {one}" for one in things)
+    named = [str(name) for name in held["names"]] if "names" in held else []
+    first = 1 if named[:1] == ["background"] else 0
+    bodies = [one for one in np.unique(owners).tolist() if one >= first]
+    rigid = [_rigid(places[:, owners == one]) for one in bodies]
+    names = tuple(named[one] if 0 <= one < len(named) else f"body {one}" for one in bodies)
     forms = tuple(form for _, _, form in rigid)
     return Tracks(
         title(path), times, names, np.stack([place for place, _, _ in rigid], axis=1),
         np.stack([angle for _, angle, _ in rigid], axis=1), forms,
         np.array([max(form.reach, 1.0) ** 2 for form in forms]), False, asked.view, ARCHIVES_SHAKE,
-        f"points of each thing as one body, TAP-Vid{said}", Known(), flat=False,
+        f"points of each body as one body, TAP-Vid{assumed}", Known(), flat=False,
     )  # fmt: skip
 
 
 def _rigid(places: Array) -> tuple[Array, Array, Outline]:
-    """Points (T, K, 2) of one thing -> its place (T, 2), the mean of all of them, its angle (T,), and how far they lie.
+    """Points (T, K, 2) of one body -> its place (T, 2), the mean of all of them, its angle (T,), and how far they lie.
 
     Frames that show fewer than 3 of them tell nothing. Procrustes analysis against the frame that shows most.
     """
@@ -264,21 +255,14 @@ def _rigid(places: Array) -> tuple[Array, Array, Outline]:
     return place, angle, Outline(0.0, 1.3 * reach, 0.7 * reach)
 
 
-# ----------------------------------------------------------------------
-# Maps of ids, one a frame -> tracks: centroids of what is seen, and the discs that surely lie in them and
-# about
-# them.
-#
-# What another thing or the border hides has no centroid that means anything: it is not seen then.
-
 Ids = NDArray[np.integer]
 Pixels = NDArray[np.intp]
 WHOLE = 0.965
-"""Of a thing's usual area: it is hidden in part where less is seen."""
+"""Of a body's usual area: it is hidden in part where less is seen."""
 SHAKE = 0.08
 """px: what centroids of some hundred pixels shake, at least."""
 LEAST = 12
-"""px of area: smaller things have no place."""
+"""px of area: smaller bodies have no place."""
 
 
 @dataclass
@@ -346,7 +330,7 @@ def _disc(ys: Pixels, xs: Pixels) -> tuple[tuple[float, float], float, float, fl
 
 
 def tracked(found: Silhouettes) -> tuple[list[int], Array, tuple[Outline, ...], Array]:
-    """Ids, places (T, N, 2) with NaN where a thing is not wholly seen, forms, and areas (N,) px²."""
+    """Ids, places (T, N, 2) with NaN where a body is not wholly seen, forms, and areas (N,) px²."""
     ids = sorted(found.areas)
     places = np.full((found.count, len(ids), 2), np.nan)
     forms, areas = [], []
@@ -364,14 +348,11 @@ def tracked(found: Silhouettes) -> tuple[list[int], Array, tuple[Outline, ...], 
     return ids, places, tuple(forms), np.array(areas)
 
 
-# ----------------------------------------------------------------------
-# COCO with tracks (as TAO and our own have it) -> tracks: centroids of masks, else middles of boxes.
-
 BOXES = 0.15
 """px that middles of boxes shake, at least."""
 MOST_BYTES = 256 * 2**20
 SEEN = 0.9
-"""Share of a thing that must be seen, where its whole mask is not told."""
+"""Share of a body that must be seen, where its whole mask is not given."""
 
 
 def from_coco(path: Path, asked: Request) -> Iterator[Tracks]:
@@ -379,17 +360,17 @@ def from_coco(path: Path, asked: Request) -> Iterator[Tracks]:
     data = _data(path)
     images = {image["id"]: image for image in data["images"] if isinstance(image, dict) and "id" in image}
     names = {track["id"]: track.get("name") for track in data.get("tracks") or [] if isinstance(track, dict)}
-    videos: dict[Any, list[Mapping[str, Any]]] = {}
+    by_video: dict[Any, list[Mapping[str, Any]]] = {}
     for one in data["annotations"]:
         if isinstance(one, dict) and one.get("track_id", one.get("instance_id")) is not None:
-            videos.setdefault(images.get(one.get("image_id"), {}).get("video_id"), []).append(one)
-    if not videos:
+            by_video.setdefault(images.get(one.get("image_id"), {}).get("video_id"), []).append(one)
+    if not by_video:
         raise InputError.of(str(path), "", "has no tracks", "give annotations a track_id")
-    told = {video.get("id"): video for video in data.get("videos") or [] if isinstance(video, dict)}
-    for video, mine in videos.items():
+    videos = {video.get("id"): video for video in data.get("videos") or [] if isinstance(video, dict)}
+    for video, mine in by_video.items():
         own = [image for image in images.values() if image.get("video_id") == video]
-        name = str(told.get(video, {}).get("name") or title(path))
-        yield _clip(path, name, own, mine, names, told.get(video, {}), asked)
+        name = str(videos.get(video, {}).get("name") or title(path))
+        yield _clip(path, name, own, mine, names, videos.get(video, {}), asked)
 
 
 def _data(path: Path) -> Mapping[str, Any]:
@@ -437,17 +418,17 @@ def _clip(
             frames.append(order[one["image_id"]] - first)
             rows.append(row)
     fps = asked.fps or video.get("fps")
-    said = "" if fps else ", 30 frames a second assumed"
+    assumed = "" if fps else ", 30 frames a second assumed"
     what, floor = ("centroids of masks", SHAKE) if masks == len(rows) else ("middles of boxes", BOXES)
-    return from_rows(name, frames, rows, float(fps or FPS), floor, f"{what}, COCO{said}", asked)
+    return from_rows(name, frames, rows, float(fps or FPS), floor, f"{what}, COCO{assumed}", asked)
 
 
 def _row(path: Path, name: str, one: Mapping[str, Any], size: tuple[Any, Any]) -> tuple[Row | None, bool]:
-    told = one.get("amodal_segmentation") or one.get("segmentation")
+    mask_given = one.get("amodal_segmentation") or one.get("segmentation")
     whole = "amodal_segmentation" in one or one.get("visible_fraction", 1.0) >= SEEN
-    if told and whole and one.get("truncation", 0.0) <= 1 - SEEN and None not in size:
+    if mask_given and whole and one.get("truncation", 0.0) <= 1 - SEEN and None not in size:
         try:
-            mask = decode_segmentation(told, (int(size[0]), int(size[1])))
+            mask = decode_segmentation(mask_given, (int(size[0]), int(size[1])))
         except (ValueError, TypeError) as error:
             raise InputError.of(
                 str(path), f"annotation {one.get('id')}", str(error), "export it again"
@@ -458,15 +439,12 @@ def _row(path: Path, name: str, one: Mapping[str, Any], size: tuple[Any, Any]) -
             return Row(name, x, y, core=core, reach=reach), True
         return None, True
     box = one.get("bbox")
-    if told or not isinstance(box, list) or len(box) != 4:
-        return None, bool(told)
+    if mask_given or not isinstance(box, list) or len(box) != 4:
+        return None, bool(mask_given)
     left, top, width, height = map(float, box)
     middle = left + width / 2 - 0.5, top + height / 2 - 0.5
     return Row(name, *middle, core=min(width, height) / 2, reach=float(np.hypot(width, height)) / 2), False
 
-
-# ----------------------------------------------------------------------
-# A folder of PNG maps, one a frame, a colour or number an id -> tracks: centroids of masks.
 
 MOST_IDS = 1000
 """In a picture: more are no ids, but a photo."""
@@ -486,11 +464,11 @@ def from_pictures(folder: Path, asked: Request) -> Tracks:
     paths = pictures_in(folder)
     ids, places, forms, areas = tracked(gathered(_maps(paths)))
     if not ids:
-        raise InputError.of(str(folder), "", "has no tracks: all is background", "give things ids above 0")
-    said = "" if asked.fps else ", 30 frames a second assumed"
+        raise InputError.of(str(folder), "", "has no tracks: all is background", "give bodies ids above 0")
+    assumed = "" if asked.fps else ", 30 frames a second assumed"
     return Tracks(
         folder.resolve().name, np.arange(len(places)) / (asked.fps or FPS), tuple(map(_name, ids)), places,
-        np.full(places.shape[:2], np.nan), forms, areas, False, asked.view, SHAKE, f"centroids of masks{said}",
+        np.full(places.shape[:2], np.nan), forms, areas, False, asked.view, SHAKE, f"centroids of masks{assumed}",
         flat=False,
     )  # fmt: skip
 
@@ -507,7 +485,7 @@ def _maps(paths: list[Path]) -> Iterator[Ids]:
         size = ids.shape
         values = len(np.unique(ids))
         if values > MOST_IDS:
-            fix = "give maps with a number or colour a thing"
+            fix = "give maps with a number or colour a body"
             raise InputError.of(str(path), f"{values:,} values", "are no ids: it is a photo", fix)
         yield ids
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-# ----------------------------------------------------------------------
-# What is asked of a clip, and what speaks for an answer: who, when, how much.
-
 
 @dataclass(frozen=True)
 class Evidence:
-    """One instance of a question: a flight, a blow, a pair, a thing."""
+    """One instance of a question: a flight, a blow, a pair, a body."""
 
     deviation: float
     """0: nothing wrong beyond what noise explains; it grows with what is wrong, in parts of what is right."""
     frame: int
     """Where it is worst."""
-    things: tuple[int, ...]
+    bodies: tuple[int, ...]
     """Indices."""
     text: str
     """What was found, with its size."""
@@ -42,9 +39,6 @@ class Answer:
         """Of the worst."""
         return self.evidence[0].deviation if self.evidence else 0.0
 
-
-# ----------------------------------------------------------------------
-# How far off -> a score from 0, surely wrong, to 1, nothing wrong; 0.5 parts right from wrong.
 
 MIDDLE = {
     "gravity": 0.2,

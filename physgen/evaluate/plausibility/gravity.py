@@ -53,7 +53,7 @@ def common(motion: Motion) -> Array | None:
 
 
 def flights(motion: Motion, way: float = DOWN) -> list[tuple[int, Segment]]:
-    """Things and their flights, all that are pulled one `way`; what is guided, as a pendulum is, has none."""
+    """Bodies and their flights, all that are pulled one `way`; what is guided, as a pendulum is, has none."""
     if motion.tracks.view is View.TOP or motion.tracks.flat:
         return []
     return [
@@ -65,10 +65,10 @@ def flights(motion: Motion, way: float = DOWN) -> list[tuple[int, Segment]]:
     ]
 
 
-def _guided(motion: Motion, thing: int) -> bool:
+def _guided(motion: Motion, body: int) -> bool:
     """Whether its acceleration changes without a blow again and again: gravity may change once, a rope turns on."""
     smooth = 0
-    for turn in motion.turns[thing]:
+    for turn in motion.turns[body]:
         a, b = turn.before, turn.after
         off = float(np.hypot(*(a.acceleration - b.acceleration)))
         error = float(np.hypot(a.acceleration_error, b.acceleration_error))
@@ -78,30 +78,30 @@ def _guided(motion: Motion, thing: int) -> bool:
     return smooth >= 2
 
 
-def flies(motion: Motion, thing: int, stretch: Segment, way: float = DOWN) -> bool:
+def flies(motion: Motion, body: int, stretch: Segment, way: float = DOWN) -> bool:
     """Whether a stretch is surely a flight: curved or plumb, touched by nothing that is known, smooth all along."""
     tracks = motion.tracks
-    if not motion.free(thing) or stretch.count < FEWEST or (stretch.count - 1) * tracks.step < SHORTEST:
+    if not motion.free(body) or stretch.count < FEWEST or (stretch.count - 1) * tracks.step < SHORTEST:
         return False
     first, last = tracks.times[stretch.first], tracks.times[stretch.last]
-    if motion.was_pushed(thing, first, last) or not _falls(motion, thing, stretch, way):
+    if motion.was_pushed(body, first, last) or not _falls(motion, body, stretch, way):
         return False
-    spin = motion.spin(thing, stretch.first, stretch.last)
+    spin = motion.spin(body, stretch.first, stretch.last)
     if spin is not None and not spin.steady:  # what nothing touches turns evenly
         return False
     inner = stretch.first + 1, stretch.last - 1
     if any(
-        np.nanmin(motion.clearance.least(thing, other)[inner[0] : inner[1] + 1], initial=np.inf) < 1.0
+        np.nanmin(motion.clearance.least(body, other)[inner[0] : inner[1] + 1], initial=np.inf) < 1.0
         for other in range(len(tracks.names))
-        if other != thing and tracks.forms[other].reach > 0
+        if other != body and tracks.forms[other].reach > 0
     ):
         return False
-    return bool(np.nanmin(motion.clearance.to_walls(thing)[inner[0] : inner[1] + 1], initial=np.inf) > 0.5)
+    return bool(np.nanmin(motion.clearance.to_walls(body)[inner[0] : inner[1] + 1], initial=np.inf) > 0.5)
 
 
-def _falls(motion: Motion, thing: int, stretch: Segment, way: float) -> bool:
+def _falls(motion: Motion, body: int, stretch: Segment, way: float) -> bool:
     """A parabola, or a plumb line that gets faster or slower that way."""
-    sigma, error = float(motion.sigma[thing]), stretch.acceleration_error
+    sigma, error = float(motion.sigma[body]), stretch.acceleration_error
     a = stretch.acceleration
     size = float(np.hypot(*a))
     if way * a[1] <= 0 or size < 5 * error or size == 0:
@@ -127,7 +127,7 @@ def _median(values: Array, weights: Array) -> float:
     return float(values[order][int(np.searchsorted(heap, heap[-1] / 2))])
 
 
-def _judged(motion: Motion, thing: int, stretch: Segment, pulled: Array, size: float) -> Evidence:
+def _judged(motion: Motion, body: int, stretch: Segment, pulled: Array, size: float) -> Evidence:
     off = float(np.hypot(*(stretch.acceleration - pulled)))
     # few frames tell little of their own noise, too: Student's t grows about so
     sure = SURE * np.sqrt(2) * (1 + 4 / (stretch.count - 3))
@@ -135,10 +135,10 @@ def _judged(motion: Motion, thing: int, stretch: Segment, pulled: Array, size: f
     times = motion.tracks.times[stretch.first : stretch.last + 1]
     bend = float(np.hypot(*stretch.jerk)) * (times[-1] - times[0]) / 2
     bent = max(0.0, bend - sure * _bend_error(stretch, times)) / size
-    if max(apart, bent) > 0 and _kinked(motion, thing, stretch, pulled):
+    if max(apart, bent) > 0 and _kinked(motion, body, stretch, pulled):
         apart = bent = 0.0
     found = float(np.hypot(*stretch.acceleration))
-    name = motion.tracks.names[thing]
+    name = motion.tracks.names[body]
     frames = f"frames {stretch.first} to {stretch.last}"
     if stretch.acceleration[1] < 0:
         text = f"{name}: is pulled upwards at {found:.0f} px/s² over {frames}, all flights fall at {size:.0f}"
@@ -146,21 +146,21 @@ def _judged(motion: Motion, thing: int, stretch: Segment, pulled: Array, size: f
         text = f"{name}: its fall changes by {bend / size:.0%} of gravity over {frames}"
     else:
         text = f"{name}: falls at {found:.0f} px/s² over {frames}, all flights at {size:.0f}"
-    return Evidence(max(apart, bent), (stretch.first + stretch.last) // 2, (thing,), text)
+    return Evidence(max(apart, bent), (stretch.first + stretch.last) // 2, (body,), text)
 
 
-def _kinked(motion: Motion, thing: int, stretch: Segment, pulled: Array) -> bool:
+def _kinked(motion: Motion, body: int, stretch: Segment, pulled: Array) -> bool:
     """Whether a fall as all others' with one small blow in it explains the places as well."""
     rows = slice(stretch.first, stretch.last + 1)
     s = motion.tracks.times[rows] - stretch.middle
-    path = motion.tracks.places[rows, thing]
+    path = motion.tracks.places[rows, body]
     off = path - np.outer(s * s / 2, pulled)
     left = float(((path - np.array([stretch.place(t) for t in motion.tracks.times[rows]])) ** 2).sum())
     best = np.inf
     for at in (s[1:-2] + s[2:-1]) / 2:
         columns = np.stack([np.ones(len(s)), s, np.maximum(s - at, 0.0)], axis=1)
         best = min(best, float(((off - columns @ (np.linalg.pinv(columns) @ off)) ** 2).sum()))
-    return best <= left + EQUAL * float(motion.sigma[thing]) ** 2
+    return best <= left + EQUAL * float(motion.sigma[body]) ** 2
 
 
 def _bend_error(stretch: Segment, times: Array) -> float:

@@ -10,26 +10,26 @@ from physgen.evaluate.plausibility.motion import Motion, Segment, VelocityChange
 from physgen.evaluate.plausibility.tracks import Array
 
 SAME = 1.0
-"""Frames within which turns of two things are one blow."""
+"""Frames within which turns of two bodies are one blow."""
 LATE = 2.5
-"""Frames within which they may have been one, where they are not told well."""
+"""Frames within which they may have been one, where they are not known well."""
 MISSED = 0.12
 """Of what the change of velocity makes in a frame: by so much ways may miss each other."""
 SIDEWAYS = 0.45
 """A blow's part along the line of centres, at least: friction of 2 turns it by no more."""
 RESTING = 0.3
-"""Of the speed after a blow: what came slower was probably hit, and somebody was near."""
+"""Of the speed after a blow: what came slower was probably hit, and the caller was near."""
 CLOSE = 2.0
-"""px: a third thing so near has a part in it."""
+"""px: a third body so near has a part in it."""
 SURE = 3.0
 """Standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One thing's share in a blow."""
+    """One body's share in a blow."""
 
-    thing: int
+    body: int
     before: Segment
     after: Segment
     time: float
@@ -74,16 +74,16 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """Of one thing alone, or of two and nobody else."""
+    """Of one body alone, or of two and no one else."""
 
     frame: int
     time: float
     parts: tuple[Part, ...]
 
     @property
-    def things(self) -> tuple[int, ...]:
+    def bodies(self) -> tuple[int, ...]:
         """Indices."""
-        return tuple(part.thing for part in self.parts)
+        return tuple(part.body for part in self.parts)
 
     def single(self, step: float) -> bool:
         """Whether one blow explains it: ways meet at its time; where two come in one frame, they do not."""
@@ -92,7 +92,7 @@ class Impact:
 
 
 def impacts(motion: Motion) -> list[Impact]:
-    """All that concern one or two things that are free, told and not in a crowd; each once."""
+    """All that concern one or two bodies that are free, measured and not in a crowd; each once."""
     found: list[Impact] = []
     for turns in motion.turns:
         for turn in turns:
@@ -106,57 +106,57 @@ def impacts(motion: Motion) -> list[Impact]:
 
 def _askable(motion: Motion, turn: VelocityChange) -> bool:
     step = motion.tracks.step
-    return motion.free(turn.thing) and not motion.was_pushed(turn.thing, turn.time - step, turn.time + step)
+    return motion.free(turn.body) and not motion.was_pushed(turn.body, turn.time - step, turn.time + step)
 
 
 def _blow(motion: Motion, turn: VelocityChange) -> Impact | None:
     first, last = turn.before.last, turn.after.first
-    mine = Part(turn.thing, turn.before, turn.after, turn.time)
+    mine = Part(turn.body, turn.before, turn.after, turn.time)
     others = []
-    for thing in motion.near(turn.thing, first, last):
-        other = _partner(motion, thing, turn)
+    for body in motion.near(turn.body, first, last):
+        other = _partner(motion, body, turn)
         if other is None:
             return None
         met = _met(motion, mine, other)
-        if met is None or (met is False and _turns(motion, thing, turn.time, LATE)):
+        if met is None or (met is False and _turns(motion, body, turn.time, LATE)):
             return None
         if met:
             others.append(other)
     if not others:
         return Impact(turn.frame, turn.time, (mine,))
-    if len(others) > 1 or not motion.free(others[0].thing):
+    if len(others) > 1 or not motion.free(others[0].body):
         return None
     return _together(motion, mine, others[0])
 
 
-def _turns(motion: Motion, thing: int, time: float, frames: float) -> bool:
+def _turns(motion: Motion, body: int, time: float, frames: float) -> bool:
     """Whether it turns suddenly within some frames of a moment."""
     return any(
-        turn.sudden and abs(turn.time - time) <= frames * motion.tracks.step for turn in motion.turns[thing]
+        turn.sudden and abs(turn.time - time) <= frames * motion.tracks.step for turn in motion.turns[body]
     )
 
 
-def _partner(motion: Motion, thing: int, turn: VelocityChange) -> Part | None:
-    """What it did then; None where that cannot be told."""
-    for other in motion.turns[thing]:
+def _partner(motion: Motion, body: int, turn: VelocityChange) -> Part | None:
+    """What it did then; None where that is unknown."""
+    for other in motion.turns[body]:
         if abs(other.time - turn.time) <= SAME * motion.tracks.step:
-            return Part(thing, other.before, other.after, turn.time)
-    for stretch in motion.stretches[thing]:
+            return Part(body, other.before, other.after, turn.time)
+    for stretch in motion.stretches[body]:
         if stretch.good and stretch.first <= turn.before.last and turn.after.first <= stretch.last:
-            parted = motion.parted(thing, stretch, turn.time)
-            return Part(thing, *(parted or (stretch, stretch)), turn.time, shown=False)
+            parted = motion.parted(body, stretch, turn.time)
+            return Part(body, *(parted or (stretch, stretch)), turn.time, shown=False)
     return None
 
 
 def _met(motion: Motion, one: Part, other: Part) -> bool | None:
-    """Whether they touched at the blow; None where nobody can tell.
+    """Whether they touched at the blow; None where no one can tell.
 
-    They did where they are that near, and, of round things, pushed along the line of their centres.
+    They did where they are that near, and, of round bodies, pushed along the line of their centres.
     """
-    a, b = motion.tracks.forms[one.thing], motion.tracks.forms[other.thing]
+    a, b = motion.tracks.forms[one.body], motion.tracks.forms[other.body]
     close = (
         1.0
-        + 3 * float(np.hypot(motion.sigma[one.thing], motion.sigma[other.thing]))
+        + 3 * float(np.hypot(motion.sigma[one.body], motion.sigma[other.body]))
         + 0.05 * (a.reach + b.reach)
     )
     apart = one.place - other.place
@@ -179,12 +179,12 @@ def _met(motion: Motion, one: Part, other: Part) -> bool | None:
 
 def _together(motion: Motion, one: Part, other: Part) -> Impact | None:
     """At the time that suits both best; None where a third was at the second."""
-    both = {one.thing, other.thing}
-    for thing in motion.near(other.thing, one.before.last, one.after.first):
-        if thing in both:
+    both = {one.body, other.body}
+    for body in motion.near(other.body, one.before.last, one.after.first):
+        if body in both:
             continue
-        gap = motion.clearance.least(other.thing, thing)[one.before.last : one.after.first + 1]
-        if _turns(motion, thing, one.time, LATE) or np.nanmin(gap, initial=np.inf) < CLOSE:
+        gap = motion.clearance.least(other.body, body)[one.before.last : one.after.first + 1]
+        if _turns(motion, body, one.time, LATE) or np.nanmin(gap, initial=np.inf) < CLOSE:
             return None
     step = motion.tracks.step
     ticks = one.time + np.linspace(-step / 2, step / 2, 41)
@@ -197,8 +197,8 @@ def _together(motion: Motion, one: Part, other: Part) -> Impact | None:
 
 def _known(found: list[Impact], blow: Impact, step: float) -> bool:
     return any(
-        set(blow.things) == set(one.things)
-        and len(one.things) == 2
+        set(blow.bodies) == set(one.bodies)
+        and len(one.bodies) == 2
         and abs(one.time - blow.time) <= SAME * step
         for one in found
     )

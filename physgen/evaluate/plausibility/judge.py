@@ -14,9 +14,6 @@ from physgen.evaluate.plausibility.starts import starts
 from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.problems import InputError
 
-# ----------------------------------------------------------------------
-# What is asked: one file a question, and its row here.
-
 
 class Question(NamedTuple):
     """What must hold, in words, and who finds what speaks against it."""
@@ -36,11 +33,8 @@ QUESTIONS = {
 }
 
 
-# ----------------------------------------------------------------------
-# Tracks -> every question's answer with its evidence, and one score.
-
 FEWEST = 8
-"""Frames: with fewer, nothing that moves can be told from noise."""
+"""Frames: with fewer, motion cannot be distinguished from noise."""
 MOST_TOLD = 20
 """Instances of a question in JSON."""
 
@@ -77,12 +71,12 @@ class Verdict:
 
     def faults(self) -> list[tuple[str, Evidence]]:
         """Question and evidence of all that is called wrong, the worst first."""
-        told = [
+        scored = [
             (score(name, evidence.deviation), name, evidence)
             for name, asked in self.answers.items()
             for evidence in asked.evidence
         ]
-        return [(name, evidence) for s, name, evidence in sorted(told, key=lambda t: t[0]) if s < EVEN]
+        return [(name, evidence) for s, name, evidence in sorted(scored, key=lambda t: t[0]) if s < EVEN]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -94,7 +88,7 @@ class Verdict:
             "view": tracks.view.value,
             "frames": len(tracks.times),
             "fps": round(1 / tracks.step, 6),
-            "things": len(tracks.names),
+            "bodies": len(tracks.names),
             "noise_px": {n: round(float(s), 4) for n, s in zip(tracks.names, self.motion.sigma, strict=True)},
             "gravity_px_s2": None if pulled is None else [round(g, 3) for g in pulled],
             "score": _short(self.overall),
@@ -116,7 +110,7 @@ class Verdict:
                     "deviation": round(e.deviation, 4),
                     "frame": e.frame,
                     "time_s": round(float(self.tracks.times[e.frame]), 6),
-                    "objects": [self.tracks.names[k] for k in e.things],
+                    "objects": [self.tracks.names[k] for k in e.bodies],
                     "text": e.text,
                 }
                 for e in asked.evidence[:MOST_TOLD]
@@ -130,9 +124,9 @@ def verdict_word(wrong: bool | None) -> str:
 
 
 def judge(tracks: Tracks, sigma: float | None = None, without: Collection[str] = ()) -> Verdict:
-    """Ask everything but what is left out. `sigma` px: noise where it is known, else it is told from the tracks.
+    """Ask everything but what is left out. `sigma` px: noise where it is known, else it is estimated from the tracks.
 
-    Raises InputError for fewer frames than anything can be told from.
+    Raises InputError for fewer frames than can be judged.
     """
     check(tracks)
     motion = Motion(tracks, sigma)

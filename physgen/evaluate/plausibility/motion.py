@@ -12,24 +12,17 @@ import numpy as np
 from physgen.evaluate.plausibility.clearance import Clearance
 from physgen.evaluate.plausibility.tracks import Array, Tracks, noise, runs
 
-# ----------------------------------------------------------------------
-# A track -> stretches of constant acceleration, least squares in all; where they meet, something happened.
-#
-# Optimal partitioning (Jackson et al., 2005): the pieces that make squared errors plus a price for each piece
-# least,
-# found exactly by dynamic programming. Bounces fall between frames, and so do the borders of pieces.
-
 PRICE = 30.0
 """Of a piece, in squared noise: six numbers are fitted, and its border is chosen among many."""
 LONGEST = 90
-"""Frames: what is longer is cut, which harms nobody."""
+"""Frames: what is longer is cut, which harms no one."""
 FEWEST = 4
 """Frames that tell a velocity: one more than an acceleration's three numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Frames in which a thing moved with one acceleration."""
+    """Frames in which a body moved with one acceleration."""
 
     first: int
     last: int
@@ -53,7 +46,7 @@ class Segment:
 
     @property
     def good(self) -> bool:
-        """Whether it tells velocities."""
+        """Whether it has a velocity."""
         return self.count >= FEWEST
 
     @property
@@ -161,9 +154,6 @@ def _error(row: Array, spread: Array) -> float:
     return float(np.sqrt(max(float(row @ spread @ row), 0.0)))
 
 
-# ----------------------------------------------------------------------
-# Tracks -> what every question is asked of: noise, stretches, sudden changes of velocity, and who was near.
-
 PARTED = 12
 """Frames on each side of a blow that did not show, at most, that tell how much it can have been."""
 WIDEST = 4
@@ -176,9 +166,9 @@ SMOOTH = 3.0
 
 @dataclass(frozen=True, eq=False)
 class VelocityChange:
-    """Between two stretches of one thing: its velocity changes, suddenly or not."""
+    """Between two stretches of one body: its velocity changes, suddenly or not."""
 
-    thing: int
+    body: int
     before: Segment
     after: Segment
     time: float
@@ -215,7 +205,7 @@ class VelocityChange:
 
 
 class Spin(NamedTuple):
-    """How fast a thing turns."""
+    """How fast a body turns."""
 
     rate: float
     """rad/s."""
@@ -233,7 +223,7 @@ class Motion:
 
     @cached_property
     def stretches(self) -> list[list[Segment]]:
-        """Of each thing, by time; a gap in its track ends one."""
+        """Of each body, by time; a gap in its track ends one."""
         tracks = self.tracks
         return [
             [
@@ -248,7 +238,7 @@ class Motion:
 
     @cached_property
     def turns(self) -> list[list[VelocityChange]]:
-        """Of each thing, between stretches that tell velocities."""
+        """Of each body, between segments that have velocities."""
         return [self._turns(k) for k in range(len(self.tracks.names))]
 
     @cached_property
@@ -258,7 +248,7 @@ class Motion:
 
     @cached_property
     def moves(self) -> list[bool]:
-        """Whether a thing ever moves, N of them: one that never does may be nailed down."""
+        """Whether a body ever moves, N of them: one that never does may be nailed down."""
         tracks = self.tracks
         found = []
         for k in range(len(tracks.names)):
@@ -267,14 +257,14 @@ class Motion:
             found.append(bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[k])))
         return found
 
-    def stretch_at(self, thing: int, frame: int) -> Segment | None:
-        """The one that holds a frame, if it tells velocities."""
-        for stretch in self.stretches[thing]:
+    def stretch_at(self, body: int, frame: int) -> Segment | None:
+        """The one that holds a frame, if it has a velocity."""
+        for stretch in self.stretches[body]:
             if stretch.first <= frame <= stretch.last:
                 return stretch if stretch.good else None
         return None
 
-    def parted(self, thing: int, stretch: Segment, time: float) -> tuple[Segment, Segment] | None:
+    def parted(self, body: int, stretch: Segment, time: float) -> tuple[Segment, Segment] | None:
         """One stretch as two that meet at a moment, with one acceleration: how much of a blow may have been overlooked.
 
         None where frames on either side are too few.
@@ -287,8 +277,8 @@ class Motion:
             return None
         columns = np.stack([np.ones(len(s)), s, s * s / 2, np.maximum(s, 0.0)], axis=1)
         inverse = np.linalg.pinv(columns)
-        place, velocity, pull, kick = inverse @ self.tracks.places[frames, thing]
-        errors = (inverse @ inverse.T).diagonal() * (self.sigma[thing] * max(1.0, stretch.residual)) ** 2
+        place, velocity, pull, kick = inverse @ self.tracks.places[frames, body]
+        errors = (inverse @ inverse.T).diagonal() * (self.sigma[body] * max(1.0, stretch.residual)) ** 2
         spread = np.diag([errors[0], errors[3] / 2, errors[2]])
         parts = (
             (stretch.first, int(frames[s < 0][-1]), velocity),
@@ -307,21 +297,21 @@ class Motion:
         )
         return before, after
 
-    def near(self, thing: int, first: int, last: int) -> list[int]:
-        """Things that may have touched it between two frames, however fast they were."""
+    def near(self, body: int, first: int, last: int) -> list[int]:
+        """Bodies that may have touched it between two frames, however fast they were."""
         tracks = self.tracks
         lo, hi = max(first, 0), min(last, len(tracks.times) - 1)
         found = []
         for other in range(len(tracks.names)):
-            if other != thing:
-                gap = self.clearance.least(thing, other)[lo : hi + 1]
+            if other != body:
+                gap = self.clearance.least(body, other)[lo : hi + 1]
                 gap = gap[np.isfinite(gap)]
-                if len(gap) and gap.min() <= self.margin(thing, other, lo, hi):
+                if len(gap) and gap.min() <= self.margin(body, other, lo, hi):
                     found.append(other)
         return found
 
     def margin(self, one: int, other: int, first: int, last: int) -> float:
-        """px that two things may still be apart in every frame and yet touch in between."""
+        """px that two bodies may still be apart in every frame and yet touch in between."""
         gap = self.clearance.least(one, other)[max(first - 1, 0) : last + 2]
         rate = np.abs(np.diff(gap))
         rate = rate[np.isfinite(rate)]
@@ -331,62 +321,62 @@ class Motion:
         fastest = max(0.65 * rate.max(initial=0.0), 0.3 * np.nanmax(speed, initial=0.0))
         return 1.5 + float(fastest) + 3 * float(np.hypot(self.sigma[one], self.sigma[other]))
 
-    def near_wall(self, thing: int, first: int, last: int) -> bool:
+    def near_wall(self, body: int, first: int, last: int) -> bool:
         """Whether a known wall is within its reach."""
-        gap = self.clearance.to_walls(thing)[max(first, 0) : last + 1]
-        step = np.hypot(*self.steps[max(first - 1, 0) : last + 1, thing].T)
+        gap = self.clearance.to_walls(body)[max(first, 0) : last + 1]
+        step = np.hypot(*self.steps[max(first - 1, 0) : last + 1, body].T)
         step = step[np.isfinite(step)]
         fastest = float(step.max()) if len(step) else 0.0
-        return bool(np.nanmin(gap, initial=np.inf) <= 1.5 + 0.6 * fastest + 3 * self.sigma[thing])
+        return bool(np.nanmin(gap, initial=np.inf) <= 1.5 + 0.6 * fastest + 3 * self.sigma[body])
 
-    def was_pushed(self, thing: int, start: float, end: float) -> bool:
-        """Whether somebody says that it was, between two moments."""
+    def was_pushed(self, body: int, start: float, end: float) -> bool:
+        """Whether the caller says that it was, between two moments."""
         return any(
-            who == thing and start <= last + self.tracks.step and first - self.tracks.step <= end
+            who == body and start <= last + self.tracks.step and first - self.tracks.step <= end
             for who, first, last in self.tracks.given.pushed
         )
 
-    def free(self, thing: int) -> bool:
-        """Whether nothing but gravity, contacts and told pushes acts on it."""
+    def free(self, body: int) -> bool:
+        """Whether nothing but gravity, contacts and known pushes acts on it."""
         given = self.tracks.given
-        return thing not in given.held and thing not in given.blown
+        return body not in given.held and body not in given.blown
 
-    def spin(self, thing: int, first: int, last: int) -> Spin | None:
+    def spin(self, body: int, first: int, last: int) -> Spin | None:
         """Over some frames, the slower of what it may be; None where its angle is not known."""
-        angle = self.tracks.angles[max(first, 0) : last + 1, thing]
+        angle = self.tracks.angles[max(first, 0) : last + 1, body]
         if len(angle) < 3 or not np.isfinite(angle).all():
             return None
         angle = np.unwrap(angle)
         ticks = np.arange(len(angle)) * self.tracks.step
         line = np.polyfit(ticks, angle, 1)
         off = float(np.abs(angle - np.polyval(line, ticks)).max())
-        shake = 4 * float(self.sigma[thing]) / max(self.tracks.forms[thing].reach, 4.0)
+        shake = 4 * float(self.sigma[body]) / max(self.tracks.forms[body].reach, 4.0)
         return Spin(float(line[0]), off < 0.02 + shake)
 
-    def _turns(self, thing: int) -> list[VelocityChange]:
-        told = [s for s in self.stretches[thing] if s.good]
+    def _turns(self, body: int) -> list[VelocityChange]:
+        known = [s for s in self.stretches[body] if s.good]
         found = []
-        for before, after in pairwise(told):
+        for before, after in pairwise(known):
             gap = after.first - before.last
-            if gap > WIDEST or not self.tracks.seen[before.last : after.first, thing].all():
+            if gap > WIDEST or not self.tracks.seen[before.last : after.first, body].all():
                 continue
-            found.append(self._turn(thing, before, after))
+            found.append(self._turn(body, before, after))
         return found
 
-    def _turn(self, thing: int, before: Segment, after: Segment) -> VelocityChange:
+    def _turn(self, body: int, before: Segment, after: Segment) -> VelocityChange:
         times, step = self.tracks.times, self.tracks.step
         ticks = np.linspace(times[before.last] - step / 2, times[after.first] + step / 2, 41)
         missed = [float(np.hypot(*(after.place(t) - before.place(t)))) for t in ticks]
         least = int(np.argmin(missed))
-        turn = VelocityChange(thing, before, after, float(ticks[least]), missed[least], False)
+        turn = VelocityChange(body, before, after, float(ticks[least]), missed[least], False)
         change = float(np.hypot(*turn.change))
         a, b = before.acceleration, after.acceleration
         smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
         sudden = change > max(
-            SURE * turn.error, SMOOTH * smooth * (after.first - before.last), self._slow(thing)
+            SURE * turn.error, SMOOTH * smooth * (after.first - before.last), self._slow(body)
         )
-        return VelocityChange(thing, before, after, turn.time, turn.offset, sudden)
+        return VelocityChange(body, before, after, turn.time, turn.offset, sudden)
 
-    def _slow(self, thing: int) -> float:
+    def _slow(self, body: int) -> float:
         """px/s: changes below it are none."""
-        return float(max(6 * self.sigma[thing], 0.4) / self.tracks.step)
+        return float(max(6 * self.sigma[body], 0.4) / self.tracks.step)

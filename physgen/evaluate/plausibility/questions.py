@@ -13,17 +13,14 @@ from physgen.evaluate.plausibility.motion import Motion, Segment
 from physgen.evaluate.plausibility.tracks import Array, runs
 from physgen.scene.scene import View
 
-# ----------------------------------------------------------------------
-# Does nothing part faster than it came? Along the blow, seen from what was hit.
-
 SURE = 2.5
 """Standard deviations that noise may account for."""
 SPIN = 4
-"""Frames before and after a blow that tell how fast a thing turns."""
+"""Frames before and after a blow that tell how fast a body turns."""
 UNSEEN = 0.1
-"""Of its energy, at most, that a round thing that shows no angle is taken to get out of its spin."""
+"""Of its energy, at most, that a round body that shows no angle is taken to get out of its spin."""
 SLOW = 0.3
-"""Of the speeds that a thing has at all: slower blows are measured by it."""
+"""Of the speeds that a body has at all: slower blows are measured by it."""
 
 
 def energy(motion: Motion) -> Answer:
@@ -32,26 +29,26 @@ def energy(motion: Motion) -> Answer:
     for blow in impacts(motion):
         if any(_spin_energy(motion, part) is None for part in blow.parts):
             continue
-        told = max(_of_one(motion, part) for part in blow.parts if part.shown)
+        gain = max(_of_one(motion, part) for part in blow.parts if part.shown)
         if len(blow.parts) == 2:
             # who knows whether they touched each other, or each something without a track: the kinder reading counts
-            told = min(told, _of_two(motion, *blow.parts))
-        deviation, parting, closing = told
-        names = " and ".join(motion.tracks.names[k] for k in blow.things)
+            gain = min(gain, _of_two(motion, *blow.parts))
+        deviation, parting, closing = gain
+        names = " and ".join(motion.tracks.names[k] for k in blow.bodies)
         text = f"{names}: parts at {max(parting, 0):.0f} px/s, came at {max(closing, 0):.0f} px/s"
-        found.append(Evidence(deviation, blow.frame, blow.things, text))
-    return Answer.of(found, "no blow can be told from the frames around it")
+        found.append(Evidence(deviation, blow.frame, blow.bodies, text))
+    return Answer.of(found, "no impact is clear from the frames around it")
 
 
 def _of_one(motion: Motion, part: Part) -> tuple[float, float, float]:
     spin = _spin_energy(motion, part) or 0.0
-    return _gain(part.arrives, part.leaves, part.error, spin, _usual(motion, part.thing))
+    return _gain(part.arrives, part.leaves, part.error, spin, _usual(motion, part.body))
 
 
 def _of_two(motion: Motion, one: Part, other: Part) -> tuple[float, float, float]:
     spin = (_spin_energy(motion, one) or 0.0) + (_spin_energy(motion, other) or 0.0)
     error = float(np.hypot(one.error, other.error))
-    usual = max(_usual(motion, one.thing), _usual(motion, other.thing))
+    usual = max(_usual(motion, one.body), _usual(motion, other.body))
     return _gain(one.arrives - other.arrives, one.leaves - other.leaves, error, spin, usual)
 
 
@@ -68,34 +65,31 @@ def _gain(
     return max(0.0, parting - allowed - SURE * error) / max(closing, SLOW * usual), parting, closing
 
 
-def _usual(motion: Motion, thing: int) -> float:
+def _usual(motion: Motion, body: int) -> float:
     """px/s that it is fast at times."""
-    steps = motion.steps[:, thing]
+    steps = motion.steps[:, body]
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     lengths = lengths[np.isfinite(lengths)]
     return max(float(np.quantile(lengths, 0.9)), 1.0) / motion.tracks.step
 
 
 def _spin_energy(motion: Motion, part: Part) -> float | None:
-    """px²/s²: twice what turning slower gave, a unit of mass; None where that cannot be told.
+    """px²/s²: twice what turning slower gave, a unit of mass; None where that is unknown.
 
     Of what is round, and shows no angle, a rolling ball's.
     """
-    form = motion.tracks.forms[part.thing]
+    form = motion.tracks.forms[part.body]
     if not part.shown:
         return 0.0
     first, last = part.before.last, part.after.first
-    before = motion.spin(part.thing, max(part.before.first, first - SPIN), first)
-    after = motion.spin(part.thing, last, min(part.after.last, last + SPIN))
+    before = motion.spin(part.body, max(part.before.first, first - SPIN), first)
+    after = motion.spin(part.body, last, min(part.after.last, last + SPIN))
     if before is None or after is None:
         return UNSEEN * float(part.arrives @ part.arrives) if form.round else None
     if not form.round and not (before.steady and after.steady):
         return None
     return float(max(0.0, form.gyration**2 * (before.rate**2 - after.rate**2)))
 
-
-# ----------------------------------------------------------------------
-# Does nothing jump? Each step against those before and after it.
 
 FEWEST = 6
 """Frames of a track without a gap."""
@@ -106,7 +100,7 @@ DOUBTFUL = 0.4
 
 
 def jumps(motion: Motion) -> Answer:
-    """The worst step of each thing."""
+    """The worst step of each body."""
     found = []
     for k in range(len(motion.tracks.names)):
         for first, last in runs(motion.tracks.seen[:, k]):
@@ -115,8 +109,8 @@ def jumps(motion: Motion) -> Answer:
     return Answer.of(found, f"no track goes on for {FEWEST} frames")
 
 
-def _worst(motion: Motion, thing: int, first: int, last: int) -> Evidence:
-    steps = motion.steps[first : last - 1, thing]
+def _worst(motion: Motion, body: int, first: int, last: int) -> Evidence:
+    steps = motion.steps[first : last - 1, body]
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     pulled = common(motion)
     fall = 0.0 if pulled is None else float(np.hypot(*pulled)) * motion.tracks.step**2 / 2
@@ -124,23 +118,23 @@ def _worst(motion: Motion, thing: int, first: int, last: int) -> Evidence:
     excess = 0.0
     for k in range(1, len(steps) - 1):
         off = _beyond(steps, k)
-        if off <= JUMPS_SURE * motion.sigma[thing]:
+        if off <= JUMPS_SURE * motion.sigma[body]:
             continue
         others = np.concatenate([lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]])
         usual = float(others.max(initial=0.0))
-        allowed = JUMPS_SURE * float(motion.sigma[thing]) + _shoved(motion, thing, first + k, usual) + fall
-        form = motion.tracks.forms[thing]
-        size: float = max(usual, 0.3 * form.reach, 10 * float(motion.sigma[thing]), 3.0)
+        allowed = JUMPS_SURE * float(motion.sigma[body]) + _shoved(motion, body, first + k, usual) + fall
+        form = motion.tracks.forms[body]
+        size: float = max(usual, 0.3 * form.reach, 10 * float(motion.sigma[body]), 3.0)
         deviation = max(0.0, off - allowed) / size
-        if not _smooth(motion, thing, first + k):
+        if not _smooth(motion, body, first + k):
             deviation *= DOUBTFUL
         if deviation > worst:
             worst, frame, excess = deviation, first + k, off
-    name = motion.tracks.names[thing]
+    name = motion.tracks.names[body]
     if worst == 0:
-        return Evidence(0.0, frame, (thing,), f"{name}: each step follows from its neighbours")
+        return Evidence(0.0, frame, (body,), f"{name}: each step follows from its neighbours")
     text = f"{name}: is {excess:.1f} px from where it could be at frame {frame + 1}"
-    return Evidence(worst, frame + 1, (thing,), text)
+    return Evidence(worst, frame + 1, (body,), text)
 
 
 def _beyond(steps: Array, k: int) -> float:
@@ -156,31 +150,28 @@ def _off(point: Array, a: Array, b: Array) -> float:
     return float(np.hypot(*(point - a - part * along)))
 
 
-def _shoved(motion: Motion, thing: int, frame: int, usual: float) -> float:
+def _shoved(motion: Motion, body: int, frame: int, usual: float) -> float:
     """px by which something near, or a push, may have sped it up for less than a frame."""
     tracks = motion.tracks
-    if motion.was_pushed(thing, tracks.times[frame], tracks.times[frame + 1]):
+    if motion.was_pushed(body, tracks.times[frame], tracks.times[frame + 1]):
         return np.inf
     fastest = 0.0
     for other in range(len(tracks.names)):
-        if other == thing:
+        if other == body:
             continue
-        gap = motion.clearance.least(thing, other)[max(frame - 1, 0) : frame + 1]
+        gap = motion.clearance.least(body, other)[max(frame - 1, 0) : frame + 1]
         nearer = max(0.0, float(gap[0] - gap[-1])) if np.isfinite(gap).all() else np.inf
-        if gap[-1] <= 2.0 + 1.2 * nearer + 3 * float(np.hypot(motion.sigma[thing], motion.sigma[other])):
+        if gap[-1] <= 2.0 + 1.2 * nearer + 3 * float(np.hypot(motion.sigma[body], motion.sigma[other])):
             part = motion.steps[max(frame - 1, 0) : frame + 2, other]
             fastest = max(fastest, float(np.nanmax(np.hypot(part[:, 0], part[:, 1]), initial=0.0)))
     return max(0.0, 2 * fastest - usual) if fastest > 1.0 else 0.0
 
 
-def _smooth(motion: Motion, thing: int, frame: int) -> bool:
+def _smooth(motion: Motion, body: int, frame: int) -> bool:
     """Whether it moves without any turn for some frames before the step, and after it."""
-    before, after = motion.stretch_at(thing, frame), motion.stretch_at(thing, frame + 1)
+    before, after = motion.stretch_at(body, frame), motion.stretch_at(body, frame + 1)
     return before is not None and after is not None
 
-
-# ----------------------------------------------------------------------
-# Do two that meet push each other, as their masses allow? Where nothing else can have pushed.
 
 KNOWN, GUESSED = 1.05, 12.0
 """Factors by which a ratio of masses may be off: as weighed, and as areas are."""
@@ -194,7 +185,7 @@ def momentum(motion: Motion) -> Answer:
     for blow in impacts(motion):
         if len(blow.parts) == 2 and _free(motion, blow, pulled):
             found.append(_judged(motion, blow))
-    return Answer.of(found, "no two free things meet by themselves")
+    return Answer.of(found, "no two free bodies meet by themselves")
 
 
 def _free(motion: Motion, blow: Impact, pulled: Array | None) -> bool:
@@ -202,11 +193,11 @@ def _free(motion: Motion, blow: Impact, pulled: Array | None) -> bool:
     if side and pulled is None:
         return False
     for part in blow.parts:
-        if not motion.moves[part.thing] or part.before is part.after:
+        if not motion.moves[part.body] or part.before is part.after:
             return False
         if part.after.first - part.before.last > 1:  # what lies between may have been another blow
             return False
-        if motion.near_wall(part.thing, part.before.last, part.after.first):
+        if motion.near_wall(part.body, part.before.last, part.after.first):
             return False
         if side and not all(_in_flight(s, pulled) for s in (part.before, part.after)):
             return False
@@ -222,7 +213,7 @@ def _in_flight(stretch: Segment, pulled: Array | None) -> bool:
 def _judged(motion: Motion, blow: Impact) -> Evidence:
     one, other = blow.parts
     tracks = motion.tracks
-    ratio = float(tracks.masses[other.thing] / tracks.masses[one.thing])
+    ratio = float(tracks.masses[other.body] / tracks.masses[one.body])
     off = KNOWN if tracks.weighed else GUESSED
     best, chosen = np.inf, ratio
     for factor in np.geomspace(1 / off, off, TRIES):
@@ -230,18 +221,18 @@ def _judged(motion: Motion, blow: Impact) -> Evidence:
         if missing < best:
             best, chosen = missing, ratio * float(factor)
     pulled = _pulled(motion, one, other)
-    names = f"{tracks.names[one.thing]} and {tracks.names[other.thing]}"
+    names = f"{tracks.names[one.body]} and {tracks.names[other.body]}"
     changes = (
-        f"{tracks.names[one.thing]} changes by {np.hypot(*one.change):.0f} px/s, "
-        f"{tracks.names[other.thing]} by {np.hypot(*other.change):.0f} px/s"
+        f"{tracks.names[one.body]} changes by {np.hypot(*one.change):.0f} px/s, "
+        f"{tracks.names[other.body]} by {np.hypot(*other.change):.0f} px/s"
     )
     if pulled > best:
         return Evidence(
-            pulled, blow.frame, blow.things, f"{names}: draw each other nearer as they meet; {changes}"
+            pulled, blow.frame, blow.bodies, f"{names}: draw each other nearer as they meet; {changes}"
         )
     masses = "as weighed" if tracks.weighed else f"at masses of 1 to {chosen:.3g}"
     text = f"{names}: {best:.0%} of the momentum that passes is missing, {masses}; {changes}"
-    return Evidence(best, blow.frame, blow.things, text)
+    return Evidence(best, blow.frame, blow.bodies, text)
 
 
 def _missing(one: Part, other: Part, ratio: float) -> float:
@@ -253,8 +244,8 @@ def _missing(one: Part, other: Part, ratio: float) -> float:
 
 
 def _pulled(motion: Motion, one: Part, other: Part) -> float:
-    """By which part of its change a round thing was drawn to the other."""
-    if not all(motion.tracks.forms[part.thing].round for part in (one, other)):
+    """By which part of its change a round body was drawn to the other."""
+    if not all(motion.tracks.forms[part.body].round for part in (one, other)):
         return 0.0
     apart = one.place - other.place
     size = float(np.hypot(*apart))
@@ -268,9 +259,6 @@ def _pulled(motion: Motion, one: Part, other: Part) -> float:
             worst = max(worst, (-away - SURE * part.error) / change)
     return worst
 
-
-# ----------------------------------------------------------------------
-# Does nothing go through another thing? How deep outlines lie over each other, in frames and between them.
 
 LONGEST = 0.5
 """s of a gap in a track that can be bridged."""
@@ -293,7 +281,7 @@ def overlap(motion: Motion) -> Answer:
             evidence = _pair(motion, other, one)
             if evidence is not None:
                 found.append(evidence)
-    return Answer.of(found, "no two things with outlines come near each other")
+    return Answer.of(found, "no two bodies with outlines come near each other")
 
 
 def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
@@ -332,14 +320,14 @@ def _pair(motion: Motion, one: int, other: int) -> Evidence | None:
 def _between(motion: Motion, one: int, other: int) -> tuple[float, int]:
     """The deepest between frames in which neither turns suddenly, of discs about both places; and the frame before."""
     tracks = motion.tracks
-    cores = [tracks.forms[thing].core for thing in (one, other)]
+    cores = [tracks.forms[body].core for body in (one, other)]
     if min(cores) <= 0:
         return 0.0, 0
     reach = sum(cores)
     away: Array = tracks.places[:, one] - tracks.places[:, other]
     turning = np.zeros(len(away) - 1, bool)
-    for thing in (one, other):
-        ends = [s.last for s in motion.stretches[thing]]
+    for body in (one, other):
+        ends = [s.last for s in motion.stretches[body]]
         turning[[e for e in ends if e < len(turning)]] = True
     depth, frame = 0.0, 0
     for k in range(1, PARTS):
@@ -355,11 +343,11 @@ def _between(motion: Motion, one: int, other: int) -> tuple[float, int]:
 def _hidden(motion: Motion, one: int, other: int) -> tuple[float, int]:
     """The deepest while one hides the other: its way goes on smoothly behind it, as nothing that was hit does."""
     tracks = motion.tracks
-    cores = [tracks.forms[thing].core for thing in (one, other)]
+    cores = [tracks.forms[body].core for body in (one, other)]
     if min(cores) <= 0:
         return 0.0, 0
     reach = sum(cores)
-    ways = [_bridged(motion, thing) for thing in (one, other)]
+    ways = [_bridged(motion, body) for body in (one, other)]
     away = ways[0] - ways[1]
     far = np.hypot(away[:, 0], away[:, 1])
     gone = ~(tracks.seen[:, one] & tracks.seen[:, other]) & np.isfinite(far)
@@ -370,11 +358,11 @@ def _hidden(motion: Motion, one: int, other: int) -> tuple[float, int]:
     return float(deep[frame]), frame
 
 
-def _bridged(motion: Motion, thing: int) -> Array:
+def _bridged(motion: Motion, body: int) -> Array:
     """(T, 2): places, and in short gaps those of the parabola through the frames around it, if there is one."""
     tracks = motion.tracks
-    path = tracks.places[:, thing].copy()
-    known = runs(tracks.seen[:, thing])
+    path = tracks.places[:, body].copy()
+    known = runs(tracks.seen[:, body])
     for (first, end), (begin, last) in pairwise(known):
         if (begin - end + 1) * tracks.step > LONGEST:
             continue
@@ -384,17 +372,14 @@ def _bridged(motion: Motion, thing: int) -> Array:
             )
             s = tracks.times[rows] - tracks.times[end]
             columns = np.stack([np.ones(len(s)), s, s * s / 2], axis=1)
-            terms = np.linalg.pinv(columns) @ tracks.places[rows, thing]
-            left = tracks.places[rows, thing] - columns @ terms
-            if len(rows) > 4 and np.sqrt((left**2).mean()) <= 2.5 * motion.sigma[thing] + SHIFTED:
+            terms = np.linalg.pinv(columns) @ tracks.places[rows, body]
+            left = tracks.places[rows, body] - columns @ terms
+            if len(rows) > 4 and np.sqrt((left**2).mean()) <= 2.5 * motion.sigma[body] + SHIFTED:
                 gap = tracks.times[end:begin] - tracks.times[end]
                 path[end:begin] = np.stack([np.ones(len(gap)), gap, gap * gap / 2], axis=1) @ terms
                 break
     return path
 
-
-# ----------------------------------------------------------------------
-# Does nothing on a table speed up by itself? Seen from above, where friction only slows.
 
 LASTS = 0.5
 """s after a blow, at most, in which spin gives back speed."""
@@ -418,24 +403,24 @@ def speeding(motion: Motion) -> Answer:
     return Answer.of(found, "nothing moves by itself for long enough")
 
 
-def _alone(motion: Motion, thing: int, stretch: Segment) -> bool:
+def _alone(motion: Motion, body: int, stretch: Segment) -> bool:
     tracks = motion.tracks
-    if motion.was_pushed(thing, tracks.times[stretch.first], tracks.times[stretch.last]):
+    if motion.was_pushed(body, tracks.times[stretch.first], tracks.times[stretch.last]):
         return False
     inner = slice(stretch.first + 1, stretch.last)
-    gaps = [motion.clearance.to_walls(thing)[inner]]
-    gaps += [motion.clearance.least(thing, k)[inner] for k in range(len(tracks.names)) if k != thing]
-    return all(np.nanmin(gap, initial=np.inf) > 0.5 + 3 * motion.sigma[thing] for gap in gaps)
+    gaps = [motion.clearance.to_walls(body)[inner]]
+    gaps += [motion.clearance.least(body, k)[inner] for k in range(len(tracks.names)) if k != body]
+    return all(np.nanmin(gap, initial=np.inf) > 0.5 + 3 * motion.sigma[body] for gap in gaps)
 
 
-def _came_at(motion: Motion, thing: int, stretch: Segment) -> float:
+def _came_at(motion: Motion, body: int, stretch: Segment) -> float:
     """px/s that it ever went, where blows were not long before, else 0: spin may stem from the first of them."""
     first = max(0, stretch.first - int(np.ceil(LASTS / motion.tracks.step)))
-    sudden = any(turn.sudden and first <= turn.frame < stretch.first for turn in motion.turns[thing])
-    vague = any(not s.good and s.last >= first and s.last < stretch.first for s in motion.stretches[thing])
+    sudden = any(turn.sudden and first <= turn.frame < stretch.first for turn in motion.turns[body])
+    vague = any(not s.good and s.last >= first and s.last < stretch.first for s in motion.stretches[body])
     if not (sudden or vague):
         return 0.0
-    steps = motion.steps[: stretch.first, thing]
+    steps = motion.steps[: stretch.first, body]
     return float(np.nanmax(np.hypot(steps[:, 0], steps[:, 1]), initial=0.0)) / motion.tracks.step
 
 
@@ -443,16 +428,16 @@ def _speed(motion: Motion, stretch: Segment, frame: int) -> float:
     return float(np.hypot(*stretch.velocity(float(motion.tracks.times[frame]))))
 
 
-def _speeding_judged(motion: Motion, thing: int, stretch: Segment, came: float) -> Evidence | None:
+def _speeding_judged(motion: Motion, body: int, stretch: Segment, came: float) -> Evidence | None:
     begin, end = (_speed(motion, stretch, frame) for frame in (stretch.first, stretch.last))
     seconds = (stretch.count - 1) * motion.tracks.step
-    if max(begin, end) * seconds < max(2.0, 8 * float(motion.sigma[thing])):
+    if max(begin, end) * seconds < max(2.0, 8 * float(motion.sigma[body])):
         return None
     # few frames tell little of their own noise, too: Student's t grows about so
     error = stretch.acceleration_error * seconds * (1 + 4 / (stretch.count - 3))
     returned = FOLLOW * max(0.0, came - begin)
     gained = max(0.0, end - begin - returned - SURE * error)
-    name = motion.tracks.names[thing]
+    name = motion.tracks.names[body]
     text = f"{name}: {begin:.0f} px/s at frame {stretch.first}, {end:.0f} px/s at frame {stretch.last}"
     usual = max(begin, 0.25 * end)
-    return Evidence(gained / usual, stretch.last, (thing,), text)
+    return Evidence(gained / usual, stretch.last, (body,), text)

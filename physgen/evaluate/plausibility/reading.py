@@ -14,9 +14,6 @@ from physgen.evaluate.plausibility.request import FPS, Request, Row, frames_of, 
 from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.problems import InputError, Place, Problem
 
-# ----------------------------------------------------------------------
-# What somebody hands in -> tracks: one file a format, chosen by what the path holds.
-
 FIX = (
     "give a clip's folder, a scene file, a CSV, MOT's gt.txt, COCO with tracks (*.json), TAP-Vid (*.npz) or a "
     "folder of PNG masks"
@@ -75,9 +72,6 @@ def _folder(path: Path, asked: Request) -> Iterator[Tracks]:
         yield from_clip(folder)
 
 
-# ----------------------------------------------------------------------
-# A CSV of `frame or time, name, x, y[, angle][, radius | width, height]` -> tracks. px, image axes; s.
-
 NAMES = {
     "frame": ("frame", "frame_index", "frame_id", "image_id"),
     "time": ("time", "time_s", "t", "seconds"),
@@ -91,11 +85,11 @@ NAMES = {
     "height": ("height", "h", "box_height"),
 }
 SHAKE = 0.05
-"""px: nobody writes places more exactly than that who has measured them."""
+"""px: no one writes places more exactly than that who has measured them."""
 FARTHEST = 1e6
 """px."""
 MOST = 20
-"""Problems told of one file."""
+"""Problems reported of one file."""
 
 
 def from_csv(path: Path, asked: Request) -> Tracks:
@@ -110,7 +104,7 @@ def from_csv(path: Path, asked: Request) -> Tracks:
         ) from None
     columns = _columns(path, heads)
     if not lines:
-        raise InputError.of(str(path), "", "has no tracks", "write a line a frame and thing")
+        raise InputError.of(str(path), "", "has no tracks", "write a line a frame and body")
     problems: list[Problem] = []
     moments, rows = [], []
     for number, line in enumerate(lines, 2):
@@ -126,7 +120,7 @@ def from_csv(path: Path, asked: Request) -> Tracks:
             if wrong:
                 found = f'"{(line[column] or "")[:40]}"'
                 problems.append(Problem(Place(str(path), number, 1), column, found, *wrong))
-        name = str(line[columns["name"]] or "") if "name" in columns else "thing"
+        name = str(line[columns["name"]] or "") if "name" in columns else "body"
         moments.append(values.get("frame", values.get("time", np.nan)))
         rows.append(_row(name, values))
     if problems:
@@ -136,8 +130,8 @@ def from_csv(path: Path, asked: Request) -> Tracks:
         frames, fps = [round(m - first) for m in moments], asked.fps or FPS
     else:
         frames, fps = frames_of(np.array(moments), str(path))
-    said = "" if "frame" not in columns or asked.fps else ", 30 frames a second assumed"
-    return from_rows(title(path), frames, rows, fps, SHAKE, f"a table{said}", asked)
+    assumed = "" if "frame" not in columns or asked.fps else ", 30 frames a second assumed"
+    return from_rows(title(path), frames, rows, fps, SHAKE, f"a table{assumed}", asked)
 
 
 def _columns(path: Path, heads: list[str]) -> dict[str, str]:
@@ -176,9 +170,6 @@ def _row(name: str, values: dict[str, float]) -> Row:
     return Row(name, values.get("x", np.nan), values.get("y", np.nan), angle, core, reach)
 
 
-# ----------------------------------------------------------------------
-# MOT Challenge's text -> tracks: `frame, id, left, top, width, height, ...`; the middles of boxes.
-
 FINE, WHOLE = 0.15, 0.4
 """px that middles of boxes shake, at least; of boxes in whole px."""
 
@@ -213,9 +204,9 @@ def from_mot(path: Path, asked: Request) -> Tracks:
     if problems:
         raise InputError(problems[:MOST])
     fps = asked.fps or _rate(path)
-    said = "" if fps else ", 30 frames a second assumed"
+    assumed = "" if fps else ", 30 frames a second assumed"
     first = min(frames, default=0)
-    source = f"middles of boxes, MOT{said}"
+    source = f"middles of boxes, MOT{assumed}"
     floor = WHOLE if whole else FINE
     return from_rows(title(path), [frame - first for frame in frames], rows, fps or FPS, floor, source, asked)
 

@@ -16,13 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# ----------------------------------------------------------------------
-# A verdict -> plots of where things were, and how fast, with what is called wrong marked where it happens.
-
 MOST = 5
 """Marks: more would lie over each other."""
 NAMED = 10
-"""Things, at most, that are named in the plot."""
+"""Bodies, at most, that are named in the plot."""
 HEIGHT = 95.0
 """mm."""
 
@@ -30,9 +27,9 @@ HEIGHT = 95.0
 def paths(verdict: Verdict) -> Figure:
     """px, y downwards as in the picture; dots are frames."""
     faults = verdict.faults()[:MOST]
-    told = ", ".join(f"{k + 1}: {e.text}" for k, (_, e) in enumerate(faults))
+    marked = ", ".join(f"{k + 1}: {e.text}" for k, (_, e) in enumerate(faults))
     about = f"Ways of {verdict.tracks.name}, a dot a frame, px. " + (
-        f"Called wrong: {told}." if told else "Nothing is wrong."
+        f"Called wrong: {marked}." if marked else "Nothing is wrong."
     )
     return plotted(lambda axes, palette: _draw(axes, palette, verdict), about, height=HEIGHT)
 
@@ -58,7 +55,7 @@ def _draw(axes: Axes, palette: Palette, verdict: Verdict) -> None:
                 color=colour,
             )
     for number, (_, evidence) in enumerate(verdict.faults()[:MOST], 1):
-        at = tracks.places[min(evidence.frame, len(tracks.times) - 1), list(evidence.things)]
+        at = tracks.places[min(evidence.frame, len(tracks.times) - 1), list(evidence.bodies)]
         at = at[np.isfinite(at).all(axis=1)]
         if not len(at):
             continue
@@ -84,7 +81,7 @@ def speeds(verdict: Verdict) -> Figure:
     speed.
     """
     faults = verdict.faults()[:MOST]
-    things = list(dict.fromkeys(k for _, evidence in faults for k in evidence.things))[:NAMED]
+    bodies = list(dict.fromkeys(k for _, evidence in faults for k in evidence.bodies))[:NAMED]
     down = bool(faults) and faults[0][0] == "gravity"
     what = "Velocity downwards" if down else "Speed"
     law = "All that flies has one slope; a blow is a step." if down else "A blow is a step, a jump a peak."
@@ -94,7 +91,7 @@ def speeds(verdict: Verdict) -> Figure:
         tracks = verdict.tracks
         velocity = np.diff(tracks.places, axis=0) / tracks.step
         middle = (tracks.times[1:] + tracks.times[:-1]) / 2
-        for k in things:
+        for k in bodies:
             colour, dashes = stroke(k, palette)
             value = velocity[:, k, 1] if down else np.hypot(velocity[:, k, 0], velocity[:, k, 1])
             axes.plot(middle, value, color=colour, linestyle=dashes, linewidth=0.7, label=tracks.names[k])
@@ -118,11 +115,8 @@ def speeds(verdict: Verdict) -> Figure:
     return plotted(draw, about)
 
 
-# ----------------------------------------------------------------------
-# Verdicts -> Findings: which clips are called wrong, and why, in words, tables and plots.
-
 MOST_FAULTS = 8
-"""Told of a clip, the worst first."""
+"""Reported of a clip, the worst first."""
 MOST_PLOTTED = 12
 """Clips with plots of their own: those called wrong first."""
 
@@ -181,15 +175,15 @@ def _section(title: str, verdict: Verdict, plotted: bool) -> Section:
     sigma = sorted(float(s) for s in verdict.motion.sigma)
     noise = f"{sigma[0]:.2g}" if sigma[-1] < 1.05 * sigma[0] else f"{sigma[0]:.2g} to {sigma[-1]:.2g}"
     masses = "masses are known" if tracks.weighed else "masses are not known"
-    said = [
+    sentences = [
         f"{tracks.source}; seen from {'above' if tracks.view.value == 'top' else 'the side'}; "
         f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second; "
-        f"{len(tracks.names)} thing{'s' * (len(tracks.names) != 1)}; "
+        f"{len(tracks.names)} body{'s' * (len(tracks.names) != 1)}; "
         f"noise {noise} px; {masses}."
     ]
     if (pulled := verdict.gravity) is not None:
         size, off = float(np.hypot(*pulled)), float(np.degrees(np.arctan2(abs(pulled[0]), pulled[1])))
-        said.append(f"What flies falls at {size:.0f} px/s², {off:.0f}° from straight down.")
+        sentences.append(f"What flies falls at {size:.0f} px/s², {off:.0f}° from straight down.")
     parts: list[Table | Figure] = [_questions(verdict)]
     faults = verdict.faults()
     if faults:
@@ -207,7 +201,7 @@ def _section(title: str, verdict: Verdict, plotted: bool) -> Section:
         )
     if plotted:
         parts += [paths(verdict), *([speeds(verdict)] if verdict.wrong else [])]
-    return Section(title, tuple(said), tuple(parts))
+    return Section(title, tuple(sentences), tuple(parts))
 
 
 def _questions(verdict: Verdict) -> Table:

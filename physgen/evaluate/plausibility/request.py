@@ -14,9 +14,9 @@ from physgen.scene.scene import View
 from physgen.text import natural
 
 FPS = 30.0
-"""1/s, where nobody says it."""
+"""1/s, where no one says it."""
 MOST_FRAMES, MOST_CELLS = 100_000, 5_000_000
-"""Frames, and frames times things."""
+"""Frames, and frames times bodies."""
 EVEN = 0.25
 """Of a frame's time: by so much times may be off an even grid, as rounded ones are."""
 
@@ -42,7 +42,7 @@ class Request:
                 Place(tracks.name),
                 "",
                 f'"{name}"',
-                "is none of its things",
+                "is none of its bodies",
                 f"it has {', '.join(tracks.names[:8])}",
             )
             for name in dict.fromkeys(named)
@@ -73,7 +73,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Row:
-    """One thing in one frame."""
+    """One body in one frame."""
 
     name: str
     x: float
@@ -92,14 +92,14 @@ def from_rows(
     source: str,
     asked: Request,
 ) -> Tracks:
-    """`rows` with the frame of each, from 0 on. Raises InputError for a thing twice in a frame, and for too many."""
+    """`rows` with the frame of each, from 0 on. Raises InputError for a body twice in a frame, and for too many."""
     if not rows:
         raise InputError.of(name, "", "has no tracks", "give what moves in it an id in every frame")
     names = sorted({row.name for row in rows}, key=natural)
     count = max(frames) + 1
     if count > MOST_FRAMES or count * len(names) > MOST_CELLS:
-        found = f"{count:,} frames of {len(names):,} things"
-        raise InputError.of(name, found, "are too many", f"keep frames x things below {MOST_CELLS:,}")
+        found = f"{count:,} frames of {len(names):,} bodies"
+        raise InputError.of(name, found, "are too many", f"keep frames x bodies below {MOST_CELLS:,}")
     places = np.full((count, len(names), 2), np.nan)
     angles = np.full((count, len(names)), np.nan)
     cores: list[list[float]] = [[] for _ in names]
@@ -108,7 +108,7 @@ def from_rows(
     for frame, row in zip(frames, rows, strict=True):
         k = index[row.name]
         if np.isfinite(places[frame, k]).all():
-            fix = "give each thing an id of its own"
+            fix = "give each body an id of its own"
             raise InputError.of(name, f'"{row.name}"', f"is twice in frame {frame}", fix)
         places[frame, k] = row.x, row.y
         angles[frame, k] = row.angle
@@ -134,7 +134,7 @@ def frames_of(times: Array, name: str) -> tuple[list[int], float]:
     """s -> frames from 0 on, and 1/s. Raises InputError for times that are not even."""
     rising = np.unique(times)
     if len(rising) < 2:
-        raise InputError.of(name, f"{len(rising)} moment", "is no motion", "give a row a frame and thing")
+        raise InputError.of(name, f"{len(rising)} moment", "is no motion", "give a row a frame and body")
     step = float(np.median(np.diff(rising)))
     frames = np.rint((times - rising[0]) / step)
     if np.abs((times - rising[0]) / step - frames).max() > EVEN or frames.max() > MOST_FRAMES:

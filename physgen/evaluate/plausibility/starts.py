@@ -29,26 +29,26 @@ def starts(motion: Motion) -> Answer:
     return Answer.of(found, "nothing rests")
 
 
-def _of(motion: Motion, thing: int) -> list[Evidence]:
+def _of(motion: Motion, body: int) -> list[Evidence]:
     tracks = motion.tracks
-    name = tracks.names[thing]
+    name = tracks.names[body]
     found, rested = [], False
-    for first, last in runs(tracks.seen[:, thing]):
-        for begin, end in _rests(motion, thing, first, last):
+    for first, last in runs(tracks.seen[:, body]):
+        for begin, end in _rests(motion, body, first, last):
             rested = True
             if end < last - 2:
-                evidence = _onset(motion, thing, begin, end, last)
+                evidence = _onset(motion, body, begin, end, last)
                 if evidence is not None:
                     found.append(evidence)
     if rested and not found:
-        found.append(Evidence(0.0, 0, (thing,), f"{name}: rests, and stays"))
+        found.append(Evidence(0.0, 0, (body,), f"{name}: rests, and stays"))
     return found
 
 
-def _rests(motion: Motion, thing: int, first: int, last: int) -> list[tuple[int, int]]:
+def _rests(motion: Motion, body: int, first: int, last: int) -> list[tuple[int, int]]:
     """First frame and last + 1 of each rest."""
-    path = motion.tracks.places[first:last, thing]
-    still = 4 * float(motion.sigma[thing]) + 0.1
+    path = motion.tracks.places[first:last, body]
+    still = 4 * float(motion.sigma[body]) + 0.1
     fewest = max(FEWEST, int(np.ceil(_shortest(motion, still) / motion.tracks.step)))
     found, begin = [], 0
     while begin + fewest <= len(path):
@@ -73,42 +73,42 @@ def _shortest(motion: Motion, still: float) -> float:
     return max(SHORTEST, 1.5 * 2 * float(np.sqrt(2 * still / max(np.hypot(*pulled), 1e-9))))
 
 
-def _drift(motion: Motion, thing: int, begin: int, end: int) -> float:
+def _drift(motion: Motion, body: int, begin: int, end: int) -> float:
     """px a frame: how fast it may creep in its rest, for all that noise lets one tell."""
-    path = motion.tracks.places[begin:end, thing]
+    path = motion.tracks.places[begin:end, body]
     ticks = np.arange(len(path)) - (len(path) - 1) / 2
     spread = float(ticks @ ticks)
-    return float(np.hypot(*(ticks @ path)) / spread + SURE * motion.sigma[thing] / np.sqrt(spread))
+    return float(np.hypot(*(ticks @ path)) / spread + SURE * motion.sigma[body] / np.sqrt(spread))
 
 
 def _wide(path: Array) -> float:
     return float(np.hypot(*(path - np.median(path, axis=0)).T).max())
 
 
-def _onset(motion: Motion, thing: int, begin: int, end: int, last: int) -> Evidence | None:
+def _onset(motion: Motion, body: int, begin: int, end: int, last: int) -> Evidence | None:
     """`end` is the first frame that is away; None where it does not really come away."""
     tracks = motion.tracks
-    sigma, name = float(motion.sigma[thing]), tracks.names[thing]
-    home = np.median(tracks.places[begin:end, thing], axis=0)
+    sigma, name = float(motion.sigma[body]), tracks.names[body]
+    home = np.median(tracks.places[begin:end, body], axis=0)
     stop = min(end + AFTER, last)
-    way = tracks.places[end:stop, thing] - home
+    way = tracks.places[end:stop, body] - home
     gone = float(np.hypot(*way[-1]))
-    least = max(8 * sigma, 2.0) + _drift(motion, thing, begin, end) * (stop - 1 - (begin + end - 1) / 2)
+    least = max(8 * sigma, 2.0) + _drift(motion, body, begin, end) * (stop - 1 - (begin + end - 1) / 2)
     if gone < least:
         return None
-    # it rests for as long as nobody can tell: slow beginnings lie in the last frames of the rest
-    if motion.was_pushed(thing, tracks.times[end - 3], tracks.times[end]):
-        return Evidence(0.0, end, (thing,), f"{name}: is pushed")
+    # it rests for as long as no one can tell: slow beginnings lie in the last frames of the rest
+    if motion.was_pushed(body, tracks.times[end - 3], tracks.times[end]):
+        return Evidence(0.0, end, (body,), f"{name}: is pushed")
     # slow ones take long to come out of the noise: whoever set them moving was there before
     slow = int(np.ceil((4 * sigma + 0.1) / max(gone / (stop - end), 1e-9)))
-    mover = _set_moving(motion, thing, end - min(slow, LATEST), end)
+    mover = _set_moving(motion, body, end - min(slow, LATEST), end)
     if mover is not None:
-        return Evidence(0.0, end, (thing,), f"{name}: is set moving by {tracks.names[mover]}")
+        return Evidence(0.0, end, (body,), f"{name}: is set moving by {tracks.names[mover]}")
     if tracks.view is View.SIDE and not tracks.flat and _let_go(way, tracks.step, 4 * sigma + 0.1):
-        return Evidence(0.0, end, (thing,), f"{name}: lets go, and goes down")
-    size = max(2.0, 0.1 * tracks.forms[thing].reach)
+        return Evidence(0.0, end, (body,), f"{name}: lets go, and goes down")
+    size = max(2.0, 0.1 * tracks.forms[body].reach)
     text = f"{name}: rests to frame {end - 1}, then goes {gone:.0f} px in {stop - end} frames, and nothing touches it"
-    return Evidence((gone - least) / size, end, (thing,), text)
+    return Evidence((gone - least) / size, end, (body,), text)
 
 
 def _let_go(way: Array, step: float, still: float) -> bool:
@@ -121,10 +121,10 @@ def _let_go(way: Array, step: float, still: float) -> bool:
     return half - still < 0.42 * float(np.hypot(*way[-1]))
 
 
-def _set_moving(motion: Motion, thing: int, early: int, frame: int) -> int | None:
+def _set_moving(motion: Motion, body: int, early: int, frame: int) -> int | None:
     """Something near that moves then, or that touches something that does, and so on."""
     first, last = max(early - 3, 0), min(frame + 1, len(motion.tracks.times) - 1)
-    asked, seen = [thing], {thing}
+    asked, seen = [body], {body}
     while asked:
         one = asked.pop()
         for other in motion.near(one, first, last):
@@ -137,7 +137,7 @@ def _set_moving(motion: Motion, thing: int, early: int, frame: int) -> int | Non
     return None
 
 
-def _moving(motion: Motion, thing: int, first: int, last: int) -> bool:
-    path = motion.tracks.places[max(first - 1, 0) : last + 1, thing]
+def _moving(motion: Motion, body: int, first: int, last: int) -> bool:
+    path = motion.tracks.places[max(first - 1, 0) : last + 1, body]
     path = path[np.isfinite(path).all(axis=1)]
-    return len(path) > 1 and bool(np.hypot(*(path[-1] - path[0])) > max(4 * motion.sigma[thing], 0.2))
+    return len(path) > 1 and bool(np.hypot(*(path[-1] - path[0])) > max(4 * motion.sigma[body], 0.2))

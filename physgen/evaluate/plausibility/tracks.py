@@ -10,17 +10,12 @@ from numpy.typing import NDArray
 
 from physgen.scene.scene import View
 
-# ----------------------------------------------------------------------
-# Where things were in each frame, and what is known of them: all that plausibility is judged by.
-#
-# No velocities, no contacts, no forces: a clip of ours and anybody's video are judged by the same numbers.
-
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Outline:
-    """How a thing lies about its tracked place. px."""
+    """How a body lies about its tracked place. px."""
 
     core: float
     """Radius of a disc about the place that it surely covers; 0: not known."""
@@ -46,7 +41,7 @@ class Outline:
 
 @dataclass(frozen=True)
 class Known:
-    """What somebody says acts from outside, so that nobody wonders. Indices of things."""
+    """What the caller says acts from outside, so that no one wonders. Indices of bodies."""
 
     held: frozenset[int] = frozenset()
     """On joints or springs, or moved by a script: only jumps are asked of them."""
@@ -64,7 +59,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Of N things in T frames."""
+    """Of N bodies in T frames."""
 
     name: str
     times: Array
@@ -73,7 +68,7 @@ class Tracks:
     places: Array
     """(T, N, 2) px, image axes: of the centre of mass or what stands for it; NaN where it is not seen."""
     angles: Array
-    """(T, N) rad, a positive one turns +x towards +y; NaN where nobody knows."""
+    """(T, N) rad, a positive one turns +x towards +y; NaN where no one knows."""
     forms: tuple[Outline, ...]
     masses: Array
     """(N,) g, or in any other unit."""
@@ -109,10 +104,6 @@ def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-# ----------------------------------------------------------------------
-# Tracks -> how much they shake, px: from high differences, of which what falls, slides or swings has next to
-# none.
-
 ORDERS = (3, 5)
 """Third differences see few blows; fifth ones see no swinging either."""
 CLEARLY = 0.6
@@ -125,8 +116,8 @@ FEWEST = 5
 def noise(tracks: Tracks) -> Array:
     """(N,) px, standard deviation along each axis, at least `tracks.floor`.
 
-    The median takes no notice of bounces, as long as they are few. What rests tells nothing: centroids of pixels
-    shake only as they move. What nothing can be told of shakes as the others do.
+    The median takes no notice of bounces, as long as they are few. A body at rest gives nothing: centroids of pixels
+    shake only as they move. Where nothing is known, the median of the others is taken.
     """
     own = np.array([_of(tracks, k) for k in range(len(tracks.names))])
     known = own[np.isfinite(own)]
@@ -135,13 +126,13 @@ def noise(tracks: Tracks) -> Array:
     return np.asarray(np.maximum(np.clip(own, typical / 2, None), tracks.floor))
 
 
-def _of(tracks: Tracks, thing: int) -> float:
-    """px; NaN where nothing can be told."""
+def _of(tracks: Tracks, body: int) -> float:
+    """px; NaN where nothing is known."""
     found = []
     for order in ORDERS:
         parts = []
-        for first, last in runs(tracks.seen[:, thing]):
-            path = tracks.places[first:last, thing]
+        for first, last in runs(tracks.seen[:, body]):
+            path = tracks.places[first:last, body]
             if len(path) > order:
                 moved = np.hypot(*(path[order:] - path[:-order]).T) > 2 * tracks.floor
                 parts.append(np.abs(np.diff(path, order, axis=0))[moved])
