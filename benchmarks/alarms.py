@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from physgen.evaluate.study.intervals import Draws
-from physgen.evaluate.study.paired import pairs
+from physgen.evaluate.ratings import Draws, pairs
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "study.md"
 MARKS = "<!-- figures: benchmarks/alarms.py -->", "<!-- end -->"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from physgen.evaluate.study.agreement import agreement
+from physgen.evaluate.ratings import agreement
 
 AUTHORS = """\
 1 2 3 3 2 1 4 1 2 . . .

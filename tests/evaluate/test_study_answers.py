@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from physgen.cli.main import main
-from physgen.evaluate.study.answers import Answers, files_in, read_answers
-from physgen.evaluate.study.key import Key, read_key
-from physgen.evaluate.study.results import findings
+from physgen.evaluate.ratings import Answers, files_in, findings, read_answers
+from physgen.evaluate.study import Key, read_key
 from physgen.problems import InputError
 
 CLIPS = {

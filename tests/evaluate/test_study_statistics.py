@@ -7,8 +7,7 @@ import pytest
 import scipy.stats
 from pytest import approx
 
-from physgen.evaluate.study.intervals import Draws, means
-from physgen.evaluate.study.paired import holm, pairs, sign_flip
+from physgen.evaluate.ratings import Draws, holm, means, pairs, sign_flip
 
 # ---- intervals -------------------------------------------------------------------------------------------------------
 

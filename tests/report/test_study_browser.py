@@ -11,8 +11,8 @@ from browser import PHONE, opened
 from contest import SHADES, contest
 
 from physgen.cli.main import main
-from physgen.evaluate.study.answers import read_answers
-from physgen.evaluate.study.key import Key, read_key
+from physgen.evaluate.ratings import read_answers
+from physgen.evaluate.study import Key, read_key
 
 CLIPS = 6
 

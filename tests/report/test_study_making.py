@@ -17,8 +17,7 @@ from pytest import approx
 
 from physgen.cli.main import main
 from physgen.evaluate.methods import methods_in
-from physgen.evaluate.study.key import read_key
-from physgen.evaluate.study.making import choose, make
+from physgen.evaluate.study import choose, make, read_key
 from physgen.problems import InputError
 
 

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from physgen.cli.output import FAILED, OK, print_backup, print_error, print_json
-from physgen.evaluate.measure import Findings, markdown, text, write_page
+
+if TYPE_CHECKING:
+    from physgen.evaluate.measure import Findings
+
+
+def add_output(parser: argparse.ArgumentParser, what: str = "write a page with plots in this folder") -> None:
+    """The flag `-o`."""
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=what)
 
 
 def show(findings: Findings, options: argparse.Namespace) -> int:
     """Print the result; 1 where a bar is missed."""
+    from physgen.evaluate.measure import markdown, text
+
     if options.json:
         print_json(findings.as_dict())
     else:
@@ -22,6 +33,8 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
     """Print the result, and write its page where `-o` is given; 1 where a bar is missed."""
     code = show(findings, options)
     if options.output:
+        from physgen.evaluate.measure import write_page
+
         page = write_page(findings, options.output, options.command_line, print_backup)
         print_error(f"the page: {page}")
     return code

@@ -56,9 +56,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _make(options: argparse.Namespace) -> int:
     from physgen.evaluate.methods import methods_in
-    from physgen.evaluate.study.answers import answers_in
-    from physgen.evaluate.study.making import make
-    from physgen.evaluate.study.sheet import TITLE, check_page, write_study
+    from physgen.evaluate.ratings import answers_in
+    from physgen.evaluate.study import TITLE, check_page, make, write_study
     from physgen.report.films import size_warning
 
     if any(path.suffix == ".json" or answers_in(path) for path in options.paths):
@@ -97,21 +96,13 @@ def _make(options: argparse.Namespace) -> int:
 
 def _read(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.study.answers import files_in, read_answers
-    from physgen.evaluate.study.key import read_key
-    from physgen.evaluate.study.results import findings
+    from physgen.evaluate.ratings import files_in, findings, read_answers
+    from physgen.evaluate.study import read_key
 
     for flag in ("videos", "photos", "title"):
         if getattr(options, flag) is not None:
             raise InputError.of(f"--{flag}", "", "has no part in reading answers", "leave it out, or --key")
-    check_folder(options.output)
-    draw = None
-    if options.output:
-        from physgen.evaluate.study.distribution import distribution
-        from physgen.report.plots.style import require_matplotlib
-
-        require_matplotlib()
-        draw = distribution
+    check_folder(options.output, plots=True)
     key = read_key(options.key)
     answers = read_answers(files_in(options.paths, options.key), key)
-    return hand_over(findings(answers, draw, options.seed), options)
+    return hand_over(findings(answers, options.output is not None, options.seed), options)
