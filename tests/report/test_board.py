@@ -13,7 +13,7 @@ from contest import FPS, FRAMES, SIZE, contest, write_clip
 from exhibits import failure
 
 from physgen.cli.main import main
-from physgen.evaluate.board.scores import scores_of
+from physgen.evaluate.leaderboard import scores_of
 from physgen.evaluate.methods import methods_in
 from physgen.problems import InputError
 
@@ -214,7 +214,7 @@ def test_nobody_is_best_of_equals_or_by_less_than_nought(home: Path) -> None:
 
 
 def test_a_board_that_is_stopped_leaves_nothing(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from physgen.evaluate.board import page
+    from physgen.evaluate import leaderboard as page
 
     first = page.screened
     seen = []

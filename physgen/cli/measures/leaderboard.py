@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem
+from physgen.cli.measures.output import show
+from physgen.cli.output import OK, Bar, print_backup, print_error, print_problem
 from physgen.problems import InputError
 
 ABOUT = "Methods side by side: their clips of every scene in step, and what other measures say of them."
@@ -52,33 +52,28 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.evaluate.board import page
-    from physgen.evaluate.board.scores import scores_of
-    from physgen.evaluate.board.standing import findings
-    from physgen.evaluate.measure import check_folder, markdown, text
+    from physgen.evaluate.leaderboard import cleaned_on_failure, findings, make_board, scores_of, write_board
+    from physgen.evaluate.measure import check_folder
     from physgen.evaluate.methods import methods_in
     from physgen.report.films import size_warning
 
-    if options.single_file and not options.output:
+    folder, single = options.output, options.single_file
+    if single and not folder:
         raise InputError.of("--single-file", "", "needs a folder for the page", "name one with -o")
-    check_folder(options.output)
+    check_folder(folder)
     methods = methods_in(options.folder, options.photos)
     scores = scores_of(methods, options.scores)
     bar = Bar()
-    with page.whole(options.output):
-        made = page.films(methods, options.output, options.single_file, bar.show)
+    with cleaned_on_failure(folder):
+        board = make_board(methods, scores, folder, single, bar.show)
         bar.clear()
-        found = findings(methods, made.broken, scores)
-        if options.output:
+        found = findings(board)
+        if folder:
             title = options.title or methods.folder.resolve().name
-            how = (options.output, title, options.command_line, options.single_file, print_backup)
-            index = page.write_board(methods, scores, made, found, *how)
-    if options.json:
-        print_json(found.as_dict())
-    else:
-        sys.stdout.write(markdown(found) if options.markdown else text(found))
-    if options.output:
-        if options.single_file and (large := size_warning(index, "leave out --single-file")) is not None:
+            index = write_board(board, found, folder, title, options.command_line, single, print_backup)
+    show(found, options)
+    if folder:
+        if single and (large := size_warning(index, "leave out --single-file")) is not None:
             print_problem(large)
         print_error(f"the page: {index}")
     return OK
