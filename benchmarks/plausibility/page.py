@@ -35,8 +35,6 @@ nothing of is not asked, and a clip of which nothing can be asked is neither rig
 | a folder that `render` made, or a scene file | centres of mass | the scene's |
 | CSV: `frame` or `time`, `name`, `x`, `y`, and if known `angle` (rad), `radius` or `width`, `height` | as given | discs; of boxes the disc inside and the one around |
 | MOT: `gt.txt`, with `seqinfo.ini` for the rate | middles of boxes | as of boxes |
-| COCO with `track_id`s: `*.json` | centroids of masks, else middles of boxes | the largest disc inside, the least around |
-| TAP-Vid: `*.npz` with `video`, `points`, `occluded` | each point; with `object`, the points of a body as one rigid body | how far the points lie |
 | a folder of PNG maps, one a frame, ids or colours | centroids of what is wholly seen | as of masks |
 
 px, image axes, s. Of clips of ours nothing but places, outlines and masses is taken, and from the scene what acts from

@@ -60,43 +60,6 @@ def mot(home: Path) -> Path:
     return home
 
 
-def coco(home: Path) -> Path:
-    annotations = []
-    for frame, ids in enumerate(maps()):
-        for track in (1, 2):
-            runs = np.flatnonzero(np.diff(np.concatenate([[0], (ids == track).T.ravel(), [0]])))
-            edges = (
-                np.concatenate([[0], runs, [SIZE * SIZE]])
-                if runs[-1] < SIZE * SIZE
-                else np.concatenate([[0], runs])
-            )
-            told = {"size": [SIZE, SIZE], "counts": np.diff(edges).tolist()}
-            annotations.append(
-                {"id": len(annotations) + 1, "image_id": frame, "track_id": track, "segmentation": told}
-            )
-    images = [
-        {"id": k, "video_id": 1, "frame_index": k, "width": SIZE, "height": SIZE} for k in range(FRAMES)
-    ]
-    data = {"images": images, "annotations": annotations, "videos": [{"id": 1, "name": "two", "fps": FPS}]}
-    (home / "tracks.json").write_text(json.dumps(data))
-    return home / "tracks.json"
-
-
-def tapvid(home: Path) -> Path:
-    spin = np.linspace(0, 3, FRAMES)
-    points, owners = [], []
-    for k, path in enumerate(PATHS):
-        for angle in np.linspace(0, 2 * np.pi, 6, endpoint=False):
-            rim = np.stack([np.cos(angle + spin), np.sin(angle + spin)], axis=1) * RADIUS
-            points.append((path + rim + 0.5) / SIZE)
-            owners.append(k + 1)
-    np.savez(
-        home / "tapvid.npz", points=np.array(points), occluded=np.zeros((12, FRAMES), bool), object=np.array(owners),
-        names=np.array(["background", "one", "two"]), fps=np.array(FPS), video=np.zeros((1, SIZE, SIZE, 3), np.uint8),
-    )  # fmt: skip
-    return home / "tapvid.npz"
-
-
 def masks(home: Path) -> Path:
     for k, ids in enumerate(maps()):
         Image.fromarray(ids).save(home / f"{k}.png")
@@ -110,7 +73,7 @@ def colours(home: Path) -> Path:
     return home
 
 
-@pytest.mark.parametrize("write", [table, mot, coco, tapvid, masks, colours])
+@pytest.mark.parametrize("write", [table, mot, masks, colours])
 def test_every_format_tells_the_same_motion(write: Callable[[Path], Path], tmp_path: Path) -> None:
     (tracks,) = read(write(tmp_path), Request(fps=FPS if write in (masks, colours) else None))
     assert tracks.step == pytest.approx(1 / FPS, rel=1e-3)
@@ -125,12 +88,6 @@ def test_every_format_tells_the_same_motion(write: Callable[[Path], Path], tmp_p
     assert verdict.gravity[1] == pytest.approx(G, rel=0.03)
 
 
-def test_a_spinning_thing_of_points_turns_as_its_points_do(tmp_path: Path) -> None:
-    (tracks,) = read(tapvid(tmp_path), Request())
-    turned = np.unwrap(tracks.angles[:, 0])
-    assert abs(turned[-1] - turned[0]) == pytest.approx(3, abs=0.01)
-
-
 BAD = {
     "columns.csv": ("name,x,y\na,1,2\n", "lack frame or time"),
     "none.csv": ("frame,name,x,y\n", "has no tracks"),
@@ -138,12 +95,9 @@ BAD = {
     "far.csv": ("frame,name,x,y\n0,a,1e300,2\n", 'far.csv:2:1: x: "1e300" is farther than 1e+06 px'),
     "half.csv": ("frame,name,x,y\n0,a,1,2\n0.5,a,1,2\n", 'half.csv:3:1: frame: "0.5" is no whole number'),
     "thin.csv": ("frame,name,x,y,radius\n0,a,1,2,-3\n", 'radius: "-3" is no length in px above 0'),
-    "text.npz": ("no archive", "is no NumPy archive"),
     "twice.csv": ("frame,name,x,y\n0,a,1,2\n0,a,2,2\n", "is twice in frame 0"),
     "uneven.csv": ("time,name,x,y\n0,a,1,2\n1,a,2,2\n1.4,a,2,2\n2.4,a,2,2\n", "are not evenly spaced"),
     "gt.txt": ("1,1,5,5,10\n", "is no row of MOT"),
-    "no.json": ('{"images": [], "annotations": [{"id": 1}]}', "has no tracks"),
-    "torn.json": ("{", "is no JSON"),
     "film.avi": ("", "is no kind of tracks"),
 }
 
@@ -155,18 +109,6 @@ def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         list(read(tmp_path / name, Request()))
     assert message in str(error.value)
-
-
-def test_points_that_are_seen_nowhere_are_refused(tmp_path: Path) -> None:
-    with np.load(tapvid(tmp_path)) as file:
-        held = {name: file[name] for name in file.files}
-    held["points"][3, 5] = np.nan
-    np.savez(tmp_path / "tapvid.npz", **held)
-    with pytest.raises(InputError, match="1 points are seen at no place"):
-        list(read(tmp_path / "tapvid.npz", Request()))
-    held["occluded"][3, 5] = True
-    np.savez(tmp_path / "tapvid.npz", **held)
-    assert judge(next(iter(read(tmp_path / "tapvid.npz", Request())))).wrong is False
 
 
 def test_pictures_of_different_sizes_and_photos_are_refused(tmp_path: Path) -> None:

@@ -21,8 +21,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="CLIP",
         nargs="+",
         type=Path,
-        help="clips that physgen rendered, a scene file, or tracks of any video: MOT (gt.txt), COCO with tracks "
-        "(*.json), TAP-Vid (*.npz), a CSV of frame,name,x,y[,angle,radius], or a folder of PNG masks",
+        help="clips that physgen rendered, a scene file, or tracks of any video: MOT (gt.txt), a CSV of "
+        "frame,name,x,y[,angle,radius], or a folder of PNG masks",
     )
     parser.add_argument(
         "--fps", type=positive, help="frames a second of tracks that do not say it; default: 30"

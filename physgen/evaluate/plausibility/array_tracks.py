@@ -1,23 +1,21 @@
-"""Tracks from masks (COCO, folders of PNG) and from NumPy archives (TAP-Vid, trajectories)."""
+"""Tracks from clips and scenes of physgen, and from folders of mask pictures."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile, is_zipfile
+from typing import TYPE_CHECKING
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from physgen.evaluate.plausibility.request import FPS, Request, Row, from_rows, title
+from physgen.evaluate.plausibility.request import FPS, Request, title
 from physgen.evaluate.plausibility.tracks import Array, Known, Outline, Tracks
 from physgen.image_formats import MOST_PIXELS
-from physgen.perceive.import_coco import decode_segmentation
 from physgen.problems import InputError
 from physgen.scene.scene import Motion, Solid, View
 from physgen.text import natural
@@ -48,11 +46,10 @@ def from_clip(folder: Path) -> Tracks:
     """
     from physgen import pipeline
     from physgen.batch.clips import read_manifest
-    from physgen.evaluate.plausibility.request import Request
 
     manifest = read_manifest(folder)
     view = View(str(manifest.document.get("world", {}).get("view", "side")))
-    bare = from_archive(folder / "trajectory.npz", Request(view=view))
+    bare = from_trajectory(folder / "trajectory.npz", view)
     name = folder.resolve().name
     try:
         path = Path(folder.resolve(), manifest.source or "")
@@ -146,113 +143,19 @@ def _inscribed(piece: Array) -> float:
     return float((np.abs(piece[:, 0] * along[:, 1] - piece[:, 1] * along[:, 0])[keep] / length[keep]).min())
 
 
-ARCHIVES_SHAKE = 0.05
-"""px."""
-FEWEST = 3
-"""Points of a body that tell how it lies."""
-
-
-def from_archive(path: Path, asked: Request) -> Tracks:
-    """Raises InputError for archives that hold neither."""
-    if path.is_file() and not is_zipfile(path):
-        fix = "give TAP-Vid's points or trajectory.npz, as numpy.savez writes them"
-        raise InputError.of(str(path), "", "is no NumPy archive", fix)
+def from_trajectory(path: Path, view: View) -> Tracks:
+    """Poses of `trajectory.npz` without outlines. Raises InputError where the file cannot be read."""
     try:
         with np.load(path, allow_pickle=False) as file:
-            held = {name: file[name] for name in file.files if name != "video"}
-            size = _size(file) if "video" in file.files else None
-    except (OSError, ValueError, BadZipFile) as error:
-        fix = "give TAP-Vid's points as an npz without pickles, or trajectory.npz"
-        raise InputError.of(str(path), "", f"cannot be read: {error}", fix) from None
-    if {"times", "names", "poses"} <= set(held):
-        return _trajectory(path, held, asked)
-    if {"points", "occluded"} <= set(held):
-        return _points(path, held, size, asked)
-    fix = "it needs points and occluded, or times, names and poses"
-    raise InputError.of(str(path), f'"{", ".join(held)}"', "are no tracks", fix)
-
-
-def _size(file: Any) -> tuple[int, int]:
-    """Width and height of the video, px."""
-    height, width = file["video"].shape[1:3]
-    return int(width), int(height)
-
-
-def _trajectory(path: Path, held: Mapping[str, NDArray[Any]], asked: Request) -> Tracks:
-    names, poses = tuple(map(str, held["names"])), np.asarray(held["poses"], np.float64)
-    forms = tuple(Outline(0.0, 0.0) for _ in names)
+            times, names, poses = (file[key] for key in ("times", "names", "poses"))
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise InputError.of(str(path), "", f"cannot be read: {error}", "render the clip again") from None
+    names = tuple(map(str, names))
     return Tracks(
-        title(path), np.asarray(held["times"], np.float64), names, poses[..., :2].copy(), poses[..., 2].copy(), forms,
-        np.ones(len(names)), False, asked.view, EXACT, "poses without outlines: the scene is not at hand", flat=False,
+        title(path), np.asarray(times, np.float64), names, poses[..., :2].copy(), poses[..., 2].copy(),
+        (Outline(0.0, 0.0),) * len(names), np.ones(len(names)), False, view, EXACT,
+        "poses without outlines: the scene is missing", flat=False,
     )  # fmt: skip
-
-
-def _points(
-    path: Path, held: Mapping[str, NDArray[Any]], size: tuple[int, int] | None, asked: Request
-) -> Tracks:
-    points, hidden = np.asarray(held["points"], np.float64), np.asarray(held["occluded"], bool)
-    if points.ndim != 3 or points.shape[2] != 2 or hidden.shape != points.shape[:2]:
-        found = f"points of {points.shape}, occluded of {hidden.shape}"
-        raise InputError.of(str(path), found, "do not belong together", "give (N, T, 2) and (N, T)")
-    if not np.isfinite(points[~hidden]).all():
-        found = f"{np.count_nonzero(~np.isfinite(points[~hidden]).all(axis=-1))} points"
-        raise InputError.of(str(path), found, "are seen at no place: NaN", "say that they are occluded")
-    if size is None:
-        fix = "keep the video's array in the archive: points are given in parts of it"
-        raise InputError.of(str(path), "", "does not say how large the video is", fix)
-    if len(points) == 0:
-        raise InputError.of(str(path), "", "has no tracks", "give what moves in it points")
-    places = np.where(hidden[..., None], np.nan, points * size - 0.5).transpose(1, 0, 2)
-    fps = asked.fps or (float(held["fps"]) if "fps" in held else None)
-    assumed = "" if fps else ", 30 frames a second assumed"
-    times = np.arange(len(places)) / (fps or FPS)
-    owners = held.get("object")
-    if owners is None:
-        count = places.shape[1]
-        names = tuple(f"point {k + 1}" for k in range(count))
-        return Tracks(
-            title(path), times, names, places, np.full(places.shape[:2], np.nan), (Outline(0.0, 0.0),) * count,
-            np.ones(count), False, asked.view, ARCHIVES_SHAKE, f"single points, TAP-Vid{assumed}", Known(), flat=False,
-        )  # fmt: skip
-    named = [str(name) for name in held["names"]] if "names" in held else []
-    first = 1 if named[:1] == ["background"] else 0
-    bodies = [one for one in np.unique(owners).tolist() if one >= first]
-    rigid = [_rigid(places[:, owners == one]) for one in bodies]
-    names = tuple(named[one] if 0 <= one < len(named) else f"body {one}" for one in bodies)
-    forms = tuple(form for _, _, form in rigid)
-    return Tracks(
-        title(path), times, names, np.stack([place for place, _, _ in rigid], axis=1),
-        np.stack([angle for _, angle, _ in rigid], axis=1), forms,
-        np.array([max(form.reach, 1.0) ** 2 for form in forms]), False, asked.view, ARCHIVES_SHAKE,
-        f"points of each body as one body, TAP-Vid{assumed}", Known(), flat=False,
-    )  # fmt: skip
-
-
-def _rigid(places: Array) -> tuple[Array, Array, Outline]:
-    """Points (T, K, 2) of one body -> its place (T, 2), the mean of all of them, its angle (T,), and how far they lie.
-
-    Frames that show fewer than 3 of them tell nothing. Procrustes analysis against the frame that shows most.
-    """
-    seen = np.asarray(np.isfinite(places).all(axis=2))
-    shown = seen.sum(axis=1)
-    best = int(np.argmax(shown))
-    known = seen[best]
-    model = places[best, known] - places[best, known].mean(axis=0)
-    place, angle = np.full((len(places), 2), np.nan), np.full(len(places), np.nan)
-    for frame in range(len(places)):
-        both = seen[frame, known]
-        if both.sum() < min(FEWEST, max(int(known.sum()), 1)):
-            continue
-        a, b = model[both], places[frame, known][both]
-        turn = 0.0
-        if len(a) > 1:
-            p, q = a - a.mean(axis=0), b - b.mean(axis=0)
-            turn = float(np.arctan2((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum(), (p * q).sum()))
-        c, s = np.cos(turn), np.sin(turn)
-        place[frame] = b.mean(axis=0) - a.mean(axis=0) @ np.array([[c, s], [-s, c]])
-        angle[frame] = turn
-    reach = float(np.hypot(*model.T).max(initial=0.0))
-    return place, angle, Outline(0.0, 1.3 * reach, 0.7 * reach)
 
 
 Ids = NDArray[np.integer]
@@ -312,11 +215,6 @@ def _add(found: Silhouettes, frame: int, one: int, ys: Pixels, xs: Pixels) -> No
     found.reaches.setdefault(one, []).append(reach)
 
 
-def disc_about(mask: NDArray[np.bool_]) -> tuple[tuple[float, float], float, float, float] | None:
-    """Centroid px, radii of the largest disc about it inside and the least around, area px²; None for a few pixels."""
-    return _disc(*np.nonzero(mask))
-
-
 def _disc(ys: Pixels, xs: Pixels) -> tuple[tuple[float, float], float, float, float] | None:
     if len(xs) < LEAST:
         return None
@@ -346,104 +244,6 @@ def tracked(found: Silhouettes) -> tuple[list[int], Array, tuple[Outline, ...], 
         forms.append(Outline(radius, radius, 0.7 * radius) if round_ else Outline(core, reach, 0.6 * reach))
         areas.append(usual)
     return ids, places, tuple(forms), np.array(areas)
-
-
-BOXES = 0.15
-"""px that middles of boxes shake, at least."""
-MOST_BYTES = 256 * 2**20
-SEEN = 0.9
-"""Share of a body that must be seen, where its whole mask is not given."""
-
-
-def from_coco(path: Path, asked: Request) -> Iterator[Tracks]:
-    """A clip a video. Raises InputError: unreadable, without tracks, of different sizes."""
-    data = _data(path)
-    images = {image["id"]: image for image in data["images"] if isinstance(image, dict) and "id" in image}
-    names = {track["id"]: track.get("name") for track in data.get("tracks") or [] if isinstance(track, dict)}
-    by_video: dict[Any, list[Mapping[str, Any]]] = {}
-    for one in data["annotations"]:
-        if isinstance(one, dict) and one.get("track_id", one.get("instance_id")) is not None:
-            by_video.setdefault(images.get(one.get("image_id"), {}).get("video_id"), []).append(one)
-    if not by_video:
-        raise InputError.of(str(path), "", "has no tracks", "give annotations a track_id")
-    videos = {video.get("id"): video for video in data.get("videos") or [] if isinstance(video, dict)}
-    for video, mine in by_video.items():
-        own = [image for image in images.values() if image.get("video_id") == video]
-        name = str(videos.get(video, {}).get("name") or title(path))
-        yield _clip(path, name, own, mine, names, videos.get(video, {}), asked)
-
-
-def _data(path: Path) -> Mapping[str, Any]:
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise InputError.of(
-                str(path), f"{path.stat().st_size:,} bytes", "are too many", "split the file by video"
-            )
-        data = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError.of(
-            str(path), "", f"is no JSON that can be read: {error}", "export it again"
-        ) from None
-    lists = isinstance(data, dict) and all(
-        isinstance(data.get(key), list) for key in ("images", "annotations")
-    )
-    if not lists:
-        raise InputError.of(
-            str(path), "", "has no lists of images and annotations", "give a COCO file with tracks"
-        )
-    return dict(data)
-
-
-def _clip(
-    path: Path,
-    name: str,
-    images: Sequence[Mapping[str, Any]],
-    annotations: Sequence[Mapping[str, Any]],
-    names: Mapping[Any, Any],
-    video: Mapping[str, Any],
-    asked: Request,
-) -> Tracks:
-    sizes = {(image.get("width"), image.get("height")) for image in images}
-    if len(sizes) > 1:
-        found = " and ".join(f"{w} x {h}" for w, h in sorted(sizes, key=str)[:3])
-        raise InputError.of(str(path), found, f"are sizes of frames of {name}", "give frames of one size")
-    order = {image["id"]: int(image.get("frame_index", k)) for k, image in enumerate(images)}
-    first = min(order.values(), default=0)
-    frames, rows, masks = [], [], 0
-    for one in annotations:
-        track = one.get("track_id", one.get("instance_id"))
-        row, masked = _row(path, str(names.get(track) or track), one, next(iter(sizes)))
-        if row is not None and one.get("image_id") in order:
-            masks += masked
-            frames.append(order[one["image_id"]] - first)
-            rows.append(row)
-    fps = asked.fps or video.get("fps")
-    assumed = "" if fps else ", 30 frames a second assumed"
-    what, floor = ("centroids of masks", SHAKE) if masks == len(rows) else ("middles of boxes", BOXES)
-    return from_rows(name, frames, rows, float(fps or FPS), floor, f"{what}, COCO{assumed}", asked)
-
-
-def _row(path: Path, name: str, one: Mapping[str, Any], size: tuple[Any, Any]) -> tuple[Row | None, bool]:
-    mask_given = one.get("amodal_segmentation") or one.get("segmentation")
-    whole = "amodal_segmentation" in one or one.get("visible_fraction", 1.0) >= SEEN
-    if mask_given and whole and one.get("truncation", 0.0) <= 1 - SEEN and None not in size:
-        try:
-            mask = decode_segmentation(mask_given, (int(size[0]), int(size[1])))
-        except (ValueError, TypeError) as error:
-            raise InputError.of(
-                str(path), f"annotation {one.get('id')}", str(error), "export it again"
-            ) from None
-        found = disc_about(mask)
-        if found is not None:
-            (x, y), core, reach, _ = found
-            return Row(name, x, y, core=core, reach=reach), True
-        return None, True
-    box = one.get("bbox")
-    if mask_given or not isinstance(box, list) or len(box) != 4:
-        return None, bool(mask_given)
-    left, top, width, height = map(float, box)
-    middle = left + width / 2 - 0.5, top + height / 2 - 0.5
-    return Row(name, *middle, core=min(width, height) / 2, reach=float(np.hypot(width, height)) / 2), False
 
 
 MOST_IDS = 1000

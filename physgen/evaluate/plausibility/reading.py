@@ -14,10 +14,7 @@ from physgen.evaluate.plausibility.request import FPS, Request, Row, frames_of, 
 from physgen.evaluate.plausibility.tracks import Tracks
 from physgen.problems import InputError, Place, Problem
 
-FIX = (
-    "give a clip's folder, a scene file, a CSV, MOT's gt.txt, COCO with tracks (*.json), TAP-Vid (*.npz) or a "
-    "folder of PNG masks"
-)
+FIX = "give a clip's folder, a scene file, a CSV, MOT's gt.txt, or a folder of PNG masks"
 
 
 def read(path: Path, asked: Request) -> Iterator[Tracks]:
@@ -36,14 +33,6 @@ def read(path: Path, asked: Request) -> Iterator[Tracks]:
         yield from_csv(path, asked)
     elif ending == ".txt":
         yield from_mot(path, asked)
-    elif ending == ".json":
-        from physgen.evaluate.plausibility.array_tracks import from_coco
-
-        yield from from_coco(path, asked)
-    elif ending == ".npz":
-        from physgen.evaluate.plausibility.array_tracks import from_archive
-
-        yield from_archive(path, asked)
     else:
         raise InputError.of(str(path), f'"{ending or path.name}"', "is no kind of tracks", FIX)
 
@@ -52,13 +41,10 @@ def _folder(path: Path, asked: Request) -> Iterator[Tracks]:
     from physgen.batch.clips import clip_folders
     from physgen.evaluate.plausibility.array_tracks import from_pictures, pictures_in
 
-    for name, ending in (("gt.txt", ""), ("gt/gt.txt", ""), ("annotations.json", ""), ("tapvid.npz", "")):
-        if (path / (name + ending)).is_file():
-            yield from read(path / (name + ending), asked)
+    for name in ("gt.txt", "gt/gt.txt", "scene.yaml"):
+        if (path / name).is_file():
+            yield from read(path / name, asked)
             return
-    if (path / "scene.yaml").is_file():
-        yield from read(path / "scene.yaml", asked)
-        return
     if not (path / "manifest.json").exists() and pictures_in(path):
         yield from_pictures(path, asked)
         return
