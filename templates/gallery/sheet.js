@@ -62,7 +62,7 @@ function drawSheet(shown) {
     ...across.texts.map((_, i) => make("td", {}, cells.has(`${j},${i}`) ? [cell(cells.get(`${j},${i}`))] : [])),
   ])));
   const placed = [...cells.values()].flat().length, most = Math.max(0, ...[...cells.values()].map(cell => cell.length));
-  const others = AXES.filter(axis => axis !== x && axis !== y && !axis.follows && axis.k >= 0 && keys[axis.k].swept).map(axis => axis.name);
+  const others = AXES.filter(axis => axis !== x && axis !== y && !axis.follows && axis.k >= 0).map(axis => axis.name);
   const said = [
     placed < shown.length ? `${shown.length - placed} of ${shown.length} clips have no such value and are not here.` : "",
     most > 1 ? `Some cells hold several clips${others.length ? `, since ${others.slice(0, 3).join(", ")} differ${others.length === 1 ? "s" : ""}, too` : ""}; a cell opens to show them.` : "",
@@ -76,7 +76,7 @@ function drawSheet(shown) {
 function cell(found) {
   const n = found[0], clip = clips[n], several = found.length > 1;
   const link = clip.href && !several && !clip.failed;
-  const values = keys.map((key, k) => (clip.values[k] === null || !key.swept ? "" : `${key.name} ${told[k].get(clip.values[k])}`)).filter(Boolean);
+  const values = keys.map((key, k) => (clip.values[k] === null ? "" : `${key.name} ${told[k].get(clip.values[k])}`)).filter(Boolean);
   const label = several ? `${found.length} clips, the first: ${clip.name}` : [clip.name, ...values].join(", ");
   const box = clip.poster || data.single ? make("div", { className: "shot" }) : null;
   const inside = clip.failed && !clip.strip

@@ -125,7 +125,7 @@ def test_the_keys_of_a_sweep_and_their_values(tmp_path: Path) -> None:
     ]
     assert keys[0].values == (50, 50, 100, 100, 200, 200)
     assert keys[1].values == (0.1, 0.9) * 3
-    assert all(key.named and key.swept and key.numeric and not key.follows for key in keys)
+    assert all(key.numeric and not key.follows for key in keys)
 
 
 def test_a_clip_that_failed_has_the_values_that_it_was_told(tmp_path: Path) -> None:
@@ -180,12 +180,6 @@ def test_a_failed_card_names_its_file_without_folders(tmp_path: Path) -> None:
     failure(tmp_path, "pair", told, path="far/away/folder/pair.yaml")
     [clip] = clips_in([tmp_path])
     assert clip.problems == ("pair.yaml:3:1: objects: is missing",)
-
-
-def test_scenes_of_other_things_differ_in_their_worlds_alone(tmp_path: Path) -> None:
-    exhibit(tmp_path / "a", document(world__duration=2))
-    exhibit(tmp_path / "b", document(objects={"cup": {"label": "cup", "mass": 3}}))
-    assert [(key.path, key.swept) for key in swept_keys(clips_in([tmp_path]))] == [("world.duration", False)]
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------
