@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 from pytest import approx
 
 from physgen.report.refinement import (
-    COLUMNS,
     COOL,
     GAP,
     LINE,
-    NARROWEST,
+    MARGIN,
     NEAR,
     PALE,
-    PAPER,
     WARM,
-    WIDEST,
     RefinementChanges,
-    _left,
     full_scale,
     panel,
 )
 
-W, H = panel((16000, 9000))
+W, H = panel((1920, 1080))
 """px: a panel's own size, so that nothing is made smaller."""
 X0, Y0 = 100, 60
 """px: corner of the object, which is 20 px a side."""
@@ -50,9 +45,9 @@ def away() -> np.ndarray:
 
 def panels(page: np.ndarray, columns: int) -> list[list[np.ndarray]]:
     """Guidance, refined and change of each column."""
-    top, found = LINE + GAP // 2, []
+    top, found = LINE, []
     for k in range(columns):
-        x = _left() + k * (W + GAP)
+        x = MARGIN + k * (W + GAP)
         found.append([page[top + j * (H + GAP) :, x:][:H, :W] for j in range(3)])
     return found
 
@@ -107,12 +102,11 @@ def test_jumps_are_those_of_neighbours() -> None:
     assert found["first"] == 0
 
 
-def test_colours_say_how_much_and_where() -> None:
+def test_colours_show_how_much_and_where() -> None:
     refined = grey(100)
     refined[10:30, 10:40] = 120  # brighter by 20
     refined[10:30, 60:90] = 80
     refined[40:60, 10:40] = 110  # half as much
-    refined[Y0 + 4 : Y0 + 16, X0 + 4 : X0 + 16] = 104  # on the object, inside its outline
     changes = RefinementChanges(1, 10.0)
     changes.add(grey(100), refined, square())
     [(guidance, after, change)] = panels(changes.picture(), 1)
@@ -121,21 +115,15 @@ def test_colours_say_how_much_and_where() -> None:
     pale = round(PALE[0] + (PALE[1] - PALE[0]) * 100 / 255)
     assert (change[12:28, 12:38] == WARM).all()
     assert (change[12:28, 62:88] == COOL).all()
-    for box, share in ((np.s_[42:58, 12:38], 0.5), (np.s_[Y0 + 5 : Y0 + 15, X0 + 5 : X0 + 15], 0.2)):
-        assert np.abs(change[box] - (pale + share * (np.array(WARM) - pale))).max() <= 1
+    assert np.abs(change[42:58, 12:38] - (pale + 0.5 * (np.array(WARM) - pale))).max() <= 1
     assert (change[100:, :80] == pale).all()
-    # the outline is dark, and hardly wider than a pixel
-    across = change[Y0 + 10, X0 - 6 : X0 + 4].mean(axis=1)
-    assert across.min() < pale - 50
-    assert (across < pale - 12).sum() <= 2
-    assert np.flatnonzero(across == across.min())[0] in (5, 6)
 
 
 def test_few_odd_pixels_do_not_pale_the_rest() -> None:
     def levels(refined: np.ndarray) -> int:
         changes = RefinementChanges(1, 10.0)
         changes.add(grey(100), refined, square())
-        return full_scale(changes._columns)
+        return full_scale(changes.columns)
 
     refined = grey(100)
     assert levels(refined) == 0
@@ -166,31 +154,6 @@ def test_columns_run_from_the_first_to_the_last(count: int, shown: list[int]) ->
         changes.add(grey(20 * k), grey(20 * k + 5), square())
     page = changes.picture()
     assert [int(one[0][0, 0, 0]) for one in panels(page, len(shown))] == [20 * k for k in shown]
-    assert page.shape[1] == max(_left() + len(shown) * (W + GAP), NARROWEST[0])
-
-
-@pytest.mark.parametrize("count", [1, 2, 9])
-@pytest.mark.parametrize(
-    "size",
-    [(64, 36), (36, 64), (300, 300), (960, 540), (540, 960), (1920, 1080), (2000, 30), (30, 2000), (1, 1)],
-)
-def test_a_strip_of_any_size_has_room_for_its_words(size: tuple[int, int], count: int) -> None:
-    changes = RefinementChanges(count, 0.01)  # times as long as they come
-    rng = np.random.default_rng(0)
-    for _ in range(count):
-        coverage = (rng.random(size[::-1]) > 0.5).astype(np.float32)
-        changes.add(grey(100, size), rng.integers(0, 255, (size[1], size[0], 3), np.uint8), coverage)
-    page = changes.picture()
-    assert page.shape[1] <= WIDEST
-    assert page.shape[0] <= 3 * (300 + GAP) + 5 * LINE
-    for edge in (page[:2], page[-2:], page[:, :2], page[:, -2:]):
-        assert (edge == PAPER).all()
-    width, height = panel(size)
-    assert max(height - 300, _left() + COLUMNS * (width + GAP) - WIDEST) <= 0
-    assert width / height == approx(size[0] / size[1], rel=0.6 / min(width, height))
-    key = page[-3 * LINE - GAP :]
-    assert (np.ptp(key.astype(int), axis=2) > 100).any(), "the scale"
-    assert (key.mean(axis=2) < 90).any(), "its words"
 
 
 def test_a_large_picture_is_made_smaller_in_linear_light() -> None:
@@ -202,23 +165,3 @@ def test_a_large_picture_is_made_smaller_in_linear_light() -> None:
     assert guidance.mean() == approx(225, abs=1)  # 0.75 of the light
 
 
-def test_only_what_is_shown_is_kept() -> None:
-    changes = RefinementChanges(100, 25.0)
-    for _ in range(100):
-        changes.add(grey(1), grey(2), square())
-    assert len(changes._columns) == COLUMNS
-
-
-def test_outlines_are_where_objects_cover_half_a_pixel() -> None:
-    coverage = np.zeros((H, W), np.float32)
-    cv2.circle(coverage, (120, 68), 40, 1.0, -1)
-    coverage = cv2.GaussianBlur(coverage, (0, 0), 3)
-    coverage[:, 200:] = 1  # and something that leaves the frame
-    changes = RefinementChanges(1, 10.0)
-    changes.add(grey(100), grey(100), coverage)
-    [(_, _, change)] = panels(changes.picture(), 1)
-    y, x = np.nonzero(change[:, :190].mean(axis=2) < 150)
-    assert np.abs(np.hypot(x - 120, y - 68) - 40.3).max() < 1.5
-    assert len(x) > 2 * np.pi * 40 * 0.8
-    assert (change[[0, -1], 205:].mean(axis=2) > 150).all(), "no line along the frame's border"
-    assert (change[:, 197:202].mean(axis=2).min(axis=1) < 150).all()

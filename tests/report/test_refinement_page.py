@@ -74,7 +74,7 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
     for time in ("0.00 s", "0.12 s", "0.25 s"):
         assert f'<th scope="col">{time}</th>' in section
     before, after, change = (
-        [pixels(picture).mean(axis=(0, 1)) for picture in row.pictures] for row in shown.rows
+        [pixels(picture).mean(axis=(0, 1)) for picture in pictures] for _, _, pictures in shown.rows
     )
     assert np.mean(before, axis=1) == approx([100, 101, 102], abs=1.5)
     assert np.mean(after, axis=1) == approx([100, 103, 106], abs=1.5)
