@@ -344,8 +344,8 @@ def _report(
     """The page; `first` is the clip's first frame, unrefined."""
     from physgen.report.films import embedded_film, linked_film
     from physgen.report.page import report_page
+    from physgen.report.perception import relighting_comparison
     from physgen.report.player import player_data
-    from physgen.report.relighting import relighting_comparison
     from physgen.scene.write import scene_text
 
     name = "video" if record.frames else "unrefined"

@@ -24,13 +24,13 @@ def test_a_sheet_shows_the_photo_and_all_that_was_perceived(tmp_path: Path) -> N
     assert main(["perceive", files[0], "--masks", files[1], "-o", files[2], "--sheet", files[3]]) == 0
     page = np.asarray(Image.open(files[3]))
     height = round(photo.shape[0] * WIDTH / photo.shape[1])
-    assert page.shape == (2 * (height + CAPTION + GAP) + GAP, 4 * (WIDTH + GAP) + GAP, 3)
+    assert page.shape == (3 * (height + CAPTION + GAP) + GAP, 4 * (WIDTH + GAP) + GAP, 3)
     first = page[GAP + CAPTION : GAP + CAPTION + height, GAP : GAP + WIDTH]
     assert (
         np.abs(first.astype(int) - cv2.resize(photo, (WIDTH, height), interpolation=cv2.INTER_AREA)).mean()
         < 2
     )
-    shapes = page[GAP + CAPTION : GAP + CAPTION + height, 2 * GAP + WIDTH : 2 * (GAP + WIDTH)]
+    shapes = page[GAP + CAPTION : GAP + CAPTION + height, 3 * GAP + 2 * WIDTH : 3 * (GAP + WIDTH)]
     assert (np.ptp(shapes.astype(int), axis=2) > 150).mean() > 0.005  # outlines in strong colours
 
 
