@@ -168,21 +168,6 @@ def test_of_many_paths_those_that_go_farthest_have_colours(tmp_path: Path) -> No
     assert LIGHT.soft not in named(few, "path-b1").findall(f".//{SVG}path")[-1].get("style")
 
 
-def test_of_many_pairs_each_thing_has_a_row(tmp_path: Path) -> None:
-    """Of 28 balls on a floor there are 28 pairs: 29 rows, and bars begin when each ball has fallen."""
-    path = scene(tmp_path, crowd(28))
-    root = drawn("contacts", path, tmp_path / "crowd.svg")
-    names = {element.get("id") for element in root.iter(f"{SVG}g")}
-    assert {"touch-b1", "touch-b27", "touch-floor"} <= names
-    assert not any(name and name.endswith("-floor") and name != "touch-floor" for name in names)
-    low, high = area(root)
-    begin = np.array(re.findall(r"[ML] ([-\d.e]+)", named(root, "touch-b16")[0].get("d")), float).min()
-    fallen = np.sqrt(2 * 48 / 800)
-    assert abs((begin - low[0]) / (high[0] - low[0]) - fallen) < 0.004
-    few = drawn("contacts", scene(tmp_path, crowd(20)), tmp_path / "few.svg")
-    assert {"touch-b1-floor"} <= {element.get("id") for element in few.iter(f"{SVG}g")}
-
-
 def test_frames_of_a_strip_are_those_of_the_video_pixel_for_pixel(tmp_path: Path) -> None:
     path = scene(tmp_path, DROP)
     assert main(["plot", "strip", path, "--frames", "4,11,23", "-o", str(tmp_path / "strip.png")]) == 0
@@ -282,7 +267,7 @@ def test_without_matplotlib_one_line_says_how_to_get_it(tmp_path: Path, monkeypa
 
 
 def test_only_plots_need_matplotlib() -> None:
-    rooms = "cli, notebook, pipeline.plotting, report.plots.look, report.plots.frames, report.plots.energy"
+    rooms = "cli.main, pipeline.notebook, pipeline.plotting, report.plots.style, report.plots.frames"
     imports = ", ".join(f"physgen.{room}" for room in rooms.split(", "))
     code = f"import sys, {imports}; print({{'matplotlib', 'IPython'}} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

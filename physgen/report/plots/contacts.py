@@ -1,13 +1,11 @@
-"""Figure of contacts as bars over time, with impacts as circles."""
+"""Figure of contacts as bars over time, with impacts as circles whose area is the impulse."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.render.contacts import Impact
@@ -19,200 +17,130 @@ from physgen.simulate.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-Array = NDArray[np.float64]
-
 WIDTH = 150.0
 """mm."""
 ROW = 0.145
 """Inches of a pair's row."""
-MOST_PAIRS = 24
-"""Rows of pairs; of more, things have theirs."""
 MOST_ROWS = 48
+"""Pairs that have a row, those with the largest impulse."""
 LARGEST = 90.0
-"""Square points: the strongest blow's circle."""
-BRIEF = 0.004
-"""Of the clip: no bar is shorter."""
+"""Square points: the strongest impact's circle."""
+SHORTEST = 0.004
+"""Of the clip: bars are at least so long."""
 
-
-@dataclass(frozen=True)
-class Row:
-    """Two surfaces that touch."""
-
-    pair: tuple[int, int]
-    times: Array
-    """(K, 2) s: begin and end of each touch, within the clip."""
-    blows: list[Impact]
-    impulse: float
-    """g·px/s, of all blows."""
-
-
-@dataclass(frozen=True)
-class Line:
-    """What is drawn at one height."""
-
-    label: str
-    name: str
-    """Of its bars, for programs."""
-    times: Array
-    """(K, 2) s."""
-    wall: bool
-    """A boundary has part in it."""
-
-
-def contact_rows(trajectory: Trajectory, blows: Sequence[Impact], objects: Sequence[str] = ()) -> list[Row]:
-    """By who touches first; of `objects` alone, where any are named."""
-    contacts, end = trajectory.contacts, float(trajectory.times[-1]) if len(trajectory.times) else 0.0
-    wanted = {contacts.surfaces.index(name) for name in objects}
-    struck: dict[tuple[int, int], list[Impact]] = {}
-    for blow in blows:
-        struck.setdefault(blow.pair, []).append(blow)
-    touching: dict[tuple[int, int], list[tuple[float, float]]] = {}
-    for (first, second), (begin, stop) in zip(
-        contacts.touch_pairs.tolist(), contacts.touch_times.tolist(), strict=True
-    ):
-        if begin <= end and (not wanted or {first, second} & wanted):
-            touching.setdefault((first, second), []).append((begin, min(stop, end)))
-    found = [
-        Row(pair, np.array(times), struck.get(pair, []), sum(blow.impulse for blow in struck.get(pair, [])))
-        for pair, times in touching.items()
-    ]
-    return sorted(found, key=lambda row: (row.times[0, 0], row.pair))
+Pair = tuple[int, int]
 
 
 def contacts_figure(
     scene: Scene,
     world: World,
     trajectory: Trajectory,
-    blows: Sequence[Impact],
+    impacts: Sequence[Impact],
     look: PlotStyle,
     objects: Sequence[str] = (),
 ) -> Figure:
-    """`trajectory` and `blows` as `render.touches` finds them."""
-    found = contact_rows(trajectory, blows, objects)
-    names, N = trajectory.contacts.surfaces, len(world.bodies)
-    crowded = len(found) > MOST_PAIRS
-    if crowded:
-        lines, heights = _things(found, names, N)
-        struck = [
-            (blow, [heights[k] for k in row.pair if k in heights]) for row in found for blow in row.blows
-        ]
-    else:
-        lines = [_pair(row, names, N) for row in found]
-        struck = [(blow, [k]) for k, row in enumerate(found) for blow in row.blows]
-    shown = {k for row in found for k in row.pair}
-    left_out = len(shown) - len(lines) if crowded else 0
-    end = float(trajectory.times[-1]) if len(trajectory.times) > 1 else 1.0
-    colours = look.palette
+    """A row for each pair that touches; `trajectory` and `impacts` as `render.contacts` finds them."""
+    surfaces, end = (
+        trajectory.contacts.surfaces,
+        float(trajectory.times[-1]) if len(trajectory.times) else 0.0,
+    )
+    rows = _rows(trajectory, impacts, end, {surfaces.index(name) for name in objects})
+    shown = [impact for impact in impacts if impact.pair in rows]
+    missing = len(_touches(trajectory, end)) - len(rows) if not objects else 0
+    strongest = max((impact.impulse for impact in shown), default=0.0)
+    colours, end = look.palette, end or 1.0
     with plot_settings(look):
-        figure = new_figure(look, look.inches(WIDTH), 0.82 + ROW * max(len(lines), 2))
+        figure = new_figure(look, look.inches(WIDTH), 0.82 + ROW * max(len(rows), 2))
         figure.set_layout_engine("constrained", w_pad=0.05, h_pad=0.05)
         axes = figure.add_subplot()
         axes.patch.set_gid("area")
-        for k, line in enumerate(lines):
+        for k, (pair, times) in enumerate(rows.items()):
+            wall = max(pair) >= len(world.bodies)
             axes.broken_barh(
-                [(begin, max(stop - begin, BRIEF * end)) for begin, stop in line.times.tolist()],
+                [(begin, max(stop - begin, SHORTEST * end)) for begin, stop in times],
                 (k - 0.3, 0.6),
-                color=look.pale(colours.soft if line.wall else colours.blue),
+                color=look.pale(colours.soft if wall else colours.blue),
                 linewidth=0,
-                gid=f"touch-{line.name}",
+                gid="touch-" + "-".join(surfaces[surface] for surface in pair),
             )
-        strongest = max((blow.impulse for blow, _ in struck), default=0.0)
-        for blow, at in struck:
-            if len(at) == 2:
-                axes.vlines(
-                    blow.time, min(at), max(at), color=colours.orange, linewidth=0.5, alpha=0.7, zorder=2
-                )
-        largest: dict[tuple[float, int], tuple[float, int, float]] = {}
-        for blow, at in sorted(struck, key=lambda pair: pair[0].impulse):
-            for k in at:  # of blows that one thing gets at once from several, the largest
-                largest[round(blow.time, 6), k] = (blow.time, k, blow.impulse)
-        if largest:
-            t, k, impulse = np.array(sorted(largest.values(), key=lambda p: -p[2])).T
+        if strongest:
+            order = list(rows)
+            ranked = sorted(shown, key=lambda impact: -impact.impulse)
             axes.scatter(
-                t,
-                k,
-                s=LARGEST * impulse / strongest,
+                [impact.time for impact in ranked],
+                [order.index(impact.pair) for impact in ranked],
+                s=[LARGEST * impact.impulse / strongest for impact in ranked],
                 color=colours.orange,
                 linewidths=0.5,
                 edgecolors=colours.paper,
                 zorder=3,
                 clip_on=False,
-                gid="blows",
+                gid="impacts",
             )
-        axes.set_ylim(len(lines) - 0.4 if lines else 1, -0.6)
-        axes.set_yticks(range(len(lines)), [line.label for line in lines], fontsize=SMALL - 0.3)
+        axes.set_ylim(len(rows) - 0.4 if rows else 1, -0.6)
+        labels = [" – ".join(surfaces[surface] for surface in pair) for pair in rows]
+        axes.set_yticks(range(len(rows)), labels, fontsize=SMALL - 0.3)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
         axes.set_axisbelow(True)
-        axes.hlines(np.arange(len(lines)), 0, end, color=colours.faint, linewidth=0.4, zorder=0)
+        axes.hlines(np.arange(len(rows)), 0, end, color=colours.faint, linewidth=0.4, zorder=0)
         axes.set_xlim(0, end)
         axes.locator_params(axis="x", nbins=8)
-        axes.set_xlabel("time (s)" + (f"; {left_out} more with weaker blows" if left_out else ""))
-        bars = ("touches something", "boundary") if crowded else ("two objects touch", "object and boundary")
-        _key(
-            figure,
-            scene,
-            look,
-            strongest,
-            dict(zip(bars, (False, True), strict=True)),
-            {x.wall for x in lines},
-        )
-        if not lines:
+        axes.set_xlabel("time (s)" + (f"; {missing} more pairs with weaker impacts" if missing > 0 else ""))
+        walls = {max(pair) >= len(world.bodies) for pair in rows}
+        handles = _key(scene, look, strongest, walls)
+        if handles:
+            figure.legend(handles=handles, loc="outside upper left", ncols=4, borderaxespad=0.2)
+        if not rows:
             axes.text(0.5, 0.5, "nothing touches", transform=axes.transAxes, ha="center", va="center")
         figure.draw_without_rendering()
         return figure
 
 
-def _pair(row: Row, names: Sequence[str], count: int) -> Line:
-    first, second = (names[k] for k in row.pair)
-    return Line(f"{first} – {second}", f"{first}-{second}", row.times, max(row.pair) >= count)
+def _touches(trajectory: Trajectory, end: float) -> dict[Pair, list[tuple[float, float]]]:
+    """Begin and end of each touch within the clip, s, by pair."""
+    contacts, found = trajectory.contacts, dict[Pair, list[tuple[float, float]]]()
+    for (first, second), (begin, stop) in zip(
+        contacts.touch_pairs.tolist(), contacts.touch_times.tolist(), strict=True
+    ):
+        if begin <= end:
+            found.setdefault((first, second), []).append((begin, min(stop, end)))
+    return found
 
 
-def _things(found: Sequence[Row], names: Sequence[str], count: int) -> tuple[list[Line], dict[int, int]]:
-    """A line for each thing that touches any, by when it first does, boundaries last; and surface -> height."""
-    times: dict[int, list[Array]] = {}
-    impulse: dict[int, float] = {}
-    for row in found:
-        for k in row.pair:
-            times.setdefault(k, []).append(row.times)
-            impulse[k] = impulse.get(k, 0.0) + row.impulse
-    strong = sorted(times, key=lambda k: -impulse[k])[:MOST_ROWS]
-    moment = {k: min(float(spans[:, 0].min()) for spans in times[k]) for k in strong}
-    order = sorted(strong, key=lambda k: (k >= count, moment[k], k))
-    lines = [Line(names[k], names[k], np.concatenate(times[k]), k >= count) for k in order]
-    return lines, {k: height for height, k in enumerate(order)}
+def _rows(
+    trajectory: Trajectory, impacts: Sequence[Impact], end: float, objects: set[int]
+) -> dict[Pair, list[tuple[float, float]]]:
+    """Touches of the pairs with the largest impulses, in the order in which they first touch."""
+    found = {pair: t for pair, t in _touches(trajectory, end).items() if not objects or objects & set(pair)}
+    impulse = dict.fromkeys(found, 0.0)
+    for impact in impacts:
+        if impact.pair in impulse:
+            impulse[impact.pair] += impact.impulse
+    strongest = sorted(found, key=lambda pair: -impulse[pair])[:MOST_ROWS]
+    return {pair: found[pair] for pair in sorted(strongest, key=lambda pair: (found[pair][0][0], pair))}
 
 
-def _key(
-    figure: Figure, scene: Scene, look: PlotStyle, strongest: float, bars: dict[str, bool], walls: set[bool]
-) -> None:
-    """What bars and circles mean."""
+def _key(scene: Scene, look: PlotStyle, strongest: float, walls: set[bool]) -> list[Any]:
+    """Legend of bars and circles."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     colours, of = look.palette, units(scene, look)
+    bars = ((False, "two objects touch", colours.blue), (True, "object and boundary", colours.soft))
     handles: list[Any] = [
         Patch(color=look.pale(colour), linewidth=0, label=name)
-        for (name, wall), colour in zip(bars.items(), (colours.blue, colours.soft), strict=True)
+        for wall, name, colour in bars
         if wall in walls
     ]
     per = 1.0 if of.meter is None else IMPULSE.per(of.meter)
     for part in (1.0, 0.1):
         if strongest > 0:
             value = largest_round(part * strongest / per) * per
-            size = (LARGEST * value / strongest) ** 0.5
-            handles.append(
-                Line2D(
-                    [],
-                    [],
-                    linestyle="",
-                    marker="o",
-                    markersize=size,
-                    color=colours.orange,
-                    markeredgewidth=0,
-                    label=f"blow of {of.said(IMPULSE, value, strongest / 10)}",
-                )
+            label = f"impact of {of.said(IMPULSE, value, strongest / 10)}"
+            circle = Line2D(
+                [], [], linestyle="", marker="o", color=colours.orange, markeredgewidth=0, label=label
             )
-    if handles:
-        figure.legend(handles=handles, loc="outside upper left", ncols=4, borderaxespad=0.2)
+            circle.set_markersize((LARGEST * value / strongest) ** 0.5)
+            handles.append(circle)
+    return handles

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -17,16 +17,18 @@ from physgen.render.drawing import HEAD, arc, arrow, head
 from physgen.render.scales import SWEEP, Scales, largest_round, scales
 from physgen.report.plots.style import (
     DPI,
-    ENERGY,
+    FORCE,
     HALO,
     IMPULSE,
     RED,
     SMALL,
     SPEED,
     TEXT,
+    TORQUE,
     PlotStyle,
     Quantity,
     Units,
+    halo,
     new_figure,
     plot_settings,
     units,
@@ -39,15 +41,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# ----------------------------------------------------------------------
-# World and its first moment -> the red arrows of the paper: velocities, and what pushes, at t = 0.
-#
-# Velocities are full, forces and impulses hollow; a white rim keeps both legible on any photo.
-
 Array = NDArray[np.float64]
 
-FORCE = Quantity("g·px/s²", "N", 1, 1)
-TORQUE = replace(ENERGY, si="N·m")
 SHAFT, RIM = 1.15, 0.7
 """Points: the width of a shaft, and of the white around it."""
 SHORT = 2.0
@@ -162,7 +157,7 @@ def _patch(axes: Axes, outline: Array, hollow: bool, point: float) -> None:
     thin = 0.9 if hollow else 0.0
     axes.add_patch(
         Polygon(outline, closed=True, facecolor=fill, edgecolor=edge, linewidth=thin, joinstyle="miter",
-                path_effects=_rim(thin), zorder=5)
+                path_effects=halo(thin + 2 * RIM, HALO), zorder=5)
     )  # fmt: skip
 
 
@@ -171,21 +166,11 @@ def _curved(axes: Axes, path: Array, point: float) -> None:
     length = HEAD * SHAFT * point
     left = np.cumsum(np.hypot(*np.diff(path, axis=0).T)[::-1])[::-1]
     root = int(np.flatnonzero(left >= min(0.8 * length, 0.6 * left[0]))[-1])
-    axes.plot(*path[: root + 1].T, color=RED, linewidth=SHAFT, path_effects=_rim(SHAFT), zorder=5)
+    axes.plot(
+        *path[: root + 1].T, color=RED, linewidth=SHAFT, path_effects=halo(SHAFT + 2 * RIM, HALO), zorder=5
+    )
     _patch(axes, head(path[-1], path[-1] - path[root], min(length, 0.62 * float(left[0]))), True, point)
 
-
-def _rim(width: float) -> list[Any]:
-    from matplotlib import patheffects
-
-    return [patheffects.Stroke(linewidth=width + 2 * RIM, foreground=HALO), patheffects.Normal()]
-
-
-# ----------------------------------------------------------------------
-# Photo and frames of scenes -> the paper's strip: the photo with red arrows, then frames with their times.
-#
-# A row a scene. In a PNG every frame keeps its own pixels, unless a width is asked for; SVG and PDF hold them
-# whole.
 
 U8 = NDArray[np.uint8]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import ceil, degrees
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +21,10 @@ from physgen.report.plots.style import (
     PlotStyle,
     Units,
     add_axes,
+    halo,
     new_figure,
     plot_settings,
+    rgb_of,
     stroke,
     units,
 )
@@ -32,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
@@ -40,19 +42,43 @@ WIDTH = 120.0
 """mm."""
 CURVES = ("x", "y", "speed", "angle")
 LEFT, RIGHT, ALONE, BELOW = 0.52, 0.46, 0.08, 0.4
-"""Inches: margins, that at the right with an axis and without."""
+"""Inches: margins, the right one with a second axis and without."""
 PANEL, LINE, ENTRY = 1.3, 0.135, 0.95
-"""Inches: height of a curve's panel, of a line of the legend, and the width of one of its entries."""
-MOST_TALL = 1.3
-"""Of the room's width: how tall the map is at most."""
+"""Inches: height of a curve's panel and of a line of the legend, and width of one of its entries."""
+TALLEST = 1.3
+"""Height of the map by its width, at most."""
 FAINT = 0.38
-"""Of the photo, that is left under the paths."""
+"""Share of the photo under the paths."""
 MOVES = 2.0
-"""px: what moves less is no path."""
-LOUD = 7
-"""Paths in colours of their own where nobody has chosen: those that go farthest. The others stand back."""
+"""px: an object that moves less has no path."""
+COLOURED = 7
+"""Paths with colours of their own where none are chosen: the longest. The others are grey."""
 MARKS = 8
-"""About so many marks of time on a path."""
+"""Roughly, marks of time on a path."""
+
+
+@dataclass(frozen=True)
+class Strokes:
+    """Objects by the way they are drawn."""
+
+    coloured: list[int]
+    grey: list[int]
+
+    @classmethod
+    def of(cls, world: World, trajectory: Trajectory, objects: Sequence[str]) -> Strokes:
+        """`objects` by name; else all that move, the longest paths in colours."""
+        if objects:
+            return cls([trajectory.names.index(name) for name in objects], [])
+        if not len(trajectory.times):
+            return cls([], [])
+        x, y, angle = np.ptp(trajectory.poses, axis=0).T
+        moved = np.hypot(x, y) + angle * [0.0 if body.radius else body.reach for body in world.bodies]
+        moving = np.flatnonzero(moved > MOVES).tolist()
+        steps = np.diff(trajectory.poses[..., :2], axis=0)
+        length = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=0)
+        longest = sorted(moving, key=lambda body: -length[body])
+        longest = longest if len(moving) <= COLOURED + 1 else longest[:COLOURED]
+        return cls(sorted(longest), [body for body in moving if body not in longest])
 
 
 def trajectory_figure(
@@ -65,72 +91,42 @@ def trajectory_figure(
     objects: Sequence[str] = (),
     curves: Sequence[str] = (),
 ) -> Figure:
-    """`objects` by name, else those that move; `curves` of CURVES; `photo` (H, W, 3) sRGB lies faintly below."""
-    shown = chosen_objects(world, trajectory, objects)
-    back = [] if objects else background_objects(trajectory, shown)
-    shown = [body for body in shown if body not in back]
+    """`objects` by name; `curves` of CURVES; `photo` (H, W, 3) sRGB lies faintly below the paths."""
+    strokes = Strokes.of(world, trajectory, objects)
     of, width = units(scene, look), look.inches(WIDTH)
     right = RIGHT if of.beside else ALONE
     above = RIGHT - 0.1 if of.beside else ALONE
     wide, tall = world.size
     room = width - LEFT - right
-    high = min(room * tall / wide, MOST_TALL * room)
-    rows, entries = ceil(len(curves) / 2), len(shown) + bool(back)
+    high = min(room * tall / wide, TALLEST * room)
+    rows, entries = ceil(len(curves) / 2), len(strokes.coloured) + bool(strokes.grey)
     columns = max(1, min(entries, int((width - LEFT) / ENTRY)))
-    legend = LINE * ceil(entries / columns) + 0.1 if shown else 0.0
+    legend = LINE * ceil(entries / columns) + 0.1 if strokes.coloured else 0.0
     with plot_settings(look):
         total = above + high + BELOW + rows * PANEL + legend
         figure = new_figure(look, width, total)
-        shrunk = high * wide / tall  # where a tall photo would take a page
-        axes = add_axes(figure, LEFT + (room - shrunk) / 2, total - above - high, shrunk, high)
-        every = _map(axes, world, trajectory, photo, shown, back, of, look)
-        if shown:
+        across = high * wide / tall
+        axes = add_axes(figure, LEFT + (room - across) / 2, total - above - high, across, high)
+        every = _map(axes, world, trajectory, photo, strokes, of, look)
+        if strokes.coloured:
             handles, labels = axes.get_legend_handles_labels()
-            if back:  # those that stand back come last here, too
-                handles, labels = handles[1:] + handles[:1], labels[1:] + labels[:1]
             figure.legend(
-                _across(handles, columns),
-                _across(labels, columns),
+                [one for k in range(columns) for one in handles[k::columns]],  # read along lines, not columns
+                [one for k in range(columns) for one in labels[k::columns]],
                 loc="upper left",
                 bbox_to_anchor=((LEFT - 0.03) / width, (rows * PANEL + legend) / total),
                 ncols=columns,
                 borderaxespad=0,
                 borderpad=0,
             )
-            beside = (width - right) / width, (rows * PANEL + legend + 0.1) / total
-            figure.text(*beside, f"a dot every {every:g} s", ha="right", va="baseline", fontsize=SMALL)
+            corner = (width - right) / width, (rows * PANEL + legend + 0.1) / total
+            figure.text(*corner, f"a dot every {every:g} s", ha="right", va="baseline", fontsize=SMALL)
         half = (width - 2 * (LEFT + right)) / 2 if len(curves) > 1 else room
         for k, curve in enumerate(curves):
             at = LEFT + (k % 2) * (half + LEFT + right), (rows - 1 - k // 2) * PANEL + BELOW
             panel = add_axes(figure, *at, half, PANEL - BELOW - 0.12)
-            _curve(panel, curve, world, trajectory, shown, back, of, look)
+            _curve(panel, curve, trajectory, strokes, of, look, float(max(world.size)))
         return figure
-
-
-def _across(entries: Sequence[Any], columns: int) -> list[Any]:
-    """For a legend that goes down its columns: the order in which it reads along lines."""
-    return [entry for k in range(columns) for entry in entries[k::columns]]
-
-
-def chosen_objects(world: World, trajectory: Trajectory, objects: Sequence[str]) -> list[int]:
-    """Indices of objects, by name; else of all that move or turn. The caller has looked whether the names are there."""
-    if objects:
-        return [trajectory.names.index(name) for name in objects]
-    if not len(trajectory.times):
-        return []
-    x, y, angle = np.ptp(trajectory.poses, axis=0).T
-    way = np.hypot(x, y) + angle * [0.0 if body.radius else body.reach for body in world.bodies]
-    return np.flatnonzero(way > MOVES).tolist()
-
-
-def background_objects(trajectory: Trajectory, shown: Sequence[int]) -> list[int]:
-    """Of those shown, all but the LOUD that go farthest; none where that leaves but one."""
-    if len(shown) <= LOUD + 1:
-        return []
-    steps = np.diff(trajectory.poses[:, list(shown), :2], axis=0)
-    way = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=0)
-    far = {shown[k] for k in np.argsort(-way, kind="stable")[:LOUD].tolist()}
-    return [body for body in shown if body not in far]
 
 
 def _map(
@@ -138,18 +134,18 @@ def _map(
     world: World,
     trajectory: Trajectory,
     photo: U8 | None,
-    shown: Sequence[int],
-    back: Sequence[int],
+    strokes: Strokes,
     of: Units,
     look: PlotStyle,
 ) -> float:
-    """Paths, and the shapes at the end; returns how many s lie between two marks."""
+    """Paths, and the final outlines; returns the time between two marks, s."""
     colours, (wide, tall) = look.palette, world.size
     axis = of.axis(LENGTH, float(max(world.size)))
     unit = axis.size
     if photo is not None:
+        paper = np.array(rgb_of(colours.paper), np.float32)
         axes.imshow(
-            _faded(photo, look),
+            np.rint(paper + FAINT * (photo - paper)).astype(np.uint8),
             extent=(-0.5 / unit, (wide - 0.5) / unit, (tall - 0.5) / unit, -0.5 / unit),
             interpolation="none" if wide > 600 else "auto",
             zorder=0,
@@ -160,35 +156,30 @@ def _map(
     duration = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
     every = nearest_round(duration / MARKS) if duration > 0 else 1.0
     marks = np.arange(0, duration + 1e-9, every)
-    halo = _halo(look)
-    for n, body in enumerate(back):
-        path = trajectory.poses[:, body, :2] / unit
-        label = f"{len(back)} others" if n == 0 else None
-        axes.plot(
-            *path.T,
-            color=colours.soft,
-            linewidth=0.5,
-            alpha=0.7,
-            label=label,
-            zorder=2.5,
-            gid=_named("path", trajectory, body),
-        )
-        _end(axes, world, trajectory, body, unit, color=colours.soft, linewidth=0.4, alpha=0.7, zorder=2)
-    for k, body in enumerate(shown):
+    rim = halo(2.2, colours.paper, 0.75)
+    for k, body in enumerate(strokes.coloured):
         colour, dashes = stroke(k, colours)
-        path = trajectory.poses[:, body, :2] / unit
+        path, name = trajectory.poses[:, body, :2] / unit, trajectory.names[body]
         axes.plot(
             *path.T,
             color=colour,
             linestyle=dashes,
-            label=trajectory.names[body],
-            path_effects=halo,
+            label=name,
+            path_effects=rim,
             zorder=3,
-            gid=_named("path", trajectory, body),
+            gid=f"path-{name}",
         )
         at = np.stack([np.interp(marks, trajectory.times, column) for column in path.T])
         axes.scatter(at[0], at[1], s=6, color=colour, edgecolors=colours.paper, linewidths=0.35, zorder=4)
-        _end(axes, world, trajectory, body, unit, color=colour, linewidth=0.6, path_effects=halo, zorder=2.7)
+        _outline(
+            axes, world, trajectory, body, unit, color=colour, linewidth=0.6, path_effects=rim, zorder=2.7
+        )
+    thin: dict[str, Any] = {"color": colours.soft, "alpha": 0.7}
+    for n, body in enumerate(strokes.grey):
+        path, name = trajectory.poses[:, body, :2] / unit, trajectory.names[body]
+        label = f"{len(strokes.grey)} others" if n == 0 else None
+        axes.plot(*path.T, linewidth=0.5, label=label, zorder=2.5, gid=f"path-{name}", **thin)
+        _outline(axes, world, trajectory, body, unit, linewidth=0.4, zorder=2, **thin)
     axes.set_xlim(-0.5 / unit, (wide - 0.5) / unit)
     axes.set_ylim((tall - 0.5) / unit, -0.5 / unit)
     axes.set_aspect("equal")
@@ -200,12 +191,8 @@ def _map(
     return every
 
 
-def _named(what: str, trajectory: Trajectory, body: int) -> str:
-    return f"{what}-{trajectory.names[body]}"
-
-
-def _end(axes: Axes, world: World, trajectory: Trajectory, body: int, unit: float, **how: Any) -> None:
-    """Its shape where it ends."""
+def _outline(axes: Axes, world: World, trajectory: Trajectory, body: int, unit: float, **how: Any) -> None:
+    """At the end of the motion."""
     x, y, angle = trajectory.poses[-1, body]
     for ring in world.bodies[body].rings:
         closed = np.concatenate([ring, ring[:1]]) @ rotation(float(angle)).T + (x, y)
@@ -213,26 +200,26 @@ def _end(axes: Axes, world: World, trajectory: Trajectory, body: int, unit: floa
 
 
 def _curve(
-    axes: Axes,
-    curve: str,
-    world: World,
-    trajectory: Trajectory,
-    shown: Sequence[int],
-    back: Sequence[int],
-    of: Units,
-    look: PlotStyle,
+    axes: Axes, curve: str, trajectory: Trajectory, strokes: Strokes, of: Units, look: PlotStyle, size: float
 ) -> None:
-    values, axis, name = _values(curve, world, trajectory, of)
-    strokes = [(body, look.palette.soft, "-", 0.45) for body in back]
-    strokes += [(body, *stroke(k, look.palette), 0.9) for k, body in enumerate(shown)]
-    for body, colour, dashes, width in strokes:
+    poses, velocities = trajectory.poses, trajectory.velocities
+    if curve == "speed":
+        values = np.hypot(velocities[..., 0], velocities[..., 1])
+        axis = of.axis(SPEED, float(values.max(initial=0.0)))
+    elif curve == "angle":
+        values, axis = poses[..., 2] - poses[:1, :, 2], Axis("°", 1 / degrees(1), None)
+    else:
+        values, axis = poses[..., CURVES.index(curve)], of.axis(LENGTH, size)
+    lines = [(body, look.palette.soft, "-", 0.45) for body in strokes.grey]
+    lines += [(body, *stroke(k, look.palette), 0.9) for k, body in enumerate(strokes.coloured)]
+    for body, colour, dashes, width in lines:
         axes.plot(
             trajectory.times,
             values[:, body] / axis.size,
             color=colour,
             linestyle=dashes,
             linewidth=width,
-            gid=_named(curve, trajectory, body),
+            gid=f"{curve}-{trajectory.names[body]}",
         )
     if curve == "y":
         axes.invert_yaxis()  # as in the photo, +y is down
@@ -240,32 +227,4 @@ def _curve(
     axes.locator_params(axis="x", nbins=5)
     axes.set_xlim(0, float(trajectory.times[-1]) or 1.0)
     axes.set_xlabel("time (s)")
-    axis.name(axes, name)
-
-
-def _values(curve: str, world: World, trajectory: Trajectory, of: Units) -> tuple[Array, Axis, str]:
-    """(T, N) of one of CURVES, its axis and its name."""
-    poses, velocities = trajectory.poses, trajectory.velocities
-    if curve == "speed":
-        speed = np.hypot(velocities[..., 0], velocities[..., 1])
-        return speed, of.axis(SPEED, float(speed.max(initial=0.0))), "speed"
-    if curve == "angle":
-        return poses[..., 2] - poses[:1, :, 2], Axis("°", 1 / degrees(1), None), "angle"
-    place = poses[..., CURVES.index(curve)]
-    return place, of.axis(LENGTH, float(max(world.size))), curve
-
-
-def _faded(photo: U8, look: PlotStyle) -> U8:
-    """(H, W, 3): towards the paper."""
-    paper_rgb = np.array([int(look.palette.paper[k : k + 2], 16) for k in (1, 3, 5)], np.float32)
-    return np.asarray(np.rint(paper_rgb + FAINT * (photo - paper_rgb)), np.uint8)
-
-
-def _halo(look: PlotStyle) -> list[Any]:
-    """A rim in the colour of the paper, so that paths stand out from the photo."""
-    from matplotlib import patheffects
-
-    return [
-        patheffects.Stroke(linewidth=2.2, foreground=look.palette.paper, alpha=0.75),
-        patheffects.Normal(),
-    ]
+    axis.name(axes, curve)

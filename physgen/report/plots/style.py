@@ -1,4 +1,7 @@
-"""The shared look of all figures: colours, type, units of axes, and saving with reproducible bytes."""
+"""The shared look of all figures: colours, type, units of axes, and saving with reproducible bytes.
+
+Text is 6 to 7.5 points, as journals ask; lines are thin.
+"""
 
 from __future__ import annotations
 
@@ -19,48 +22,35 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-# ----------------------------------------------------------------------
-# How figures look: sizes, type, line widths, and colours that all eyes can tell apart.
-#
-# Text is 6 to 7.5 points, as journals ask; lines are thin; nothing is drawn that tells nothing.
-
 MM = 25.4
-"""An inch."""
+"""Of an inch."""
 DPI = 300.0
-PALE = 0.45
-FONT = "DejaVu Sans"
-"""It comes with matplotlib: the same letters everywhere."""
-OTHER_SCRIPTS = (
-    "Noto Sans CJK JP",
-    "Noto Sans CJK SC",
-    "Noto Sans Devanagari",
-    "Noto Sans Thai",
-    "Noto Sans Bengali",
-    "Noto Sans Tamil",
-)
-"""For names that the first has no letters for, where they are installed."""
 TEXT, SMALL = 7.5, 6.5
 """pt."""
+FONTS = ("DejaVu Sans", "Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Sans Devanagari", "Noto Sans Thai")
+"""The first comes with matplotlib; the others, where installed, have letters of other scripts for names."""
 DASHES: tuple[Any, ...] = ("-", (0, (4.5, 1.6)), (0, (1.3, 1.3)), (0, (6, 1.4, 1.3, 1.4)))
-"""Each goes round all colours once: together they tell 28 objects apart."""
+"""Each is used with all colours once: together they distinguish 28 objects."""
+PALE = 0.45
+"""Share of a colour in its pale version."""
+KINDS = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours after Okabe and Ito (2008), which are told apart by colour-blind eyes; lightened on dark paper."""
+    """Colours after Okabe and Ito (2008), distinct for colour-blind eyes; lightened on dark paper."""
 
     paper: str
     ink: str
     soft: str
-    """Of what stands back: frames, ticks' text is ink."""
+    """Of frames and of what stays in the background."""
     faint: str
     blue: str
     green: str
     orange: str
     purple: str
     lines: tuple[str, ...]
-    """In the order in which objects take them."""
+    """In the order in which objects get them."""
 
 
 LIGHT = Palette(
@@ -86,22 +76,22 @@ DARK = Palette(
     lines=("#58aee6", "#f58a3c", "#3cc79b", "#dd93c4", "#f2c14e", "#9ad8f7", "#c9ced3"),
 )
 RED, HALO = "#e3001b", "#ffffff"
-"""Of arrows on photos, as in the paper, and of the rim that keeps them legible on any."""
+"""Of arrows on photos, as in the paper, and of their rim."""
 
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """What a person may choose of a figure."""
+    """A user's choices for a figure."""
 
     width: float | None = None
-    """mm; None: as the kind of figure is best."""
+    """mm; None: as suits the kind of figure."""
     pixels: int | None = None
     """The same in px; at most one of the two is given."""
     dpi: float | None = None
-    """px an inch of a PNG; None: 300, or as `pixels` asks, and in a strip so many that frames keep their own."""
+    """px an inch of a PNG; None: 300, or as `pixels` asks; in a strip, so many that frames keep their pixels."""
     dark: bool = False
     si: bool = False
-    """SI units alone; else those of the scene, with SI beside them where it has a scale."""
+    """SI units alone; else those of the scene, with SI on a second axis where it has a scale."""
 
     @property
     def palette(self) -> Palette:
@@ -109,24 +99,24 @@ class PlotStyle:
         return DARK if self.dark else LIGHT
 
     def pale(self, colour: str) -> str:
-        """A colour, half-way to the paper: what lies below does not shine through."""
-        pairs = zip(_levels(colour), _levels(self.palette.paper), strict=True)
+        """A colour mixed with the paper; opaque."""
+        pairs = zip(rgb_of(colour), rgb_of(self.palette.paper), strict=True)
         return "#" + "".join(f"{round(PALE * one + (1 - PALE) * other):02x}" for one, other in pairs)
 
     def inches(self, best: float) -> float:
-        """Of its width; `best` mm where nobody has chosen."""
+        """Its width; `best` mm by default."""
         if self.pixels is not None and self.dpi is not None:
             return self.pixels / self.dpi
         return (self.width or best) / MM
 
 
-def _levels(colour: str) -> list[int]:
+def rgb_of(colour: str) -> list[int]:
     """Of `#rrggbb`."""
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
 
 
 def require_matplotlib() -> None:
-    """Raises InputError where matplotlib is not installed: before anything is computed."""
+    """Raises InputError where matplotlib is not installed, before anything is computed."""
     try:
         import matplotlib.figure  # noqa: F401
     except ModuleNotFoundError as error:
@@ -141,41 +131,41 @@ def stroke(k: int, palette: Palette) -> tuple[str, Any]:
     return palette.lines[k % count], DASHES[k // count % len(DASHES)]
 
 
+def halo(width: float, colour: str, alpha: float = 1.0) -> list[Any]:
+    """A rim around lines, `width` points in all."""
+    from matplotlib import patheffects
+
+    return [patheffects.Stroke(linewidth=width, foreground=colour, alpha=alpha), patheffects.Normal()]
+
+
 @contextmanager
 def plot_settings(look: PlotStyle) -> Iterator[None]:
-    """Matplotlib with our settings and nobody's own, for a while."""
+    """Matplotlib with our settings, and none of the user's, for a while."""
     import matplotlib
     from matplotlib import font_manager
 
-    there = set(font_manager.get_font_names())
-    ink, soft = look.palette.ink, look.palette.soft
+    installed = set(font_manager.get_font_names())
+    ink, soft, paper = look.palette.ink, look.palette.soft, look.palette.paper
     settings: dict[str, Any] = {
-        "font.family": [FONT, *(name for name in OTHER_SCRIPTS if name in there)],
+        "font.family": [name for name in FONTS if name in installed],
         "font.size": TEXT,
-        "axes.titlesize": TEXT,
-        "axes.labelsize": TEXT,
-        "xtick.labelsize": SMALL,
-        "ytick.labelsize": SMALL,
         "legend.fontsize": SMALL,
         "text.parse_math": False,  # a scene may be called $x$
         "text.color": ink,
+        "axes.titlesize": TEXT,
+        "axes.labelsize": TEXT,
         "axes.labelcolor": ink,
-        "xtick.labelcolor": ink,
-        "ytick.labelcolor": ink,
         "axes.edgecolor": soft,
-        "xtick.color": soft,
-        "ytick.color": soft,
         "axes.facecolor": "none",
-        "figure.facecolor": look.palette.paper,
-        "savefig.facecolor": look.palette.paper,
         "axes.spines.top": False,
         "axes.spines.right": False,
         "axes.linewidth": 0.6,
-        "xtick.major.width": 0.6,
-        "ytick.major.width": 0.6,
-        "xtick.major.size": 2.6,
-        "ytick.major.size": 2.6,
         "axes.labelpad": 3.0,
+        "axes.formatter.useoffset": False,
+        "axes.formatter.limits": (-4, 5),
+        "axes.xmargin": 0.0,
+        "figure.facecolor": paper,
+        "savefig.facecolor": paper,
         "lines.linewidth": 1.1,
         "lines.solid_joinstyle": "round",
         "lines.solid_capstyle": "round",
@@ -186,16 +176,16 @@ def plot_settings(look: PlotStyle) -> Iterator[None]:
         "legend.handlelength": 2.2,
         "legend.columnspacing": 1.4,
         "legend.handletextpad": 0.6,
-        "axes.formatter.useoffset": False,
-        "axes.formatter.limits": (-4, 5),
-        "axes.xmargin": 0.0,
         "pdf.fonttype": 42,  # TrueType, embedded: editors and publishers can work with it
         "svg.fonttype": "path",
-        "svg.hashsalt": "physgen",  # the names inside an SVG are random otherwise
+        "svg.hashsalt": "physgen",  # ids inside an SVG are random otherwise
         "path.simplify": False,
         "image.composite_image": False,
         "image.resample": False,
     }
+    for axis in ("xtick", "ytick"):
+        settings |= {f"{axis}.labelsize": SMALL, f"{axis}.labelcolor": ink, f"{axis}.color": soft}
+        settings |= {f"{axis}.major.width": 0.6, f"{axis}.major.size": 2.6}
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(settings)
@@ -214,24 +204,18 @@ def add_axes(figure: Figure, left: float, bottom: float, width: float, height: f
     """Axes at a place in inches from the lower left."""
     across, up = figure.get_size_inches()
     axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
-    axes.patch.set_gid("area")  # as other parts have names, so that a program finds them in an SVG
+    axes.patch.set_gid("area")  # parts have ids, so that programs find them in an SVG
     return axes
 
 
-# ----------------------------------------------------------------------
-# A figure -> its file: PNG, SVG or PDF, the same bytes on every run.
-
-KINDS = (".png", ".svg", ".pdf")
-
-
 def check_name(path: Path) -> None:
-    """Raises InputError where no figure can go, before anything is computed."""
+    """Raises InputError where no figure can be written, before anything is computed."""
     if path.suffix.lower() not in KINDS or path.is_dir():
         raise InputError.of("-o", f'"{path}"', "is no name for a figure", "end it in .png, .svg or .pdf")
 
 
 def write_figure(figure: Figure, path: Path, title: str, look: PlotStyle) -> None:
-    """Whole or not at all; folders are created. Neither the time nor the machine gets in."""
+    """Atomically; folders are created. Neither time nor machine is recorded."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(path, figure_bytes(figure, path.suffix.lower()[1:], title, look))
 
@@ -245,21 +229,18 @@ def figure_bytes(figure: Figure, kind: str, title: str, look: PlotStyle) -> byte
     }
     buffer = io.BytesIO()
     with plot_settings(look), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands for it
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a box is drawn instead
         figure.savefig(buffer, format=kind, dpi=figure.dpi, metadata=about[kind])
     return buffer.getvalue()
 
 
-# ----------------------------------------------------------------------
-# px, s and g -> axes with units: the scene's own, SI beside them where the scene has a scale, or SI alone.
-
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What an axis is of."""
+    """What an axis shows."""
 
     own: str
     """Its unit in scenes."""
@@ -269,14 +250,16 @@ class Quantity:
     pixels: int
 
     def per(self, meter: float) -> float:
-        """How many of the scene's units one of SI is, `meter` px to the metre."""
+        """Scene units in one SI unit, with `meter` px to the metre."""
         return float(1000.0**self.grams * meter**self.pixels)
 
 
 LENGTH = Quantity("px", "m", 0, 1)
 SPEED = Quantity("px/s", "m/s", 0, 1)
+FORCE = Quantity("g·px/s²", "N", 1, 1)
 IMPULSE = Quantity("g·px/s", "N·s", 1, 1)
 ENERGY = Quantity("g·px²/s²", "J", 1, 2)
+TORQUE = Quantity("g·px²/s²", "N·m", 1, 2)
 
 
 @dataclass(frozen=True)
@@ -290,20 +273,26 @@ class Units:
 
     @property
     def beside(self) -> bool:
-        """Whether SI stands beside the scene's own."""
+        """Whether there is a second axis in SI."""
         return self.meter is not None and not self.si
 
     def axis(self, of: Quantity, most: float) -> Axis:
-        """For values up to `most` of the scene's units, either sign."""
+        """For values up to `most` scene units, of either sign."""
+        power = _thousands(most)
+        own = (
+            (of.own, 1.0)
+            if abs(power) <= 3
+            else (f"10{str(power).translate(SUPERSCRIPTS)} {of.own}", 10.0**power)
+        )
         if self.meter is None:
-            return Axis(*_own(of, most), None)
+            return Axis(*own, None)
         one = of.per(self.meter)
         power = _thousands(most / one)
-        beside = f"{PREFIXES[power]}{of.si}", one * 10.0**power
-        return Axis(*beside, None) if self.si else Axis(*_own(of, most), beside)
+        second = f"{PREFIXES[power]}{of.si}", one * 10.0**power
+        return Axis(*second, None) if self.si else Axis(*own, second)
 
     def said(self, of: Quantity, value: float, like: float | None = None) -> str:
-        """A number with its unit, of SI where there is a scale; with the prefix that `like` would have."""
+        """A number with its unit, in SI where there is a scale; with the prefix that `like` would have."""
         if self.meter is None:
             return f"{value:.3g} {of.own}"
         value /= of.per(self.meter)
@@ -314,16 +303,16 @@ class Units:
 
 @dataclass(frozen=True)
 class Axis:
-    """A unit, and another beside it."""
+    """The unit of an axis, and that of a second one."""
 
     unit: str
     size: float
-    """How many of the scene's units it is."""
+    """In scene units."""
     beside: tuple[str, float] | None
     """The same of SI."""
 
     def name(self, axes: Axes, name: str, side: str = "y") -> None:
-        """Label an axis; SI stands on the other side of it, where it is beside."""
+        """Label an axis, and the SI axis opposite."""
         set_label = axes.set_ylabel if side == "y" else axes.set_xlabel
         set_label(f"{name} ({self.unit})")
         if self.beside is None:
@@ -338,16 +327,9 @@ class Axis:
 
 
 def units(scene: Scene, look: PlotStyle) -> Units:
-    """A scene's: px alone where nobody has said how large they are, unless SI is asked for."""
+    """A scene's: px alone where it has no scale, unless SI is asked for."""
     known = look.si or "world.pixels_per_meter" in scene.places
     return Units(scene.world.pixels_per_meter if known else None, look.si)
-
-
-def _own(of: Quantity, most: float) -> tuple[str, float]:
-    power = _thousands(most)
-    if -3 <= power <= 3:
-        return of.own, 1.0
-    return f"10{str(power).translate(RAISED)} {of.own}", 10.0**power
 
 
 def _thousands(most: float) -> int:
