@@ -343,7 +343,7 @@ def _report(
 ) -> None:
     """The page; `first` is the clip's first frame, unrefined."""
     from physgen.report.films import embedded_film, linked_film
-    from physgen.report.page import report_page
+    from physgen.report.page import PageParts, report_page
     from physgen.report.perception import relighting_comparison
     from physgen.report.player import player_data
     from physgen.scene.write import scene_text
@@ -368,7 +368,9 @@ def _report(
         )
     if seen is not None and (pair := relighting_comparison(filming.stage, trajectory)) is not None:
         seen = replace(seen, comparisons=(pair, *seen.comparisons))
-    html = report_page(scene, world, record, first, film, text, player, seen, retouched, decided)
+    html = report_page(
+        scene, world, record, first, film, text, PageParts(player, seen, retouched, decided)
+    )
     (folder / "report.html").write_text(html, encoding="utf-8")
 
 

@@ -1,14 +1,18 @@
-"""The HTML report page of a clip, and the page of a scene that failed."""
+"""The HTML report page of a clip, and the page of a scene that failed; all text from outside is escaped."""
 
 from __future__ import annotations
 
+import hashlib
+import platform
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from physgen import __version__
@@ -16,27 +20,48 @@ from physgen.compile.world import World, pair_table
 from physgen.files import resource
 from physgen.problems import Problem
 from physgen.report.films import Film
-from physgen.report.html import highlight_lines, jpeg, script_json, template
-from physgen.report.parameters import COLUMNS, constraint_drawing, constraint_rows, edits, parameter_rows
+from physgen.report.html import highlight_lines, highlight_yaml, jpeg, script_json, template
+from physgen.report.parameters import (
+    COLUMNS,
+    arrows,
+    constraint_drawing,
+    constraint_rows,
+    edits,
+    line,
+    outlines,
+    parameter_rows,
+    svg_points,
+)
 from physgen.report.perception import Perception
 from physgen.report.player import Data
-from physgen.report.provenance import provenance
-from physgen.report.record import RunRecord, versions
+from physgen.report.record import RunRecord, peak_memory, versions
 from physgen.report.refinement import RefinementStrip, refinement
 from physgen.report.uncertainty import UncertaintySection, dimmed_photo
-from physgen.scene.scene import Load, Play, Render, Scene, View
+from physgen.scene.scene import Play, Render, Scene, View
 
-Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
-LONGEST_ARROW = 0.14
-"""Of the canvas's diagonal."""
-PHOTO = 90
-"""Quality of its JPEG."""
+PHOTO_QUALITY = 90
+"""Of the JPEG."""
 MOST_LINES = 5000
-"""Of a scene file that gets numbers."""
-MOST_TOUCHES = 200
-"""Rows of the table of contacts."""
+"""Of a scene file that is shown with line numbers."""
+MOST_CONTACTS = 200
+"""Rows of the table of contacts, the strongest."""
+SLICE_COLOURS = 8
+"""Of the bar of stages; further stages repeat them."""
+SCRIPTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quantities", "charts", "page")
+"""Of the player, in the order in which they build on each other."""
+
+
+@dataclass(frozen=True)
+class PageParts:
+    """Optional sections of the page."""
+
+    player: Data | None = None
+    """`player_data`; without it, or without scripts, the page has a picture and the video."""
+    perception: Perception | None = None
+    refinement: RefinementStrip | None = None
+    uncertainty: UncertaintySection | None = None
 
 
 def report_page(
@@ -46,17 +71,14 @@ def report_page(
     first: U8,
     film: Film | None,
     scene_text: str,
-    player: Data | None = None,
-    seen: Perception | None = None,
-    retouched: RefinementStrip | None = None,
-    fan: UncertaintySection | None = None,
+    parts: PageParts,
 ) -> str:
-    """The HTML page. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
+    """The HTML. `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
 
-    `player` is what `player_data` gives; without it, or without scripts, the page has that picture and the video.
-    `seen` is what was perceived of the photo, `retouched` what refinement changed, `fan` what is told of draws.
+    `scene_text` is the scene file with every default filled in.
     """
     width, height = scene.size
+    player, fan = parts.player, parts.uncertainty
     page: str = template("report.html.j2").render(
         title=scene.name,
         size=(width, height),
@@ -66,28 +88,28 @@ def report_page(
         duration=world.duration,
         film=film,
         refined=refinement(record.refine),
-        photo=jpeg(first, PHOTO),
+        photo=jpeg(first, PHOTO_QUALITY),
         view_box=f"-0.5 -0.5 {width} {height}",
-        walls=_walls(scene, world),
-        objects=[
+        walls=[
             {
-                "name": item.name,
-                "label": item.label,
-                "motion": item.motion.value,
-                "path": " ".join(f"M{_points(ring + body.center)}Z" for ring in body.rings),
+                "name": wall.name,
+                "chains": [svg_points(chain) for chain in wall.chains],
+                "friction": item.friction,
+                "elasticity": item.elasticity,
             }
-            for item, body in zip(scene.objects, world.bodies, strict=True)
+            for wall, item in zip(world.walls, scene.boundaries, strict=True)
         ],
+        objects=outlines(world, {item.name: item.label for item in scene.objects}),
         columns=COLUMNS,
         parameters=parameter_rows(scene, world, record.variant),
         edits=edits(scene, record.overrides, record.variant),
         played=_played(scene.render),
         count=len(world.times),
         touch_count=0 if player is None else len(player["touches"]),
-        touches=[] if player is None else _touches(player, world),
+        touches=[] if player is None else _contacts(player, world),
         data=None if player is None else script_json(player),
         script=_script(),
-        arrows=_arrows(world),
+        arrows=[line(kind, tail, tip, title) for kind, tail, tip, title in arrows(world)],
         held=constraint_drawing(scene, world),
         holds=constraint_rows(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
@@ -96,11 +118,11 @@ def report_page(
         chaos=_chaos(record),
         combine=world.combine.value,
         pairs=pair_table(world),
-        perception=seen,
-        retouched=retouched,
+        perception=parts.perception,
+        retouched=parts.refinement,
         fan=fan,
         dimmed=None if fan is None else dimmed_photo(first),
-        provenance=provenance(record, scene_text, _file(scene)),
+        provenance=provenance(record, scene_text, _scene_file(scene)),
         version=__version__,
     )
     return page
@@ -109,101 +131,56 @@ def report_page(
 def failed_page(
     name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str, path: str = ""
 ) -> str:
-    """The page of a scene that gave no clip: what is wrong with it, and its text as far as it could be read.
+    """The page of a scene that gave no clip: its errors, and its text as far as it could be read.
 
-    `path` is the scene's file: lines of it that are at fault are marked.
+    `path` is the scene's file: its lines with errors are marked.
     """
-    mine = [p.place for p in problems if p.place.line and (not path or Path(p.place.file) == Path(path))]
-    page: str = template("failed.html.j2").render(
-        title=name,
-        path=path,
-        problems=[
+    own = {p.place for p in problems if p.place.line and (not path or Path(p.place.file) == Path(path))}
+    rows = []
+    for p in problems:
+        short = p.place._replace(file=Path(p.place.file).name) if p.place.line else p.place
+        rows.append(
             {
-                "place": str(p.place._replace(file=Path(p.place.file).name))
-                if p.place.line
-                else str(p.place),
+                "place": str(short),
                 "whole": str(p.place),
-                "line": p.place.line if p.place in mine else 0,
+                "line": p.place.line if p.place in own else 0,
                 "path": p.path,
                 "what": " ".join(filter(None, (p.found, p.expected))),
                 "fix": p.fix,
             }
-            for p in problems
-        ],
+        )
+    page: str = template("failed.html.j2").render(
+        title=name,
+        path=path,
+        problems=rows,
         command=shlex.join(command),
         scene_text=scene_text,
         lines=highlight_lines(scene_text) if scene_text.count("\n") <= MOST_LINES else [],
-        wrong={place.line for place in mine},
+        wrong={place.line for place in own},
         versions=versions(),
     )
     return page
 
 
-def _file(scene: Scene) -> str | None:
-    """The scene's file as it was written; None where it cannot be read."""
+def _scene_file(scene: Scene) -> str | None:
+    """The text of the scene's file; None where it cannot be read."""
     try:
         return scene.file_of(scene.place("")).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return None
 
 
-PARTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quantities", "charts", "page")
-"""Of the player's script, in the order in which they build on each other."""
-
-
 @cache
 def _script() -> str:
-    parts = [resource("templates", "player", f"{part}.js").read_text(encoding="utf-8") for part in PARTS]
+    parts = [resource("templates", "player", f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
     return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();"
 
 
-def _points(points: Array) -> str:
-    return " ".join(f"{x:.2f},{y:.2f}" for x, y in points)
-
-
-def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": wall.name,
-            "chains": [_points(chain) for chain in wall.chains],
-            "friction": b.friction,
-            "elasticity": b.elasticity,
-        }
-        for wall, b in zip(world.walls, scene.boundaries, strict=True)
-    ]
-
-
-def _arrows(world: World) -> list[dict[str, Any]]:
-    """Velocities and forces, each kind to a scale of its own."""
-    diagonal = float(np.hypot(*world.size))
-    found: dict[str, list[tuple[Array, Array, str]]] = {"velocity": [], "force": []}
-    for body in world.bodies:
-        if body.velocity.any():
-            title = f"{body.name}: {body.velocity[0]:g}, {body.velocity[1]:g} px/s"
-            found["velocity"].append((body.center, body.velocity, title))
-    for push in world.pushes:
-        if push.load is Load.TORQUE:
-            continue
-        body = world.bodies[push.body]
-        unit = "g·px/s" if push.load is Load.IMPULSE else "g·px/s²"
-        title = f"{push.load.value} on {body.name}: {push.vector[0]:g}, {push.vector[1]:g} {unit} from {push.start:g} s"
-        found["force"].append((body.center + push.at, push.vector, title))
-    arrows = []
-    for kind, rows in found.items():
-        largest = max((float(np.hypot(*vector)) for _, vector, _ in rows), default=0.0)
-        for start, vector, title in rows:
-            if largest > 0:
-                end = start + vector / largest * LONGEST_ARROW * diagonal
-                x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
-                arrows.append({"kind": kind, "x1": x1, "y1": y1, "x2": x2, "y2": y2, "title": title})
-    return arrows
-
-
-def _touches(player: Data, world: World) -> list[dict[str, Any]]:
-    """Rows of the table of contacts, the strongest where there are too many, by time."""
+def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
+    """Rows of the table of contacts, by time."""
     names = [name for name, _ in world.surfaces]
     newton = player["scale"] and 1000 * player["scale"]
-    strongest = sorted(player["touches"], key=lambda touch: -touch[4])[:MOST_TOUCHES]
+    strongest = sorted(player["touches"], key=lambda touch: -touch[4])[:MOST_CONTACTS]
     return [
         {
             "begin": begin,
@@ -216,26 +193,26 @@ def _touches(player: Data, world: World) -> list[dict[str, Any]]:
 
 
 def _engine(record: RunRecord) -> list[str]:
-    """What the engine did to be exact, in sentences."""
+    """The accuracy of the simulation, in sentences."""
     effort = record.effort
     if not effort:
         return []
-    said = [
+    lines = [
         f"{effort['steps']:,} steps, up to {effort['iterations']} sweeps of the contact solver each; "
-        f"{effort['impacts']:,} blows, one after the other."
+        f"{effort['impacts']:,} impacts, resolved one after the other."
     ]
     if effort["divided"]:
-        said.append(
-            f"{effort['divided']:,} steps were divided, into up to {effort['most_parts']} parts, so that nothing fast "
-            "passes through anything and stiff springs swing truly."
+        lines.append(
+            f"{effort['divided']:,} steps were divided, into up to {effort['most_parts']} parts, so that fast objects "
+            "do not pass through others and stiff springs oscillate correctly."
         )
-    said.append(f"Contacts that close more slowly than {effort['still']:.3g} px/s do not bounce.")
-    said.append(f"The books of energy close to {100 * record.imbalance:.2g} % of what flows.")
-    return said
+    lines.append(f"Contacts that close more slowly than {effort['still']:.3g} px/s do not bounce.")
+    lines.append(f"Energy is conserved within {100 * record.imbalance:.2g} % of the energy that flows.")
+    return lines
 
 
 def _chaos(record: RunRecord) -> dict[str, Any] | None:
-    """The chaos report as rows of a table; None where it was not asked for."""
+    """The chaos report as rows of a table; None where it was not requested."""
     if record.chaos is None:
         return None
     rows = [
@@ -250,17 +227,14 @@ def _chaos(record: RunRecord) -> dict[str, Any] | None:
 
 
 def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
-    scale = world.pixels_per_meter
+    """Name, value, and the value in SI units."""
+    scale, (wide, high) = world.pixels_per_meter, world.size
     gravity = float(np.hypot(*world.gravity))
     facts = [
         ("view", world.view.value, ""),
         ("scale", f"{scale:g} px/m", ""),
         ("gravity", f"{world.gravity[0]:g}, {world.gravity[1]:g} px/s²", f"{gravity / scale:.3g} m/s²"),
-        (
-            "canvas",
-            f"{world.size[0]} × {world.size[1]} px",
-            f"{world.size[0] / scale:.3g} × {world.size[1] / scale:.3g} m",
-        ),
+        ("canvas", f"{wide} × {high} px", f"{wide / scale:.3g} × {high / scale:.3g} m"),
         ("duration", f"{world.duration:g} s", ""),
         ("video", f"{scene.video_size[0]} × {scene.video_size[1]} px", _played(scene.render)),
         ("engine", f"{world.steps_per_second:g} steps/s", ""),
@@ -272,10 +246,77 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
 
 
 def _played(render: Render) -> str:
-    """How the clip differs from the motion as it is, and from all of the photo; nothing where it does not."""
-    told = [
+    """How the clip differs from the motion and from the whole photo; empty where it does not."""
+    parts = [
         f"{render.slow:g} times slower" if render.slow != 1 else "",
         render.play.value if render.play is not Play.FORWARD else "",
         "through a camera" if render.camera else "",
     ]
-    return ", ".join(part for part in told if part)
+    return ", ".join(filter(None, parts))
+
+
+@dataclass(frozen=True)
+class Slice:
+    """One stage of the bar of run times."""
+
+    name: str
+    wall: str
+    """s, as text."""
+    cpu: str
+    percent: float
+    """Of the wall time of all stages."""
+    begin: float
+    """%: its place on the bar."""
+    colour: int
+
+
+@dataclass(frozen=True)
+class SourceText:
+    """A text with a button to copy it."""
+
+    title: str
+    html: Markup
+    lines: int
+
+
+def provenance(record: RunRecord, resolved: str, written: str | None = None) -> dict[str, Any]:
+    """Everything needed to repeat a run, for `provenance.html.j2`.
+
+    `resolved`: the scene with every default; `written`: the file itself, where it can be read. `frames` is one hash of
+    all frames: two runs made the same clip where it is equal.
+    """
+    texts = [] if written is None else [_source_text("Scene file", written)]
+    separator = "" if texts else ","
+    texts.append(_source_text(f"Scene file{separator} with every default filled in", resolved))
+    timed = [(name, stage) for name, stage in record.stages.items() if name != "report"]  # this page
+    wall = sum(stage.wall for _, stage in timed)
+    stages, begin = [], 0.0
+    for k, (name, stage) in enumerate(timed):
+        percent = 100 * stage.wall / (wall or 1.0)
+        times = f"{stage.wall:.2f}", f"{stage.cpu:.2f}"
+        stages.append(Slice(name, *times, round(percent, 3), round(begin, 3), k % SLICE_COLOURS))
+        begin += percent
+    facts = [
+        ("platform", f"{platform.system()}, {platform.machine()}"),
+        ("frames drawn by", record.device),
+        ("peak memory", f"{peak_memory() / 2**20:,.0f} MiB"),
+    ]
+    seeds = {name: seed for name, seed in record.seeds.items() if record.refine or name != "refine"}
+    facts += [(f"seed of {name}", str(seed)) for name, seed in seeds.items()]
+    facts += [] if record.variant is None else [("variant", record.variant)]
+    digest = hashlib.sha256("\n".join(record.frames).encode()).hexdigest()
+    return {
+        "command": shlex.join(record.command),
+        "texts": texts,
+        "stages": stages,
+        "wall": f"{wall:.2f}",
+        "facts": facts,
+        "edits": record.overrides,
+        "versions": versions(record.refine),
+        "hashes": list(record.inputs.items()),
+        "frames": digest if record.frames else "",
+    }
+
+
+def _source_text(title: str, text: str) -> SourceText:
+    return SourceText(title, highlight_yaml(text), text.count("\n") + (not text.endswith("\n")))

@@ -1,4 +1,4 @@
-"""Tables of the report page: parameters of objects with their sources, joints and fields."""
+"""Tables and drawings of the report page: parameters with their sources, joints and fields, and arrows."""
 
 from __future__ import annotations
 
@@ -12,111 +12,134 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
 from physgen.scene.provenance import Provenance, Source
-from physgen.scene.scene import Field, FieldKind, Joint, JointKind, Motion, Scene, Solid
-
-# ----------------------------------------------------------------------
-# Scene + World -> joints and fields as the report draws and lists them: data for the template, px.
+from physgen.scene.scene import Field, FieldKind, Joint, JointKind, Load, Motion, Scene, Solid
 
 Array = NDArray[np.float64]
 
-ARROW = 0.1
-"""Length of a wind's arrow, of the canvas's diagonal."""
-DOT = 0.006
-"""Radius of a pin, of the same."""
+WIND_ARROW, PIN, LONGEST_ARROW = 0.1, 0.006, 0.14
+"""Of the canvas's diagonal: length of a wind's arrow, radius of a pin, and length of the longest other arrow."""
+COLUMNS = {
+    "shape": "",
+    "mass": "g",
+    "moment": "g·px²",
+    "friction": "",
+    "elasticity": "",
+    "rolling": "",
+    "velocity": "px/s",
+    "spin": "°/s",
+}
+"""Of the table of parameters, with units."""
+COMPUTED = Source("worked out", "worked out")
+
+
+def svg_points(points: Array) -> str:
+    """`x,y x,y`."""
+    return " ".join(f"{x:.2f},{y:.2f}" for x, y in points)
+
+
+def outlines(world: World, labels: dict[str, str]) -> list[dict[str, str]]:
+    """Of the bodies, as the templates draw them."""
+    return [
+        {
+            "name": body.name,
+            "label": labels.get(body.name, ""),
+            "motion": body.motion.value,
+            "path": " ".join(f"M{svg_points(ring + body.center)}Z" for ring in body.rings),
+        }
+        for body in world.bodies
+    ]
+
+
+def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
+    """Kind (`velocity` or `force`), tail, tip (px) and title at t = 0; each kind has a scale of its own."""
+    found: dict[str, list[tuple[Array, Array, str]]] = {"velocity": [], "force": []}
+    for body in world.bodies:
+        if body.velocity.any():
+            title = f"{body.name}: {body.velocity[0]:g}, {body.velocity[1]:g} px/s"
+            found["velocity"].append((body.center, body.velocity, title))
+    for push in world.pushes:
+        if push.load is not Load.TORQUE and push.vector.any():
+            body, unit = world.bodies[push.body], "g·px/s" if push.load is Load.IMPULSE else "g·px/s²"
+            title = f"{push.load.value} on {body.name}: {push.vector[0]:g}, {push.vector[1]:g} {unit}"
+            found["force"].append((body.center + push.at, push.vector, f"{title} from {push.start:g} s"))
+    longest = LONGEST_ARROW * float(np.hypot(*world.size))
+    rows = []
+    for kind, some in found.items():
+        most = max((float(np.hypot(*vector)) for _, vector, _ in some), default=0.0)
+        rows += [(kind, tail, tail + vector / most * longest, title) for tail, vector, title in some]
+    return rows
+
+
+def line(kind: str, start: Array, end: Array, title: str) -> dict[str, Any]:
+    """A line of the template."""
+    x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
+    return {"kind": kind, "title": title, "x1": x1, "y1": y1, "x2": x2, "y2": y2}
 
 
 def constraint_drawing(scene: Scene, world: World) -> dict[str, list[dict[str, Any]]]:
-    """`lines`, `dots` and `arrows`, each with its `kind`, its `title` and where it lies, at t = 0."""
+    """`lines`, `dots` and `arrows` of joints and fields at t = 0, px."""
     diagonal = float(np.hypot(*scene.size))
     centers = {body.name: body.center for body in world.bodies}
-    lines, dots, arrows = [], [], []
+    lines, dots, winds = [], [], []
 
-    def line(kind: str, start: Array, end: Array, title: str) -> dict[str, Any]:
-        return {"kind": kind, "title": title, **_ends(start, end)}
-
-    def dot(kind: str, at: Array, part: float, title: str) -> dict[str, Any]:
-        r = round(max(part * diagonal, 1.0), 1)
-        return {
-            "kind": kind,
-            "x": round(float(at[0]), 1),
-            "y": round(float(at[1]), 1),
-            "r": r,
-            "title": title,
-        }
+    def dot(kind: str, at: Sequence[float], part: float, title: str) -> dict[str, Any]:
+        x, y = (round(float(v), 1) for v in at[:2])
+        return {"kind": kind, "x": x, "y": y, "r": round(max(part * diagonal, 1.0), 1), "title": title}
 
     for joint in scene.joints:
-        title = f"{joint.name}: {joint.kind.value}, {_holds(joint)}"
+        title = f"{joint.name}: {joint.kind.value}, {_partners(joint)}"
         points = [np.array(point) for point in joint.points]
         if joint.kind is JointKind.SPRING:
             lines.append(line("spring", points[0], points[1], title))
         else:
             lines += [line("rod", points[0], centers[name], title) for name in joint.objects]
-        dots += [dot("pin", point, DOT, title) for point in points]
-    winds = [field for field in scene.fields if field.kind is FieldKind.WIND]
-    for k, wind in enumerate(winds):
+        dots += [dot("pin", point, PIN, title) for point in joint.points]
+    blowing = [field for field in scene.fields if field.kind is FieldKind.WIND]
+    for k, wind in enumerate(blowing):
         vector = np.array(wind.vector)
-        strength = float(np.hypot(*vector))
-        way = vector / strength * ARROW * diagonal if strength else np.zeros(2)
-        middle = np.array([0.12 * scene.size[0], scene.size[1] * (0.5 + k) / len(winds)])
-        arrows.append(line("wind", middle - way / 2, middle + way / 2, f"{wind.name}: {_strength(wind)}"))
+        half = vector / max(float(np.hypot(*vector)), 1e-12) * WIND_ARROW * diagonal / 2
+        middle = np.array([0.12 * scene.size[0], scene.size[1] * (0.5 + k) / len(blowing)])
+        winds.append(line("wind", middle - half, middle + half, f"{wind.name}: {_strength(wind)}"))
     for field in scene.fields:
         if field.kind is FieldKind.ATTRACTOR:
-            title = f"{field.name}: {_strength(field)}"
-            dots.append(dot("attractor", np.array(field.vector), 2 * DOT, title))
-    return {"lines": lines, "dots": dots, "arrows": arrows}
+            dots.append(dot("attractor", field.vector, 2 * PIN, f"{field.name}: {_strength(field)}"))
+    return {"lines": lines, "dots": dots, "arrows": winds}
 
 
 def constraint_rows(scene: Scene) -> list[dict[str, str]]:
-    """One row a joint or field: `name`, `kind`, `on`, `at`, `how`."""
+    """A row for each joint and field: `name`, `kind`, `on`, `at`, `how`."""
     rows = []
     for joint in scene.joints:
         at = " to ".join(f"{x:g}, {y:g}" for x, y in joint.points)
-        row = {
-            "name": joint.name,
-            "kind": joint.kind.value,
-            "on": _holds(joint),
-            "at": at,
-            "how": _how(joint),
-        }
-        rows.append(row)
+        rows.append((joint.name, joint.kind.value, _partners(joint), at, _settings(joint)))
     for field in scene.fields:
         on = ", ".join(field.objects[:8]) + (", ..." if len(field.objects) > 8 else "")
         here = field.kind is FieldKind.ATTRACTOR
         at = f"{field.vector[0]:g}, {field.vector[1]:g}" if here else "everywhere"
-        on, how = on or "every dynamic object", _strength(field)
-        rows.append({"name": field.name, "kind": field.kind.value, "on": on, "at": at, "how": how})
-    return rows
+        rows.append((field.name, field.kind.value, on or "every dynamic object", at, _strength(field)))
+    return [dict(zip(("name", "kind", "on", "at", "how"), row, strict=True)) for row in rows]
 
 
-def _ends(start: Array, end: Array) -> dict[str, float]:
-    x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
-    return {"x1": x1, "y1": y1, "x2": x2, "y2": y2}
-
-
-def _holds(joint: Joint) -> str:
+def _partners(joint: Joint) -> str:
     return " and ".join([*joint.objects, "the world"][:2])
 
 
-def _how(joint: Joint) -> str:
-    told = []
+def _settings(joint: Joint) -> str:
+    parts = []
     if joint.kind is JointKind.SPRING:
         (x1, y1), (x2, y2) = joint.points
         length = float(np.hypot(x2 - x1, y2 - y1)) if joint.length is None else joint.length
-        told = [f"{joint.stiffness:g} g/s²", f"damping {joint.damping:g} g/s", f"length {length:.4g} px"]
+        parts = [f"{joint.stiffness:g} g/s²", f"damping {joint.damping:g} g/s", f"length {length:.4g} px"]
     elif joint.kind is JointKind.MOTOR:
-        told = [f"{joint.speed:g} °/s"]
-        told += [] if joint.limit is None else [f"at most {joint.limit:g} g·px²/s²"]
-    return ", ".join([*told, *(["the two bump into each other"] if joint.collide else [])])
+        parts = [f"{joint.speed:g} °/s"]
+        parts += [] if joint.limit is None else [f"at most {joint.limit:g} g·px²/s²"]
+    return ", ".join([*parts, *(["the two bump into each other"] if joint.collide else [])])
 
 
 def _strength(field: Field) -> str:
     if field.kind is FieldKind.WIND:
         return f"{field.vector[0]:g}, {field.vector[1]:g} px/s, drag {field.drag:g} g/px²"
     return f"{field.strength:g} px³/s², softened over {field.soften:g} px"
-
-
-# ----------------------------------------------------------------------
-# Scene + World + what was edited -> the table of parameters: each number with who said it, and how sure.
 
 
 @dataclass(frozen=True)
@@ -129,7 +152,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """What is known of one object or boundary."""
+    """Parameters of one object or boundary."""
 
     name: str
     label: str
@@ -137,64 +160,40 @@ class Row:
     """`dynamic`, `static`, `scripted` or `boundary`."""
     cells: Mapping[str, Cell]
     also: str
-    """Who said what else."""
-
-
-COLUMNS = {
-    "shape": "",
-    "mass": "g",
-    "moment": "g·px²",
-    "friction": "",
-    "elasticity": "",
-    "rolling": "",
-    "velocity": "px/s",
-    "spin": "°/s",
-}
-"""Of the table, with units."""
-WORKED_OUT = Source("worked out", "worked out")
+    """Sources of other keys."""
 
 
 def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]:
-    """A row an object, then a row a boundary."""
-    said = Provenance(scene, variant)
-    rows = [_object(scene, k, body, said) for k, body in enumerate(world.bodies)]
+    """Objects, then boundaries."""
+    sources = Provenance(scene, variant)
+    rows = [_object(scene, k, body, sources) for k, body in enumerate(world.bodies)]
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
         path = f"boundaries.{item.name}"
         corners = sum(len(chain) for chain in wall.chains)
         shape = "mask" if item.mask is not None else "wall"
         cells = {
-            "shape": Cell(f"{corners} points", said.of(f"{path}.{shape}", None, near=True)),
-            "friction": Cell(f"{item.friction:g}", said.of(f"{path}.friction", None)),
-            "elasticity": Cell(f"{item.elasticity:g}", said.of(f"{path}.elasticity", None)),
+            "shape": Cell(f"{corners} points", sources.of(f"{path}.{shape}", None, near=True)),
+            "friction": Cell(f"{item.friction:g}", sources.of(f"{path}.friction", None)),
+            "elasticity": Cell(f"{item.elasticity:g}", sources.of(f"{path}.elasticity", None)),
         }
         rows.append(Row(item.name, "", "boundary", cells, ""))
     return rows
 
 
-def edits(scene: Scene, overrides: Sequence[str], variant: str | None) -> list[tuple[str, str]]:
-    """What the command changed of the file: whence, and what."""
-    found = []
-    if variant is not None:
-        changes = scene.document.get("variants", {}).get(variant, {})
-        rows = changes.items() if isinstance(changes, Mapping) else ()
-        found += [(f"variant {variant}", f"{key} = {_plain(value)}") for key, value in rows]
-        found = found or [(f"variant {variant}", "")]
-    return found + [("--set", text) for text in overrides]
-
-
-def _object(scene: Scene, index: int, body: Body, said: Provenance) -> Row:
+def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
     item = scene.objects[index]
     path = f"objects.{item.name}"
 
     def cell(text: str, key: str) -> Cell:
-        told = f"{path}.from.{key}"
-        return Cell(text, said.of(f"{path}.{key}", item.provenance.get(key), told=told))
+        return Cell(text, sources.of(f"{path}.{key}", item.provenance.get(key), told=f"{path}.from.{key}"))
 
-    weight = "mass" if item.mass is not None else "density"
     cells = {
         "shape": cell(_shape(body), "shape"),
-        "mass": cell(_grams(body.mass), weight),
-        "moment": Cell(f"{body.moment:.3e}", WORKED_OUT),
+        "mass": cell(
+            f"{body.mass:,.4g}" if body.mass < 1e6 else f"{body.mass:.3e}",
+            "mass" if item.mass is not None else "density",
+        ),
+        "moment": Cell(f"{body.moment:.3e}", COMPUTED),
         "friction": cell(f"{item.friction:g}", "friction"),
         "elasticity": cell(f"{item.elasticity:g}", "elasticity"),
         "rolling": cell(f"{item.rolling:g}", "rolling"),
@@ -203,7 +202,7 @@ def _object(scene: Scene, index: int, body: Body, said: Provenance) -> Row:
     }
     if item.motion is Motion.STATIC:
         cells = {key: value for key, value in cells.items() if key not in ("mass", "moment")}
-    also = "; ".join(f"{key}: {who}" for key, who in item.provenance.items() if key not in cells)
+    also = "; ".join(f"{key}: {source}" for key, source in item.provenance.items() if key not in cells)
     return Row(item.name, item.label, item.motion.value, cells, also)
 
 
@@ -216,8 +215,15 @@ def _shape(body: Body) -> str:
     return f"polygon, {corners} corners{pieces}"
 
 
-def _grams(mass: float) -> str:
-    return f"{mass:,.4g}" if mass < 1e6 else f"{mass:.3e}"
+def edits(scene: Scene, overrides: Sequence[str], variant: str | None) -> list[tuple[str, str]]:
+    """Changes of the file by the command: origin and text."""
+    found = []
+    if variant is not None:
+        changes = scene.document.get("variants", {}).get(variant, {})
+        rows = changes.items() if isinstance(changes, Mapping) else ()
+        found += [(f"variant {variant}", f"{key} = {_plain(value)}") for key, value in rows]
+        found = found or [(f"variant {variant}", "")]
+    return found + [("--set", text) for text in overrides]
 
 
 def _plain(value: Any) -> str:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.report.html import highlight_lines, highlight_yaml, template
-from physgen.report.provenance import provenance
+from physgen.report.page import provenance
 from physgen.report.record import RunRecord, StageTime
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,7 +68,7 @@ e: <script>
     assert marked(text, "word") == ["true", "~"]
     assert marked(text, "comment") == ["# a comment: 3", "# the end"]
     assert marked(text, "string")[:3] == ['"# no comment"', "off", "1_0"]
-    assert "several lines # no comment\n  and more: 3" in marked(text, "string")[3]
+    assert marked(text, "string")[4:6] == ["  several lines # no comment", "  and more: 3"]
     assert "<script>" not in highlight_yaml(text)
 
 
@@ -82,17 +82,17 @@ def record() -> RunRecord:
 
 def test_stages_fill_the_bar() -> None:
     found = provenance(record(), "a: 1\n")
-    assert [(s.name, s.percent, s.begin) for s in found.stages] == [
+    assert [(s.name, s.percent, s.begin) for s in found["stages"]] == [
         ("load", 25.0, 0.0),
         ("render", 75.0, 25.0),
     ]
-    assert found.wall == "2.00"
-    assert ("seed of refine", "7") in found.facts
-    assert found.edits == ("x=<i>", "y=2")
+    assert found["wall"] == "2.00"
+    assert ("seed of refine", "7") in found["facts"]
+    assert found["edits"] == ["x=<i>", "y=2"]
     nothing = provenance(RunRecord(scene="", command=[], seeds={"refine": 7}), "")
-    assert not [name for name, _ in nothing.facts if name.startswith("seed")], "nobody refined"
-    assert nothing.stages == ()
-    assert nothing.frames == ""
+    assert not [name for name, _ in nothing["facts"] if name.startswith("seed")], "nobody refined"
+    assert nothing["stages"] == []
+    assert nothing["frames"] == ""
 
 
 def test_the_page_says_what_is_needed_to_repeat_the_run() -> None:

@@ -13,7 +13,7 @@ from pytest import approx
 from physgen import pipeline
 from physgen.report.clips import clips_in
 from physgen.report.films import Film
-from physgen.report.page import report_page
+from physgen.report.page import PageParts, report_page
 from physgen.report.perception import compared
 from physgen.report.record import RunRecord, write_json
 from physgen.report.refinement import RefinementChanges, RefinementStrip, refinement_strip
@@ -50,7 +50,7 @@ def page_of(
     record = RunRecord("scene", ["physgen"], refine=refine, unrefined=["0"] * 12)
     world, film = pipeline.compile(scene, None).world, Film(video, True, video)
     first = np.zeros((150, 200, 3), np.uint8)
-    return report_page(scene, world, record, first, film, SCENE, retouched=shown)
+    return report_page(scene, world, record, first, film, SCENE, PageParts(refinement=shown))
 
 
 def pixels(uri: str) -> np.ndarray:

@@ -117,7 +117,9 @@ def _contact_ticks(axes: Axes, trajectory: Trajectory, look: PlotStyle) -> None:
 
 
 def _percent(part: float) -> str:
-    """>>> _percent(0.0), _percent(3e-6), _percent(0.0123)
+    """Of the energy that flows.
+
+    >>> _percent(0.0), _percent(3e-6), _percent(0.0123)
     ('0.001 %', '0.001 %', '1.3 %')
     """
     percent = max(100 * part, 0.001)
