@@ -16,7 +16,7 @@ from physgen import pipeline
 from physgen.files import resource
 from physgen.problems import InputError
 from physgen.render.contacts import contact_points_between
-from physgen.report.page import PARTS, failed_page
+from physgen.report.page import SCRIPTS, failed_page
 
 OUTSIDE = """() => [...document.querySelectorAll('body *')]
   .filter(e => !e.closest('.scroll, pre, svg, .unseen, .skip, [hidden], script'))
@@ -230,7 +230,7 @@ boundaries:
         expected.append((gap, points.mean(axis=0)))
     parts = [
         resource("templates", "player", f"{part}.js").read_text()
-        for part in PARTS
+        for part in SCRIPTS
         if part in ("motion", "touch")
     ]
     script = "([data, bodies, cases]) => {" + "\n".join(parts)
