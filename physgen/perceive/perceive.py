@@ -1,28 +1,33 @@
-"""Photo to percepts and scene document: the stages of perception in order."""
+"""Photo to percepts and scene document: the stages of perception in order.
+
+    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> inpaint -> shadow
+
+Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.registry`). `write_scene` in
+`physgen.perceive.document` writes the result: a scene file and its assets.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.geometry import raster
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc, bounds
 from physgen.maps import Percepts
 from physgen.materials import kind
-from physgen.perceive import document as remarks
-from physgen.perceive.document import label_confidences, object_entries, relabel_objects
+from physgen.perceive import document
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
     BoundaryGuess,
     Detections,
     Intrinsics,
+    Labels,
     LightGuess,
     Matter,
     Name,
@@ -32,7 +37,7 @@ from physgen.perceive.roles import (
     Scenery,
     Shadows,
 )
-from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, judged_scale, photo_scale, scale_entry
+from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, Scale, judged_scale, photo_scale, scale_entry
 from physgen.perceive.segment.prompts import segmenter
 from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.photometry import decode, encode_u8
@@ -40,46 +45,36 @@ from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.scene import View
 
-# ----------------------------------------------------------------------
-# Photo, and masks if there are any -> percepts, scene document and comments: the roles of perception, run in
-# order.
-
 Progress = Callable[[str, int, int], None]
-"""Told the stage that begins, how much of it is done, and of how much."""
+"""Called with the stage that begins, how many are done, and of how many."""
 HEADER = """\
 A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE
 A number that you have set is no guess any more: take its entry out of from, which render --fan goes by"""
 UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
-"""What holds the objects, before anybody has looked."""
+"""Before boundaries are found."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
-MOST_IDS, MOST_OBJECTS = 200, 5000
-"""Ids from which mostly specks, and objects from which anything, is a picture and no label map."""
+MOST_IDS, MOST_OBJECTS = (
+    200,
+    5000,
+)  # ids from which mostly specks, and objects from which anything, is no label map
+LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
-    "categories",
-    "segment",
-    "label",
-    "physics",
-    "depth",
-    "boundary",
-    "normals",
-    "intrinsic",
-    "light",
-    "matte",
-    "inpaint",
-    "shadow",
-)
+    "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
+    "inpaint", "shadow",
+)  # fmt: skip
+"""In the order in which they run."""
+KEPT = ("inpaint", "normals", "label")
+"""Roles that are called again, or whose model the next role may share: they are released later."""
 
 
 def no_progress(stage: str, done: int, total: int) -> None:
-    """Progress that nobody follows."""
+    """Ignores progress."""
 
 
 def perceive(
     rgb: Rgb,
     found: Detections | None = None,
     *,
-    image: str = "photo.png",
-    assets: str = "photo.assets",
     renames: Sequence[str] = (),
     crew: Backends | None = None,
     asked: Sequence[str] = (),
@@ -87,130 +82,165 @@ def perceive(
     pixels_per_meter: float | None = None,
     progress: Progress = no_progress,
 ) -> PerceivedScene:
-    """The whole of perception. `found` None: segment the photo.
+    """Perceives a photo; `found` None: segment it.
 
-    `renames` are `NAME=TEXT`: NAME is the name of an object as it would be called without, its mask id, or a pattern
-    (`ball-*`). `crew` fills the roles; `asked` are the nouns to find, for those that find what they are told to.
-    `pixels_per_meter` is the photo's true scale, where somebody knows it. Raises InputError where there is nothing
-    to make a scene of.
+    `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
+    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns.
+    `pixels_per_meter` is the photo's true scale, where the user knows it. Raises InputError where no scene can be made.
     """
-    crew = crew or Backends()
-
-    def role(name: str, *arguments: Any, **extra: Any) -> Any:
-        progress(name, ROLES.index(name), len(ROLES))
-        result = crew.call(name, *arguments, **extra)
-        if name not in (
-            "inpaint",
-            "normals",
-            "label",
-        ):  # asked again later, or the next may ask the same model
-            crew.release(name)
-        return result
-
+    run = _Run(rgb, crew or Backends(), progress)
     scenery: Scenery | None = None
     if found is None:
-        progress("segment", ROLES.index("segment"), len(ROLES))
-        segments = segmenter(crew, asked)(rgb)
-        crew.release("segment")
-        scenery = segments.scenery
-        likely = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
-        who = crew.name("segment")
-        found = Detections(
-            segments.labels, who, likely, segments.names, doubtful=segments.doubtful, named_by=who
-        )
-    things, left_out = fit_objects(rgb, found)
-    if not things:
-        relabel_objects(things, renames, {})
-        return _signed(_empty(rgb, found, image, assets, pixels_per_meter), crew)
+        found, scenery = run.detect(asked)
+    objects, specks = fit_objects(rgb, found)
+    if not objects:
+        document.relabel_objects(objects, renames, {})
+        return run.signed(_empty_scene(rgb, found, pixels_per_meter))
     if found.source not in ("given", "coco"):
-        new = [thing for thing in things if thing.id not in found.said]
+        new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
-    # a model is not asked twice what a thing is; our own guess tells a refreshed scene which names it made
-    nameless = [t for t in things if t.id not in found.names] if crew.row("label").extra else things
-    guessed: Mapping[int, Name] = role("label", rgb, found.labels, nameless) if nameless else {}
-    named = {**guessed, **found.names}
-    label_source = {t.id: found.named_by if t.id in found.names else crew.name("label") for t in things}
-    if found.called:  # the scene knows who said them
-        label_source |= dict.fromkeys(found.names, "")
-    things = [replace(t, label=named[t.id].label) for t in things]
-    before = remarks.object_names(things, {t.id: found.called[t.id] for t in things if t.id in found.called})
-    things, renamed = relabel_objects(things, renames, before)
-    label_source |= dict.fromkeys(renamed, "")
-    told_scale = photo_scale(
-        things, {t.id: kind(t.label) for t in things}, label_confidences(found, named, guessed, renamed)
+    names = run.name(found, objects, renames)
+    matter, scale = run.weigh(names, pixels_per_meter)
+    boundaries, depth, normals = run.find_boundaries(found, names.objects, view, scenery)
+    objects = [replace(t, outline=boundaries.outlines.get(t.id, t.outline)) for t in names.objects]
+    if (
+        normals is None or run.crew.row("normals").extra is None
+    ):  # the core's normals depend on the boundaries
+        normals = run.role("normals", rgb, found.labels, objects, boundaries)
+    run.crew.release("normals")
+    intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
+    light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
+    coverage = run.role("matte", rgb, found.labels)
+    background = run.role("inpaint", rgb, coverage > 0)
+    shadows: Shadows = run.role(
+        "shadow", background, coverage, found.labels, objects, matter, boundaries, light
     )
-    if pixels_per_meter is None and told_scale is not None and told_scale.confidence >= MIN_SCALE_CONFIDENCE:
-        measured: float | None = told_scale.pixels_per_meter
-    else:
-        measured = pixels_per_meter
-    matter: Mapping[int, Matter] = role("physics", rgb, things, measured)
-    crew.release("label")
-    scales = [
-        one for one in (told_scale, judged_scale(things, matter, crew.name("physics"))) if one is not None
-    ]
-    told_scale = max(scales, key=lambda one: one.confidence, default=None)
-    surroundings: dict[str, Any] = {"scenery": scenery}
-    wanted = crew.row("boundary").uses
-    if "depth" in wanted or "depth" in crew.plan.choices:
-        surroundings["depth"] = role("depth", rgb)
-    if "normals" in wanted:
-        surroundings["normals"] = role("normals", rgb, found.labels, things, UNKNOWN)
-    setting: BoundaryGuess = role("boundary", rgb, found.labels, things, view, **surroundings)
-    things = [replace(t, outline=setting.outlines.get(t.id, t.outline)) for t in things]
-    normals = surroundings.get("normals")
-    if normals is None or crew.row("normals").extra is None:  # our own go by what holds the things
-        normals = role("normals", rgb, found.labels, things, setting)
-    crew.release("normals")
-    intrinsics: Intrinsics = role("intrinsic", rgb, found.labels, normals)
-    light: LightGuess = role("light", rgb, found.labels, things, normals, intrinsics)
-    coverage = role("matte", rgb, found.labels)
-    background = role("inpaint", rgb, coverage > 0)
-    shadows: Shadows = role("shadow", background, coverage, found.labels, things, matter, setting, light)
     clean = shadows.clean
     if clean is not None and not shadows.faint:
-        clean = refill_background(clean, background, coverage, partial(crew.call, "inpaint"))
-    crew.release("inpaint")
+        clean = refill_background(clean, background, coverage, partial(run.crew.call, "inpaint"))
+    run.crew.release("inpaint")
     percepts = Percepts(
         rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
-        depth=None if crew.name("depth") == "none" else surroundings.get("depth"),
-        normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
+        depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
     )  # fmt: skip
 
-    called = remarks.object_names(things, {i: name for i, name in before.items() if i not in renamed})
-    objects, comments = object_entries(
-        found, things, called, matter, setting, named, label_source, crew.name("physics")
+    kept = {i: name for i, name in names.before.items() if i not in names.renamed}
+    called = document.object_names(objects, kept)
+    entries, comments = document.object_entries(
+        found, objects, called, matter, boundaries, names.labels, names.sources, run.crew.name("physics")
     )
-    per_meter, comments["world.pixels_per_meter"] = scale_entry(pixels_per_meter, told_scale)
-    document: dict[str, Any] = {
+    per_meter, comments["world.pixels_per_meter"] = scale_entry(pixels_per_meter, scale)
+    scene: dict[str, Any] = {
         "physgen": 1,
-        "image": image,
-        "assets": assets,
-        "world": _world(setting, per_meter, shadows),
-        "objects": objects,
-        "boundaries": {w.name: remarks.wall_entry(w) for w in setting.walls},
+        "image": "photo.png",
+        "assets": "photo.assets",
+        "world": _world(boundaries, per_meter, shadows),
+        "objects": entries,
+        "boundaries": {w.name: document.wall_entry(w) for w in boundaries.walls},
         "forces": [],
         "light": _light(light, shadows),
     }
-    comments |= remarks.scene_comments(found, things, left_out, setting, light, shadows)
-    comments["forces"] = remarks.push_comment(found, setting, things, called, matter, per_meter)
-    said = (remarks.unknown_label(t.label) for t in things if t.id in renamed)
-    warnings = tuple(dict.fromkeys(problem for problem in said if problem))
-    return _signed(PerceivedScene(percepts, document, comments, HEADER, warnings), crew)
+    comments |= document.scene_comments(found, objects, specks, boundaries, light, shadows)
+    comments["forces"] = document.push_comment(found, boundaries, objects, called, matter, per_meter)
+    unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
+    warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
+    return run.signed(PerceivedScene(percepts, scene, comments, HEADER, warnings))
 
 
-def _signed(made: PerceivedScene, crew: Backends) -> PerceivedScene:
-    """With what the crew says of itself: the record, and who took over from whom."""
-    if crew.all_default():
-        return made
-    fell = [
-        f"{step.role}={step.instead_of} failed ({step.because}): {step.backend} took over"
-        for step in crew.fallbacks()
-    ]
-    return replace(made, header="\n".join([made.header, *fell]), record=crew.record())
+@dataclass(frozen=True)
+class _Run:
+    """One photo, the backends that perceive it, and the stages that need more than one call."""
+
+    rgb: Rgb
+    crew: Backends
+    progress: Progress
+
+    def role(self, name: str, *arguments: Any, **extra: Any) -> Any:
+        """Runs one role."""
+        self.progress(name, ROLES.index(name), len(ROLES))
+        result = self.crew.call(name, *arguments, **extra)
+        if name not in KEPT:
+            self.crew.release(name)
+        return result
+
+    def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
+        """Segments the photo."""
+        self.progress("segment", ROLES.index("segment"), len(ROLES))
+        segments = segmenter(self.crew, nouns)(self.rgb)
+        self.crew.release("segment")
+        sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
+        source = self.crew.name("segment")
+        found = Detections(
+            segments.labels, source, sure, segments.names, doubtful=segments.doubtful, named_by=source
+        )
+        return found, segments.scenery
+
+    def name(
+        self, found: Detections, objects: Sequence[PhotoObject], renames: Sequence[str]
+    ) -> document.Names:
+        """Labels the objects."""
+        # a model does not label objects that have labels; the core's labels let a refresh see which names they made
+        nameless = (
+            [t for t in objects if t.id not in found.names] if self.crew.row("label").extra else objects
+        )
+        guessed: Mapping[int, Name] = self.role("label", self.rgb, found.labels, nameless) if nameless else {}
+        named = {**guessed, **found.names}
+        source = {t.id: found.named_by if t.id in found.names else self.crew.name("label") for t in objects}
+        if found.object_names:  # an existing scene has the sources of its labels
+            source |= dict.fromkeys(found.names, "")
+        objects = [replace(t, label=named[t.id].label) for t in objects]
+        known = {t.id: found.object_names[t.id] for t in objects if t.id in found.object_names}
+        before = document.object_names(objects, known)
+        objects, renamed = document.relabel_objects(objects, renames, before)
+        source |= dict.fromkeys(renamed, "")
+        confidence = document.label_confidences(found, named, guessed, renamed)
+        return document.Names(objects, named, source, confidence, before, renamed)
+
+    def weigh(
+        self, names: document.Names, pixels_per_meter: float | None
+    ) -> tuple[Mapping[int, Matter], Scale | None]:
+        """Physical properties of the objects, by id, and the photo's scale."""
+        objects = names.objects
+        scale = photo_scale(objects, {t.id: kind(t.label) for t in objects}, names.confidence)
+        if pixels_per_meter is None and scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
+            pixels_per_meter = scale.pixels_per_meter
+        matter: Mapping[int, Matter] = self.role("physics", self.rgb, objects, pixels_per_meter)
+        self.crew.release("label")
+        judged = judged_scale(objects, matter, self.crew.name("physics"))
+        scales = [one for one in (scale, judged) if one is not None]
+        return matter, max(scales, key=lambda one: one.confidence, default=None)
+
+    def find_boundaries(
+        self,
+        found: Detections,
+        objects: Sequence[PhotoObject],
+        view: View | None,
+        scenery: Scenery | None,
+    ) -> tuple[BoundaryGuess, Any, Any]:
+        """View and walls, with depth and normals where they were needed (else None)."""
+        extra: dict[str, Any] = {"scenery": scenery}
+        needed = self.crew.row("boundary").uses
+        if "depth" in needed or "depth" in self.crew.plan.choices:
+            extra["depth"] = self.role("depth", self.rgb)
+        if "normals" in needed:
+            extra["normals"] = self.role("normals", self.rgb, found.labels, objects, UNKNOWN)
+        guess: BoundaryGuess = self.role("boundary", self.rgb, found.labels, objects, view, **extra)
+        depth = None if self.crew.name("depth") == "none" else extra.get("depth")
+        return guess, depth, extra.get("normals")
+
+    def signed(self, made: PerceivedScene) -> PerceivedScene:
+        """With the record of the backends, and which of them failed and were replaced."""
+        if self.crew.all_default():
+            return made
+        failures = [
+            f"{step.role}={step.instead_of} failed ({step.because}): {step.backend} took over"
+            for step in self.crew.fallbacks()
+        ]
+        return replace(made, header="\n".join([made.header, *failures]), record=self.crew.record())
 
 
 def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
-    """Outlines of every object that is more than a speck, and how many specks there were."""
+    """Every object that is more than a speck, with its outline, and the number of specks."""
     labels = found.labels
     height, width = rgb.shape[:2]
     if labels.shape != (height, width):
@@ -221,12 +251,9 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     counts = np.bincount(labels.ravel(), minlength=2)
     every = np.flatnonzero(counts[1:]) + 1
     ids = [int(i) for i in every if counts[i] >= SMALLEST_OBJECT]
-    if (len(every) > MOST_IDS and 2 * len(ids) < len(every)) or len(ids) > MOST_OBJECTS:
-        what = (
-            f"has {len(every):,} ids, most of them of a few pixels"
-            if 2 * len(ids) < len(every)
-            else f"has {len(every):,} ids"
-        )
+    mostly_specks = 2 * len(ids) < len(every)
+    if (len(every) > MOST_IDS and mostly_specks) or len(ids) > MOST_OBJECTS:
+        what = f"has {len(every):,} ids" + (", most of them of a few pixels" if mostly_specks else "")
         fix = "give each object one id or colour, without soft borders, saved as PNG"
         raise InputError.of("--masks", "", f"is no label map: it {what}", fix)
     if not ids and found.source == "given":
@@ -235,67 +262,63 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     if not ids:
         return [], len(every)
     outlines = fit_outlines(labels, ids)
-    frame = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    edge = np.bincount(frame, minlength=int(labels.max()) + 1)
-    things = []
+    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    on_border = np.bincount(border, minlength=int(labels.max()) + 1)
+    objects = []
     for i in ids:
         x0, y0, x1, y1 = bounds(outlines[i])
         beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
-        things.append(PhotoObject(i, outlines[i], cut=bool(edge[i] > 0 or beyond > 0)))
-    return things, len(every) - len(ids)
+        objects.append(PhotoObject(i, outlines[i], cut=bool(on_border[i] > 0 or beyond > 0)))
+    return objects, len(every) - len(ids)
 
 
-def _empty(
-    rgb: Rgb, found: Detections, image: str, assets: str, pixels_per_meter: float | None
-) -> PerceivedScene:
+def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) -> PerceivedScene:
     """A scene without objects: the photo as it is."""
-    nothing = np.zeros(rgb.shape[:2], np.float32)
-    document: dict[str, Any] = {
-        "physgen": 1, "image": image, "assets": assets,
+    scene: dict[str, Any] = {
+        "physgen": 1, "image": "photo.png", "assets": "photo.assets",
         "world": {"view": View.SIDE.value, "pixels_per_meter": pixels_per_meter or 100, "duration": 2.0},
         "objects": {}, "boundaries": {}, "forces": [],
     }  # fmt: skip
-    comments = {"objects": f"nothing in the photo looks like a whole thing that could be moved; {POINT}"}
+    comments = {"objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"}
     if found.doubtful:
-        first, *lines = remarks.doubt_comments(found.doubtful, found.source).split("\n")
+        first, *lines = document.doubt_comments(found.doubtful, found.source).split("\n")
         indented = "".join(f"\n  {line}" for line in lines)
         comments["boundaries"] = f"{first}, and the {{}} after objects:{indented}"
+    empty = np.zeros(rgb.shape[:2])
     percepts = Percepts(
-        rgb=rgb, labels=np.zeros(rgb.shape[:2], np.uint16), coverage=nothing, background=rgb, clean=None
+        rgb=rgb,
+        labels=empty.astype(np.uint16),
+        coverage=empty.astype(np.float32),
+        background=rgb,
+        clean=None,
     )
-    return PerceivedScene(percepts, document, comments, HEADER)
+    return PerceivedScene(percepts, scene, comments, HEADER)
 
 
-def _rounded(labels: NDArray[np.uint16], things: Sequence[PhotoObject]) -> NDArray[np.uint16]:
-    """Masks of round things made as round as they are: what leaked out is given back, what was missed is taken in."""
+def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
+    """The label map with the masks of round objects made round."""
     result = labels.copy()
-    for thing in things:
-        if isinstance(thing.outline, Disc):
-            inside = raster.coverage(thing.outline, (labels.shape[1], labels.shape[0])) >= 0.5
-            result[(labels == thing.id) & ~inside] = 0
-            result[(result == 0) & inside] = thing.id
+    for item in objects:
+        if isinstance(item.outline, Disc):
+            inside = raster.coverage(item.outline, (labels.shape[1], labels.shape[0])) >= 0.5
+            result[(labels == item.id) & ~inside] = 0
+            result[(result == 0) & inside] = item.id
     return result
 
 
-def _world(setting: BoundaryGuess, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
-    world: dict[str, Any] = {"view": setting.view.value, "pixels_per_meter": pixels_per_meter}
-    if setting.view is View.TOP:
+def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
+    world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": pixels_per_meter}
+    if boundaries.view is View.TOP:
         world["table"] = {"friction": 0}
-    return world | {"duration": 2.0} | remarks.view_entry(shadows, setting.view is View.SIDE)
+    return world | {"duration": 2.0} | document.view_entry(shadows, boundaries.view is View.SIDE)
 
 
 def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
     if shadows.clean is None:
-        return remarks.light_entry(guess.light) | {"from": remarks.provenance("shading", guess.confidence)}
-    said = remarks.provenance("shadows", shadows.confidence)
-    return remarks.light_entry(shadows.light) | {"softness": shadows.softness, "from": said}
-
-
-# ----------------------------------------------------------------------
-# A large photo and what is known of it -> the same at a size that a video can have.
-
-LONGEST_SIDE = 1600
-"""px, unless told: more than most screens show of a clip, and perception takes seconds."""
+        source = document.provenance("shading", guess.confidence)
+        return document.light_entry(guess.light) | {"from": source}
+    source = document.provenance("shadows", shadows.confidence)
+    return document.light_entry(shadows.light) | {"softness": shadows.softness, "from": source}
 
 
 def shrink_photo(rgb: Rgb, side: int) -> Rgb:

@@ -75,7 +75,7 @@ def refresh(
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
     old = raw_document(path, allow_outside)
     things = fit_objects(photo.rgb, told.found)[0]
-    called = {i: name for i, name in told.found.called.items() if name in old["objects"]}
+    called = {i: name for i, name in told.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(things, labels, called)
     # only what the table gives can be told from what a person wrote
     physics, guessed = registry.make("physics"), registry.make("label")(photo.rgb, told.found.labels, things)

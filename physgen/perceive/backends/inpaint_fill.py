@@ -1,35 +1,26 @@
-"""Backend inpaint=fill: exemplar-based fill with matched colour and grain."""
+"""Backend inpaint=fill: exemplar-based fill with matched colour and grain.
+
+Borrowed patches carry lines and grain on. Their difference from the photo around the hole is spread over it, so that
+no seam shows. Where the surroundings are smooth, a harmonic fill is right and the patches bring the grain only.
+Pixels right beside an object are mixed with its blurred edge and its contact shadow: they are not learnt from, they
+stay, and the fill meets them within a few pixels.
+"""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.perceive.inpaint.patch_match import patch_match_fill
-from physgen.perceive.inpaint.poisson import (
-    F32,
-    Mask,
-    blend_at_border,
-    close_gaps,
-    dilate,
-    harmonic_fill,
-    hole_pieces,
-)
-from physgen.perceive.roles import Inpaint, Rgb
+from physgen.perceive.inpaint.poisson import blend_at_border, close_gaps, dilate, harmonic_fill, hole_pieces
+from physgen.perceive.roles import F32, Inpaint, Mask, Rgb
 
-MIXED = 2
-"""px beside the hole that are not trusted."""
-BAND = 3
-"""px beyond them that are borrowed too, so that their difference from the photo is known."""
-LIMIT = np.float32(24)
-"""Levels of that difference, at most: more is no difference of light."""
-AROUND = 12
-"""px around a piece of the hole that tell whether all is smooth there."""
-SMOOTH = 3.0
-"""Levels that they may be off a surface of second degree, root of the mean square."""
-GRAIN = 3.0
-"""px: standard deviation of the blur that tells grain from colour."""
+MIXED = 2  # px beside the hole that are mixed with the object's edge
+BAND = 3  # px beyond them that are filled too, so that their difference from the photo is known
+LIMIT = np.float32(24)  # levels of that difference, at most: more is no difference of light
+AROUND = 12  # px around a piece of the hole in which smoothness is judged
+SMOOTH = 3.0  # levels: RMS distance from a quadratic surface up to which the surroundings are smooth
+GRAIN = 3.0  # px: standard deviation of the blur that separates grain from colour
 
 
 def fill() -> Inpaint:
@@ -37,7 +28,7 @@ def fill() -> Inpaint:
     return _fill
 
 
-def _fill(rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
+def _fill(rgb: Rgb, hole: Mask) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
@@ -45,22 +36,20 @@ def _fill(rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
     near, far = dilate(whole, MIXED), dilate(whole, MIXED + BAND)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    borrowed = _films(photo, patch_match_fill(photo, far), far)
+    borrowed = _smooth_pieces(photo, patch_match_fill(photo, far), far)
     gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMIT, LIMIT))
-    return blend_at_border(
-        np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo), rgb, hole
-    )
+    filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
+    return blend_at_border(filled, rgb, hole)
 
 
-def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:
-    """`borrowed` (H, W, 3), but a film with its grain in those pieces of the hole that have smooth surroundings."""
+def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
+    """`borrowed` (H, W, 3), but a harmonic fill with its grain in pieces of the hole with smooth surroundings."""
     smooth, most = np.zeros_like(hole), np.zeros(hole.shape, np.float32)
     for part, piece in hole_pieces(hole):
         wide = tuple(slice(max(0, s.start - AROUND), s.stop + AROUND) for s in part)
         inner = np.zeros_like(hole[wide])
-        inner[tuple(slice(s.start - w.start, s.stop - w.start) for s, w in zip(part, wide, strict=True))][
-            piece
-        ] = True
+        here = tuple(slice(s.start - w.start, s.stop - w.start) for s, w in zip(part, wide, strict=True))
+        inner[here][piece] = True
         rough = _roughness(photo[wide], dilate(inner, AROUND) & ~dilate(hole[wide], 1))
         if rough < SMOOTH:
             smooth[wide] |= inner
@@ -74,7 +63,7 @@ def _films(photo: F32, borrowed: F32, hole: Mask) -> F32:
 
 
 def _roughness(photo: F32, around: Mask) -> float:
-    """Levels by which the pixels `around` (H, W) are off a surface of second degree, root of the mean square."""
+    """Levels: RMS distance of the pixels `around` (H, W) from a quadratic surface."""
     y, x = np.nonzero(around)
     if len(y) < 24:
         return float(np.inf)

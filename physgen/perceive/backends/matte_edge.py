@@ -1,22 +1,23 @@
-"""Backend matte=edge: coverage with a soft border that follows the photo's edges."""
+"""Backend matte=edge: coverage with a soft border that follows the photo's edges.
+
+Without contrast, coverage falls from 1 to 0 over two pixels, one half on the mask's border. With contrast, a pixel's
+colour between the object's and the background's gives its coverage (Porter and Duff's compositing equation solved for
+alpha), which may move the border by as much as the mask is likely to be off.
+"""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.perceive.roles import Labels, Matte, Rgb
+from physgen.perceive.roles import F32, Labels, Mask, Matte, Rgb
 from physgen.photometry import decode
 
-F32 = NDArray[np.float32]
-
-REACH = 1.0
-"""px from one half to 0 or 1."""
-SHIFT = 2.75
-"""px by which the photo may move the border."""
-CONTRAST = 0.08
-"""Difference of square roots of linear light from which colours tell object and background apart."""
+REACH = 1.0  # px from one half to 0 or 1
+SHIFT = 2.75  # px by which the photo may move the border
+CONTRAST = (
+    0.08  # difference of square roots of linear light from which colours separate object and background
+)
 
 
 def edge() -> Matte:
@@ -28,25 +29,22 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
     inside = labels > 0
     if not inside.any() or inside.all():
         return inside.astype(np.float32)
-    far = _border_distance(inside)
-    coverage = _ramp(far)
-    band = np.abs(far) < REACH + SHIFT
-    mixed, told = _mixed(rgb, far)
-    moved = np.clip(mixed, _ramp(far - SHIFT), _ramp(far + SHIFT))
-    coverage = np.where(band, coverage + told * (moved - coverage), coverage)
-    return np.asarray(
-        np.round(coverage * 255) / 255, np.float32
-    )  # as it is stored: 0 here is 0 in coverage.png
+    distance = _border_distance(inside)
+    coverage = _ramp(distance)
+    mixed, trust = _coverage_by_colour(rgb, distance)
+    moved = np.clip(mixed, _ramp(distance - SHIFT), _ramp(distance + SHIFT))
+    coverage = np.where(np.abs(distance) < REACH + SHIFT, coverage + trust * (moved - coverage), coverage)
+    return np.asarray(np.round(coverage * 255) / 255, np.float32)  # as stored: 0 here is 0 in coverage.png
 
 
-def _ramp(far: F32) -> F32:
+def _ramp(distance: F32) -> F32:
     """Distance to the border, px, positive inside -> coverage: smooth from 0 to 1 over 2 REACH."""
-    t = np.clip(far / np.float32(REACH), -1, 1)
+    t = np.clip(distance / np.float32(REACH), -1, 1)
     return np.asarray(0.5 + 0.75 * t - 0.25 * t**3, np.float32)
 
 
-def _border_distance(inside: NDArray[np.bool_]) -> F32:
-    """px to the border between the pixels, positive inside, rounded corners instead of the mask's stairs."""
+def _border_distance(inside: Mask) -> F32:
+    """px to the border between the pixels, positive inside, with rounded corners."""
     padded = np.pad(inside, 8, mode="edge")
     within = cv2.distanceTransform(padded.astype(np.uint8), cv2.DIST_L2, 5)
     without = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, 5)
@@ -54,25 +52,23 @@ def _border_distance(inside: NDArray[np.bool_]) -> F32:
     return np.asarray(cv2.GaussianBlur(signed, (0, 0), 0.8)[8:-8, 8:-8], np.float32)
 
 
-def _mixed(rgb: Rgb, far: F32) -> tuple[F32, F32]:
-    """Coverage by colour `(H, W)`, and how far to trust it, 0..1."""
+def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32]:
+    """Coverage `(H, W)` by colour, and its trust, 0..1."""
     colour = np.sqrt(decode(rgb))
-    front = _spread(colour, far > REACH + SHIFT - 1)
-    back = _spread(colour, far < -(REACH + SHIFT + 0.5))
+    front = _nearby_mean(colour, distance > REACH + SHIFT - 1)
+    back = _nearby_mean(colour, distance < -(REACH + SHIFT + 0.5))
     axis = front - back
     length = np.einsum("ijk,ijk->ij", axis, axis)
     share = np.einsum("ijk,ijk->ij", colour - back, axis) / np.maximum(length, 1e-6)
-    told = np.clip(np.sqrt(length) / CONTRAST - 0.5, 0, 1)
+    trust = np.clip(np.sqrt(length) / CONTRAST - 0.5, 0, 1)
     known = (front.sum(2) > 0) & (back.sum(2) > 0)
     smooth = cv2.GaussianBlur(np.clip(share, 0, 1).astype(np.float32), (0, 0), 0.5)
-    return smooth, np.where(known, told, 0).astype(np.float32)
+    return smooth, np.where(known, trust, 0).astype(np.float32)
 
 
-def _spread(colour: F32, known: NDArray[np.bool_]) -> F32:
+def _nearby_mean(colour: F32, known: Mask) -> F32:
     """The mean colour of the known pixels nearby; 0 where there are none within 6 px."""
     weight = known.astype(np.float32)
     total = cv2.GaussianBlur(colour * weight[:, :, None], (13, 13), 2.5)
-    count = cv2.GaussianBlur(weight, (13, 13), 2.5)
-    return np.where(count[:, :, None] > 1e-4, total / np.maximum(count, 1e-4)[:, :, None], 0).astype(
-        np.float32
-    )
+    count = cv2.GaussianBlur(weight, (13, 13), 2.5)[:, :, None]
+    return np.where(count > 1e-4, total / np.maximum(count, 1e-4), 0).astype(np.float32)

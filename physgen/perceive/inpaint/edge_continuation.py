@@ -1,4 +1,10 @@
-"""Continuation of edges through a hole."""
+"""Continuation of edges through a hole, with flat colour between them.
+
+Where an edge enters the hole, its direction and the colours on both its sides are measured. Two that would meet by a
+gentle bend, with the same colours, are one edge (the least bending energy of a cubic, as in Masnou and Morel 1998,
+Level lines based disocclusion). An unmatched edge goes straight on: out of the hole again where the same edge is seen
+to leave it (a table's edge behind a plank), to a corner with another one, or to the first line it meets.
+"""
 
 from __future__ import annotations
 
@@ -9,28 +15,50 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.inpaint.poisson import F32, Mask, dilate
-
-# ----------------------------------------------------------------------
-# A picture with a hole -> where borders enter the hole: their directions and the colours on both their sides.
+from physgen.perceive.inpaint.poisson import dilate
+from physgen.perceive.roles import F32, Mask
 
 F64 = NDArray[np.float64]
 
-OFF = 5
-"""px from the hole at which borders are looked for."""
-STRIP = 12
-"""px to each side of a border that are carried on with it."""
-SIDE = 7
-"""px on each side of a border whose colours are averaged."""
-CONTRAST = 22.0
-"""Levels between the two sides (the length of the difference) from which there is a border."""
-COHERENT = 0.75
-"""Of the structure tensor, from which a border has a direction."""
+STRIP = 12  # px to each side of an edge that are carried on with it
+SIDE = 7  # px on each side of an edge whose colours are averaged
+OFFSET = 5  # px from the hole at which edges are looked for
+PAD = 12  # px by which the photo is extended, so that an edge which enters a hole close to the border is seen
+CHUNK = 500_000  # pairs of a pixel and a point of a line that are held in memory
+
+
+@dataclass(frozen=True)
+class _Matching:
+    """Thresholds of edges and of pairs; colours in levels of 0..255."""
+
+    contrast: float = 22.0  # between the two sides (length of the difference) from which there is an edge
+    coherence: float = 0.75  # of the structure tensor, from which an edge has a direction
+    unmatched_contrast: float = 40.0  # the contrast from which an unmatched edge goes on
+    similar: float = 25.0  # by which the more similar side of an edge may differ from end to end
+    max_doubt: float = 0.75  # that two ends belong to one edge: colours, turns that are no arc's, long bends
+    bulge: float = 0.1  # bending from which an edge that only runs along the hole's border is not drawn
+    drift: float = 0.06  # share of its length by which a straight edge may miss: its direction is not exact
+    fainter: float = 0.5  # of its contrast where it enters, the least where it leaves
+    corner_sine: float = 0.5  # of the angle between two edges from which they make a corner
+    beyond: tuple[int, ...] = (
+        8,
+        14,
+        20,
+        30,
+        40,
+    )  # px beyond the hole where an edge that leaves it is looked for
+
+    def similar_sides(self, near: float, contrasts: float) -> bool:
+        """Whether the more similar side, off by `near`, may be the same; `contrasts` of both ends together."""
+        return near < max(self.similar, 0.17 * contrasts)
+
+
+MATCHING = _Matching()
 
 
 @dataclass(frozen=True)
 class BorderEnd:
-    """Where a border enters a hole."""
+    """Where an edge enters a hole."""
 
     order: int
     """Place along the contour."""
@@ -48,7 +76,7 @@ class BorderEnd:
 
 @dataclass(frozen=True)
 class BorderLine:
-    """A border in the hole."""
+    """An edge in the hole."""
 
     points: F64
     """(n, 2): x, y, at most 1 px apart."""
@@ -60,7 +88,7 @@ class BorderLine:
 
 @dataclass(frozen=True)
 class KnownSurroundings:
-    """What is known around the hole: colours and the structure tensor of their gradients."""
+    """Colours around the hole and the structure tensor of their gradients (xx, xy, yy)."""
 
     picture: F32
     blocked: Mask
@@ -68,7 +96,7 @@ class KnownSurroundings:
 
     @classmethod
     def of(cls, picture: F32, blocked: Mask) -> KnownSurroundings:
-        """Of `picture` (H, W, 3), of which nothing is known where `blocked` (H, W)."""
+        """Of `picture` (H, W, 3), unknown where `blocked` (H, W)."""
         smooth = cv2.GaussianBlur(picture, (0, 0), 1)
         known = (~dilate(blocked, 1)).astype(np.float32)[:, :, None]
         gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 * known for d in ((1, 0), (0, 1)))
@@ -78,14 +106,31 @@ class KnownSurroundings:
         return cls(np.asarray(smooth, np.float32), blocked, (xx, xy, yy))
 
 
-def border_ends(ring: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
-    """The borders that enter a piece of the hole, in the order of its contour."""
-    picture, blocked = ring.picture, ring.blocked
+def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`(H, W, 3)` with strips along the edges continued through `hole` (H, W), and where these strips are."""
+    height, width = hole.shape
+    edges = (PAD,) * 4
+    picture = np.asarray(cv2.copyMakeBorder(picture, *edges, cv2.BORDER_REPLICATE), np.float32)
+    hole = cv2.copyMakeBorder(hole.astype(np.uint8), *edges, cv2.BORDER_REPLICATE) > 0
+    result, where = picture.copy(), np.zeros_like(hole)
+    known = KnownSurroundings.of(picture, dilate(hole, 1))
+    count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
+    for k in range(1, count):
+        piece = ids == k
+        for line in _lines(list(border_ends(known, piece)), piece, known):
+            _paint_strip(result, where, piece, line)
+    inner = slice(PAD, PAD + height), slice(PAD, PAD + width)
+    return result[inner], where[inner]
+
+
+def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
+    """The edges that enter a piece of the hole, in the order of its contour."""
+    picture, blocked = known.picture, known.blocked
     h, w = piece.shape
-    r = OFF + SIDE + 2
+    r = OFFSET + SIDE + 2
     wide = cv2.copyMakeBorder(piece.astype(np.uint8), r, r, r, r, cv2.BORDER_CONSTANT, value=0)
     contours, _ = cv2.findContours(
-        np.asarray(dilate(wide > 0, OFF), np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        np.asarray(dilate(wide > 0, OFFSET), np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
     path = max(contours, key=len)[:, 0, :].astype(np.float64) - r
     x, y = path.astype(int).T
@@ -95,32 +140,29 @@ def border_ends(ring: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
     n = len(path)
     if n < 6 * SIDE or not usable.any():
         return
-    xx, xy, yy = (a[yc, xc].astype(np.float64) for a in ring.tensor)
+    xx, xy, yy = (a[yc, xc].astype(np.float64) for a in known.tensor)
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the gradient
     spread = np.hypot(xx - yy, 2 * xy)
     coherence = spread / np.maximum(xx + yy, 1e-6)
     # inward normal from the distance to the piece
-    inward = cv2.GaussianBlur(wide.astype(np.float32), (0, 0), OFF)
+    inward = cv2.GaussianBlur(wide.astype(np.float32), (0, 0), OFFSET)
     nx, ny = (cv2.Sobel(inward, cv2.CV_32F, *d, ksize=3)[y + r, x + r] for d in ((1, 0), (0, 1)))
     tx, ty = -np.sin(angle), np.cos(angle)
     sign = np.where(tx * nx + ty * ny < 0, -1, 1)
     tx, ty = tx * sign, ty * sign
     slant = (tx * nx + ty * ny) / np.maximum(np.hypot(nx, ny), 1e-9)
-    # colours to both sides, across the border
     steps = np.arange(2, SIDE + 1)
     sides = []
     ok = usable.copy()
     for turn in (1, -1):
-        sx = np.round(path[:, 0, None] + turn * ty[:, None] * steps).astype(int)
-        sy = np.round(path[:, 1, None] - turn * tx[:, None] * steps).astype(int)
-        legal = (sx >= 0) & (sy >= 0) & (sx < w) & (sy < h)
-        sx, sy = np.clip(sx, 0, w - 1), np.clip(sy, 0, h - 1)
-        legal &= ~blocked[sy, sx]
+        sx = path[:, 0, None] + turn * ty[:, None] * steps
+        sy = path[:, 1, None] - turn * tx[:, None] * steps
+        colours, legal = _sampled(picture, blocked, sx, sy)
         ok &= legal.sum(1) >= 3
-        sides.append((picture[sy, sx] * legal[:, :, None]).sum(1) / np.maximum(legal.sum(1), 1)[:, None])
+        sides.append((colours * legal[:, :, None]).sum(1) / np.maximum(legal.sum(1), 1)[:, None])
     left, right = sides
     contrast = np.linalg.norm(left - right, axis=1)
-    ok &= (coherence > COHERENT) & (contrast > CONTRAST) & (slant > 0.3)
+    ok &= (coherence > MATCHING.coherence) & (contrast > MATCHING.contrast) & (slant > 0.3)
     score = np.where(ok, spread, 0)
     for i in np.flatnonzero(ok):
         around = np.arange(i - 6, i + 7) % n
@@ -134,61 +176,103 @@ def border_ends(ring: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
             yield BorderEnd(int(i), at, towards, left[i], right[i], float(contrast[i]), across)
 
 
-def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
-    """Colours (2 STRIP + 1, 3) across a border from left to right, averaged along its last px; NaN if hidden."""
+def _sampled(picture: F32, blocked: Mask, x: F64, y: F64) -> tuple[F32, Mask]:
+    """Colours at the pixels nearest to x and y, and which of them are known."""
     h, w = blocked.shape
+    xi, yi = np.round(x).astype(int), np.round(y).astype(int)
+    legal = (xi >= 0) & (yi >= 0) & (xi < w) & (yi < h)
+    xi, yi = np.clip(xi, 0, w - 1), np.clip(yi, 0, h - 1)
+    return picture[yi, xi], legal & ~blocked[yi, xi]
+
+
+def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
+    """Colours (2 STRIP + 1, 3) across an edge from left to right, averaged along its last px; NaN if hidden."""
     across = np.arange(-STRIP, STRIP + 1)[:, None]
     back = np.arange(0, 4)[None, :]
     x = at[0] - towards[0] * back - towards[1] * across
     y = at[1] - towards[1] * back + towards[0] * across
-    xi, yi = np.round(x).astype(int), np.round(y).astype(int)
-    legal = (xi >= 0) & (yi >= 0) & (xi < w) & (yi < h)
-    xi, yi = np.clip(xi, 0, w - 1), np.clip(yi, 0, h - 1)
-    legal &= ~blocked[yi, xi]
+    colours, legal = _sampled(picture, blocked, x, y)
     weight = legal.sum(1)[:, None]
-    mean = (picture[yi, xi] * legal[:, :, None]).sum(1) / np.maximum(weight, 1)
+    mean = (colours * legal[:, :, None]).sum(1) / np.maximum(weight, 1)
     return np.where(weight > 0, mean, np.nan)
 
 
-# ----------------------------------------------------------------------
-# Borders that enter a hole and found no partner -> where they go: out of the hole again, to a corner, or to a
-# T.
-#
-# A border that lies flat along the hole's is seen where one that came straight through from the other side
-# should leave
-# (a table's edge behind a plank). Two that point at one place in the hole, with one colour between them, are
-# a corner.
+def _lines(ends: list[BorderEnd], piece: Mask, known: KnownSurroundings) -> Iterator[BorderLine]:
+    """Ends joined in pairs, best first; then the unmatched ones."""
+    drawn = np.zeros(piece.shape, bool)
+    joined: set[int] = set()
+    yield from _pairs(ends, piece, drawn, joined)
+    alone = [e for k, e in enumerate(ends) if k not in joined and e.contrast > MATCHING.unmatched_contrast]
+    for end in sorted(alone, key=lambda end: -end.contrast):
+        if (passing := straight_through(end, known, piece, drawn)) is not None:
+            alone = [other for other in alone if other is not end]
+            _draw(drawn, passing.points)
+            yield passing
+    # an edge that ends at another's T comes second; what is left may be a corner
+    for last in (False, False, True):
+        met = [(end, path) for end in alone if (path := straight_to_line(end, piece, drawn)) is not None]
+        alone = [end for end in alone if all(end is not other for other, _ in met)]
+        for end, path in met:
+            _draw(drawn, path)
+            yield BorderLine(path, end.profile, end.profile)
+        for a, b, place in [] if last or met else corner_pairs(alone, piece, drawn):
+            alone = [end for end in alone if end is not a and end is not b]
+            bent = np.concatenate([line_points(a.at, place), line_points(place, b.at)[1:]])
+            _draw(drawn, bent)
+            yield BorderLine(bent, a.profile, b.profile[::-1])
 
-ALIKE = 25.0
-"""Levels that the side of a border which is more alike may differ by from end to end."""
-DOUBT = 0.75
-"""Most doubt that two ends are one border's: colours that differ, turns that are no arc's, long bends."""
-BEYOND = 8, 14, 20, 30, 40
-"""px beyond the hole at which a border that leaves it is looked for."""
-DRIFT = 0.06
-"""By how much of its length a border that goes straight through may miss, since its direction is not exact."""
-FAINTER = 0.5
-"""Of its contrast where it enters, what a border has at least where it leaves."""
-CORNER = 0.5
-"""Sine of the angle between two borders, from which they make a corner."""
+
+def _pairs(ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]) -> Iterator[BorderLine]:
+    """Curves between ends that belong to one edge; adds to `drawn` and `joined`."""
+    pairs = []
+    bends: dict[tuple[int, int], float] = {}
+    for i, a in enumerate(ends):
+        for j in range(i):
+            b = ends[j]
+            chord = b.at - a.at
+            alpha, beta = _turn(chord, a.towards), _turn(chord, -b.towards)
+            bend = bends[i, j] = alpha * alpha + alpha * beta + beta * beta
+            near, far = colour_differences(a, b)
+            both = a.contrast + b.contrast
+            length = float(np.hypot(*chord))
+            doubt = (1.5 * near + 0.5 * far) / both + 2 * abs(alpha + beta) + bend * length / 67
+            if length > 2 * OFFSET and MATCHING.similar_sides(near, both) and doubt < MATCHING.max_doubt:
+                pairs.append((doubt + 7 * bend, i, j))
+    depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    chords: list[tuple[int, int]] = []
+    for _, i, j in sorted(pairs):
+        if i in joined or j in joined or any((p < i < q) != (p < j < q) for p, q in chords):
+            continue
+        line = BorderLine(_cubic(ends[i], ends[j]), ends[i].profile, ends[j].profile[::-1])
+        y, x = (
+            np.clip(np.round(c).astype(int), 0, n - 1)
+            for c, n in zip(line.points.T[::-1], piece.shape, strict=True)
+        )
+        joined |= {i, j}
+        chords.append((min(i, j), max(i, j)))
+        shallow = depth[y, x].max() < 1 + 0.05 * len(line.points)  # half a px apart
+        if shallow and bends[i, j] > MATCHING.bulge:
+            continue
+        _draw(drawn, line.points)
+        yield line
 
 
-def straight_through(end: BorderEnd, ring: KnownSurroundings, piece: Mask, drawn: Mask) -> BorderLine | None:
-    """Straight on to the other side of a hole, where the same border is seen to leave it; None where it is not."""
+def straight_through(end: BorderEnd, known: KnownSurroundings, piece: Mask, drawn: Mask) -> BorderLine | None:
+    """Straight on to the other side of a hole, where the same edge is seen to leave it; None where it is not."""
     points, inside = straight_path(end.at, end.towards, piece)
     stretch = np.flatnonzero(inside)
     x, y = np.round(points).astype(int).T
     if not len(stretch) or drawn[y, x][stretch].any():
         return None
-    best, result = DOUBT, None
-    for beyond in BEYOND:
+    best, result = MATCHING.max_doubt, None
+    for beyond in MATCHING.beyond:
         leave = points[stretch[-1]] + beyond * end.towards
         length = float(np.hypot(*(leave - end.at)))
-        reach = int(max(4, DRIFT * length))
+        reach = int(max(4, MATCHING.drift * length))
         for shift in range(-reach, reach + 1):
             at = leave + shift * np.array([-end.towards[1], end.towards[0]])
-            seen = border_profile(ring.picture, ring.blocked, at, (at - end.at) / np.hypot(*(at - end.at)))
-            doubt = _other(end, seen)
+            seen = border_profile(known.picture, known.blocked, at, (at - end.at) / np.hypot(*(at - end.at)))
+            doubt = _doubt_of_profile(end, seen)
             if doubt < best:
                 best, result = doubt, BorderLine(line_points(end.at, at), end.profile, seen)
         if result is not None:
@@ -196,8 +280,8 @@ def straight_through(end: BorderEnd, ring: KnownSurroundings, piece: Mask, drawn
     return None
 
 
-def _other(end: BorderEnd, seen: F64) -> float:
-    """Doubt that what is `seen` across a border (2 STRIP + 1, 3) is the one that entered at `end`; inf: it is not."""
+def _doubt_of_profile(end: BorderEnd, seen: F64) -> float:
+    """Doubt that the profile `seen` (2 STRIP + 1, 3) is of the edge that entered at `end`; inf: it is not."""
     left, right = seen[STRIP - SIDE : STRIP - 1], seen[STRIP + 2 : STRIP + SIDE + 1]
     if np.isnan(left[:, 0]).sum() > 2 or np.isnan(right[:, 0]).sum() > 2:
         return np.inf
@@ -205,7 +289,7 @@ def _other(end: BorderEnd, seen: F64) -> float:
     off = float(np.linalg.norm(sides[0] - end.left)), float(np.linalg.norm(sides[1] - end.right))
     contrast = float(np.linalg.norm(sides[0] - sides[1]))
     both = contrast + end.contrast
-    if min(off) > max(ALIKE, 0.17 * both) or contrast < FAINTER * end.contrast:
+    if min(off) > max(MATCHING.similar, 0.17 * both) or contrast < MATCHING.fainter * end.contrast:
         return np.inf
     return (1.5 * min(off) + 0.5 * max(off)) / both
 
@@ -218,17 +302,17 @@ def corner_pairs(
     for i, a in enumerate(ends):
         for j, b in enumerate(ends[:i]):
             sine = a.towards[0] * b.towards[1] - a.towards[1] * b.towards[0]
-            if abs(sine) < CORNER:
+            if abs(sine) < MATCHING.corner_sine:
                 continue
             gap = b.at - a.at
             u = (gap[0] * b.towards[1] - gap[1] * b.towards[0]) / sine
             v = (gap[0] * a.towards[1] - gap[1] * a.towards[0]) / sine
-            if min(u, v) <= 0 or not (_free(a, u, piece, drawn) and _free(b, v, piece, drawn)):
+            if min(u, v) <= 0 or not (_is_free(a, u, piece, drawn) and _is_free(b, v, piece, drawn)):
                 continue
             near, far = colour_differences(a, b)
             both = a.contrast + b.contrast
             doubt = (1.5 * near + 0.5 * far) / both + (u + v) / size
-            if near < max(ALIKE, 0.17 * both) and doubt < DOUBT:
+            if MATCHING.similar_sides(near, both) and doubt < MATCHING.max_doubt:
                 found.append((doubt, i, j, a.at + u * a.towards))
     result, taken = [], set[int]()
     for _, i, j, place in sorted(found, key=lambda one: one[:3]):
@@ -239,7 +323,7 @@ def corner_pairs(
 
 
 def straight_to_line(end: BorderEnd, piece: Mask, drawn: Mask) -> F64 | None:
-    """From where a border enters straight on to the first line that is drawn; None if there is none in the hole."""
+    """From where an edge enters straight on to the first line that is drawn; None if there is none in the hole."""
     points, inside = straight_path(end.at, end.towards, piece)
     x, y = np.round(points).astype(int).T
     hit = np.flatnonzero(drawn[y, x] & inside)
@@ -260,7 +344,7 @@ def straight_path(at: F64, towards: F64, piece: Mask) -> tuple[F64, Mask]:
 
 
 def colour_differences(a: BorderEnd, b: BorderEnd) -> tuple[float, float]:
-    """Differences of colour between two ends: of the side that is more alike (what lies in front), and the other."""
+    """Differences of colour between two ends: of the more similar side (the surface in front), and of the other."""
     one, other = float(np.linalg.norm(a.left - b.right)), float(np.linalg.norm(a.right - b.left))
     return min(one, other), max(one, other)
 
@@ -270,106 +354,12 @@ def line_points(at: F64, to: F64) -> F64:
     return at + np.linspace(0, 1, int(2 * np.hypot(*(to - at))) + 2)[:, None] * (to - at)
 
 
-def _free(end: BorderEnd, length: float, piece: Mask, drawn: Mask) -> bool:
-    """Whether a border can go on for `length` px: in the hole to the last, and across no line."""
+def _is_free(end: BorderEnd, length: float, piece: Mask, drawn: Mask) -> bool:
+    """Whether an edge can go on for `length` px: in the hole to the last, and across no line."""
     points, inside = straight_path(end.at, end.towards, piece)
     n = int(2 * length)
     x, y = np.round(points[: n + 1]).astype(int).T
     return n < len(points) and bool(inside[n]) and not drawn[y, x].any()
-
-
-# ----------------------------------------------------------------------
-# A picture with a hole -> the borders that run into it, carried on through it, with flat colour between them.
-#
-# Where a border enters the hole, its direction and the colours on both its sides are measured. Two that would
-# meet by a
-# gentle bend, with the same colours, are one border (the least bending energy of a cubic, as in Masnou and
-# Morel 1998,
-# Level lines based disocclusion). One that stays alone goes straight on (`alone`).
-
-ALONE = 40.0
-"""The same for a border that goes on alone."""
-PAD = 12
-"""px by which the photo is held to go on beyond its border, so that what enters a hole close to it is seen."""
-BULGE = 0.1
-"""Bending from which a border that only runs along the hole's is not drawn."""
-AT_ONCE = 500_000
-"""Pairs of a pixel and a point of a line that are held in memory."""
-
-
-def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
-    """`(H, W, 3)` with strips along the borders carried on through `hole` (H, W), and where these strips are."""
-    height, width = hole.shape
-    edges = (PAD,) * 4
-    picture = np.asarray(cv2.copyMakeBorder(picture, *edges, cv2.BORDER_REPLICATE), np.float32)
-    hole = cv2.copyMakeBorder(hole.astype(np.uint8), *edges, cv2.BORDER_REPLICATE) > 0
-    result, where = picture.copy(), np.zeros_like(hole)
-    ring = KnownSurroundings.of(picture, dilate(hole, 1))
-    count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
-    for k in range(1, count):
-        piece = ids == k
-        for line in _lines(list(border_ends(ring, piece)), piece, ring):
-            _strip(result, where, piece, line)
-    inner = slice(PAD, PAD + height), slice(PAD, PAD + width)
-    return result[inner], where[inner]
-
-
-def _lines(ends: list[BorderEnd], piece: Mask, ring: KnownSurroundings) -> Iterator[BorderLine]:
-    """Ends joined two by two, best first; then those that stay alone, straight on to a T."""
-    pairs = []
-    bends: dict[tuple[int, int], float] = {}
-    for i, a in enumerate(ends):
-        for j in range(i):
-            b = ends[j]
-            chord = b.at - a.at
-            alpha, beta = _turn(chord, a.towards), _turn(chord, -b.towards)
-            bend = bends[i, j] = alpha * alpha + alpha * beta + beta * beta
-            near, far = colour_differences(a, b)
-            both = a.contrast + b.contrast
-            length = float(np.hypot(*chord))
-            doubt = (1.5 * near + 0.5 * far) / both + 2 * abs(alpha + beta) + bend * length / 67
-            if length > 2 * OFF and near < max(ALIKE, 0.17 * both) and doubt < DOUBT:
-                pairs.append((doubt + 7 * bend, i, j))
-    depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    joined: set[int] = set()
-    chords: list[tuple[int, int]] = []
-    drawn = np.zeros(piece.shape, bool)
-    for _, i, j in sorted(pairs):
-        if i in joined or j in joined or any((p < i < q) != (p < j < q) for p, q in chords):
-            continue
-        line = BorderLine(_cubic(ends[i], ends[j]), ends[i].profile, ends[j].profile[::-1])
-        y, x = (
-            np.clip(np.round(c).astype(int), 0, n - 1)
-            for c, n in zip(line.points.T[::-1], piece.shape, strict=True)
-        )
-        joined |= {i, j}
-        chords.append((min(i, j), max(i, j)))
-        shallow = depth[y, x].max() < 1 + 0.05 * len(line.points)  # half a px apart
-        if shallow and bends[i, j] > BULGE:
-            continue
-        _draw(drawn, line.points)
-        yield line
-    alone = [e for k, e in enumerate(ends) if k not in joined and e.contrast > ALONE]
-    for end in sorted(alone, key=lambda end: -end.contrast):
-        if (passing := straight_through(end, ring, piece, drawn)) is not None:
-            alone = [other for other in alone if other is not end]
-            _draw(drawn, passing.points)
-            yield passing
-    for last in (
-        False,
-        False,
-        True,
-    ):  # one that ends at another's T comes second, and what is left may be a corner
-        met = [(end, path) for end in alone if (path := straight_to_line(end, piece, drawn)) is not None]
-        alone = [end for end in alone if all(end is not other for other, _ in met)]
-        for end, path in met:
-            _draw(drawn, path)
-            yield BorderLine(path, end.profile, end.profile)
-        for a, b, place in [] if last or met else corner_pairs(alone, piece, drawn):
-            alone = [end for end in alone if end is not a and end is not b]
-            bent = np.concatenate([line_points(a.at, place), line_points(place, b.at)[1:]])
-            _draw(drawn, bent)
-            yield BorderLine(bent, a.profile, b.profile[::-1])
 
 
 def _turn(a: F64, b: F64) -> float:
@@ -388,23 +378,22 @@ def _cubic(a: BorderEnd, b: BorderEnd) -> F64:
 
 
 def _draw(mask: Mask, points: F64) -> None:
-    """A line 3 px wide."""
+    """Draws a line 3 px wide."""
     x, y = np.round(points).astype(int).T
     keep = (x >= 1) & (y >= 1) & (x < mask.shape[1] - 1) & (y < mask.shape[0] - 1)
     for d in (-1, 0, 1):
         mask[y[keep] + d, x[keep]] = mask[y[keep], x[keep] + d] = True
 
 
-def _strip(result: F32, where: Mask, piece: Mask, line: BorderLine) -> None:
+def _paint_strip(result: F32, where: Mask, piece: Mask, line: BorderLine) -> None:
     """Paints the colours across the ends of a line along it, within a piece of the hole."""
     first = np.where(np.isnan(line.first), line.last, line.first)
     last = np.where(np.isnan(line.last), line.first, line.last)
     x0, y0 = np.maximum(np.floor(line.points.min(0)).astype(int) - STRIP, 0)
     x1, y1 = np.ceil(line.points.max(0)).astype(int) + STRIP + 1
-    inside = piece[y0:y1, x0:x1] & ~where[y0:y1, x0:x1]
-    y, x = np.nonzero(inside)
+    y, x = np.nonzero(piece[y0:y1, x0:x1] & ~where[y0:y1, x0:x1])
     near, away = np.zeros(len(x), np.int64), np.zeros(len(x))
-    step = max(AT_ONCE // len(line.points), 1)
+    step = max(CHUNK // len(line.points), 1)
     for k in range(0, len(x), step):
         part = slice(k, k + step)
         gap = (x[part, None] + x0 - line.points[:, 0]) ** 2 + (y[part, None] + y0 - line.points[:, 1]) ** 2
@@ -413,13 +402,12 @@ def _strip(result: F32, where: Mask, piece: Mask, line: BorderLine) -> None:
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]
     off = np.stack([x + x0, y + y0], 1) - line.points[near]
     side = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
-    keep = np.sqrt(away) <= STRIP
-    along_it = (near / max(1, len(line.points) - 1))[:, None]
+    share_along = (near / max(1, len(line.points) - 1))[:, None]
     place = np.clip(side + STRIP, 0, 2 * STRIP - 1e-6)
     low = place.astype(int)
     share = (place - low)[:, None]
     start, end = ((1 - share) * p[low] + share * p[low + 1] for p in (first, last))
-    colour = (1 - along_it) * start + along_it * end
-    keep &= ~np.isnan(colour).any(1)
+    colour = (1 - share_along) * start + share_along * end
+    keep = (np.sqrt(away) <= STRIP) & ~np.isnan(colour).any(1)
     result[y[keep] + y0, x[keep] + x0] = colour[keep]
     where[y[keep] + y0, x[keep] + x0] = True

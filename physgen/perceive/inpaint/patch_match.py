@@ -1,4 +1,11 @@
-"""Exemplar-based fill of holes: PatchMatch over an image pyramid, with grain."""
+"""Exemplar-based fill of holes: PatchMatch over an image pyramid, with grain.
+
+Every patch that reaches into the hole looks for the known patch most like it, and all that overlap vote on the colour;
+both are repeated, from coarse to fine (Wexler et al. 2007, Space-time completion of video). Coarse scales compare
+every patch with every other; finer ones try the neighbours' places (Barnes et al. 2009, PatchMatch). The coarsest scale
+starts from Criminisi, Perez and Toyama 2004. Comparisons are sums of whole numbers below 2^24, so that their order, and
+the machine, changes nothing.
+"""
 
 from __future__ import annotations
 
@@ -10,61 +17,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.inpaint.edge_continuation import continue_edges
-from physgen.perceive.inpaint.poisson import F32, Mask, harmonic_fill, hole_pieces
+from physgen.perceive.inpaint.poisson import harmonic_fill, hole_pieces
+from physgen.perceive.roles import F32, Mask
 
-# ----------------------------------------------------------------------
-# A hole filled by votes, and where each pixel is borrowed from -> the same with grain as strong as that
-# around it.
-#
-# A mean of votes is smooth, and what is smooth looks most like plain places and borrows from them. So the
-# fill's fine
-# part is copied from one place alone, which keeps its spectrum, and made as strong as around the hole.
-
-GRAIN = 2.0
-"""px: standard deviation of the blur that tells grain from colour."""
-AROUND = 10
-"""px around a piece of the hole whose grain it is to have."""
-GAIN = 0.8, 1.6
-"""How many times stronger its own is made, at least and at most."""
+Places = NDArray[np.int64]
+"""(n, 2): rows and columns."""
 
 
-def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) -> F32:
-    """`guess` (H, W, 3) with the grain of `picture` where `field` (H, W, 2: row, column) has each pixel from."""
-    known = np.where(hole, np.float32(0), np.float32(1))
-    near = np.maximum(cv2.GaussianBlur(known, (0, 0), GRAIN), np.float32(1e-3))
-    wide = cv2.GaussianBlur(picture * known[:, :, None], (0, 0), GRAIN) / near[:, :, None]
-    own = np.asarray(picture - wide, np.float32)
-    y, x = np.nonzero(hole)
-    fine = np.zeros_like(own)
-    fine[y, x] = own[field[y, x, 0], field[y, x, 1]]
-    for part, piece in hole_pieces(hole):
-        grown = tuple(slice(max(s.start - AROUND, 0), s.stop + AROUND) for s in part)
-        whole = np.zeros(hole[grown].shape, np.uint8)
-        within = tuple(slice(s.start - g.start, s.stop - g.start) for s, g in zip(part, grown, strict=True))
-        whole[within] = piece[: whole[within].shape[0], : whole[within].shape[1]]
-        ring = cv2.dilate(whole, np.ones((2 * AROUND + 1, 2 * AROUND + 1), np.uint8)) > 0
-        around, inside = _strength(own[grown][ring & ~hole[grown]]), _strength(fine[part][piece])
-        if around > 0 and inside > 0:
-            fine[part][piece] *= np.float32(np.clip(around / inside, *GAIN))
-    return np.where(hole[:, :, None], cv2.GaussianBlur(guess, (0, 0), GRAIN) + fine, guess)
+@dataclass(frozen=True)
+class _Tuning:
+    """Sizes and limits of the search."""
+
+    radius: int = 3  # px: patches are 7 px wide
+    max_pairs: int = 4_000_000  # pairs of patches that are all compared
+    max_first_pairs: int = (
+        20_000_000  # the same where nothing is known yet: sources are then thinned out evenly
+    )
+    chunk: int = 1_000_000  # pairs that are held in memory
+    loose: int = 1  # scales above this one keep the continued edges
+    rounds: tuple[int, ...] = (
+        1,
+        1,
+        3,
+        6,
+    )  # of search and vote: finest scale (a vote alone), the two above, others
+    trust: float = 1.3  # a px deeper in the hole is this many times less trusted
+    distance_cost: float = (
+        60.0  # squared levels a pixel (of 128) for borrowing from as far as the picture is wide
+    )
+    max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
+    wide: int = (
+        30_000  # px: a coarsest scale with more is halved again (photos over three times as wide as high)
+    )
+    max_direction_cost: float = 4.0  # of borrowing across layers (before it is squared)
+    grain_blur: float = 2.0  # px, standard deviation of the blur that separates grain from colour
+    grain_margin: int = 10  # px around a piece of the hole whose grain it takes on
+    grain_gain: tuple[float, float] = (0.8, 1.6)  # by which its own grain is scaled, at least and at most
+    edge_weight: float = 0.02  # data term of a place without edges, of 1 (Criminisi)
 
 
-def _strength(fine: F32) -> float:
-    """Levels, of (n, 3): a root of the median, not of the mean, so that an edge among them does not count as grain."""
-    return float(np.median((fine**2).mean(axis=1)) ** 0.5) if len(fine) else 0.0
-
-
-# ----------------------------------------------------------------------
-# A picture with a hole -> the same at ever coarser scales, until the hole is shallow.
-
-RADIUS = 3
-"""px: patches are 7 px wide."""
-DEPTH = 4.5
-"""px that the hole may be deep at the coarsest scale."""
-WIDE = 30_000
-"""px: a coarsest scale with more of them is halved once more; photos more than three times as wide as high have it."""
-STRATA = 4.0
-"""Of that, at most so many times (before it is squared) where the picture lies in layers, for crossing them."""
+TUNING = _Tuning()
+RADIUS = TUNING.radius
 
 
 @dataclass(frozen=True)
@@ -72,157 +65,11 @@ class Level:
     """The picture at one scale."""
 
     picture: F32
-    """(H, W, 3); what is in the hole means nothing."""
+    """(H, W, 3); arbitrary in the hole."""
     hole: Mask
     """(H, W)."""
     drawn: Mask
-    """(H, W): where, in the hole, the picture holds a border carried on."""
-
-
-def direction_costs(level: Level) -> NDArray[np.float64]:
-    """(2,): by how much more it costs to borrow from other rows, and from other columns, than from one's own.
-
-    A floor, a shelf, a horizon lie along the rows: there the picture is more like itself to the side than up or down.
-    """
-    reach = max(min(level.hole.shape) // 8, 2)
-    unlike = []
-    for axis in (0, 1):
-        before, after = (
-            tuple(part if a == axis else slice(None) for a in (0, 1))
-            for part in (slice(None, -reach), slice(reach, None))
-        )
-        both = ~(level.hole[before] | level.hole[after])
-        gap = np.abs(level.picture[before] - level.picture[after]).mean(axis=2)[both]
-        unlike.append(float(gap.mean()) if gap.size else 1.0)
-    ratio = np.clip((unlike[0] + 1) / (unlike[1] + 1), 1 / STRATA, STRATA)
-    return np.array([max(ratio, 1.0), max(1 / ratio, 1.0)]) ** 2
-
-
-def image_pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
-    """From the finest to the coarsest scale that still knows something."""
-    known = (~hole).astype(np.float32)
-    value = picture * known[:, :, None]
-    part = strips.astype(np.float32)
-    strip = start * part[:, :, None]
-    for k in range(12):
-        now = known < (0.999 if k == 0 else 0.5)
-        radius = RADIUS if k else 2
-        if patch_centres(now, radius).sum() < 64:
-            return
-        mean, line = (v / np.maximum(p, 1e-6)[:, :, None] for v, p in ((value, known), (strip, part)))
-        drawn = now & (part > 0.35)
-        yield Level(np.where(drawn[:, :, None], line, mean).astype(np.float32), now, drawn)
-        depth = cv2.distanceTransform(now.astype(np.uint8), cv2.DIST_L2, 3).max()
-        if depth < DEPTH or min(now.shape) < (96 if now.size < WIDE else 48):
-            return
-        size = (now.shape[1] + 1) // 2, (now.shape[0] + 1) // 2
-        value, known, strip, part = (
-            np.asarray(cv2.resize(a, size, interpolation=cv2.INTER_AREA), np.float32)
-            for a in (value, known, strip, part)
-        )
-
-
-def patch_centres(hole: Mask, radius: int) -> Mask:
-    """Centres of patches that are known as a whole."""
-    blocked = np.pad(hole, radius, constant_values=True).astype(np.uint8)
-    width = 2 * radius + 1
-    blocked = cv2.dilate(blocked, np.ones((width, width), np.uint8)).astype(np.uint8)
-    return np.asarray(blocked[radius:-radius, radius:-radius] == 0)
-
-
-# ----------------------------------------------------------------------
-# A small picture with a hole -> a first filling, patch after patch, where lines run into the hole first.
-#
-# Criminisi, Perez, Toyama 2004, Region filling and object removal by exemplar-based inpainting. What goes
-# first is known
-# best (confidence) or has the strongest edges across the hole's border (data).
-
-EDGE = 0.02
-"""Part of the data term that a place without edges has, of 1."""
-
-
-def exemplar_fill(
-    picture: F32, hole: Mask, centres: NDArray[np.int64], radius: int, away: NDArray[np.float64]
-) -> F32:
-    """`(H, W, 3)` with `hole` filled by patches of 2 radius + 1 px around `centres` (n, 2); `away` see borrow."""
-    h, w = hole.shape
-    width, r = 2 * radius + 1, radius
-    sides = ((r, r), (r, r))
-    now = np.pad(np.round(picture / 2), (*sides, (0, 0)), mode="edge").astype(np.float32)
-    open_ = np.pad(hole, sides)
-    within = np.pad(np.ones_like(hole), sides)
-    sure = np.where(open_, np.float32(0), within.astype(np.float32))
-    view = np.lib.stride_tricks.sliding_window_view(now, (width, width), (0, 1))
-    patches = np.ascontiguousarray(np.moveaxis(view, 2, -1)[centres[:, 0], centres[:, 1]])
-    flat = patches.reshape(len(centres), -1)
-    square = (patches**2).sum(-1).reshape(len(centres), -1)
-    size = float(np.hypot(h, w))
-    while open_.any():
-        y, x = _first(now, open_, within, sure, width)
-        here = (slice(y - r, y + r + 1), slice(x - r, x + r + 1))
-        known = ~open_[here] & within[here]
-        mask = known.astype(np.float32)
-        target = now[here] * mask[:, :, None]
-        gap = square @ mask.ravel() - 2 * (flat @ target.ravel()) + (target**2).sum()
-        far = np.hypot(away[0] * (centres[:, 0] - (y - r)), away[1] * (centres[:, 1] - (x - r)))
-        gap = gap / mask.sum() + (far / size).astype(np.float32)
-        best = patches[int(gap.argmin())]
-        new = open_[here] & within[here]
-        now[here][new] = best[new]
-        sure[here][new] = sure[here].mean()
-        open_[here] &= ~within[here]
-        open_[y, x] = False
-    filled = 2 * now[r:-r, r:-r]
-    return np.where(hole[:, :, None], filled, picture)
-
-
-def _first(now: F32, open_: Mask, within: Mask, sure: F32, width: int) -> tuple[int, int]:
-    """The pixel of the hole's border whose patch comes next."""
-    known = (~open_ & within).astype(np.uint8)
-    front = open_ & (cv2.dilate(known, np.ones((3, 3), np.uint8)) > 0)
-    solid = cv2.erode(known, np.ones((3, 3), np.uint8)).astype(np.float32)[:, :, None]
-    gx, gy = (cv2.Sobel(now, cv2.CV_32F, *d, ksize=3) / 8 * solid for d in ((1, 0), (0, 1)))
-    soft = cv2.GaussianBlur(known.astype(np.float32), (0, 0), 1.5)
-    nx, ny = (cv2.Sobel(soft, cv2.CV_32F, *d, ksize=3) for d in ((1, 0), (0, 1)))
-    long = np.hypot(nx, ny) + np.float32(1e-6)
-    tx, ty = -ny / long, nx / long
-    box = (width, width)
-    xx, xy, yy = (cv2.boxFilter((a * b).sum(2), -1, box) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
-    edges = np.sqrt(np.maximum(xx * tx * tx + 2 * xy * tx * ty + yy * ty * ty, 0)) / 16
-    rank = np.where(front, cv2.boxFilter(sure, -1, box) * (np.minimum(edges, 1) + EDGE), -1)
-    y, x = np.unravel_index(int(rank.argmax()), rank.shape)
-    return int(y), int(x)
-
-
-# ----------------------------------------------------------------------
-# A picture with a hole -> the hole covered by pieces of its surroundings, so that lines and grain go on.
-#
-# Every patch that reaches into the hole looks for the known patch most like it, and all that overlap vote on
-# the colour;
-# both are repeated, from coarse to fine (Wexler et al. 2007, Space-time completion of video). Coarse scales
-# compare
-# every patch with every other; finer ones try the neighbours' places (Barnes et al. 2009, PatchMatch).
-# Comparisons are sums of whole numbers below 2^24, so that their order, and the machine, changes nothing.
-
-Places = NDArray[np.int64]
-"""(n, 2): rows and columns."""
-
-EVERY = 4_000_000
-"""Most pairs of patches that are all compared."""
-MOST = 20_000_000
-"""Where nothing is known yet, as many at most: of more sources some are taken, evenly spread."""
-AT_ONCE = 1_000_000
-"""Pairs that are held in memory."""
-LOOSE = 1
-"""Scales above this one hold on to the borders that were carried on."""
-ROUNDS = (1, 1, 3, 6)
-"""Rounds of search and vote: at the finest scale (a vote alone), the two above it, and all others."""
-GAMMA = 1.3
-"""What is this many times less trusted a px deeper in the hole."""
-GOLDEN = (5**0.5 - 1) / 2
-"""Steps of this part of a circle spread evenly over it."""
-AWAY = 60.0
-"""Penalty, in squared levels a pixel (of 128), for borrowing from as far as the picture is wide."""
+    """(H, W): where, in the hole, the picture holds a continued edge."""
 
 
 def patch_match_fill(picture: F32, hole: Mask) -> F32:
@@ -232,37 +79,37 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
     if not hole.any() or not levels:
         return harmonic_fill(picture, hole)
     last = levels[-1]
-    open_ = last.hole & ~last.drawn
-    layers = direction_costs(last)
-    centres = thin_out(np.argwhere(patch_centres(last.hole, RADIUS)), MOST // 1000)
+    costs = TUNING.distance_cost * direction_costs(last)
+    centres = thin_out(np.argwhere(patch_centres(last.hole, RADIUS)), TUNING.max_first_pairs // 1000)
     if not len(centres):  # nowhere a whole patch is left to borrow from
         return harmonic_fill(picture, hole)
-    guess = exemplar_fill(last.picture, open_, centres, RADIUS, AWAY * layers)
+    guess = exemplar_fill(last.picture, last.hole & ~last.drawn, centres, RADIUS, costs)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
         h, w = level.hole.shape
         if field is not None:
             larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
-            guess = np.where((level.hole & ~(level.drawn & (k > LOOSE)))[:, :, None], larger, level.picture)
+            kept = level.hole & ~(level.drawn & (k > TUNING.loose))
+            guess = np.where(kept[:, :, None], larger, level.picture)
             field = _doubled(field, (h, w))
-        search = _Search(level, RADIUS if k else 2, AWAY * layers)
-        for _ in range(ROUNDS[min(k, 3)]):
-            field, cost = search.nearest(guess, field) if k or field is None else search.same(field)
+        search = _Search(level, RADIUS if k else 2, costs)
+        for _ in range(TUNING.rounds[min(k, 3)]):
+            field, cost = search.nearest(guess, field) if k or field is None else search.snapped(field)
             weight = search.weights(cost)
             guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
-            if k > LOOSE:
+            if k > TUNING.loose:
                 guess = np.where(level.drawn[:, :, None], level.picture, guess)
     assert field is not None
     return add_grain(guess, levels[0].picture, levels[0].hole, field)
 
 
 def thin_out(places: Places, most: int) -> Places:
-    """About `most` of them, evenly spread."""
+    """About `most` of them, evenly spread by steps of the golden ratio."""
     part = most / max(len(places), 1)
     if part >= 1:
         return places
-    return places[np.arange(len(places)) * GOLDEN % 1 < part]
+    return places[np.arange(len(places)) * ((5**0.5 - 1) / 2) % 1 < part]
 
 
 def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int64]:
@@ -274,32 +121,86 @@ def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int6
     return np.asarray(near * 2 + np.stack(np.meshgrid(rows % 2, columns % 2, indexing="ij"), -1))
 
 
-class _Search:
-    """Patches of one scale, and where each finds its like."""
+def image_pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterator[Level]:
+    """From the finest to the coarsest scale that still has whole known patches; there the hole is shallow."""
+    known = (~hole).astype(np.float32)
+    value = picture * known[:, :, None]
+    part = strips.astype(np.float32)
+    strip = start * part[:, :, None]
+    for k in range(12):
+        now = known < (0.999 if k == 0 else 0.5)
+        if patch_centres(now, RADIUS if k else 2).sum() < 64:
+            return
+        mean, line = (v / np.maximum(p, 1e-6)[:, :, None] for v, p in ((value, known), (strip, part)))
+        drawn = now & (part > 0.35)
+        yield Level(np.where(drawn[:, :, None], line, mean).astype(np.float32), now, drawn)
+        depth = cv2.distanceTransform(now.astype(np.uint8), cv2.DIST_L2, 3).max()
+        if depth < TUNING.max_depth or min(now.shape) < (96 if now.size < TUNING.wide else 48):
+            return
+        size = (now.shape[1] + 1) // 2, (now.shape[0] + 1) // 2
+        value, known, strip, part = (
+            np.asarray(cv2.resize(a, size, interpolation=cv2.INTER_AREA), np.float32)
+            for a in (value, known, strip, part)
+        )
 
-    def __init__(self, level: Level, radius: int, away: NDArray[np.float64]) -> None:
+
+def direction_costs(level: Level) -> NDArray[np.float64]:
+    """(2,): factor of the cost of borrowing from other rows, and from other columns.
+
+    A floor, a shelf or a horizon lies along the rows: there the picture resembles itself to the side more than up or
+    down.
+    """
+    reach = max(min(level.hole.shape) // 8, 2)
+    differences = []
+    for axis in (0, 1):
+        before, after = (
+            tuple(part if a == axis else slice(None) for a in (0, 1))
+            for part in (slice(None, -reach), slice(reach, None))
+        )
+        both = ~(level.hole[before] | level.hole[after])
+        gap = np.abs(level.picture[before] - level.picture[after]).mean(axis=2)[both]
+        differences.append(float(gap.mean()) if gap.size else 1.0)
+    most = TUNING.max_direction_cost
+    ratio = np.clip((differences[0] + 1) / (differences[1] + 1), 1 / most, most)
+    return np.array([max(ratio, 1.0), max(1 / ratio, 1.0)]) ** 2
+
+
+def patch_centres(hole: Mask, radius: int) -> Mask:
+    """Centres of patches that are known as a whole."""
+    blocked = np.pad(hole, radius, constant_values=True).astype(np.uint8)
+    blocked = cv2.dilate(blocked, _square(radius)).astype(np.uint8)
+    return np.asarray(blocked[radius:-radius, radius:-radius] == 0)
+
+
+def _square(radius: int) -> NDArray[np.uint8]:
+    return np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+
+
+class _Search:
+    """Patches of one scale, and the search for the known patch most like each."""
+
+    def __init__(self, level: Level, radius: int, costs: NDArray[np.float64]) -> None:
         self.level, self.radius = level, radius
-        self.away = (away / np.hypot(*level.hole.shape)).astype(np.float32)
-        width = 2 * radius + 1
+        self.distance_cost = (costs / np.hypot(*level.hole.shape)).astype(np.float32)
         self.every: tuple[Places, F32, F32] | None = None
         self.sources = patch_centres(level.hole, radius)
         self.source_at: Places = np.argwhere(self.sources)
-        touching = cv2.dilate(level.hole.astype(np.uint8), np.ones((width, width), np.uint8)) > 0
+        touching = cv2.dilate(level.hole.astype(np.uint8), _square(radius)) > 0
         self.at: Places = np.argwhere(touching)
         deep = cv2.distanceTransform(np.pad(level.hole, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-        self.trust = np.asarray(GAMMA ** -np.minimum(deep, 20), np.float32)
+        self.trust = np.asarray(TUNING.trust ** -np.minimum(deep, 20), np.float32)
         whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(np.float32)
         self.mask = self._patches(whole)[self.at[:, 0], self.at[:, 1]]
         halved = np.pad(np.round(level.picture / 2), ((radius, radius), (radius, radius), (0, 0)))
         self.flat = halved.astype(np.float32).reshape(-1, 3)
         self.known = self._patches(halved.astype(np.float32))
-        # nearest source of every pixel: where a doubled place is none
+        # nearest source of every pixel: a doubled place need not be one
         _, labels = cv2.distanceTransformWithLabels(
             (~self.sources).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
         )
         own = np.zeros((labels.max() + 1, 2), np.int64)
         own[labels[self.sources]] = self.source_at
-        self.snap = own[labels]
+        self.nearest_source = own[labels]
 
     def _patches(self, padded: F32) -> F32:
         """(H, W, width, width[, 3]) view."""
@@ -307,51 +208,51 @@ class _Search:
         view = np.lib.stride_tricks.sliding_window_view(padded, (width, width), (0, 1))
         return np.moveaxis(view, 2, -1) if padded.ndim == 3 else view
 
+    def _field(self, places: Places) -> NDArray[np.int64]:
+        """(H, W, 2): `places` at `self.at`, elsewhere each pixel's own."""
+        result = np.moveaxis(np.indices(self.level.hole.shape), 0, -1)
+        result[self.at[:, 0], self.at[:, 1]] = places
+        return result
+
     def nearest(self, guess: F32, field: NDArray[np.int64] | None) -> tuple[NDArray[np.int64], F32]:
         """Centres of the best known patches (H, W, 2), and their costs, one for each of `at`."""
         r = self.radius
         around: F32 = np.pad(np.round(guess / 2), ((r, r), (r, r), (0, 0)), mode="edge").astype(np.float32)
         target = self._patches(around)[self.at[:, 0], self.at[:, 1]]
-        total = self.mask.sum((1, 2))
-        if field is None or len(self.at) * len(self.source_at) < EVERY:
-            best, cost = self._all(target, total)
+        if field is None or len(self.at) * len(self.source_at) < TUNING.max_pairs:
+            best, cost = self._exhaustive(target)
         else:
-            some = np.s_[:, ::2, ::2]  # one in four tells as much, once the place is roughly known
-            best, cost = self._near(target[some], self.mask[some], field)
-        result = np.moveaxis(np.indices(self.level.hole.shape), 0, -1)
-        result[self.at[:, 0], self.at[:, 1]] = best
-        return result, cost
+            some = np.s_[:, ::2, ::2]  # one pixel in four is enough, once the place is roughly known
+            best, cost = self._propagated(target[some], self.mask[some], field)
+        return self._field(best), cost
 
-    def same(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
-        """The centres in `field`, or where these are no whole patches, the nearest that are; all cost the same.
+    def snapped(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
+        """The centres in `field`, or the nearest that are whole patches; all cost the same.
 
         The finest scale only copies grain: pieces that stay as they were found keep more of it than smaller ones.
         """
         h, w = self.level.hole.shape
         place = field[self.at[:, 0], self.at[:, 1]]
-        result = np.moveaxis(np.indices((h, w)), 0, -1)
-        result[self.at[:, 0], self.at[:, 1]] = self.snap[
-            np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)
-        ]
-        return result, np.zeros(len(place), np.float32)
+        snapped = self.nearest_source[np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)]
+        return self._field(snapped), np.zeros(len(place), np.float32)
 
-    def _all(self, target: F32, total: F32) -> tuple[Places, F32]:
-        n = len(self.at)
+    def _exhaustive(self, target: F32) -> tuple[Places, F32]:
+        n, total = len(self.at), self.mask.sum((1, 2))
         if self.every is None:
-            places = thin_out(self.source_at, max(MOST // max(n, 1), 64))
+            places = thin_out(self.source_at, max(TUNING.max_first_pairs // max(n, 1), 64))
             there = self.known[places[:, 0], places[:, 1]]
             square = (there**2).sum(-1)
             down, right = (
                 np.subtract.outer(self.at[:, k].astype(np.float32), places[:, k].astype(np.float32))
                 for k in (0, 1)
             )
-            down *= self.away[0]
-            right *= self.away[1]
+            down *= self.distance_cost[0]
+            right *= self.distance_cost[1]
             flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
             self.every = places, flat, np.hypot(down, right, out=down)
         places, flat, far = self.every
         best, cost = np.zeros(n, np.int64), np.zeros(n, np.float32)
-        step = max(AT_ONCE // max(len(places), 1), 16)
+        step = max(TUNING.chunk // max(len(places), 1), 16)
         for k in range(0, n, step):
             part = slice(k, k + step)
             weighted = target[part] * self.mask[part][..., None]
@@ -365,7 +266,7 @@ class _Search:
             cost[part] = gap[np.arange(rows), best[part]] + own
         return places[best], cost
 
-    def _near(self, target: F32, mask: F32, field: NDArray[np.int64]) -> tuple[Places, F32]:
+    def _propagated(self, target: F32, mask: F32, field: NDArray[np.int64]) -> tuple[Places, F32]:
         total = mask.sum((1, 2))
         h, w = self.level.hole.shape
         rows, columns = self.at[:, 0], self.at[:, 1]
@@ -378,14 +279,14 @@ class _Search:
 
         def attempt(place: Places) -> None:
             place = np.stack([np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)], 1)
-            place = self.snap[place[:, 0], place[:, 1]]
+            place = self.nearest_source[place[:, 0], place[:, 1]]
             changed = np.flatnonzero((place != best).any(1) | ~np.isfinite(cost))
             there = place[changed]
             gap = self.flat.take((there[:, 0] * wide + there[:, 1])[:, None] + offsets, axis=0)
             gap -= aim.take(changed, axis=0)
             gap *= gap
             got = np.einsum("nkc,nk->n", gap, part.take(changed, axis=0), optimize=False) / total[changed]
-            got += np.hypot(*((there - self.at[changed]).astype(np.float32) * self.away).T)
+            got += np.hypot(*((there - self.at[changed]).astype(np.float32) * self.distance_cost).T)
             better = got < cost[changed]
             best[changed[better]] = there[better]
             cost[changed[better]] = got[better]
@@ -402,12 +303,12 @@ class _Search:
         return best, cost
 
     def weights(self, cost: F32) -> F32:
-        """How much each patch is believed."""
+        """Weight of each patch in the vote."""
         alike = np.maximum(np.exp(-cost / (2 * max(float(np.quantile(cost, 0.75)), 1.0))), 1e-4)
         return np.asarray(alike * self.trust[self.at[:, 0], self.at[:, 1]], np.float32)
 
     def vote(self, values: F32, now: F32, field: NDArray[np.int64], weight: F32, reach: int) -> F32:
-        """What the patches around each pixel of the hole would put there, on average."""
+        """The mean of what the patches around each pixel of the hole would put there."""
         h, w = self.level.hole.shape
         there = field[self.at[:, 0], self.at[:, 1]]
         wide = w + 2 * reach
@@ -424,3 +325,91 @@ class _Search:
         total, count = votes[inside][:, :, :3], votes[inside][:, :, 3:]
         mean = total / np.maximum(count, np.float32(1e-9))
         return np.where(self.level.hole[:, :, None] & (count > 0), mean, now)
+
+
+def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) -> F32:
+    """`guess` (H, W, 3) with the grain of `picture` at the place `field` (H, W, 2: row, column) of each pixel.
+
+    A mean of votes is smooth, and smooth patches borrow from smooth places. So the fill's fine part is copied from one
+    place alone, which keeps its spectrum, and made as strong as around the hole.
+    """
+    known = np.where(hole, np.float32(0), np.float32(1))
+    near = np.maximum(cv2.GaussianBlur(known, (0, 0), TUNING.grain_blur), np.float32(1e-3))
+    wide = cv2.GaussianBlur(picture * known[:, :, None], (0, 0), TUNING.grain_blur) / near[:, :, None]
+    own = np.asarray(picture - wide, np.float32)
+    y, x = np.nonzero(hole)
+    fine = np.zeros_like(own)
+    fine[y, x] = own[field[y, x, 0], field[y, x, 1]]
+    margin = TUNING.grain_margin
+    for part, piece in hole_pieces(hole):
+        grown = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in part)
+        whole = np.zeros(hole[grown].shape, np.uint8)
+        within = tuple(slice(s.start - g.start, s.stop - g.start) for s, g in zip(part, grown, strict=True))
+        whole[within] = piece[: whole[within].shape[0], : whole[within].shape[1]]
+        ring = cv2.dilate(whole, _square(margin)) > 0
+        around = _grain_strength(own[grown][ring & ~hole[grown]])
+        inside = _grain_strength(fine[part][piece])
+        if around > 0 and inside > 0:
+            fine[part][piece] *= np.float32(np.clip(around / inside, *TUNING.grain_gain))
+    return np.where(hole[:, :, None], cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur) + fine, guess)
+
+
+def _grain_strength(fine: F32) -> float:
+    """Levels, of (n, 3): the root of a median, so that an edge among them does not count as grain."""
+    return float(np.median((fine**2).mean(axis=1)) ** 0.5) if len(fine) else 0.0
+
+
+def exemplar_fill(picture: F32, hole: Mask, centres: Places, radius: int, costs: NDArray[np.float64]) -> F32:
+    """`(H, W, 3)` with `hole` filled patch after patch, where lines run into the hole first (Criminisi et al. 2004).
+
+    Patches of 2 radius + 1 px come from around `centres` (n, 2); `costs` (2,) of borrowing from as far as the picture
+    is wide, by direction. The next patch is known best (confidence) or has the strongest edges across the hole's
+    border (data).
+    """
+    h, w = hole.shape
+    width, r = 2 * radius + 1, radius
+    sides = ((r, r), (r, r))
+    now = np.pad(np.round(picture / 2), (*sides, (0, 0)), mode="edge").astype(np.float32)
+    open_ = np.pad(hole, sides)
+    within = np.pad(np.ones_like(hole), sides)
+    confidence = np.where(open_, np.float32(0), within.astype(np.float32))
+    view = np.lib.stride_tricks.sliding_window_view(now, (width, width), (0, 1))
+    patches = np.ascontiguousarray(np.moveaxis(view, 2, -1)[centres[:, 0], centres[:, 1]])
+    flat = patches.reshape(len(centres), -1)
+    square = (patches**2).sum(-1).reshape(len(centres), -1)
+    size = float(np.hypot(h, w))
+    while open_.any():
+        y, x = _next_pixel(now, open_, within, confidence, width)
+        here = (slice(y - r, y + r + 1), slice(x - r, x + r + 1))
+        known = ~open_[here] & within[here]
+        mask = known.astype(np.float32)
+        target = now[here] * mask[:, :, None]
+        gap = square @ mask.ravel() - 2 * (flat @ target.ravel()) + (target**2).sum()
+        far = np.hypot(costs[0] * (centres[:, 0] - (y - r)), costs[1] * (centres[:, 1] - (x - r)))
+        gap = gap / mask.sum() + (far / size).astype(np.float32)
+        best = patches[int(gap.argmin())]
+        new = open_[here] & within[here]
+        now[here][new] = best[new]
+        confidence[here][new] = confidence[here].mean()
+        open_[here] &= ~within[here]
+        open_[y, x] = False
+    return np.where(hole[:, :, None], 2 * now[r:-r, r:-r], picture)
+
+
+def _next_pixel(now: F32, open_: Mask, within: Mask, confidence: F32, width: int) -> tuple[int, int]:
+    """The pixel of the hole's border with the highest priority."""
+    known = (~open_ & within).astype(np.uint8)
+    front = open_ & (cv2.dilate(known, _square(1)) > 0)
+    solid = cv2.erode(known, _square(1)).astype(np.float32)[:, :, None]
+    gx, gy = (cv2.Sobel(now, cv2.CV_32F, *d, ksize=3) / 8 * solid for d in ((1, 0), (0, 1)))
+    soft = cv2.GaussianBlur(known.astype(np.float32), (0, 0), 1.5)
+    nx, ny = (cv2.Sobel(soft, cv2.CV_32F, *d, ksize=3) for d in ((1, 0), (0, 1)))
+    length = np.hypot(nx, ny) + np.float32(1e-6)
+    tx, ty = -ny / length, nx / length
+    box = (width, width)
+    xx, xy, yy = (cv2.boxFilter((a * b).sum(2), -1, box) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
+    edges = np.sqrt(np.maximum(xx * tx * tx + 2 * xy * tx * ty + yy * ty * ty, 0)) / 16
+    priority = cv2.boxFilter(confidence, -1, box) * (np.minimum(edges, 1) + TUNING.edge_weight)
+    rank = np.where(front, priority, -1)
+    y, x = np.unravel_index(int(rank.argmax()), rank.shape)
+    return int(y), int(x)

@@ -1,4 +1,8 @@
-"""Harmonic fill of holes (Laplace's equation) and seamless blending."""
+"""Harmonic fill of holes (Laplace's equation) and seamless blending.
+
+The equation is solved by conjugate gradients, preconditioned by one multigrid V-cycle (Briggs, A Multigrid Tutorial).
+The photo's border is free (no flow through it); values beside the hole are boundary values.
+"""
 
 from __future__ import annotations
 
@@ -9,51 +13,45 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from physgen.perceive.roles import F32, Mask, Rgb
 
-
-ISLAND = 6
-"""px: gaps between objects narrower than this are not learnt from, they are mostly contact shadow."""
-ASIDE = 6
-"""px beside the hole that somebody else's background is not compared in."""
-FADE = 5.0
-"""px into the hole over which a difference at its border fades."""
+ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
+MARGIN = 6  # px beside the hole where another program's background is not compared
+FADE = 5.0  # px into the hole over which a difference at its border fades
 
 
 def harmonic_fill(picture: F32, hole: Mask, tolerance: float = 0.02) -> F32:
-    """`(H, W, C)` float32 with `hole` (H, W) filled by the harmonic function that meets the rest; float32.
+    """`(H, W, C)` float32 with `hole` (H, W) filled by the harmonic function that meets the rest.
 
     Linear ramps are reproduced. `tolerance` is the error that may be left, in the picture's unit. Where nothing is
-    outside the hole, the picture comes back as it is.
+    outside the hole, the picture is returned unchanged.
     """
     if not hole.any() or hole.all():
         return picture.copy()
-    result = _rough(picture, hole)
+    result = _pull_push(picture, hole)
     for part, piece in hole_pieces(hole):
         result[part] = _solve(result[part], piece, tolerance)
     return result
 
 
-def seamless(other: NDArray[np.uint8], photo: NDArray[np.uint8], hole: Mask) -> NDArray[np.uint8]:
-    """Somebody else's background, `(H, W, 3)` uint8, made to meet the photo at the border of `hole` (H, W).
+def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
+    """Another program's background `(H, W, 3)`, made to meet the photo at the border of `hole` (H, W).
 
-    The differences some way around the hole are spread over it by a membrane and taken away (Perez et al. 2003,
+    The differences some way around the hole are spread over it by a harmonic fill and subtracted (Perez et al. 2003,
     Poisson image editing); those right at its border, mostly contact shadows, fade out within a few pixels. Outside
     the hole the result equals `photo`.
     """
-    around = dilate(close_gaps(hole), ASIDE)
+    around = dilate(close_gaps(hole), MARGIN)
     around = hole if around.all() else around
     gap = photo.astype(np.float32) - other.astype(np.float32)
     spread = harmonic_fill(np.where(around[:, :, None], np.float32(0), gap), around)
     return blend_at_border(other.astype(np.float32) + spread, photo, hole)
 
 
-def blend_at_border(filled: F32, photo: NDArray[np.uint8], hole: Mask) -> NDArray[np.uint8]:
-    """`filled` (H, W, 3) in the hole and `photo` outside: uint8; shadows at the border reach a few pixels in, and fade.
+def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:
+    """`filled` (H, W, 3) in the hole and `photo` outside, as uint8; shadows at the border fade out a few pixels inside.
 
-    So the shadow that stays between two objects ends softly, and its darkness does not fill the place where they lay.
-    A shadow dims every colour: what is brighter in any is an object's blurred rim and is not carried.
+    A shadow dims every colour: a pixel that is brighter in any channel is an object's blurred rim and is not carried.
     """
     if not hole.any() or hole.all():
         return photo.copy()
@@ -66,18 +64,21 @@ def blend_at_border(filled: F32, photo: NDArray[np.uint8], hole: Mask) -> NDArra
 
 def close_gaps(hole: Mask) -> Mask:
     """The hole with narrow gaps and small islands in it closed."""
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * ISLAND + 1, 2 * ISLAND + 1))
-    shut = cv2.morphologyEx(np.pad(hole, ISLAND).astype(np.uint8), cv2.MORPH_CLOSE, disc)
+    shut = cv2.morphologyEx(np.pad(hole, ISLAND).astype(np.uint8), cv2.MORPH_CLOSE, _disc(ISLAND))
     shut = shut[ISLAND:-ISLAND, ISLAND:-ISLAND]
     count, ids, stats, _ = cv2.connectedComponentsWithStats(1 - shut, connectivity=4)
     small = np.array([k > 0 and stats[k, cv2.CC_STAT_AREA] < 16 * ISLAND**2 for k in range(count)])
     return np.asarray(hole | (shut > 0) | small[ids])
 
 
-def dilate(mask: Mask, by: int) -> Mask:
-    """The mask and all within `by` px of it."""
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by + 1, 2 * by + 1))
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
+def dilate(mask: Mask, radius: int) -> Mask:
+    """The mask and all within `radius` px of it."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(radius)) > 0)
+
+
+def _disc(radius: int) -> NDArray[np.uint8]:
+    size = 2 * radius + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
 
 
 def bounding_slices(mask: Mask, margin: int) -> tuple[slice, slice]:
@@ -90,7 +91,7 @@ def bounding_slices(mask: Mask, margin: int) -> tuple[slice, slice]:
 
 
 def hole_pieces(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
-    """The connected pieces of `hole` (H, W), each as rows and columns with 1 px around, and its mask in there."""
+    """The connected pieces of `hole` (H, W): each as rows and columns with 1 px around, and its mask in there."""
     count, ids, stats, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=4)
     for k in range(1, count):
         x, y, w, h = (int(n) for n in stats[k, :4])
@@ -98,8 +99,8 @@ def hole_pieces(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
         yield part, ids[part] == k
 
 
-def _rough(picture: F32, hole: Mask) -> F32:
-    """Pull and push (Gortler et al. 1996): a good first guess of the film, from ever coarser averages."""
+def _pull_push(picture: F32, hole: Mask) -> F32:
+    """First guess of the fill from ever coarser averages (Gortler et al. 1996)."""
     known = np.where(hole, np.float32(0), np.float32(1))
     if not hole.any() or min(hole.shape) < 2:
         return picture.copy()
@@ -109,20 +110,27 @@ def _rough(picture: F32, hole: Mask) -> F32:
     value = np.pad(picture * known[:, :, None], (*pad, (0, 0)))
     half = weight.reshape(h // 2, 2, w // 2, 2).sum((1, 3))
     mean = value.reshape(h // 2, 2, w // 2, 2, -1).sum((1, 3)) / np.maximum(half, 1e-9)[:, :, None]
-    coarse = _rough(mean.astype(np.float32), half == 0)
+    coarse = _pull_push(mean.astype(np.float32), half == 0)
     fine = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_LINEAR).reshape(h, w, -1)
-    fine = fine[: hole.shape[0], : hole.shape[1]]
-    return np.where(hole[:, :, None], fine, picture)
+    return np.where(hole[:, :, None], fine[: hole.shape[0], : hole.shape[1]], picture)
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """One level of the multigrid: which pixels are unknown, and how many neighbours each has in the picture."""
+    """One level of the multigrid: unknown pixels, and the number of neighbours of each in the picture; (H, W, 1)."""
 
     free: F32
-    """(H, W, 1): 1 in the hole, 0 elsewhere."""
     degree: F32
-    """(H, W, 1)."""
+
+    def apply(self, x: F32) -> F32:
+        """Degree times x minus its neighbours; x is 0 outside the hole."""
+        y = self.degree * x
+        y[1:] -= x[:-1]
+        y[:-1] -= x[1:]
+        y[:, 1:] -= x[:, :-1]
+        y[:, :-1] -= x[:, 1:]
+        y *= self.free
+        return y
 
 
 def _grids(hole: Mask) -> list[_Grid]:
@@ -130,10 +138,8 @@ def _grids(hole: Mask) -> list[_Grid]:
     while True:
         h, w = hole.shape
         degree = np.full((h, w, 1), 4, np.float32)
-        degree[0] -= 1
-        degree[-1] -= 1
-        degree[:, 0] -= 1
-        degree[:, -1] -= 1
+        for edge in (degree[0], degree[-1], degree[:, 0], degree[:, -1]):
+            edge -= 1
         grids.append(_Grid(hole[:, :, None].astype(np.float32), np.maximum(degree, 1)))
         if min(h, w) < 4 or not hole.any():
             return grids
@@ -142,63 +148,52 @@ def _grids(hole: Mask) -> list[_Grid]:
         hole = np.asarray(padded.reshape(H // 2, 2, W // 2, 2).all((1, 3)))
 
 
-def _apply(grid: _Grid, x: F32) -> F32:
-    """Degree times x minus its neighbours; x is 0 outside the hole."""
-    y = grid.degree * x
-    y[1:] -= x[:-1]
-    y[:-1] -= x[1:]
-    y[:, 1:] -= x[:, :-1]
-    y[:, :-1] -= x[:, 1:]
-    y *= grid.free
-    return y
-
-
-def _cycle(grids: list[_Grid], level: int, right: F32) -> F32:
-    """One V-cycle: an approximate solution of `_apply(x) = right`, symmetric in `right`."""
+def _v_cycle(grids: list[_Grid], level: int, right: F32) -> F32:
+    """An approximate solution x of `grid.apply(x) = right`, symmetric in `right`."""
     grid = grids[level]
     damp = np.float32(0.8) * grid.free / grid.degree
     x = damp * right
-    rounds = 8 if level == len(grids) - 1 else 1
+    coarsest = level == len(grids) - 1
+    rounds = 8 if coarsest else 1
     for _ in range(rounds):
-        x += damp * (right - _apply(grid, x))
-    if level == len(grids) - 1:
+        x += damp * (right - grid.apply(x))
+    if coarsest:
         return x
-    rest = right - _apply(grid, x)
+    rest = right - grid.apply(x)
     h, w, _ = rest.shape
     rest = np.pad(rest, ((0, h % 2), (0, w % 2), (0, 0)))
-    coarse = grids[level + 1]
-    down = (rest[::2, ::2] + rest[::2, 1::2] + rest[1::2, ::2] + rest[1::2, 1::2]) * coarse.free
-    up = np.repeat(np.repeat(_cycle(grids, level + 1, down), 2, axis=0), 2, axis=1)
+    down = (rest[::2, ::2] + rest[::2, 1::2] + rest[1::2, ::2] + rest[1::2, 1::2]) * grids[level + 1].free
+    up = np.repeat(np.repeat(_v_cycle(grids, level + 1, down), 2, axis=0), 2, axis=1)
     x += up[:h, :w] * grid.free
     for _ in range(rounds + 1):
-        x += damp * (right - _apply(grid, x))
+        x += damp * (right - grid.apply(x))
     return x
 
 
-def _products(a: F32, b: F32) -> NDArray[np.float64]:
+def _dot(a: F32, b: F32) -> NDArray[np.float64]:
     """(C,): the sum of products over the picture, channel by channel."""
     return np.asarray([np.multiply(a[..., k], b[..., k]).sum(dtype=np.float64) for k in range(a.shape[2])])
 
 
-def _solve(start: F32, hole: Mask, tolerance: float, most: int = 60) -> F32:
+def _solve(start: F32, hole: Mask, tolerance: float, max_iterations: int = 60) -> F32:
     """`start` changed inside `hole` until every pixel there is the mean of its neighbours."""
     values = start.copy()
     grids = _grids(hole)
     fine = grids[0]
-    rest = -_apply(_Grid(np.ones_like(fine.free), fine.degree), values) * fine.free
-    z = _cycle(grids, 0, rest)
+    rest = -_Grid(np.ones_like(fine.free), fine.degree).apply(values) * fine.free
+    z = _v_cycle(grids, 0, rest)
     p = z.copy()
-    rz = _products(rest, z)
-    for _ in range(most):
+    rz = _dot(rest, z)
+    for _ in range(max_iterations):
         if float(np.abs(z).max()) <= tolerance:  # z estimates the error
             break
-        q = _apply(fine, p)
-        pq = _products(p, q)
+        q = fine.apply(p)
+        pq = _dot(p, q)
         step = np.where(pq > 0, rz / np.where(pq > 0, pq, 1), 0).astype(np.float32)
         values += step * p
         rest -= step * q
-        z = _cycle(grids, 0, rest)
-        new = _products(rest, z)
+        z = _v_cycle(grids, 0, rest)
+        new = _dot(rest, z)
         p = z + np.where(rz > 0, new / np.where(rz > 0, rz, 1), 0).astype(np.float32) * p
         rz = new
     return np.where(hole[:, :, None], values, start)

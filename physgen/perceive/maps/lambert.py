@@ -1,4 +1,9 @@
-"""Distant and ambient light that explains the shading of objects (Lambert's law) and highlights on balls."""
+"""Distant and ambient light that explains the shading of objects (Lambert's law) and highlights on balls.
+
+Pairs of pixels of one object and one colour differ in light by their shading alone, whatever their albedo. Lights all
+over the sky are compared by how well they explain those differences, and the best is refined. A bright spot on a glossy
+ball is a mirror image of the lamp, and shows where that is by itself.
+"""
 
 from __future__ import annotations
 
@@ -7,40 +12,44 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc
-from physgen.perceive.roles import Labels, PhotoObject, Rgb
+from physgen.perceive.roles import F32, Labels, Mask, PhotoObject, Rgb
 from physgen.photometry import DistantLight, decode, luminance
 
-F32 = NDArray[np.float32]
-
-PAIRS = 2400
-"""At most, in all."""
-ALIKE = 0.12
-"""How far the chromaticities (logarithms of red and blue over green) of a pair may lie apart."""
-TURNED = 0.35
-"""How far its normals must."""
-MOST = 0.5
-"""Of the logarithm of light: what is off by more is a print, a highlight or another thing's shadow."""
 AMBIENT = np.array([0.06, 0.15, 0.3, 0.55, 1.0], np.float32)
 """Over the intensity of the distant light: those tried."""
-SKY = 420
-"""Directions tried."""
-BULGING = 0.9
-"""Mean z of the normals, under which a thing has more to it than a face's rounded rim."""
-STEEP = 0.2, 0.4
-"""z of the normals under which a ball's, and anything else's, are not trusted."""
 TRUST = {"ball": 1.0, "bulging": 0.5, "flat": 0.12}
-"""How much is made of a thing's shading, for how well its normals are known."""
-ABOVE = 0.1
-"""What a light from straight below costs, of what would explain all: lamps and skies are mostly above."""
-SPOT = 0.25, 12.0
-"""What highlights that all agree are worth, of the same; degrees within which they do."""
-SPOT_SIZE = 0.3
-"""Of a ball's radius: the size under which a bright spot is a highlight."""
-BRIGHT, WHITE = 0.2, 0.35
-"""Linear light by which a highlight stands out, at least; how much of its light is not white, at most."""
+"""Weight of an object's shading, by how well its normals are known."""
+
+
+@dataclass(frozen=True)
+class _Tuning:
+    """Light is linear, costs are shares of what would explain everything."""
+
+    pairs: int = 2400  # in all, at most
+    alike: float = (
+        0.12  # between the chromaticities (logarithms of red and blue over green) of a pair, at most
+    )
+    turned: float = 0.35  # between its normals, at least
+    most: float = (
+        0.5  # of the logarithm of light: a larger error is a print, a highlight or another object's shadow
+    )
+    sky: int = 420  # directions tried
+    bulging: float = (
+        0.9  # mean z of the normals, under which an object has more to it than a face's rounded rim
+    )
+    ball_z: float = 0.2  # z of the normals under which a ball's are not trusted
+    other_z: float = 0.4  # and those of all others
+    below: float = 0.1  # cost of a light from straight below: lamps and skies are mostly above
+    spot_gain: float = 0.25  # of highlights that all agree
+    spot_angle: float = 12.0  # degrees within which they agree
+    spot_size: float = 0.3  # of a ball's radius: the size under which a bright spot is a highlight
+    bright: float = 0.2  # by which a highlight stands out, at least
+    white: float = 0.35  # share of its light that is not white, at most
+
+
+TUNING = _Tuning()
 
 
 @dataclass(frozen=True)
@@ -54,12 +63,12 @@ class PixelPairs:
     weight: F32
     """(n,)"""
     trust: float
-    """The sum of trust in the things seen: 1 for a plain ball."""
+    """The sum of trust in the objects seen: 1 for a plain ball."""
 
 
 @dataclass(frozen=True)
 class LightEstimate:
-    """A light and how well it explains what is seen."""
+    """A light and how well it explains the photo."""
 
     light: DistantLight
     """Its intensity and ambient sum to 1."""
@@ -69,43 +78,36 @@ class LightEstimate:
     """Highlights that agree."""
     trust: float
     others: tuple[tuple[DistantLight, float], ...] = ()
-    """Next best, and how much of what the best explains they do."""
+    """The next best, and the share of the best one's explanation that they reach."""
 
 
 def estimate_light(
-    rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], normals: F32
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], normals: F32
 ) -> LightEstimate | None:
-    """The light that explains the shading of all things together; None where nothing shows any."""
+    """The light that explains the shading of all objects together; None where none shows any."""
     linear = decode(rgb)
-    pairs = pixel_pairs(linear, labels, {t.id: isinstance(t.outline, Disc) for t in things}, normals)
-    spots = highlights(linear, labels, things)
-    return fit_light(pairs, spots)
+    pairs = pixel_pairs(linear, labels, {t.id: isinstance(t.outline, Disc) for t in objects}, normals)
+    return fit_light(pairs, highlights(linear, labels, objects))
 
 
 def fit_light(pairs: PixelPairs | None, spots: F32 | None = None) -> LightEstimate | None:
-    """The best light for `pairs`, with `spots` (m, 3) the directions that highlights tell."""
+    """The best light for `pairs`, with `spots` (m, 3) the directions of highlights."""
     spots = np.zeros((0, 3), np.float32) if spots is None else spots
     if pairs is None and len(spots) < 2:
         return None
-    sky = _sky(SKY)
+    sky = _directions(TUNING.sky)
     cost = _cost(pairs, sky, spots)
-    at = np.unravel_index(int(cost.argmin()), cost.shape)
-    best = sky[at[0]]
-    around = best + 0.12 * _sky(160, whole=True)
-    around = np.concatenate([best[None], around / np.linalg.norm(around, axis=1, keepdims=True)]).astype(
-        np.float32
-    )
+    best = sky[np.unravel_index(int(cost.argmin()), cost.shape)[0]]
+    around = best + 0.12 * _directions(160, whole=True)
+    around = np.concatenate([best[None], around / np.linalg.norm(around, axis=1, keepdims=True)])
+    around = around.astype(np.float32)
     fine = _cost(pairs, around, spots)
     low = np.unravel_index(int(fine.argmin()), fine.shape)
     direction, ratio = around[low[0]], float(AMBIENT[low[1]])
-    agree = int((spots @ direction > np.cos(np.radians(2 * SPOT[1]))).sum())
-    gain = 1 - float(cost.min())
-    explained = 0.0
-    if pairs is not None:
-        explained = 1 - float(_misfit(pairs, direction[None])[0, low[1]])
-    others = []
-    left = cost.min(axis=1)
-    taken = [direction]
+    agree = int((spots @ direction > np.cos(np.radians(2 * TUNING.spot_angle))).sum())
+    explained = 0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
+    gain, left = 1 - float(cost.min()), cost.min(axis=1)
+    others, taken = [], [direction]
     for _ in range(2):
         far = np.all([sky @ one < np.cos(np.radians(35)) for one in taken], axis=0)
         if not far.any():
@@ -124,31 +126,31 @@ def _light(direction: F32, ratio: float) -> DistantLight:
 
 
 def _cost(pairs: PixelPairs | None, sky: F32, spots: F32) -> F32:
-    """(m, ambients): what is left unexplained, 1 for even light, and what each direction costs beforehand."""
+    """(m, ambients): the unexplained share, 1 for even light, and the prior cost of each direction."""
     cost = np.ones((len(sky), len(AMBIENT)), np.float32)
     if pairs is not None:
-        share = min(1.0, 2 * pairs.trust)  # little shading says little
+        share = min(1.0, 2 * pairs.trust)  # little shading is weak evidence
         cost += np.float32(share) * (_misfit(pairs, sky) - 1)
-    cost += np.float32(ABOVE) * np.maximum(sky[:, 1], -0.3)[:, None]
+    cost += np.float32(TUNING.below) * np.maximum(sky[:, 1], -0.3)[:, None]
     if len(spots):
         off = np.degrees(np.arccos(np.clip(sky @ spots.T, -1, 1)))
-        agree = np.exp(-0.5 * (off / SPOT[1]) ** 2).sum(axis=1) / (len(spots) + 0.5)
-        cost -= np.float32(SPOT[0]) * agree[:, None].astype(np.float32)
+        agree = np.exp(-0.5 * (off / TUNING.spot_angle) ** 2).sum(axis=1) / (len(spots) + 0.5)
+        cost -= np.float32(TUNING.spot_gain) * agree[:, None].astype(np.float32)
     return cost
 
 
 def _misfit(pairs: PixelPairs, sky: F32) -> F32:
     """(m, ambients): the mean error of the pairs' differences, over that of even light."""
     one, two = (np.maximum(part @ sky.T, 0) for part in (pairs.first, pairs.second))
-    even = float((pairs.weight * np.minimum(np.abs(pairs.change), MOST)).sum())
+    even = float((pairs.weight * np.minimum(np.abs(pairs.change), TUNING.most)).sum())
     found = np.empty((len(sky), len(AMBIENT)), np.float32)
     for k, ambient in enumerate(AMBIENT):
-        told = np.log((one + ambient) / (two + ambient))
-        found[:, k] = pairs.weight @ np.minimum(np.abs(told - pairs.change[:, None]), MOST)
+        predicted = np.log((one + ambient) / (two + ambient))
+        found[:, k] = pairs.weight @ np.minimum(np.abs(predicted - pairs.change[:, None]), TUNING.most)
     return found / np.float32(max(even, 1e-9))
 
 
-def _sky(count: int, whole: bool = False) -> F32:
+def _directions(count: int, whole: bool = False) -> F32:
     """(count, 3) directions, evenly (Fibonacci's spiral), all but those behind the scene unless `whole`."""
     k = np.arange(count) + 0.5
     z = 1 - k / count * (2.0 if whole else 1.05)
@@ -158,64 +160,55 @@ def _sky(count: int, whole: bool = False) -> F32:
 
 
 def pixel_pairs(linear: F32, labels: Labels, balls: dict[int, bool], normals: F32) -> PixelPairs | None:
-    """Pairs of things, of which those in `balls` are spheres; drawn at random, the same each time."""
+    """Pairs in the objects of `balls`, which tells the spheres among them; drawn at random, the same each time."""
     random = np.random.default_rng(0)
     level = np.log(luminance(linear) + np.float32(2e-3))
     small = linear + np.float32(4e-3)
     chroma = np.log(np.stack([small[..., 0] / small[..., 1], small[..., 2] / small[..., 1]], -1))
     full = linear.max(axis=2) < 0.98
     parts, trusts = [], 0.0
-    each = max(60, PAIRS // max(len(balls), 1))
-    for i, round_ in balls.items():
-        rows, columns = np.nonzero(_inner(labels, i))
-        keep = (normals[rows, columns, 2] > (STEEP[0] if round_ else STEEP[1])) & full[rows, columns]
+    each = max(60, TUNING.pairs // max(len(balls), 1))
+    for i, ball in balls.items():
+        inner: Mask = cv2.erode((labels == i).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        rows, columns = np.nonzero(inner)
+        least = TUNING.ball_z if ball else TUNING.other_z
+        keep = (normals[rows, columns, 2] > least) & full[rows, columns]
         rows, columns = rows[keep], columns[keep]
         if len(rows) < 40:
             continue
         z = float(normals[rows, columns, 2].mean())
-        kind = "ball" if round_ else "bulging" if z < BULGING else "flat"
+        kind = "ball" if ball else "bulging" if z < TUNING.bulging else "flat"
         a, b = random.integers(0, len(rows), (2, 12 * each))
         n, m = normals[rows[a], columns[a]], normals[rows[b], columns[b]]
-        same = np.abs(chroma[rows[a], columns[a]] - chroma[rows[b], columns[b]]).max(axis=1) < ALIKE
-        good = np.flatnonzero(same & (np.linalg.norm(n - m, axis=1) > TURNED))[:each]
+        same = np.abs(chroma[rows[a], columns[a]] - chroma[rows[b], columns[b]]).max(axis=1) < TUNING.alike
+        good = np.flatnonzero(same & (np.linalg.norm(n - m, axis=1) > TUNING.turned))[:each]
         if len(good) < 20:
             continue
         a, b = a[good], b[good]
         weight = TRUST[kind] * min(1.0, len(good) / each) * min(1.0, (len(rows) / 600) ** 0.5)
         trusts += weight
-        parts.append(
-            (
-                level[rows[a], columns[a]] - level[rows[b], columns[b]],
-                n[good],
-                m[good],
-                np.full(len(good), weight / len(good), np.float32),
-            )
-        )
+        change = level[rows[a], columns[a]] - level[rows[b], columns[b]]
+        parts.append((change, n[good], m[good], np.full(len(good), weight / len(good), np.float32)))
     if not parts:
         return None
     change, first, second, weights = (np.concatenate(part) for part in zip(*parts, strict=True))
     return PixelPairs(change, first, second, weights, trusts)
 
 
-def _inner(labels: Labels, i: int) -> NDArray[np.bool_]:
-    own = (labels == i).astype(np.uint8)
-    return np.asarray(cv2.erode(own, np.ones((3, 3), np.uint8)) > 0)
-
-
-def highlights(linear: F32, labels: Labels, things: Sequence[PhotoObject]) -> F32:
-    """(m, 3) directions of the lamp that bright white spots on balls are mirror images of.
+def highlights(linear: F32, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
+    """(m, 3) directions of the lamp whose mirror images are the bright white spots on balls.
 
     The normal there lies halfway between viewer and lamp (Blinn 1977).
     """
     found = []
-    for thing in things:
-        if not isinstance(thing.outline, Disc) or thing.outline.radius < 8:
+    for item in objects:
+        if not isinstance(item.outline, Disc) or item.outline.radius < 8:
             continue
-        x, y, r = float(thing.outline.center[0]), float(thing.outline.center[1]), float(thing.outline.radius)
+        x, y, r = float(item.outline.center[0]), float(item.outline.center[1]), float(item.outline.radius)
         x0, y0 = max(0, int(x - r)), max(0, int(y - r))
         part = linear[y0 : int(y + r) + 2, x0 : int(x + r) + 2]
-        own = labels[y0 : int(y + r) + 2, x0 : int(x + r) + 2] == thing.id
-        spot = _spot(part, own, r)
+        own = labels[y0 : int(y + r) + 2, x0 : int(x + r) + 2] == item.id
+        spot = _white_spot(part, own, r)
         if spot is None:
             continue
         u, v = (spot[0] + x0 - x) / r, (spot[1] + y0 - y) / r
@@ -226,18 +219,18 @@ def highlights(linear: F32, labels: Labels, things: Sequence[PhotoObject]) -> F3
     return np.array(found, np.float32).reshape(-1, 3)
 
 
-def _spot(part: F32, own: NDArray[np.bool_], radius: float) -> tuple[float, float] | None:
+def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | None:
     """(x, y) of the brightest white spot much smaller than the ball; None where there is none."""
     least = np.where(own, part.min(axis=2), 0).astype(np.float32)
-    size = 2 * max(1, round(SPOT_SIZE * radius)) + 1
+    size = 2 * max(1, round(TUNING.spot_size * radius)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     stands = least - cv2.morphologyEx(least, cv2.MORPH_OPEN, kernel)
     peak = float(stands.max())
-    if peak < BRIGHT:
+    if peak < TUNING.bright:
         return None
     row, column = np.unravel_index(int(stands.argmax()), stands.shape)
     colour = part[row, column]
-    if float(colour.max() - colour.min()) > WHITE * float(colour.max()):
+    if float(colour.max() - colour.min()) > TUNING.white * float(colour.max()):
         return None
     count, ids = cv2.connectedComponents((stands > 0.5 * peak).astype(np.uint8))
     blob = ids == ids[row, column]

@@ -1,4 +1,9 @@
-"""Occlusion order of objects, and the layers to draw them in."""
+"""Occlusion order of objects, and the layers to draw them in.
+
+A hidden part follows from how its outline would go on: a round object's circle, or the hull that closes a bay or a
+hole, passes under what lies in front (amodal completion, Kanizsa 1979). A border that two objects share belongs to
+the nearer one, so it follows that one's own smooth outline. Where two objects just touch, nothing is hidden.
+"""
 
 from __future__ import annotations
 
@@ -7,58 +12,55 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.geometry.circles import robust_circle
 from physgen.geometry.fitting import long_border, touching_masks
 from physgen.geometry.polygon import Array
-from physgen.perceive.roles import Labels
+from physgen.perceive.roles import Labels, Mask
 
-Mask = NDArray[np.bool_]
 
-DEEP, PART = 6.0, 0.1
-"""px, and share of the smaller thing's size, by which a thing must reach under another: true masks of things that rest
-on each other, seen a little from above, reach 5 px under. Chosen on the studio's tuning half."""
-FREE = 0.25
-"""Of a full turn: what must be seen of a circle's border that it is known to go on."""
-ROUND = 0.04
-"""Of its radius, `COARSE` px at least: how far the border of a round thing that is seen may lie off its circle."""
-COARSE = 0.8
-FITS = 0.95
-"""Of the border that is seen: what lies so near to the circle."""
-OPEN = 0.04
-"""Of a circle: what of it may show the background, where the thing would be if it went on."""
-FILLED = 0.8
-"""Of a bay or a hole: what another thing fills of it."""
-WHOLE = 0.97
-"""Of its circle: what is seen of a round thing that nothing hides."""
-TWICE = 2.0
-"""How much deeper one of two must reach under the other, where each seems to reach under the other."""
-NEAR = 2.6
-"""px between borders that two things share."""
+@dataclass(frozen=True)
+class _Limits:
+    """When an object reaches under another; px unless stated."""
+
+    deep: float = 6.0  # and at least ...
+    part: float = 0.1  # ... this share of the smaller object's size: true masks of objects on each other,
+    # seen a little from above, reach 5 px under (chosen on the studio's tuning half)
+    twice: float = 2.0  # how much deeper one of two must reach, where each seems to reach under the other
+    free_arc: float = 0.25  # of a full turn: what must be seen of a circle's border that it is known to go on
+    rounded: float = 0.04  # of its radius, and at least ...
+    coarse: float = 0.8  # ... this: by how much the border of a round object may lie off its circle
+    fits: float = 0.95  # share of the seen border that lies so near to the circle
+    open: float = (
+        0.04  # share of a circle that may show the background, where the object would be if it went on
+    )
+    filled: float = 0.8  # share of a bay or a hole that another object fills
+    whole: float = 0.97  # share of its circle that is seen of a round object in front
+    near: float = 2.6  # between borders that two objects share
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
 class OcclusionOrder:
-    """One thing before another."""
+    """One object in front of another, by their ids."""
 
     front: int
-    """Its id."""
     behind: int
-    """Likewise."""
     confidence: float
     """0..1."""
 
 
 def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]:
-    """What hides a part of what, the surest first."""
+    """Pairs where one object hides a part of the other, the surest first."""
     found = []
     for i, j in touching_masks(labels, ids):
         part, inner = _window(labels, i, j)
         size = min(float(np.sqrt((part == k).sum())) for k in (i, j))
-        under = [_under(part, inner, i, j), _under(part, inner, j, i)]
+        under = [_reach_under(part, inner, i, j), _reach_under(part, inner, j, i)]
         deep = max(under)
-        if deep < max(DEEP, PART * size) or deep < TWICE * min(under):
+        if deep < max(LIMITS.deep, LIMITS.part * size) or deep < LIMITS.twice * min(under):
             continue
         front, behind = (j, i) if under[0] > under[1] else (i, j)
         found.append(OcclusionOrder(front, behind, round(min(0.5 + 0.4 * deep / size, 0.9), 2)))
@@ -68,9 +70,9 @@ def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]
 def drawing_layers(
     found: Sequence[OcclusionOrder], fixed: Mapping[int, int] | None = None
 ) -> tuple[dict[int, int], list[OcclusionOrder]]:
-    """The layers of all things in `found` that are not 0, by id, and the orders that they keep.
+    """The layers of all objects in `found` that are not 0, by id, and the orders that they keep.
 
-    Orders that would close a ring are left out, the least sure first. Layers that are `fixed` stay, whatever is found.
+    Orders that would close a ring are left out, the least sure first. `fixed` layers stay.
     """
     before: dict[int, set[int]] = {}
     kept: list[OcclusionOrder] = []
@@ -81,17 +83,17 @@ def drawing_layers(
         kept.append(order)
     level = dict(fixed or {})
 
-    def of(i: int) -> int:
+    def layer(i: int) -> int:
         if i not in level:
-            level[i] = max((of(k) + 1 for k in before.get(i, ())), default=0)
+            level[i] = max((layer(k) + 1 for k in before.get(i, ())), default=0)
         return level[i]
 
-    told = {i: of(i) for one in kept for i in (one.front, one.behind)}
-    return {i: k for i, k in told.items() if k and i not in (fixed or {})}, kept
+    layers = {i: layer(i) for one in kept for i in (one.front, one.behind)}
+    return {i: k for i, k in layers.items() if k and i not in (fixed or {})}, kept
 
 
 def _all_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
-    """What lies behind a thing, and behind that, and so on."""
+    """Objects behind an object, and behind those, and so on."""
     seen: set[int] = set()
     left = [start]
     while left:
@@ -101,53 +103,53 @@ def _all_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
     return seen
 
 
-def _under(part: Labels, inner: Mask, i: int, j: int) -> float:
-    """px by which thing i seems to reach under thing j."""
+def _reach_under(part: Labels, inner: Mask, i: int, j: int) -> float:
+    """px by which object i seems to reach under object j."""
     mine, other = part == i, part == j
-    deep = _bay(mine, other)
-    if (circle := _circle(part, inner, i)) is not None:
-        off = circle[2] - _far(circle, other.shape)
-        if ((off > 0) & (part == 0) & inner).sum() <= OPEN * np.pi * circle[2] ** 2:
+    deep = _filled_bay(mine, other)
+    if (circle := _free_circle(part, inner, i)) is not None:
+        off = circle[2] - _distance(circle, other.shape)
+        if ((off > 0) & (part == 0) & inner).sum() <= LIMITS.open * np.pi * circle[2] ** 2:
             deep = max(deep, float(off[other].max()))
-    if (circle := _circle(part, inner, j)) is not None:
-        within = _far(circle, other.shape) <= circle[2]
-        if (within & other).sum() >= WHOLE * (within & inner).sum():
-            deep = max(deep, _sag(mine, other))
+    if (circle := _free_circle(part, inner, j)) is not None:
+        within = _distance(circle, other.shape) <= circle[2]
+        if (within & other).sum() >= LIMITS.whole * (within & inner).sum():
+            deep = max(deep, _bulge(mine, other))
     return deep
 
 
-def _bay(mine: Mask, other: Mask) -> float:
-    """px by which another thing reaches into the hull of one, in bays and holes that it fills."""
+def _filled_bay(mine: Mask, other: Mask) -> float:
+    """px by which another object reaches into the hull of one, in bays and holes that it fills."""
     hull = np.zeros(mine.shape, np.uint8)
     cv2.fillConvexPoly(hull, cv2.convexHull(np.argwhere(mine)[:, ::-1].astype(np.int32)), 1)
     within = cv2.distanceTransform(np.pad(hull, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    count, bays, stats, _ = cv2.connectedComponentsWithStats(
-        ((hull > 0) & ~mine).astype(np.uint8), connectivity=4
-    )
-    filled = np.bincount(bays[other], minlength=count) >= FILLED * stats[:, cv2.CC_STAT_AREA]
+    open_ = ((hull > 0) & ~mine).astype(np.uint8)
+    count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
+    filled = np.bincount(bays[other], minlength=count) >= LIMITS.filled * stats[:, cv2.CC_STAT_AREA]
     filled[0] = False
     reached = within[filled[bays] & other]
     return float(reached.max()) if len(reached) else 0.0
 
 
-def _circle(part: Labels, inner: Mask, i: int) -> Array | None:
-    """`(3,)` px: x, y, radius of the circle that the free border of a thing lies on; None where it lies on none."""
+def _free_circle(part: Labels, inner: Mask, i: int) -> Array | None:
+    """`(3,)` px: x, y, radius of the circle that the free border of an object lies on; None where it lies on none."""
     border = long_border(part == i)
-    free = border[(_gap((part != 0) & (part != i), border) > NEAR) & (_gap(~inner, border) > NEAR)]
+    others = (part != 0) & (part != i)
+    free = border[(_gap(others, border) > LIMITS.near) & (_gap(~inner, border) > LIMITS.near)]
     if len(free) < 12:
         return None
     circle = robust_circle(free)
     x, y = (free - circle[:2]).T
     seen = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
     off = np.abs(np.hypot(x, y) - circle[2])
-    fits = float((off <= max(COARSE, ROUND * circle[2])).mean())
-    return circle if len(seen) >= FREE * 72 and fits >= FITS else None
+    fits = float((off <= max(LIMITS.coarse, LIMITS.rounded * circle[2])).mean())
+    return circle if len(seen) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits else None
 
 
-def _sag(mine: Mask, other: Mask) -> float:
-    """px by which the border that another thing shares with one bulges into it."""
+def _bulge(mine: Mask, other: Mask) -> float:
+    """px by which the border that another object shares with one bulges into it."""
     border = long_border(other)
-    shared = _gap(mine, border) <= NEAR
+    shared = _gap(mine, border) <= LIMITS.near
     if shared.all():
         return float(np.ptp(border, axis=0).min())
     order = np.roll(np.arange(len(border)), -int(np.argmin(shared)))
@@ -161,14 +163,14 @@ def _sag(mine: Mask, other: Mask) -> float:
     return float(off.max())
 
 
-def _far(circle: Array, shape: tuple[int, ...]) -> Array:
+def _distance(circle: Array, shape: tuple[int, ...]) -> Array:
     """(h, w) px from the centre of a circle."""
     y, x = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(x - circle[0], y - circle[1]))
 
 
 def _gap(mask: Mask, points: Array) -> Array:
-    """`(N,)` px from points `(N, 2)` to a mask; far where it is empty."""
+    """`(N,)` px from points `(N, 2)` to a mask; infinite where it is empty."""
     if not mask.any():
         return np.full(len(points), np.inf)
     away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
@@ -177,7 +179,7 @@ def _gap(mask: Mask, points: Array) -> Array:
 
 
 def _window(labels: Labels, i: int, j: int) -> tuple[Labels, Mask]:
-    """The label map around two things, and what of it lies within the photo."""
+    """The label map around two objects, and the part of it within the photo."""
     rows, columns = np.nonzero((labels == i) | (labels == j))
     # a circle may reach farther than what is seen of it
     margin = max(int(np.ptp(rows)), int(np.ptp(columns))) // 2 + 4
@@ -185,6 +187,4 @@ def _window(labels: Labels, i: int, j: int) -> tuple[Labels, Mask]:
         max(rows.min() - margin, 0) : rows.max() + margin + 1,
         max(columns.min() - margin, 0) : columns.max() + margin + 1,
     ]
-    part = np.pad(labels[cut], 2)
-    inner = np.pad(np.ones(labels[cut].shape, bool), 2)
-    return part, inner
+    return np.pad(labels[cut], 2), np.pad(np.ones(labels[cut].shape, bool), 2)

@@ -1,4 +1,7 @@
-"""Normals of simple solids from masks: balls, solids of revolution and cushions."""
+"""Normals of simple solids from masks: balls, solids of revolution and cushions.
+
+Each field is (h, w, 2) float32: x and y of the unit normal (+x right, +y down); z, towards the viewer, is the rest.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from physgen.perceive.roles import F32, Mask
 
-COARSE = 56
-"""px, the longer side of the grid on which a cushion is blown up."""
-ROUNDS = 90
-"""Of conjugate gradients on that grid."""
-ARC, FIT, WITHIN = 0.55, 0.03, 0.97
-"""Of its border, a hidden ball's: the share on one circle; how far off, of the radius; how much of it lies inside."""
-TRIES = 60
+COARSE = 56  # px, the longer side of the grid on which a cushion is inflated
+ITERATIONS = 90  # of conjugate gradients on that grid
+TRIES = 60  # circles through the border of a hidden ball
+ARC = 0.55  # share of its border on one circle
+FIT = 0.03  # of the radius, that the border may be off it
+WITHIN = 0.97  # share of the mask inside it
 
 
 @dataclass(frozen=True)
 class SolidOfRevolution:
-    """A mask as a thing turned on a lathe, whose axis stands upright."""
+    """A mask as a solid of revolution with an upright axis."""
 
     across: F32
     """(h, w): place across, -1 at its left border, 1 at its right."""
@@ -44,43 +45,31 @@ def ball_tilts(shape: tuple[int, int], center: tuple[float, float], radius: floa
 
 
 def solid_of_revolution(own: Mask) -> SolidOfRevolution:
-    """`own` (h, w) as a solid of revolution: each row is a cut across it.
-
-    The axis is smoothed over a tenth of the height, the radius less, so that single pixels of the border make no
-    ripples.
-    """
+    """`own` (h, w) as a solid of revolution: each row is a cut across it; radii are smoothed against ripples."""
     rows = np.flatnonzero(own.any(axis=1))
     left = own.argmax(axis=1)[rows].astype(np.float32)
     right = own.shape[1] - 1 - own[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
-    middle, half = (left + right) / 2, (right - left + 1) / 2
     every = np.arange(own.shape[0])
-    middle, half = (np.interp(every, rows, part).astype(np.float32) for part in (middle, half))
-    sigma = max(1.0, 0.02 * own.shape[0])
-    smooth = _blurred(half, sigma)
-    flare = np.gradient(smooth).astype(np.float32) if len(smooth) > 1 else np.zeros(1, np.float32)
-    across = (np.arange(own.shape[1], dtype=np.float32)[None, :] - middle[:, None]) / np.maximum(
-        half[:, None], 1
+    middle, half = (
+        np.interp(every, rows, part).astype(np.float32)
+        for part in ((left + right) / 2, (right - left + 1) / 2)
     )
+    flare = np.zeros(1, np.float32)
+    if len(half) > 1:
+        sigma = max(1.0, 0.02 * own.shape[0])
+        soft = cv2.GaussianBlur(
+            half[:, None], (1, 0), sigmaX=0.01, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
+        )
+        flare = np.gradient(np.asarray(soft[:, 0], np.float32)).astype(np.float32)
+    offset = np.arange(own.shape[1], dtype=np.float32)[None, :] - middle[:, None]
+    across = offset / np.maximum(half[:, None], 1)
     return SolidOfRevolution(across, np.repeat(flare[:, None], own.shape[1], axis=1))
 
 
-def _blurred(values: F32, sigma: float) -> F32:
-    return (
-        np.asarray(
-            cv2.GaussianBlur(
-                values[:, None], (1, 0), sigmaX=0.01, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
-            )[:, 0],
-            np.float32,
-        )
-        if len(values) > 1
-        else values
-    )
-
-
 def cushion_tilts(own: Mask) -> F32:
-    """`own` (h, w) blown up like a cushion: an upright rim all around, and a sphere where it is a disc.
+    """`own` (h, w) inflated like a cushion: an upright rim all around, and a sphere where it is a disc.
 
-    Height is the root of what solves Poisson's equation with 0 at the border (Johnston 2002, Lumo; Sykora et al.
+    Height is the root of the solution of Poisson's equation with 0 at the border (Johnston 2002, Lumo; Sykora et al.
     2014): an ellipse becomes an ellipsoid.
     """
     h, w = own.shape
@@ -98,7 +87,7 @@ def cushion_tilts(own: Mask) -> F32:
 
 
 def _poisson(inside: NDArray[np.float64], across: float, down: float) -> NDArray[np.float64]:
-    """What solves -laplace = 4 where `inside` (h, w) is 1, with 0 elsewhere; weights 1 / px² of the two directions."""
+    """The solution of -laplace = 4 where `inside` (h, w) is 1, with 0 elsewhere; weights 1 / px² of both directions."""
 
     def apply(x: NDArray[np.float64]) -> NDArray[np.float64]:
         y = 2 * (across + down) * x
@@ -111,7 +100,7 @@ def _poisson(inside: NDArray[np.float64], across: float, down: float) -> NDArray
     x = np.zeros_like(inside)
     rest = 4 * inside
     p, rr = rest.copy(), float((rest * rest).sum())
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         if rr < 1e-6:
             break
         q = apply(p)
@@ -125,13 +114,12 @@ def _poisson(inside: NDArray[np.float64], across: float, down: float) -> NDArray
 
 
 def without_thin_parts(own: Mask, radius: int) -> Mask:
-    """`own` without what is thinner than 2 `radius` px: threads, handles; all of it where that leaves little."""
+    """`own` without parts thinner than 2 `radius` px (threads, handles); all of it where that leaves little."""
     if radius < 1:
         return own
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    body = cv2.morphologyEx(np.pad(own, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)[
-        radius:-radius, radius:-radius
-    ]
+    body = cv2.morphologyEx(np.pad(own, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)
+    body = body[radius:-radius, radius:-radius]
     count, ids, stats, _ = cv2.connectedComponentsWithStats(body, connectivity=8)
     if count < 2:
         return own
@@ -152,34 +140,33 @@ def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
     for k in range(TRIES):
         start = k * n // TRIES
         spread = n // 5 if k % 2 else n // 9
-        found = _circle(border[[start, (start + spread) % n, (start + 2 * spread) % n]])
+        found = _fit_circle(border[[start, (start + spread) % n, (start + 2 * spread) % n]])
         if found is None or found[1] > 2 * max(body.shape):
             continue
-        near = _near(border, *found)
+        near = _on_circle(border, *found)
         if near.sum() > on.sum():
             best, on = found, near
     if best is None or on.mean() < ARC:
         return None
-    refined = _circle(border[on])
-    center, radius = refined if refined is not None else best
+    center, radius = _fit_circle(border[on]) or best
     rows, columns = np.nonzero(body)
     within = np.hypot(columns - center[0], rows - center[1]) <= radius + 1.5
-    if _near(border, center, radius).mean() < ARC or within.mean() < WITHIN:
+    if _on_circle(border, center, radius).mean() < ARC or within.mean() < WITHIN:
         return None
     return center, radius + 0.5  # the border's pixels lie half a pixel within the outline
 
 
-def _near(border: NDArray[np.float64], center: tuple[float, float], radius: float) -> Mask:
+def _on_circle(border: NDArray[np.float64], center: tuple[float, float], radius: float) -> Mask:
     off = np.abs(np.hypot(border[:, 0] - center[0], border[:, 1] - center[1]) - radius)
     return np.asarray(off <= max(0.8, FIT * radius))
 
 
-def _circle(points: NDArray[np.float64]) -> tuple[tuple[float, float], float] | None:
+def _fit_circle(points: NDArray[np.float64]) -> tuple[tuple[float, float], float] | None:
     """The circle with the least algebraic error (Kasa 1976)."""
     middle = points.mean(axis=0)
     p = points - middle
-    told = np.column_stack([2 * p, np.ones(len(p))])
-    solution, _, rank, _ = np.linalg.lstsq(told, (p**2).sum(axis=1), rcond=None)
+    matrix = np.column_stack([2 * p, np.ones(len(p))])
+    solution, _, rank, _ = np.linalg.lstsq(matrix, (p**2).sum(axis=1), rcond=None)
     square = float(solution[2] + solution[:2] @ solution[:2])
     if rank < 3 or square <= 0:
         return None

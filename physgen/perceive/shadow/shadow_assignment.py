@@ -1,4 +1,8 @@
-"""Assignment of shadow pixels to the objects that cast them."""
+"""Assignment of shadow pixels to the objects that cast them.
+
+A shadow lies where light was removed; its owner is the object that blocks most light from the place. Where geometry
+predicts no shadow, the place goes to the owner of the nearest that it predicts.
+"""
 
 from __future__ import annotations
 
@@ -6,39 +10,27 @@ from collections.abc import Iterable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.geometry.shadows import PixelBox
-from physgen.perceive.roles import Labels, Rgb
+from physgen.perceive.roles import F32, Labels, Mask, Rgb
+from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, luminance
 
-F32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-
-DARKEST = 2e-3
-"""Linear light added before logarithms are taken."""
-FAINT = 0.08
-"""-log of light, smoothed: less is no shadow that anybody sees."""
-SHARE = 0.3
-"""How much of that is geometry's say: the photo alone leaves the soft ends of shadows to its grain."""
-SMOOTH = 2.0
-"""px: standard deviation of the blur; finer is grain."""
-FORETOLD = 0.02
-"""-log of light from which geometry says that a thing keeps light from a place."""
-SPECK = 16
-"""px: a patch of fewer is none."""
-MIXED = 2
-"""px around objects where the background still shows traces of them."""
+FAINT = 0.08  # -log of light, smoothed: less is no visible shadow
+PREDICTED = 0.02  # -log of light from which geometry predicts a shadow
+SHARE = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
+SMOOTH = 2.0  # px: standard deviation of the blur; finer detail is grain
+SPECK = 16  # px: a smaller patch is none
 
 
 def shadow_owners(
     background: Rgb, clean: Rgb, coverage: F32, casts: Iterable[tuple[int, PixelBox, F32]]
 ) -> Labels | None:
-    """(H, W) the id of the object whose shadow lies there, 0 = none; None where nobody's does.
+    """(H, W) the id of the object whose shadow lies there, 0 = none; None where no shadow is seen.
 
     `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
     """
-    who, most = _told(casts, coverage.shape)
+    who, most = _strongest(casts, coverage.shape)
     dark = (1 - SHARE) * removed_light(background, clean, coverage) + SHARE * most > FAINT
     return assign_regions(dark & (coverage < 0.5), who)
 
@@ -47,38 +39,35 @@ def shadow_owners_by_model(
     coverage: F32, casts: Iterable[tuple[int, PixelBox, F32]], dark: F32
 ) -> Labels | None:
     """The same where `dark` (H, W), -log of light, is known, and the photo too coarse to say more."""
-    who, _ = _told(casts, coverage.shape)
+    who, _ = _strongest(casts, coverage.shape)
     return assign_regions((dark > FAINT) & (coverage < 0.5), who)
 
 
-def _told(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...]) -> tuple[Labels, F32]:
-    """(H, W) who keeps most light away, and -log of what is left."""
+def _strongest(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...]) -> tuple[Labels, F32]:
+    """(H, W) the object that blocks most light, and -log of the light left."""
     who, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
         part = np.s_[y0:y1, x0:x1]
-        more = values > np.maximum(most[part], FORETOLD)
+        more = values > np.maximum(most[part], PREDICTED)
         who[part][more] = number
         most[part][more] = values[more]
     return who, most
 
 
 def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
-    """(H, W) -log of light that was lifted, smooth; close to objects, where nothing is, what is missing from there on.
+    """(H, W) -log of light that was removed, smooth; right beside objects, where none is, the light missing there.
 
     Contact shadows lie there.
     """
     logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)]
-    side = 2 * MIXED + 1
-    free = (cv2.dilate((coverage > 0).astype(np.uint8), np.ones((side, side), np.uint8)) == 0).astype(
-        np.float32
-    )
+    free = away_from_objects(coverage).astype(np.float32)
     near = np.maximum(cv2.GaussianBlur(free, (0, 0), SMOOTH), 1e-2)
-    lifted, level = (
+    removed, level = (
         cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), SMOOTH) / near
         for part in (logs[0] - logs[1], logs[0])
     )
     contact = np.where((free == 0) & (near > 0.05), level - cv2.GaussianBlur(logs[1], (0, 0), 0.7), 0)
-    return np.asarray(np.maximum(lifted, contact), np.float32)
+    return np.asarray(np.maximum(removed, contact), np.float32)
 
 
 def assign_regions(dark: Mask, who: Labels) -> Labels | None:
@@ -86,9 +75,7 @@ def assign_regions(dark: Mask, who: Labels) -> Labels | None:
     if not who.any():
         return None
     count, names, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8), connectivity=8)
-    owned = (
-        np.bincount(names[who > 0], minlength=count) > 0
-    )  # what no object foretells at all is something else
+    owned = np.bincount(names[who > 0], minlength=count) > 0  # a patch that no object predicts is no shadow
     kept = owned & (stats[:, cv2.CC_STAT_AREA] >= SPECK)
     kept[0] = False
     there = kept[names]

@@ -1,4 +1,9 @@
-"""Fit of a distant light to the shadows in a side view, on the floor and on a wall."""
+"""Fit of a distant light to the shadows in a side view, on the floor and on a wall.
+
+Slopes of the logarithm of light are compared, at two widths, with those of the predicted darkness, near these alone:
+a far edge of the floor or a picture on the wall has slopes too, but elsewhere. On an upright wall behind, one distant
+light moves every shadow alike; in perspective, farther off, the whole is a little smaller.
+"""
 
 from __future__ import annotations
 
@@ -11,35 +16,66 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.shadows import ShadowSetting as Place
-from physgen.geometry.shadows import Silhouette, shadow_darkness
-from physgen.perceive.roles import LightGuess, Rgb
-from physgen.perceive.shadow.silhouettes import join_silhouettes, typical_size
+from physgen.geometry.shadows import ShadowSetting, Silhouette
+from physgen.perceive.roles import F32, LightGuess, Rgb
+from physgen.perceive.shadow.silhouettes import (
+    DARKEST,
+    Shift,
+    away_from_objects,
+    join_silhouettes,
+    predicted_darkness,
+    typical_size,
+)
 from physgen.photometry import DistantLight, decode, luminance
 
-# ----------------------------------------------------------------------
-# A photo's light at one scale, and what darkness that geometry foretells has to do with it.
-#
-# What is compared is where light changes, not how much there is: slopes of the logarithm of light, at two
-# widths, with
-# those of a darkness, near these alone. A far edge of the floor or a picture on the wall has slopes too, but
-# elsewhere.
+COARSE, FINE = 192, 384
+"""px: longer side of the pictures in which the light is searched, first and then."""
+TILT = 0.1
+"""Rise over run of the floor where it is unknown."""
+BY_A_WALL = 0.7
+"""Correlation of slopes that shadows on a wall behind need."""
+TRUSTED = 0.3
+"""Confidence of a light from shading from which it counts."""
+FULL = 1.2
+"""Shading of a surface that faces the light: there it shows its own colour."""
 
-F32 = NDArray[np.float32]
-Shift = tuple[int, int]
-"""px right and down."""
 
-DARKEST = 2e-3
-"""Linear light added before logarithms are taken."""
-WIDTHS = (0.03, 0.08)
-"""Of an object's size: how far slopes are smoothed."""
-LEAST_SEEN = 0.1
-"""Of the foretold slopes, as much must be in sight."""
+@dataclass(frozen=True)
+class _Tuning:
+    """Tuning of the search, on studio photos of the split `tune`; sizes are shares of an object's."""
+
+    widths: tuple[float, ...] = (0.03, 0.08)  # over which slopes are smoothed
+    least_seen: float = 0.1  # share of the predicted slopes that must be in sight
+    well: float = 0.5  # confidence of a light from shading from which it counts most
+    deviation: tuple[float, float] = (
+        20.0,
+        7.0,
+    )  # degrees, standard deviation of such lights: trusted, trusted well
+    beyond: tuple[float, float] = (
+        40.0,
+        2.5,
+    )  # degrees, and standard deviations: no light is tried farther from it
+    pull: float = 0.02  # correlation that one standard deviation from it must gain
+    telling: int = 3  # objects, or groups of them, that the light is searched by at first; the largest
+    half_seen: float = 0.3  # correlation with a wall before the light has been searched with it
+    wall_gain: float = 1.2  # a wall must explain so much more above its foot than a floor that goes on
+    wall_range: tuple[float, float] = (0.3, 8.0)  # distances behind the objects at which a wall is tried
+    astray: float = 0.15  # of its height: how far aside the shadow of an object in the air may lie
+    moved: float = 0.05  # correlation that it must gain by that
+    wall_sizes: tuple[float, ...] = (1.0, 0.94, 0.88, 0.82)  # of shadows on a wall, in perspective
+    farthest: float = 5.0  # from an object to its shadow on a wall
+    in_sight: float = 0.5  # share of all outlines that must lie in the photo, and free
+    steepest: float = (
+        97  # percentile of the photo's slopes: steeper ones are edges of objects, and cut to this
+    )
+
+
+TUNING = _Tuning()
 
 
 @dataclass(frozen=True)
 class LightGradients:
-    """A photo's light at one scale, and what may keep some of it away."""
+    """A photo's light at one scale, and the silhouettes that may block some of it."""
 
     scale: float
     """px of the photo in one of this picture."""
@@ -48,7 +84,7 @@ class LightGradients:
     known: F32
     """(h, w) 1 where no object is near."""
     slopes: Sequence[tuple[float, F32, F32, F32]]
-    """Width of smoothing, px; (h, w) how much is known within it; (h, w) slopes of the logarithm of light, x and y."""
+    """Width of smoothing, px; (h, w) share known within it; (h, w) slopes of the logarithm of light, x and y."""
     silhouettes: Sequence[Silhouette]
     joined: Sequence[Silhouette]
     """The same, those that stand side by side as one."""
@@ -58,14 +94,16 @@ class LightGradients:
         """(h, w) `known`, a pixel less on all sides."""
         return np.asarray(cv2.erode(self.known, np.ones((3, 3), np.uint8)), np.float32)
 
-    def likeness(self, place: Place) -> tuple[float, float]:
-        """Correlation of seen slopes and those of a light's shadows, and the factor from one to the other."""
-        return self.agreement(predicted_darkness(self.joined, place))
+    @property
+    def telling(self) -> list[Silhouette]:
+        """The largest of `joined`; the small ones would take as long and add little."""
+        areas = [what.area for what in self.joined]
+        return [self.joined[k] for k in np.argsort(areas)[::-1][: TUNING.telling]]
 
     def agreement(self, model: F32, above: float = inf) -> tuple[float, float]:
         """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths.
 
-        Told by the rows `above` a row alone, px.
+        By the rows `above` a row alone, px.
         """
         sums = self._sums(model, above)
         alike = [both / max((own * seen) ** 0.5, 1e-9) for both, own, seen in sums]
@@ -77,9 +115,9 @@ class LightGradients:
         return sum(max(both, 0.0) ** 2 / max(own, 1e-9) for both, own, _ in self._sums(model, above))
 
     def _sums(self, model: F32, above: float) -> list[tuple[float, float, float]]:
-        """Of each width: products of foretold and seen slopes, squares of either, near what is foretold.
+        """Of each width: products of predicted and seen slopes, squares of either, near what is predicted.
 
-        Nothing where hardly any of it is in sight.
+        Empty where hardly any of it is in sight.
         """
         rows, columns = np.flatnonzero(model.max(axis=1) > 0.02), np.flatnonzero(model.max(axis=0) > 0.02)
         if len(rows) < 2 or len(columns) < 2:
@@ -89,8 +127,8 @@ class LightGradients:
         part = np.s_[top : int(rows[-1]) + pad + 1, left : int(columns[-1]) + pad + 1]
         model, known = np.minimum(model[part], 2.5), self.known[part]
         within = self.within[part].copy()
-        told = max(int(min(above, len(self.known))) - top, 0)
-        within[told:] = 0
+        end = max(int(min(above, len(self.known))) - top, 0)
+        within[end:] = 0
         found = []
         for width, near, right, down in self.slopes:
             soft = cv2.GaussianBlur(model * known, (0, 0), width) / np.maximum(near[part], 0.05)
@@ -99,48 +137,30 @@ class LightGradients:
             edges = energy > 0.01 * float((energy * within).max())
             weight = within * cv2.dilate(edges.astype(np.uint8), np.ones((9, 9), np.uint8))
             own = float((weight * energy).sum())
-            if own <= LEAST_SEEN * float(energy[:told].sum()):
+            if own <= TUNING.least_seen * float(energy[:end].sum()):
                 return []
             both = -float((weight * (dx * right[part] + dy * down[part])).sum())
             found.append((both, own, float((weight * (right[part] ** 2 + down[part] ** 2)).sum())))
         return found
 
 
-def predicted_darkness(things: Sequence[Silhouette], place: Place, shifts: Sequence[Shift] = ()) -> F32:
-    """(h, w) -log of the light that things leave; `shifts`: by how much each one's shadow lies elsewhere, whole px."""
-    w, h = place.size
-    model = np.zeros((h, w), np.float32)
-    for k, what in enumerate(things):
-        if (found := shadow_darkness(what, place)) is None:
-            continue
-        (x0, y0, x1, y1), values = found
-        dx, dy = shifts[k] if shifts else (0, 0)
-        left, top = max(x0 + dx, 0), max(y0 + dy, 0)
-        right, bottom = min(x1 + dx, w), min(y1 + dy, h)
-        if right > left and bottom > top:
-            model[top:bottom, left:right] += values[
-                top - y0 - dy : bottom - y0 - dy, left - x0 - dx : right - x0 - dx
-            ]
-    return model
-
-
 def light_gradients(
-    background: Rgb, coverage: F32, longest: int, of: Callable[[float], Sequence[Silhouette]]
+    background: Rgb, coverage: F32, longest: int, silhouettes: Callable[[float], Sequence[Silhouette]]
 ) -> LightGradients | None:
-    """The photo at a scale; `of` gives the objects' silhouettes at it. None where there are none."""
+    """The photo at a scale; `silhouettes` gives the objects' at it. None where there are none."""
     scale = max(max(background.shape[:2]) / longest, 1.0)
-    things = of(scale)
+    things = silhouettes(scale)
     if not things:
         return None
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
     light = np.log(luminance(decode(background)) + DARKEST)
-    open_ = (cv2.dilate((coverage > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0).astype(np.float32)
+    open_ = away_from_objects(coverage).astype(np.float32)
     share = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.asarray(small / np.maximum(share, 0.05), np.float32)
     known = np.asarray(share * (share > 0.5), np.float32)
     slopes = []
-    for part in WIDTHS:
+    for part in TUNING.widths:
         width = max(part * typical_size(things), 1.0)
         near = np.asarray(cv2.GaussianBlur(known, (0, 0), width), np.float32)
         down, right = np.gradient(cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05))
@@ -148,89 +168,47 @@ def light_gradients(
     return LightGradients(scale, (w, h), known, slopes, things, join_silhouettes(things))
 
 
-# ----------------------------------------------------------------------
-# Photo from the side -> the light whose shadows on the floor, and on a wall behind, go with the photo's own.
-
-COARSE, FINE = 192, 384
-"""px: longer side of the pictures in which the light is looked for, first and then."""
-TOLD, WELL = 0.3, 0.5
-"""Confidences of a light that shading told: from the first on it counts, from the second on it counts most."""
-ASKEW = 20.0, 7.0
-"""degrees by which such lights are off, standard deviation (studio photos of the split `tune`)."""
-BEYOND = 40.0, 2.5
-"""Farther from such a light none is looked for: degrees, and standard deviations."""
-PULL = 0.02
-"""What a fit must explain more for lying one standard deviation from such a light."""
-TELLING = 3
-"""Things, or groups of them, that the light is looked for by at first; the largest."""
-TILT = 0.1
-"""Rise over run of the floor where nothing tells."""
-BY_A_WALL = 0.7
-"""Correlation of slopes that shadows on a wall behind need."""
-HALF_SEEN = 0.3
-"""The same before the light has been looked for with the wall."""
-MORE = 1.2
-"""By how much more a wall must explain, of what lies above its foot, than a floor that goes on."""
-NEAREST_FARTHEST = (0.3, 8.0)
-"""Of an object's size: how far behind the objects a wall is looked for."""
-ASTRAY = 0.15
-"""Of its height: how far aside the shadow of a thing in the air may lie from where it is foretold; less up or down."""
-MOVED = 0.05
-"""By how much better it must explain what is seen there."""
-
-
 @dataclass(frozen=True)
 class LightFit:
-    """A light and what its shadows fall on, in px of the photo."""
+    """A light and the surfaces that its shadows fall on, in px of the photo."""
 
-    place: Place
+    setting: ShadowSetting
     likeness: float
-    """Correlation of foretold and seen slopes."""
+    """Correlation of predicted and seen slopes."""
     factor: float
-    """By how much more is dark than foretold, as a logarithm."""
+    """Seen over predicted darkness, as a logarithm."""
     each: float = 1.0
-    """The same where the shadows of things side by side are added up."""
+    """The same where the shadows of objects side by side are added up."""
     shifts: tuple[Shift, ...] = ()
     """px, of each of `joined`: by how much its shadow lies elsewhere."""
     moved: Mapping[int, Shift] = field(default_factory=dict)
     """The same by the object's id, px of the photo."""
 
 
-def scale_place(place: Place, by: float, size: tuple[int, int]) -> Place:
-    """The same place on a picture so much larger."""
-    return replace(place, backdrop=place.backdrop * by, size=size)
-
-
 def search_light(
-    traces: Sequence[LightGradients], guess: LightGuess, walls: Sequence[float] = (inf,)
+    gradients: Sequence[LightGradients], guess: LightGuess, walls: Sequence[float] = (inf,)
 ) -> tuple[int, LightFit]:
-    """By steps along one number after the other, from several directions: which trace, and the light in its px.
+    """The index of the best of `gradients`, and the light in its px: coordinate steps from several directions.
 
-    `traces`: of one size, with floors in different places. `walls`: px back to an upright one, to start from.
+    `gradients`: of one size, with floors in different places. `walls`: px back to an upright one, to start from.
     """
-    first = Place(guess.light, 4.0, False, TILT, inf, traces[0].size)
-    traces = [replace(one, joined=_largest(one.joined)) for one in traces]
+    first = ShadowSetting(guess.light, 4.0, False, TILT, inf, gradients[0].size)
+    telling = [one.telling for one in gradients]
 
-    def rated(k: int, place: Place) -> LightFit:
-        if (against := deviation_penalty(place.light, guess)) == inf:
-            return LightFit(place, -inf, 0.0)
-        likeness, factor = traces[k].likeness(place)
-        return LightFit(place, likeness - _odd(place, factor) - against, factor)
+    def rated(k: int, setting: ShadowSetting) -> LightFit:
+        return _rated(gradients[k], telling[k], setting, guess)
 
     starts = [
-        (k, rated(k, replace(place, backdrop=wall)))
-        for k in range(len(traces))
+        (k, rated(k, replace(setting, backdrop=wall)))
+        for k in range(len(gradients))
         for wall in walls
-        for place in _starts(first, guess)
-        if wall == inf or place.light.direction[2] > 0.3
+        for setting in _starts(first, guess)
+        if wall == inf or setting.light.direction[2] > 0.3
     ]
     starts.sort(key=lambda start: -start[1].likeness)
 
     def climbed(k: int, fit: LightFit) -> LightFit:
-        for place in _steps(fit.place):
-            if (other := rated(k, place)).likeness > fit.likeness and other.factor > 0:
-                fit = other
-        return fit
+        return _climbed(fit, _coarse_steps(fit.setting), lambda setting: rated(k, setting))
 
     k, best = max(((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness)
     for _ in range(2):
@@ -240,111 +218,114 @@ def search_light(
     return k, best
 
 
-def _largest(things: Sequence[Silhouette]) -> list[Silhouette]:
-    """Those that tell the light; the small ones would take as long and tell little."""
-    areas = [what.area for what in things]
-    return [things[k] for k in np.argsort(areas)[::-1][:TELLING]]
+def _rated(
+    gradients: LightGradients, things: Sequence[Silhouette], setting: ShadowSetting, guess: LightGuess
+) -> LightFit:
+    if (penalty := deviation_penalty(setting.light, guess)) == inf:
+        return LightFit(setting, -inf, 0.0)
+    likeness, factor = gradients.agreement(predicted_darkness(things, setting))
+    return LightFit(setting, likeness - (_oddness(setting, factor) + penalty), factor)
+
+
+def _climbed(
+    fit: LightFit, settings: Iterator[ShadowSetting], rated: Callable[[ShadowSetting], LightFit]
+) -> LightFit:
+    for setting in settings:
+        if (other := rated(setting)).likeness > fit.likeness and other.factor > 0:
+            fit = other
+    return fit
 
 
 def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
-    """What a light must explain more for being another than balls told; infinite where it is too far from it."""
-    if guess.confidence < TOLD:
+    """Correlation that a light must gain for its distance from the one of shading; infinite where it is too far."""
+    if guess.confidence < TRUSTED:
         return 0.0
-    sure = min((guess.confidence - TOLD) / (WELL - TOLD), 1.0)
-    off = ASKEW[0] + sure * (ASKEW[1] - ASKEW[0])
+    sure = min((guess.confidence - TRUSTED) / (TUNING.well - TRUSTED), 1.0)
+    deviation = TUNING.deviation[0] + sure * (TUNING.deviation[1] - TUNING.deviation[0])
     cosine = sum(a * b for a, b in zip(light.direction, guess.light.direction, strict=True))
     angle = degrees(acos(min(max(cosine, -1.0), 1.0)))
-    return inf if angle > min(BEYOND[0], BEYOND[1] * off) else PULL * (angle / off) ** 2
+    if angle > min(TUNING.beyond[0], TUNING.beyond[1] * deviation):
+        return inf
+    return TUNING.pull * (angle / deviation) ** 2
 
 
-def refine_light(fine: LightGradients, place: Place, guess: LightGuess) -> LightFit:
-    """Smaller steps from a place, in px of `fine`, by the largest things; how alike it is, by all."""
+def refine_light(fine: LightGradients, setting: ShadowSetting, guess: LightGuess) -> LightFit:
+    """Smaller steps from a setting, in px of `fine`, by the largest objects; its likeness by all."""
+    telling = fine.telling
 
-    telling = replace(fine, joined=_largest(fine.joined))
+    def rated(where: ShadowSetting) -> LightFit:
+        return _rated(fine, telling, where, guess)
 
-    def odd(where: Place, factor: float) -> float:
-        return _odd(where, factor) + deviation_penalty(where.light, guess)
-
-    def rated(where: Place) -> LightFit:
-        if deviation_penalty(where.light, guess) == inf:
-            return LightFit(where, -inf, 0.0)
-        likeness, factor = telling.likeness(where)
-        return LightFit(where, likeness - odd(where, factor), factor)
-
-    fit = rated(place)
+    fit = rated(setting)
     for step, times in ((0.12, 1), (0.06, 2), (0.03, 1)):
         for _ in range(times):
             before = fit
-            for where in list(_near(fit.place, step)):
-                if (other := rated(where)).likeness > fit.likeness and other.factor > 0:
-                    fit = other
+            fit = _climbed(fit, iter(list(_fine_steps(fit.setting, step))), rated)
             if fit is before:  # the same steps again would lead nowhere either
                 break
     if fit.likeness == -inf:
         return fit
-    return LightFit(fit.place, *fine.likeness(fit.place))
+    return LightFit(fit.setting, *fine.agreement(predicted_darkness(fine.joined, fit.setting)))
 
 
 def fit_wall(fine: LightGradients, fit: LightFit, guess: LightGuess) -> LightFit | None:
-    """The same before a wall, where shadows on one at some distance are seen as well as those on the floor."""
-    if fit.place.light.direction[2] < 0.2:
+    """The same with an upright wall behind, where shadows on one are seen as well as those on the floor."""
+    if fit.setting.light.direction[2] < 0.2:
         return None
-
-    telling = _largest(fine.joined)
+    telling = fine.telling
     floors = [what.floor for what in fine.joined if what.floor is not None]
-    plain = predicted_darkness(telling, replace(fit.place, backdrop=inf))
 
-    def better(place: Place, on_floor: F32) -> float:
+    def gain(setting: ShadowSetting, on_floor: F32) -> float:
         """Correlation above the wall's foot; 0 where the floor alone, going on there, explains as much."""
-        foot = min(floors, default=inf) - place.tilt * place.backdrop - 3
-        on_both = predicted_darkness(telling, place)
+        foot = min(floors, default=inf) - setting.tilt * setting.backdrop - 3
+        on_both = predicted_darkness(telling, setting)
         likeness, factor = fine.agreement(on_both, foot)
-        more = fine.explained(on_both, foot) > MORE * fine.explained(on_floor, foot)
+        more = fine.explained(on_both, foot) > TUNING.wall_gain * fine.explained(on_floor, foot)
         return likeness if more and 0.2 < factor < 4 else 0.0
 
-    backs = np.geomspace(*NEAREST_FARTHEST, 12) * typical_size(fine.silhouettes)
-    tries = [replace(fit.place, backdrop=float(back)) for back in backs]
-    for likeness, _, place in sorted(((better(p, plain), -k, p) for k, p in enumerate(tries)), reverse=True)[
-        :2
-    ]:
-        if likeness > HALF_SEEN:
-            found = refine_light(fine, place, guess)
-            alone = predicted_darkness(telling, replace(found.place, backdrop=inf))
-            if found.place.backdrop < inf and better(found.place, alone) > BY_A_WALL:
+    plain = predicted_darkness(telling, replace(fit.setting, backdrop=inf))
+    backs = np.geomspace(*TUNING.wall_range, 12) * typical_size(fine.silhouettes)
+    tries = [replace(fit.setting, backdrop=float(back)) for back in backs]
+    best = sorted(((gain(p, plain), -k, p) for k, p in enumerate(tries)), reverse=True)[:2]
+    for likeness, _, setting in best:
+        if likeness > TUNING.half_seen:
+            found = refine_light(fine, setting, guess)
+            alone = predicted_darkness(telling, replace(found.setting, backdrop=inf))
+            if found.setting.backdrop < inf and gain(found.setting, alone) > BY_A_WALL:
                 return found
     return None
 
 
 def settle_shadows(fine: LightGradients, fit: LightFit) -> LightFit:
-    """The shadows of what flies high moved onto dark places near by, and the light's softness looked for again.
+    """The shadows of objects in the air moved onto dark places near by, and the light's softness searched again.
 
-    What is far off is drawn smaller, which no distant light explains.
+    Objects far off are drawn smaller, which no distant light explains.
     """
     best = fit
-    wide = (2.0,) if fit.place.softness > 2.0 else ()
-    for guess in (fit.place.softness, *wide):  # a light thought wide covers what lies astray
-        place = replace(fit.place, softness=guess)
-        shifts = tuple(_astray(fine, what, place) for what in fine.joined)
+    wide = (2.0,) if fit.setting.softness > 2.0 else ()
+    for guess in (fit.setting.softness, *wide):  # a light thought wide covers what lies astray
+        setting = replace(fit.setting, softness=guess)
+        shifts = tuple(_astray(fine, what, setting) for what in fine.joined)
         if not any(dx or dy for dx, dy in shifts):
             continue
         for soft in (guess, 0.5 * guess, 2 * guess):
-            place = replace(fit.place, softness=soft)
-            likeness, factor = fine.agreement(predicted_darkness(fine.joined, place, shifts))
+            setting = replace(fit.setting, softness=soft)
+            likeness, factor = fine.agreement(predicted_darkness(fine.joined, setting, shifts))
             if likeness > best.likeness:
-                best = replace(fit, place=place, likeness=likeness, factor=factor, shifts=shifts)
+                best = replace(fit, setting=setting, likeness=likeness, factor=factor, shifts=shifts)
     return best
 
 
-def _astray(fine: LightGradients, what: Silhouette, place: Place) -> Shift:
-    """Where the thing's own shadow lies, seen from where it is foretold; nowhere else for what stands on the floor."""
+def _astray(fine: LightGradients, what: Silhouette, setting: ShadowSetting) -> Shift:
+    """The way from the predicted shadow of an object to its real one; (0, 0) for what stands on the floor."""
     if what.floor is None:
         return 0, 0
-    flies = what.floor - what.corner[1] - what.coverage.shape[0]
-    across, down = int(ASTRAY * flies), int(0.3 * ASTRAY * flies)
-    if flies < what.thick or across < 2:
+    height = what.floor - what.corner[1] - what.coverage.shape[0]
+    across, down = int(TUNING.astray * height), int(0.3 * TUNING.astray * height)
+    if height < what.thick or across < 2:
         return 0, 0
-    model = predicted_darkness([what], place)
-    best, where = fine.agreement(model)[0] + MOVED, (0, 0)
+    model = predicted_darkness([what], setting)
+    best, where = fine.agreement(model)[0] + TUNING.moved, (0, 0)
     x, y, right, lower = 0, 0, across, down
     while right > 1 or lower > 1:  # a finer and finer grid about the best so far
         for dy in range(y - lower, y + lower + 1, max(1, lower // 3)):
@@ -356,16 +337,16 @@ def _astray(fine: LightGradients, what: Silhouette, place: Place) -> Shift:
     return where
 
 
-def _odd(place: Place, factor: float) -> float:
-    """What a fit must explain more for being odd: low or high light, a steep or a flat floor, other darkness."""
-    x, y, z = place.light.direction
+def _oddness(setting: ShadowSetting, factor: float) -> float:
+    """Correlation that an unusual fit must gain: low or high light, a steep or a flat floor, other darkness."""
+    x, y, z = setting.light.direction
     length = (x * x + z * z) ** 0.5 / max(-y, 0.05)
     slant = 0.03 * max(length - 2, 0.0) + 0.03 * max(0.4 - length, 0.0)
     strength = 0.03 * abs(np.log(max(factor, 0.05)))
-    return float(slant + 0.02 * abs(np.log(place.tilt / TILT)) + strength)
+    return float(slant + 0.02 * abs(np.log(setting.tilt / TILT)) + strength)
 
 
-def _starts(first: Place, guess: LightGuess) -> Iterator[Place]:
+def _starts(first: ShadowSetting, guess: LightGuess) -> Iterator[ShadowSetting]:
     if -guess.light.direction[1] > 0.1:
         yield first
     yield replace(first, light=DistantLight((0.0, -1.0, 0.0), 0.3, 0.9))
@@ -373,171 +354,162 @@ def _starts(first: Place, guess: LightGuess) -> Iterator[Place]:
         turn = 2 * pi * k / 12
         for height in (0.4, 0.75):
             flat = (1 - height**2) ** 0.5
-            yield replace(first, light=_towards(first.light, (flat * cos(turn), -height, flat * sin(turn))))
+            yield with_direction(first, (flat * cos(turn), -height, flat * sin(turn)))
 
 
-def _turned(place: Place, step: float) -> Iterator[Place]:
+def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
     """The light turned about the upright, and higher and lower, by so many radians."""
-    x, y, z = place.light.direction
+    x, y, z = setting.light.direction
     turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
     for around, up in ((step, 0), (-step, 0), (0, step), (0, -step), (step, -step), (-step, -step)):
         a, e = turn + around / max(cos(rise), 0.3), rise + up
         if sin(e) > 0.1 and e < pi / 2:
-            yield replace(place, light=_towards(place.light, (cos(e) * cos(a), -sin(e), cos(e) * sin(a))))
+            yield with_direction(setting, (cos(e) * cos(a), -sin(e), cos(e) * sin(a)))
 
 
-def _steps(place: Place) -> Iterator[Place]:
-    """Neighbours of a place, one number changed."""
-    yield from _turned(place, 0.15)
-    yield from _turned(place, 0.06)
+def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
+    """Neighbours of a setting, one number changed."""
+    yield from _turned(setting, 0.15)
+    yield from _turned(setting, 0.06)
     for soft in (1.0, 3.0, 6.0, 12.0, 25.0):
-        yield replace(place, softness=soft)
+        yield replace(setting, softness=soft)
     for share in (0.2, 0.5, 0.85):
-        yield replace(place, light=DistantLight(place.light.direction, share * 1.2, (1 - share) * 1.2))
+        yield with_direct_share(setting, share)
     for tilt in (0.05, 0.08, 0.12, 0.17):
-        yield replace(place, tilt=tilt)
-    if place.backdrop < inf:
+        yield replace(setting, tilt=tilt)
+    if setting.backdrop < inf:
         for part in (0.7, 0.85, 1.15, 1.4):
-            yield replace(place, backdrop=part * place.backdrop)
+            yield replace(setting, backdrop=part * setting.backdrop)
 
 
-def _near(place: Place, step: float) -> Iterator[Place]:
-    yield from _turned(place, step)
+def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
+    yield from _turned(setting, step)
     for by in (1 + 4 * step, 1 / (1 + 4 * step)):
-        yield replace(place, softness=min(max(place.softness * by, 0.5), 45.0))
+        yield replace(setting, softness=min(max(setting.softness * by, 0.5), 45.0))
     for by in (1 + 2 * step, 1 / (1 + 2 * step)):
-        yield replace(place, tilt=min(max(place.tilt * by, 0.02), 0.5))
-        if place.backdrop < inf:
-            yield replace(place, backdrop=place.backdrop * by)
-    now = place.light.intensity / max(place.light.intensity + place.light.ambient, 1e-6)
+        yield replace(setting, tilt=min(max(setting.tilt * by, 0.02), 0.5))
+        if setting.backdrop < inf:
+            yield replace(setting, backdrop=setting.backdrop * by)
+    now = setting.light.intensity / max(setting.light.intensity + setting.light.ambient, 1e-6)
     for share in (min(now + step, 0.98), max(now - step, 0.02)):
-        yield replace(place, light=DistantLight(place.light.direction, share * 1.2, (1 - share) * 1.2))
+        yield with_direct_share(setting, share)
 
 
-def _towards(light: DistantLight, direction: Sequence[float]) -> DistantLight:
+def with_direction(setting: ShadowSetting, direction: Sequence[float]) -> ShadowSetting:
+    """The same under a light from another direction (unit)."""
     x, y, z = (float(c) for c in direction)
-    return DistantLight((x, y, z), light.intensity, light.ambient)
+    light = setting.light
+    return replace(setting, light=DistantLight((x, y, z), light.intensity, light.ambient))
 
 
-# ----------------------------------------------------------------------
-# Photo from the side -> where on a wall behind them the objects' shadows lie: all of them moved alike.
-#
-# One distant light moves every shadow on an upright wall by the same way; seen in perspective, farther off,
-# the whole is
-# a little smaller. That way and size are looked for at which the outlines go with slopes of the photo's
-# light.
-
-SIZES = (1.0, 0.94, 0.88, 0.82)
-"""How large the objects are when drawn as far back as the wall."""
-FARTHEST = 5.0
-"""Of an object's size: how far from it its shadow is looked for."""
-IN_SIGHT = 0.5
-"""Share of all outlines that must lie in the photo, and free."""
-STEEPEST = 97
-"""Percentile of the photo's slopes: steeper ones are edges of things, and count as this."""
+def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
+    """The same with so much of the light direct where it falls straight."""
+    light = DistantLight(setting.light.direction, share * FULL, (1 - share) * FULL)
+    return replace(setting, light=light)
 
 
 @dataclass(frozen=True)
 class WallShadow:
-    """The objects' shadows on a wall, in px of the photo."""
+    """The objects' shadows on a wall behind, in px of the photo."""
 
     shift: tuple[float, float]
     """From an object to its shadow, in the middle of the photo."""
     size: float
     """Of shadow to object, about the middle of the photo."""
-    likeness: float
+    likeness: float = 0.0
     """Correlation of slopes along the outlines."""
-    factor: float
+    factor: float = 0.0
     """-log of the light that is left."""
     soft: float = 0.0
     """px, standard deviation of the shadows' edges."""
 
-    def convincing(self, things: int) -> bool:
-        """One round thing finds a round patch almost anywhere; several must find theirs all at once."""
-        return self.likeness >= float(0.5 + 0.35 / max(things, 1) ** 0.5)
+    def convincing(self, count: int) -> bool:
+        """One round object finds a round patch almost anywhere; several must find theirs all at once."""
+        return self.likeness >= float(0.5 + 0.35 / max(count, 1) ** 0.5)
 
 
-def cast_on_wall(what: Silhouette, cast: WallShadow, scale: float, size: tuple[int, int]) -> F32:
+def cast_on_wall(what: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]) -> F32:
     """(h, w) coverage of the wall by its shadow, on a picture of `size` (w, h), 1 / scale of the photo's."""
     middle = (size[0] - 1) / 2, (size[1] - 1) / 2
     matrix = np.zeros((2, 3))
     for k in (0, 1):
-        matrix[k, k] = cast.size
-        matrix[k, 2] = cast.size * (what.corner[k] - middle[k]) + middle[k] + cast.shift[k] / scale
+        matrix[k, k] = shadow.size
+        matrix[k, 2] = shadow.size * (what.corner[k] - middle[k]) + middle[k] + shadow.shift[k] / scale
     return np.asarray(cv2.warpAffine(what.coverage, matrix, size, flags=cv2.INTER_LINEAR), np.float32)
 
 
-def wall_coverage(trace: LightGradients, cast: WallShadow) -> F32:
-    """(h, w) coverage of the wall by all shadows, on the trace's picture."""
-    total = np.zeros(trace.known.shape, np.float32)
-    for what in trace.silhouettes:
-        np.maximum(total, cast_on_wall(what, cast, trace.scale, trace.size), out=total)
-    soft = cast.soft / trace.scale
-    return total if soft < 0.3 else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
+def wall_coverage(
+    things: Sequence[Silhouette], shadow: WallShadow, scale: float, size: tuple[int, int]
+) -> F32:
+    """(h, w) coverage of the wall by all shadows, with sharp edges."""
+    total = np.zeros(size[::-1], np.float32)
+    for what in things:
+        np.maximum(total, cast_on_wall(what, shadow, scale, size), out=total)
+    return total
 
 
-def refine_wall_shadow(trace: LightGradients, cast: WallShadow) -> WallShadow:
-    """Smaller steps from a cast, and the softness of its edges, on a finer picture."""
+def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
+    """Smaller steps from a wall shadow, and the softness of its edges, on a finer picture."""
 
     def rated(one: WallShadow) -> WallShadow:
-        likeness, factor = trace.agreement(wall_coverage(trace, one))
+        total = wall_coverage(gradients.silhouettes, one, gradients.scale, gradients.size)
+        soft = one.soft / gradients.scale
+        model = total if soft < 0.3 else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
+        likeness, factor = gradients.agreement(model)
         return replace(one, likeness=likeness, factor=factor)
 
-    best = rated(replace(cast, soft=trace.slopes[0][0] * trace.scale))
-    for step in (4.0, 2.0, 1.0):
-        (dx, dy), by = best.shift, 0.01 * step
-        tries = [
-            replace(best, shift=(dx + a * step, dy + b * step)) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    def steps(one: WallShadow, step: float) -> list[WallShadow]:
+        (dx, dy) = one.shift
+        moved = [
+            replace(one, shift=(dx + a * step, dy + b * step)) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
         ]
-        tries += [replace(best, size=best.size + by), replace(best, size=best.size - by)]
-        tries += [replace(best, soft=best.soft * 1.5), replace(best, soft=best.soft / 1.5)]
+        return [*moved, replace(one, soft=one.soft * 1.5), replace(one, soft=one.soft / 1.5)]
+
+    best = rated(replace(shadow, soft=gradients.slopes[0][0] * gradients.scale))
+    for step in (4.0, 2.0, 1.0):
+        by = 0.01 * step
+        sizes = [replace(best, size=best.size + by), replace(best, size=best.size - by)]
+        tries = steps(best, step)
+        tries = [*tries[:4], *sizes, *tries[4:]]
         for _ in range(2):
             best = max([best, *(rated(one) for one in tries)], key=lambda one: one.likeness)
-            (dx, dy) = best.shift
-            tries = [
-                replace(best, shift=(dx + a * step, dy + b * step))
-                for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
-            ]
-            tries += [replace(best, soft=best.soft * 1.5), replace(best, soft=best.soft / 1.5)]
+            tries = steps(best, step)
     return best
 
 
-def find_wall_shadow(trace: LightGradients) -> WallShadow | None:
+def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
     """The best way to move the objects onto their shadows; None where no way keeps enough of them in sight."""
-    width, near, right, down = trace.slopes[-1]
-    within = cv2.erode(trace.known, np.ones((3, 3), np.uint8)) * (near > 0.3)
+    width, near, right, down = gradients.slopes[-1]
+    within = cv2.erode(gradients.known, np.ones((3, 3), np.uint8)) * (near > 0.3)
     steep = np.hypot(right, down)
     free = steep[within > 0]
     if not free.size:
         return None
-    cut = np.minimum(1, np.percentile(free, STEEPEST) / np.maximum(steep, 1e-6))
+    cut = np.minimum(1, np.percentile(free, TUNING.steepest) / np.maximum(steep, 1e-6))
     right, down = within * right * cut, within * down * cut
-    shape = (cv2.getOptimalDFTSize(2 * trace.size[1]), cv2.getOptimalDFTSize(2 * trace.size[0]))
+    shape = (cv2.getOptimalDFTSize(2 * gradients.size[1]), cv2.getOptimalDFTSize(2 * gradients.size[0]))
     spectra = [np.fft.rfft2(part, shape) for part in (right, down, right * right + down * down, within)]
     rows, columns = (np.fft.fftfreq(n, 1 / n)[:, None] for n in shape)
-    reach = FARTHEST * typical_size(trace.silhouettes)
+    reach = TUNING.farthest * typical_size(gradients.silhouettes)
     allowed = (np.abs(columns.T) < reach) & (rows > -0.12 * reach) & (rows < reach)
+
+    def correlated(k: int, by: F32) -> NDArray[np.float64]:
+        return np.fft.irfft2(spectra[k] * np.conj(np.fft.rfft2(by, shape)), shape)
+
     best: WallShadow | None = None
-    for size in SIZES:
-        outline = np.zeros(trace.known.shape, np.float32)
-        for what in trace.silhouettes:
-            still = WallShadow((0.0, 0.0), size, 0.0, 0.0)
-            np.maximum(outline, cast_on_wall(what, still, 1.0, trace.size), out=outline)
+    for size in TUNING.wall_sizes:
+        outline = wall_coverage(gradients.silhouettes, WallShadow((0.0, 0.0), size), 1.0, gradients.size)
         dy, dx = np.gradient(cv2.GaussianBlur(outline, (0, 0), width))
         energy = dx * dx + dy * dy
         edges = (energy > 0.02 * energy.max()).astype(np.float32)
         band = np.asarray(cv2.dilate(edges, np.ones((5, 5), np.uint8)), np.float32)
-
-        def moved(k: int, by: F32) -> NDArray[np.float64]:
-            return np.fft.irfft2(spectra[k] * np.conj(np.fft.rfft2(by, shape)), shape)
-
-        both = -(moved(0, dx) + moved(1, dy))
-        own, seen = np.maximum(moved(3, energy), 1e-9), np.maximum(moved(2, band), 1e-9)
-        likeness = np.where(allowed & (own > IN_SIGHT * energy.sum()), both / np.sqrt(own * seen), -1.0)
+        both = -(correlated(0, dx) + correlated(1, dy))
+        own, seen = np.maximum(correlated(3, energy), 1e-9), np.maximum(correlated(2, band), 1e-9)
+        visible = allowed & (own > TUNING.in_sight * energy.sum())
+        likeness = np.where(visible, both / np.sqrt(own * seen), -1.0)
         row, column = np.unravel_index(int(likeness.argmax()), likeness.shape)
         if likeness[row, column] > (best.likeness if best else 0.0):
-            shift = float(columns[column, 0]) * trace.scale, float(rows[row, 0]) * trace.scale
-            best = WallShadow(
-                shift, size, float(likeness[row, column]), float(both[row, column] / own[row, column])
-            )
+            shift = float(columns[column, 0]) * gradients.scale, float(rows[row, 0]) * gradients.scale
+            factor = float(both[row, column] / own[row, column])
+            best = WallShadow(shift, size, float(likeness[row, column]), factor)
     return best

@@ -1,55 +1,57 @@
-"""Silhouettes of objects that cast shadows, at any scale."""
+"""Silhouettes of objects that cast shadows, at any scale, and the darkness that geometry predicts from them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import ceil, inf
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Disc, bounds, mass_properties
-from physgen.geometry.shadows import Silhouette
-from physgen.perceive.roles import BoundaryGuess, Labels, Matter, PhotoObject
+from physgen.geometry.polygon import Array, Disc, bounds, mass_properties
+from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette, shadow_darkness
+from physgen.perceive.roles import F32, BoundaryGuess, Labels, Mask, Matter, PhotoObject
 from physgen.scene.scene import Solid, View
 
-Line = tuple[NDArray[np.float64], NDArray[np.float64]]
-MOST = 40
-"""Objects that are looked at; the largest."""
-SUNK = 3.0
-"""px by which a thing may reach below its floor."""
+MOST = 40  # objects that are considered; the largest
+SUNK = 3.0  # px by which an object may reach below its floor
+MARGIN = 2  # px around objects where the background still shows traces of them
+DARKEST = 2e-3  # linear light added before logarithms and ratios: black has neither
+
+Shift = tuple[int, int]
+"""px right and down."""
+Casts = Iterator[tuple[int, PixelBox, F32]]
+"""Of each object its id, a box of the photo, and -log of the light that it leaves there."""
 
 
 def object_silhouettes(
     labels: Labels,
-    things: Sequence[PhotoObject],
+    objects: Sequence[PhotoObject],
     matter: Mapping[int, Matter],
-    setting: BoundaryGuess,
+    boundaries: BoundaryGuess,
     scale: float,
     floor: float | None = None,
 ) -> list[Silhouette]:
-    """Of the largest things, on a picture 1 / scale of the size.
+    """Silhouettes of the largest objects, on a picture 1 / scale of the size.
 
     Each stands over the highest boundary below it, or over `floor`, a row of the photo, where that is given.
     """
-    top = setting.view is View.TOP
     grounds = [
         (np.array(a) / scale, np.array(b) / scale)
-        for wall in setting.walls
+        for wall in boundaries.walls
         for a, b in zip(wall.points[:-1], wall.points[1:], strict=True)
     ]
     found = []
-    sizes = {t.id: mass_properties(t.outline).area for t in things}
-    for thing in sorted(things, key=lambda t: -sizes[t.id])[:MOST]:
-        x0, y0, x1, y1 = bounds(thing.outline)
+    sizes = {t.id: mass_properties(t.outline).area for t in objects}
+    for item in sorted(objects, key=lambda t: -sizes[t.id])[:MOST]:
+        x0, y0, x1, y1 = bounds(item.outline)
         a, b = max(int(x0) - 2, 0), max(int(y0) - 2, 0)
         c, d = min(ceil(x1) + 3, labels.shape[1]), min(ceil(y1) + 3, labels.shape[0])
-        mask = (labels[b:d, a:c] == thing.id).astype(np.float32)
+        mask = (labels[b:d, a:c] == item.id).astype(np.float32)
         if not mask.any():
             continue
         corner = int(a / scale), int(b / scale)
-        w, h = ceil(c / scale) + 1 - corner[0], ceil(d / scale) + 1 - corner[1]
+        size = ceil(c / scale) + 1 - corner[0], ceil(d / scale) + 1 - corner[1]
         matrix = np.array(
             [
                 [1 / scale, 0, (a + 0.5) / scale - 0.5 - corner[0]],
@@ -57,28 +59,16 @@ def object_silhouettes(
             ]
         )
         soft = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
-        small = np.asarray(cv2.warpAffine(soft, matrix, (w, h), flags=cv2.INTER_LINEAR), np.float32)
-        center = mass_properties(thing.outline).center / scale
-        disc = isinstance(thing.outline, Disc)
-        ball = disc and matter[thing.id].solid is Solid.SPHERE
-        radius = thing.outline.radius / scale if isinstance(thing.outline, Disc) else None
+        small = np.asarray(cv2.warpAffine(soft, matrix, size, flags=cv2.INTER_LINEAR), np.float32)
+        x, y = (mass_properties(item.outline).center / scale).tolist()
+        radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
+        ball = radius is not None and matter[item.id].solid is Solid.SPHERE
         wide, high = (x1 - x0) / scale, (y1 - y0) / scale
         thick = 2 * radius if radius is not None else 0.9 * (wide * high) ** 0.5
-        if top and not ball:
-            thick *= 0.4 if disc else 0.6
-        bottom = y1 / scale - 0.5
-        below = _below(grounds, float(center[0]), bottom) if floor is None else floor / scale
-        found.append(
-            Silhouette(
-                small,
-                corner,
-                (float(center[0]), float(center[1])),
-                radius if ball else None,
-                thick,
-                below,
-                thing.id,
-            )
-        )
+        if boundaries.view is View.TOP and not ball:
+            thick *= 0.4 if radius is not None else 0.6
+        below = _row_below(grounds, x, y1 / scale - 0.5) if floor is None else floor / scale
+        found.append(Silhouette(small, corner, (x, y), radius if ball else None, thick, below, item.id))
     return found
 
 
@@ -97,11 +87,11 @@ def group_silhouettes(things: Sequence[Silhouette]) -> list[list[Silhouette]]:
 
 
 def join_silhouettes(things: Sequence[Silhouette]) -> list[Silhouette]:
-    """One for each of `grouped`: the shadows of things that stand side by side are one too."""
-    return [group[0] if group[0].radius is not None else _one(group) for group in group_silhouettes(things)]
+    """One for each group: the shadows of objects that stand side by side are one too."""
+    return [group[0] if group[0].radius is not None else _union(group) for group in group_silhouettes(things)]
 
 
-def _one(group: Sequence[Silhouette]) -> Silhouette:
+def _union(group: Sequence[Silhouette]) -> Silhouette:
     x0, y0 = (min(w.corner[k] for w in group) for k in (0, 1))
     x1, y1 = (max(w.corner[k] + w.coverage.shape[1 - k] for w in group) for k in (0, 1))
     whole = np.zeros((y1 - y0, x1 - x0), np.float32)
@@ -119,11 +109,11 @@ def _alike(one: Silhouette, other: Silhouette) -> bool:
     return abs(one.floor - other.floor) < 1 and other.thick < 1.5 * one.thick
 
 
-def lowest_floor(setting: BoundaryGuess) -> float | None:
-    """The row, px, of the lowest boundary that things can stand on; None where there is none but the frame."""
+def lowest_floor(boundaries: BoundaryGuess) -> float | None:
+    """The row, px, of the lowest boundary that objects can stand on; None where there is none but the frame."""
     rows = [
         max(p[1], q[1])
-        for wall in setting.walls
+        for wall in boundaries.walls
         if wall.name != "frame"
         for p, q in zip(wall.points[:-1], wall.points[1:], strict=True)
         if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1])
@@ -131,7 +121,7 @@ def lowest_floor(setting: BoundaryGuess) -> float | None:
     return max(rows, default=None)
 
 
-def _below(grounds: Sequence[Line], x: float, bottom: float) -> float | None:
+def _row_below(grounds: Sequence[tuple[Array, Array]], x: float, bottom: float) -> float | None:
     rows = [
         float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0]))
         for p, q in grounds
@@ -144,3 +134,37 @@ def typical_size(things: Sequence[Silhouette]) -> float:
     """px of a typical object: the root of its area."""
     areas = [float((s.coverage > 0.5).sum()) for s in things]
     return float(np.median([area**0.5 for area in areas])) + 1 if areas else inf
+
+
+def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:
+    """(H, W): pixels farther than `margin` px from every object."""
+    square = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    return np.asarray(cv2.dilate((coverage > 0).astype(np.uint8), square) == 0)
+
+
+def predicted_darkness(
+    things: Sequence[Silhouette], setting: ShadowSetting, shifts: Sequence[Shift] = ()
+) -> F32:
+    """(h, w) -log of the light that objects leave; `shifts`: by how much each one's shadow lies elsewhere."""
+    w, h = setting.size
+    model = np.zeros((h, w), np.float32)
+    for k, what in enumerate(things):
+        if (found := shifted_darkness(what, setting, shifts[k] if shifts else (0, 0))) is not None:
+            (x0, y0, x1, y1), values = found
+            model[y0:y1, x0:x1] += values
+    return model
+
+
+def shifted_darkness(what: Silhouette, setting: ShadowSetting, shift: Shift) -> tuple[PixelBox, F32] | None:
+    """A box of the photo and (h, w) -log of the light that is left there; None where no shadow lies in the photo."""
+    found = shadow_darkness(what, setting)
+    if found is None or shift == (0, 0):
+        return found
+    (x0, y0, x1, y1), values = found
+    dx, dy = shift
+    left, top = max(x0 + dx, 0), max(y0 + dy, 0)
+    right, bottom = min(x1 + dx, setting.size[0]), min(y1 + dy, setting.size[1])
+    if right <= left or bottom <= top:
+        return None
+    part = np.s_[top - y0 - dy : bottom - y0 - dy, left - x0 - dx : right - x0 - dx]
+    return (left, top, right, bottom), values[part]

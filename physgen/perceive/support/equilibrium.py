@@ -1,4 +1,10 @@
-"""Static equilibrium of objects under gravity, contact forces and Coulomb friction."""
+"""Static equilibrium of objects under gravity, contact forces and Coulomb friction.
+
+An object stands where forces at its contacts, each within its cone of Coulomb friction, can balance its weight and its
+neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-squares problem
+with forces that only push, solved by an active set (Lawson and Hanson 1974, chapter 23), of many objects by an interior
+point method (Wright 1997, Primal-dual interior-point methods). Image axes, px; weight is proportional to area.
+"""
 
 from __future__ import annotations
 
@@ -10,250 +16,93 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Disc, MassProperties, Outline, bounds, cross, mass_properties
 
-# ----------------------------------------------------------------------
-# Forces that only push between many things -> what they leave unbalanced.
-#
-# A primal-dual interior point method with Mehrotra's predictor and corrector (Wright 1997, Primal-dual
-# interior-point
-# methods). Things are taken in layers, each of which touches only the next, so that every system is block
-# tridiagonal.
-
-Indices = NDArray[np.int64]
-
-PASSES = 60
-ENOUGH = 1e-7
-"""Of complementarity, and of the gradient: far below what counts as unbalanced."""
-LOST = 1e3
-"""Times the least error so far: rounding has taken over."""
-SHORT = 0.99
-"""Of the way to the border of what is allowed."""
-
-
-def unbalanced_forces(pairs: Indices, parts: Array, wanted: Array) -> Array:
-    """(N, 3): `wanted` (N, 3) minus matrix x, for the x >= 0 that makes it least.
-
-    Each column of the matrix holds `parts` (M, 2, 3) at two of the N things, `pairs` (M, 2); -1 is none of them.
-    """
-    count = len(wanted)
-    if not len(pairs):
-        return wanted
-    spread = 3 * np.where(pairs < 0, count, pairs)[:, :, None] + np.arange(3)
-    system = _System(count, pairs, parts)
-
-    def times(x: Array) -> Array:
-        weighed = (parts * x[:, None, None]).ravel()
-        return np.asarray(np.bincount(spread.ravel(), weighed, 3 * count + 3)[:-3], np.float64)
-
-    def turned(y: Array) -> Array:
-        return np.asarray((parts * np.append(y, np.zeros(3))[spread]).sum((1, 2)))
-
-    def towards(right: Array) -> Array:
-        way = scale * (right - turned(system.solve(times(scale * right))))
-        # what large weights round off
-        off = right - turned(times(way)) - way / scale
-        return way + scale * (off - turned(system.solve(times(scale * off))))
-
-    x, s = np.ones(len(pairs)), np.ones(len(pairs))
-    best = left = wanted.ravel() - times(x)
-    least = np.inf
-    for _ in range(PASSES):
-        slope, gap = -turned(left) - s, float((x * s).mean())
-        error = max(gap, float(np.abs(slope).max()))
-        if error < least:
-            best, least = left, error
-        if least < ENOUGH or error > LOST * least:
-            break
-        scale = x / s
-        system.weigh(scale)
-        dx = towards(-slope - s)
-        ds = -s - dx / scale
-        a, b = _far(x, dx), _far(s, ds)
-        middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
-        right = middle - x * s - a * b * dx * ds
-        dx = towards(-slope + right / x)
-        ds = (right - s * dx) / x
-        # one step for both: the gradient depends on x as well
-        step = min(1.0, SHORT * min(_far(x, dx), _far(s, ds)))
-        x, s = x + step * dx, s + step * ds
-        left = wanted.ravel() - times(x)
-    return best.reshape(-1, 3)
-
-
-def _far(x: Array, way: Array) -> float:
-    """How much of a way can be gone before some of x turns negative; 1 at most."""
-    down = way < 0
-    return min(1.0, float((-x[down] / way[down]).min())) if down.any() else 1.0
-
-
-class _System:
-    """I + matrix diag(weights) matrix^T, factored layer by layer."""
-
-    def __init__(self, count: int, pairs: Indices, parts: Array) -> None:
-        self.count = count
-        layers = _layers(count, pairs)
-        self.ends = np.cumsum([0, *map(len, layers)]) * 3
-        order = np.concatenate(layers)
-        place = np.empty(count + 1, np.int64)
-        place[order], place[count] = np.arange(count), count
-        rows = (3 * place[np.where(pairs < 0, count, pairs)][:, :, None] + np.arange(3)).reshape(-1, 6)
-        self.rows = (3 * order[:, None] + np.arange(3)).ravel()
-        flat = parts.reshape(-1, 6)
-        size = 3 * count + 3
-        one, other = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
-        self.at, self.entry = np.unique((one * size + other).ravel(), return_inverse=True)
-        self.products = (flat[:, :, None] * flat[:, None, :]).reshape(-1, 36)
-
-    def weigh(self, weights: Array) -> None:
-        values = np.bincount(self.entry.ravel(), (self.products * weights[:, None]).ravel(), len(self.at))
-        size = 3 * self.count + 3
-        whole = np.zeros(size * size)
-        whole[self.at] = values
-        matrix = whole.reshape(size, size)[:-3, :-3]
-        matrix[np.diag_indices(3 * self.count)] += 1
-        self.steps: list[tuple[Array, Array]] = []
-        """Of each layer the inverse of what is left of its block, and its block beside the next layer."""
-        ends = self.ends.tolist()
-        left = matrix[: ends[1], : ends[1]]
-        for k in range(len(ends) - 1):
-            inverse = np.asarray(np.linalg.inv(left), np.float64)
-            if k == len(ends) - 2:
-                self.steps.append((inverse, np.zeros((len(inverse), 0))))
-                break
-            here, after = slice(ends[k], ends[k + 1]), slice(ends[k + 1], ends[k + 2])
-            beside = matrix[here, after]
-            self.steps.append((inverse, beside))
-            left = matrix[after, after] - beside.T @ inverse @ beside
-
-    def solve(self, right: Array) -> Array:
-        parts = np.split(right[self.rows], self.ends[1:-1].tolist())
-        for k, (inverse, beside) in enumerate(self.steps[:-1]):
-            parts[k + 1] = parts[k + 1] - beside.T @ (inverse @ parts[k])
-        parts[-1] = self.steps[-1][0] @ parts[-1]
-        for k in range(len(parts) - 2, -1, -1):
-            inverse, beside = self.steps[k]
-            parts[k] = inverse @ (parts[k] - beside @ parts[k + 1])
-        result = np.empty(len(right))
-        result[self.rows] = np.concatenate(parts)
-        return result
-
-
-def _layers(count: int, pairs: Indices) -> list[Indices]:
-    """Things by how many others lie between them and an end of their group: each touches the next layer only."""
-    beside: list[set[int]] = [set() for _ in range(count)]
-    for a, b in np.unique(pairs, axis=0).tolist():
-        if a >= 0 and b >= 0:
-            beside[a].add(b)
-            beside[b].add(a)
-    layers: list[Indices] = []
-    left = set(range(count))
-    while left:
-        start = min(left)
-        for _ in range(2):  # the last one found is at an end
-            found = _outwards(start, beside)
-            start = found[-1][0]
-        layers += [np.array(layer, np.int64) for layer in found]
-        left.difference_update(*found)
-    return layers
-
-
-def _outwards(start: int, beside: Sequence[set[int]]) -> list[list[int]]:
-    seen = {start}
-    layers = [[start]]
-    while after := sorted({j for i in layers[-1] for j in beside[i]} - seen):
-        seen.update(after)
-        layers.append(after)
-    return layers
-
-
-# ----------------------------------------------------------------------
-# Outlines and walls -> where they touch, and which things friction and support hold still.
-#
-# A thing stands where forces at its contacts, each within its cone of Coulomb friction, can balance its
-# weight and its
-# neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-
-# squares problem
-# with forces that only push (Lawson and Hanson 1974, chapter 23; of many things an interior point method,
-# Wright 1997).
-# Image axes, px; weight goes by area.
-
-TOUCH = 0.6
-"""px between two surfaces that still count as touching: gaps that close unseen."""
-UNHELD = 0.004
-"""Part of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
-INNER = 1.5
-"""px, or a fifth of a face, by which its ends may be off: what stands only by them does not stand."""
-OVERHEAD = 0.3
-"""Sine of the angle by which a surface faces down from which it lies above what it touches."""
 TILTED = np.radians(1.0)
-"""By which the photo may be turned without anything falling."""
-SPOT = 0.04
-"""Of its radius: half of the spot on which a ball rests; more than the tangent of `TILTED`."""
-TURNED = np.cos(np.radians(12.0))
-"""Contacts of two things whose normals differ by less are on one face: its two ends tell all."""
+"""Angle by which the photo may be turned without anything falling."""
+UNHELD = 0.004
+"""Share of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
 MANY = 32
-"""Things in one pile, beyond which several of them are held at a time, and for good."""
-TIMES = 8
-"""Times that some of such a pile are held, after which all are that do not stand yet."""
+"""Objects in one pile, beyond which several of them are held at a time, and for good."""
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Contacts and iterations."""
+
+    touch: float = 0.6  # px between surfaces that still touch: gaps that close unseen
+    inner: float = 1.5  # px, or a fifth of a face, by which its ends may be off
+    overhead: float = 0.3  # sine of the angle by which a surface that lies above what it touches faces down
+    spot: float = 0.04  # of its radius: half of the spot a ball rests on; more than the tangent of TILTED
+    one_face: float = float(np.cos(np.radians(12.0)))  # cosine between normals of contacts on one face
+    hold_rounds: int = 8  # in which some of a large pile are held, after which all are that do not stand yet
+    passes: int = 60  # of the interior point method
+    accuracy: float = 1e-7  # of complementarity and gradient: far below UNHELD
+    diverged: float = 1e3  # times the least error so far: rounding dominates
+    step: float = 0.99  # share of the way to the border of what is allowed
+
+
+LIMITS = _Limits()
+Pairs = NDArray[np.int64]
+Friction = Mapping[tuple[int, int], float]
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Where one thing rests against another, or against the world."""
+    """Where one object rests against another, or against a wall."""
 
-    thing: int
-    """Place in the list of outlines."""
+    body: int
+    """Index of its outline."""
     other: int
-    """The same; -1 the world."""
+    """The same; -1 a wall."""
     point: Array
     """(2,) px."""
     normal: Array
-    """(2,) unit, from the other into the thing."""
+    """(2,) unit, from the other into the body."""
 
 
 def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contact]:
-    """Of every two outlines, and of outlines with walls, each `(K, 2)` px."""
+    """Contacts between outlines, and of outlines with walls, each `(K, 2)` px."""
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     found: list[Contact] = []
     on = [wall_contacts(outlines, boxes, wall) for wall in walls]
     for i, outline in enumerate(outlines):
         for j in _near(boxes[i + 1 :], boxes[i]):
-            found += _ends(i, i + 1 + j, _touches(outline, outlines[i + 1 + j]))
-        found += [contact for wall in on for contact in wall if contact.thing == i]
+            found += _face_ends(i, i + 1 + j, _touches(outline, outlines[i + 1 + j]))
+        found += [contact for wall in on for contact in wall if contact.body == i]
     return found
 
 
 def wall_contacts(outlines: Sequence[Outline], boxes: Array, wall: Array) -> list[Contact]:
-    """Of outlines, whose `bounds` are `boxes` (N, 4), with one wall `(K, 2)` px."""
+    """Contacts of outlines, whose `bounds` are `boxes` (N, 4), with one wall `(K, 2)` px."""
     found: list[Contact] = []
     for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
-        found += _ends(i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center))
+        found += _face_ends(i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center))
     return found
 
 
 def unstable_objects(
     outlines: Sequence[Outline],
     found: Sequence[Contact],
-    friction: Mapping[tuple[int, int], float],
+    friction: Friction,
     fixed: Collection[int] = (),
     default: float = 0.3,
     known: dict[tuple[object, ...], list[int]] | None = None,
 ) -> list[int]:
-    """The things that cannot stand still, places in the list, lowest first: hold them and all else stands.
+    """Indices of the objects that cannot stand still, lowest first: hold them and all else stands.
 
-    `friction` of pairs (thing, other) that is not `default`; `fixed` are held already. `known` remembers what is
-    found of each group of things that touch, for a call with some of the same contacts and the same friction.
+    `friction` of pairs (body, other) that is not `default`; `fixed` are held already. `known` caches the result of each
+    group of objects that touch, for a call with some of the same contacts and the same friction.
     """
     everyone = [i for i in range(len(outlines)) if i not in fixed]
     found = [c for c in found if not _from_above(c, fixed)]
     masses = {i: mass_properties(outlines[i]) for i in everyone}
     discs = {i: o.radius for i in everyone if isinstance(o := outlines[i], Disc)}
     known = {} if known is None else known
-    lost: list[int] = []
+    unstable: list[int] = []
     groups = _groups(everyone, found)
     within = {i: k for k, group in enumerate(groups) for i in group}
     parts: list[list[Contact]] = [[] for _ in groups]
     for contact in found:
-        k = within.get(contact.thing, within.get(contact.other))
+        k = within.get(contact.body, within.get(contact.other))
         if k is not None:
             parts[k].append(contact)
     for group, part in zip(groups, parts, strict=True):
@@ -261,33 +110,14 @@ def unstable_objects(
         if key not in known:
             forces = _Forces(masses, part, friction, default, discs)
             known[key] = _held(group, forces) if len(group) <= MANY else _held_of_many(group, forces)
-        lost += known[key]
-    return sorted(lost, key=lambda i: -float(masses[i].center[1]))
-
-
-@dataclass(frozen=True, eq=False)
-class _Forces:
-    """What may act within a group."""
-
-    masses: Mapping[int, MassProperties]
-    found: Sequence[Contact]
-    friction: Mapping[tuple[int, int], float]
-    default: float
-    discs: Mapping[int, float]
-
-    def residual(self, free: Sequence[int]) -> dict[int, float]:
-        return _residual(free, self.masses, self.found, self.friction, self.default, self.discs)
-
-    def first(self, rest: Mapping[int, float]) -> list[int]:
-        """What does not stand, first what is most at a loss among the lowest: what stands on it may only lack it."""
-        bad = [i for i in rest if rest[i] > UNHELD]
-        return sorted(bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i]))
+        unstable += known[key]
+    return sorted(unstable, key=lambda i: -float(masses[i].center[1]))
 
 
 def _held(group: Sequence[int], forces: _Forces) -> list[int]:
     """The fewest of a group that must be held, found one by one."""
     held: list[int] = []
-    while bad := forces.first(forces.residual([i for i in group if i not in held])):
+    while bad := forces.worst_first(forces.residual([i for i in group if i not in held])):
         held.append(bad[0])
     for i in list(held):
         if len(held) > 1:
@@ -301,12 +131,12 @@ def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
     """Some of a group that must be held: each time all that do not touch each other."""
     beside: dict[int, set[int]] = {i: set() for i in group}
     for contact in forces.found:
-        if contact.thing in beside and contact.other in beside:
-            beside[contact.thing].add(contact.other)
-            beside[contact.other].add(contact.thing)
+        if contact.body in beside and contact.other in beside:
+            beside[contact.body].add(contact.other)
+            beside[contact.other].add(contact.body)
     held: set[int] = set()
-    for _ in range(TIMES):
-        bad = forces.first(forces.residual([i for i in group if i not in held]))
+    for _ in range(LIMITS.hold_rounds):
+        bad = forces.worst_first(forces.residual([i for i in group if i not in held]))
         if not bad:
             return [i for i in group if i in held]
         new: set[int] = set()
@@ -319,15 +149,36 @@ def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
 
 
 def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
-    """Whether what is fixed lies on top: it might jam a thing, but has no weight to press it down."""
+    """Whether a fixed object lies on top: it might jam an object, but has no weight to press it down."""
     if contact.other < 0 or contact.other in fixed:
-        return bool(contact.normal[1] > OVERHEAD)
-    return contact.thing in fixed and bool(-contact.normal[1] > OVERHEAD)
+        return bool(contact.normal[1] > LIMITS.overhead)
+    return contact.body in fixed and bool(-contact.normal[1] > LIMITS.overhead)
+
+
+def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]]:
+    """Objects that touch, directly or through others."""
+    root = {i: i for i in everyone}
+
+    def top(i: int) -> int:
+        while root[i] != i:
+            root[i] = i = root[root[i]]
+        return i
+
+    for contact in found:
+        if contact.body in root and contact.other in root:
+            root[top(contact.body)] = top(contact.other)
+    groups: dict[int, list[int]] = {}
+    for i in everyone:
+        groups.setdefault(top(i), []).append(i)
+    return list(groups.values())
+
+
+# contacts of outlines
 
 
 def _near(boxes: Array, box: Array) -> list[int]:
-    """Which of the boxes `(N, 4)` may touch one."""
-    apart = (boxes[:, :2] >= box[2:] + TOUCH) | (box[:2] >= boxes[:, 2:] + TOUCH)
+    """Indices of the boxes `(N, 4)` that may touch one."""
+    apart = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (box[:2] >= boxes[:, 2:] + LIMITS.touch)
     return [int(i) for i in np.flatnonzero(~apart.any(axis=1))]
 
 
@@ -336,7 +187,7 @@ def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
     if isinstance(a, Disc) and isinstance(b, Disc):
         way = a.center - b.center
         length = max(float(np.hypot(*way)), 1e-9)
-        if length - a.radius - b.radius > TOUCH:
+        if length - a.radius - b.radius > LIMITS.touch:
             return []
         return [(b.center + way / length * b.radius, way / length)]
     if isinstance(a, Disc):
@@ -361,9 +212,9 @@ def _rings(outline: Outline) -> list[Array]:
 
 
 def _disc_on(disc: Disc, chain: Array) -> list[tuple[Array, Array]]:
-    at, off = _closest(disc.center[None], chain)
+    at, off = _closest(disc.center[None], np.stack([chain[:-1], chain[1:]], axis=1))
     hits = []
-    for k in np.flatnonzero(np.hypot(*off[0].T) <= disc.radius + TOUCH).tolist():
+    for k in np.flatnonzero(np.hypot(*off[0].T) <= disc.radius + LIMITS.touch).tolist():
         length = float(np.hypot(*off[0, k]))
         if length > 0.5 * disc.radius:
             hits.append((at[0, k], off[0, k] / length))
@@ -372,20 +223,19 @@ def _disc_on(disc: Disc, chain: Array) -> list[tuple[Array, Array]]:
 
 def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
     """Corners of one closed chain on edges of another; the normals point out of the other."""
-    inside = (points.min(axis=0) - TOUCH - 1, points.max(axis=0) + TOUCH + 1)
+    low, high = points.min(axis=0) - LIMITS.touch - 1, points.max(axis=0) + LIMITS.touch + 1
     edges = np.flatnonzero(
-        (np.maximum(chain[:-1], chain[1:]) >= inside[0]).all(1)
-        & (np.minimum(chain[:-1], chain[1:]) <= inside[1]).all(1)
+        (np.maximum(chain[:-1], chain[1:]) >= low).all(1) & (np.minimum(chain[:-1], chain[1:]) <= high).all(1)
     )
     if not len(edges):
         return []
     hits = []
-    pairs = np.stack([chain[edges], chain[edges + 1]], axis=1)
-    at, off = _closest_pairs(points[:-1], pairs)
+    segments = np.stack([chain[edges], chain[edges + 1]], axis=1)
+    at, off = _closest(points[:-1], segments)
     length = np.hypot(off[..., 0], off[..., 1])
-    for i in np.flatnonzero(length.min(axis=1) <= TOUCH).tolist():
+    for i in np.flatnonzero(length.min(axis=1) <= LIMITS.touch).tolist():
         k = int(length[i].argmin())
-        along = pairs[k, 1] - pairs[k, 0]
+        along = segments[k, 1] - segments[k, 0]
         run = float(np.hypot(*along))
         if run > 1e-9:
             hits.append((at[i, k], np.array([along[1], -along[0]]) / run))
@@ -397,113 +247,108 @@ def _on_chain(outline: Outline, chain: Array, center: Array) -> list[tuple[Array
     if isinstance(outline, Disc):
         return _disc_on(outline, chain)
     hits = []
+    closed = np.concatenate([chain, chain[-1:]])
     for ring in _rings(outline):
-        hits += _corners_on(ring, chain) + [
-            (p, -n) for p, n in _corners_on(np.concatenate([chain, chain[-1:]]), ring)
-        ]
+        hits += _corners_on(ring, chain) + [(p, -n) for p, n in _corners_on(closed, ring)]
     return [(p, n if (center - p) @ n >= 0 else -n) for p, n in hits]
 
 
-def _closest(points: Array, chain: Array) -> tuple[Array, Array]:
-    return _closest_pairs(points, np.stack([chain[:-1], chain[1:]], axis=1))
-
-
-def _closest_pairs(points: Array, pairs: Array) -> tuple[Array, Array]:
+def _closest(points: Array, segments: Array) -> tuple[Array, Array]:
     """`(N, M, 2)`: of each segment `(M, 2, 2)` the point nearest to each of `(N, 2)`, and the way from there."""
-    start, along = pairs[:, 0], pairs[:, 1] - pairs[:, 0]
+    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     off = points[:, None] - start[None]
     share = np.clip((off * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)
     at = start[None] + share[..., None] * along[None]
     return at, points[:, None] - at
 
 
-def _ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Contact]:
-    """Of the hits on each face the two ends, brought nearer to each other by what they are unsure of."""
+def _face_ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Contact]:
+    """The two ends of the hits on each face, moved inwards by their uncertainty."""
     left = list(hits)
     found = []
     while left:
         normal = left[0][1]
-        face = [hit for hit in left if hit[1] @ normal >= TURNED]
-        left = [hit for hit in left if hit[1] @ normal < TURNED]
+        face = [hit for hit in left if hit[1] @ normal >= LIMITS.one_face]
+        left = [hit for hit in left if hit[1] @ normal < LIMITS.one_face]
         where = [cross(normal, p) for p, _ in face]
         first, last = (face[int(k)] for k in (np.argmin(where), np.argmax(where)))
         if len(face) == 1:
             found.append(Contact(i, j, *first))
             continue
         way = last[0] - first[0]
-        inwards = way * min(0.2, INNER / max(float(np.hypot(*way)), 1e-9))
+        inwards = way * min(0.2, LIMITS.inner / max(float(np.hypot(*way)), 1e-9))
         found += [Contact(i, j, first[0] + inwards, first[1]), Contact(i, j, last[0] - inwards, last[1])]
     return found
 
 
-def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]]:
-    """What touches belongs together."""
-    root = {i: i for i in everyone}
-
-    def top(i: int) -> int:
-        while root[i] != i:
-            root[i] = i = root[root[i]]
-        return i
-
-    for contact in found:
-        if contact.thing in root and contact.other in root:
-            root[top(contact.thing)] = top(contact.other)
-    groups: dict[int, list[int]] = {}
-    for i in everyone:
-        groups.setdefault(top(i), []).append(i)
-    return list(groups.values())
+# balance of forces
 
 
-def _residual(
-    free: Sequence[int],
-    masses: Mapping[int, MassProperties],
-    found: Sequence[Contact],
-    friction: Mapping[tuple[int, int], float],
-    default: float,
-    discs: Mapping[int, float],
-) -> dict[int, float]:
-    """Of each thing, what part of its weight (or of a torque of its weight and size) nothing balances.
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """Forces that may act within a group."""
 
-    The worst of a level photo and of one tilted a little either way: what only just stands does not stand for long.
-    """
-    place = {i: k for k, i in enumerate(free)}
-    pairs, parts = [], []
-    for contact in found:
-        if contact.thing not in place and contact.other not in place:
-            continue
-        mu = friction.get((contact.thing, contact.other), default)
-        along = np.array([-contact.normal[1], contact.normal[0]])
-        # a round thing is held by a spot, not by a point
-        radius = min((discs[i] for i in (contact.thing, contact.other) if i in discs), default=0.0)
-        for aside in (-SPOT * radius, SPOT * radius) if radius else (0.0,):
-            for way in (-mu, mu):
-                force = contact.normal + way * along
-                column = np.zeros((2, 3))
-                for k, (i, sign) in enumerate(((contact.thing, 1.0), (contact.other, -1.0))):
-                    if i in place:
-                        mass = masses[i]
-                        arm = (contact.point + aside * along - mass.center) / np.sqrt(mass.area)
-                        part = np.array([force[0], force[1], cross(arm, force)])
-                        column[k] = sign * part / mass.area
-                pairs.append([place.get(contact.thing, -1), place.get(contact.other, -1)])
-                parts.append(column / max(np.abs(column).max(), 1e-12))
-    columns = np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(-1, 2, 3)
-    matrix = _dense(len(free), *columns) if len(free) <= MANY else None
-    worst = np.zeros(len(free))
-    for tilt in (0.0, -TILTED, TILTED):
-        wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], (len(free), 1))
-        if matrix is None:
-            rest = unbalanced_forces(*columns, wanted)
-        else:
-            rest = (wanted.ravel() - matrix @ nonnegative_least_squares(matrix, wanted.ravel())).reshape(
-                -1, 3
-            )
-        worst = np.maximum(worst, np.abs(rest).max(axis=1))
-    return dict(zip(free, worst.tolist(), strict=True))
+    masses: Mapping[int, MassProperties]
+    found: Sequence[Contact]
+    friction: Friction
+    default: float
+    discs: Mapping[int, float]
+    """Radii, px."""
+
+    def worst_first(self, rest: Mapping[int, float]) -> list[int]:
+        """Objects that do not stand, the least balanced of the lowest first: those on top may only lack them."""
+        bad = [i for i in rest if rest[i] > UNHELD]
+        return sorted(bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i]))
+
+    def residual(self, free: Sequence[int]) -> dict[int, float]:
+        """Share of each object's weight (or of a torque of its weight and size) that nothing balances.
+
+        The worst of a level photo and of one tilted a little either way: an object that only just stands will fall.
+        """
+        pairs, parts = self._columns(free)
+        matrix = _dense(len(free), pairs, parts) if len(free) <= MANY else None
+        worst = np.zeros(len(free))
+        for tilt in (0.0, -TILTED, TILTED):
+            wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], (len(free), 1))
+            if matrix is None:
+                rest = unbalanced_forces(pairs, parts, wanted)
+            else:
+                forces = nonnegative_least_squares(matrix, wanted.ravel())
+                rest = (wanted.ravel() - matrix @ forces).reshape(-1, 3)
+            worst = np.maximum(worst, np.abs(rest).max(axis=1))
+        return dict(zip(free, worst.tolist(), strict=True))
+
+    def _columns(self, free: Sequence[int]) -> tuple[Pairs, Array]:
+        """The edges of every friction cone: the places in `free` of both objects (M, 2), -1 none of them, and the
+        force and torque on each (M, 2, 3).
+        """
+        place = {i: k for k, i in enumerate(free)}
+        pairs, parts = [], []
+        for contact in self.found:
+            both = (contact.body, contact.other)
+            if contact.body not in place and contact.other not in place:
+                continue
+            mu = self.friction.get(both, self.default)
+            along = np.array([-contact.normal[1], contact.normal[0]])
+            # a round object is held by a spot, not by a point
+            spot = LIMITS.spot * min((self.discs[i] for i in both if i in self.discs), default=0.0)
+            for aside in (-spot, spot) if spot else (0.0,):
+                for way in (-mu, mu):
+                    force = contact.normal + way * along
+                    column = np.zeros((2, 3))
+                    for k, (i, sign) in enumerate(zip(both, (1.0, -1.0), strict=True)):
+                        if i in place:
+                            mass = self.masses[i]
+                            arm = (contact.point + aside * along - mass.center) / np.sqrt(mass.area)
+                            part = np.array([force[0], force[1], cross(arm, force)])
+                            column[k] = sign * part / mass.area
+                    pairs.append([place.get(i, -1) for i in both])
+                    parts.append(column / max(np.abs(column).max(), 1e-12))
+        return np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(-1, 2, 3)
 
 
-def _dense(count: int, pairs: NDArray[np.int64], parts: Array) -> Array:
-    """`(3 count, M)`: the columns as `unbalanced` takes them, written out."""
+def _dense(count: int, pairs: Pairs, parts: Array) -> Array:
+    """`(3 count, M)`: the columns as `unbalanced_forces` takes them, written out."""
     columns = np.zeros((len(pairs), count + 1, 3))
     for k in (0, 1):
         columns[np.arange(len(pairs)), pairs[:, k]] += parts[:, k]
@@ -511,7 +356,7 @@ def _dense(count: int, pairs: NDArray[np.int64], parts: Array) -> Array:
 
 
 def nonnegative_least_squares(matrix: Array, wanted: Array) -> Array:
-    """x >= 0 of least |matrix x - wanted|: Lawson and Hanson's NNLS."""
+    """x >= 0 of least |matrix x - wanted| (Lawson and Hanson's NNLS; importing SciPy takes longer than solving)."""
     count = matrix.shape[1]
     x, used = np.zeros(count), np.zeros(count, bool)
     for _ in range(3 * count):
@@ -531,3 +376,132 @@ def nonnegative_least_squares(matrix: Array, wanted: Array) -> Array:
             used &= x > 1e-12
         x = trial
     return x
+
+
+def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
+    """(N, 3): `wanted` (N, 3) minus matrix x, for the x >= 0 that makes it least.
+
+    Each column of the matrix holds `parts` (M, 2, 3) at two of the N objects, `pairs` (M, 2); -1 is none of them.
+    Mehrotra's predictor and corrector; objects are taken in layers, each of which touches only the next, so that every
+    system is block tridiagonal.
+    """
+    count = len(wanted)
+    if not len(pairs):
+        return wanted
+    spread = 3 * np.where(pairs < 0, count, pairs)[:, :, None] + np.arange(3)
+    system = _System(count, pairs, parts)
+
+    def times(x: Array) -> Array:
+        weighted = (parts * x[:, None, None]).ravel()
+        return np.asarray(np.bincount(spread.ravel(), weighted, 3 * count + 3)[:-3], np.float64)
+
+    def transposed(y: Array) -> Array:
+        return np.asarray((parts * np.append(y, np.zeros(3))[spread]).sum((1, 2)))
+
+    def towards(right: Array) -> Array:
+        way = scale * (right - transposed(system.solve(times(scale * right))))
+        # large weights are rounded off: one step of refinement
+        off = right - transposed(times(way)) - way / scale
+        return way + scale * (off - transposed(system.solve(times(scale * off))))
+
+    x, s = np.ones(len(pairs)), np.ones(len(pairs))
+    best = left = wanted.ravel() - times(x)
+    least = np.inf
+    for _ in range(LIMITS.passes):
+        slope, gap = -transposed(left) - s, float((x * s).mean())
+        error = max(gap, float(np.abs(slope).max()))
+        if error < least:
+            best, least = left, error
+        if least < LIMITS.accuracy or error > LIMITS.diverged * least:
+            break
+        scale = x / s
+        system.factor(scale)
+        dx = towards(-slope - s)
+        ds = -s - dx / scale
+        a, b = _longest_step(x, dx), _longest_step(s, ds)
+        middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
+        right = middle - x * s - a * b * dx * ds
+        dx = towards(-slope + right / x)
+        ds = (right - s * dx) / x
+        # one step for both: the gradient depends on x as well
+        step = min(1.0, LIMITS.step * min(_longest_step(x, dx), _longest_step(s, ds)))
+        x, s = x + step * dx, s + step * ds
+        left = wanted.ravel() - times(x)
+    return best.reshape(-1, 3)
+
+
+def _longest_step(x: Array, way: Array) -> float:
+    """Share of a way that can be gone before some of x turns negative; 1 at most."""
+    down = way < 0
+    return min(1.0, float((-x[down] / way[down]).min())) if down.any() else 1.0
+
+
+class _System:
+    """I + matrix diag(weights) matrix^T, factored layer by layer."""
+
+    def __init__(self, count: int, pairs: Pairs, parts: Array) -> None:
+        self.size = 3 * count + 3
+        layers = _layers(count, pairs)
+        self.ends = np.cumsum([0, *map(len, layers)]) * 3
+        order = np.concatenate(layers)
+        place = np.empty(count + 1, np.int64)
+        place[order], place[count] = np.arange(count), count
+        rows = (3 * place[np.where(pairs < 0, count, pairs)][:, :, None] + np.arange(3)).reshape(-1, 6)
+        self.rows = (3 * order[:, None] + np.arange(3)).ravel()
+        flat = parts.reshape(-1, 6)
+        one, other = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
+        self.at, self.entry = np.unique((one * self.size + other).ravel(), return_inverse=True)
+        self.products = (flat[:, :, None] * flat[:, None, :]).reshape(-1, 36)
+
+    def factor(self, weights: Array) -> None:
+        whole = np.zeros(self.size**2)
+        weighted = (self.products * weights[:, None]).ravel()
+        whole[self.at] = np.bincount(self.entry.ravel(), weighted, len(self.at))
+        matrix = whole.reshape(self.size, self.size)[:-3, :-3]
+        matrix[np.diag_indices(self.size - 3)] += 1
+        # of each layer the inverse of the rest of its block, and its block beside the next layer
+        self.steps: list[tuple[Array, Array]] = []
+        ends = [*self.ends.tolist(), self.size - 3]
+        left = matrix[: ends[1], : ends[1]]
+        for k in range(len(ends) - 2):
+            inverse = np.asarray(np.linalg.inv(left), np.float64)
+            here, after = slice(ends[k], ends[k + 1]), slice(ends[k + 1], ends[k + 2])
+            beside = matrix[here, after]
+            self.steps.append((inverse, beside))
+            left = matrix[after, after] - beside.T @ inverse @ beside
+
+    def solve(self, right: Array) -> Array:
+        parts = np.split(right[self.rows], self.ends[1:-1].tolist())
+        for k, (inverse, beside) in enumerate(self.steps[:-1]):
+            parts[k + 1] = parts[k + 1] - beside.T @ (inverse @ parts[k])
+        parts[-1] = self.steps[-1][0] @ parts[-1]
+        for k in range(len(parts) - 2, -1, -1):
+            inverse, beside = self.steps[k]
+            parts[k] = inverse @ (parts[k] - beside @ parts[k + 1])
+        result = np.empty(len(right))
+        result[self.rows] = np.concatenate(parts)
+        return result
+
+
+def _layers(count: int, pairs: Pairs) -> list[Pairs]:
+    """Objects by their distance, in contacts, from an end of their group: each touches the next layer only."""
+    beside: list[set[int]] = [set() for _ in range(count)]
+    for a, b in np.unique(pairs, axis=0).tolist():
+        if a >= 0 and b >= 0:
+            beside[a].add(b)
+            beside[b].add(a)
+
+    def outwards(start: int) -> list[list[int]]:
+        seen, found = {start}, [[start]]
+        while after := sorted({j for i in found[-1] for j in beside[i]} - seen):
+            seen.update(after)
+            found.append(after)
+        return found
+
+    layers: list[Pairs] = []
+    left = set(range(count))
+    while left:
+        found = outwards(outwards(min(left))[-1][0])  # the last one found is at an end
+        layers += [np.array(layer, np.int64) for layer in found]
+        left.difference_update(*found)
+    return layers

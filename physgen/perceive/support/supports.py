@@ -1,8 +1,14 @@
-"""Extra supports so that every object at rest stays at rest: ledges, walls to lean on and wedges."""
+"""Extra supports so that every object at rest stays at rest: ledges, walls to lean on and wedges.
+
+What a photo shows at rest is at rest. Where the balance of forces says that an object would fall, something unseen
+holds it; where no support fits in without entering other objects, the object itself is held. A round object that
+would roll away gets a wedge beside it: unlike a held object it still lets a push through, and it can be deleted.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -10,130 +16,101 @@ import numpy as np
 from physgen.geometry.polygon import Array, Disc, Outline, bounds, mass_properties
 from physgen.perceive.roles import PhotoObject, Wall
 from physgen.perceive.support.equilibrium import Contact, contacts, unstable_objects, wall_contacts
-from physgen.perceive.support.ground_contact import cradle, lower_hull
+from physgen.perceive.support.ground_contact import cradle, lower_hull, rounded_down
 
-# ----------------------------------------------------------------------
-# A round thing that would roll away -> a stop beside it, so that it rests where it is and still can be
-# pushed.
-#
-# A thing that is held itself can never move, and what lies against it, of the same kind, can. A stop is a
-# boundary of its
-# own: it leaves all of them alike, lets a push away from it through, and lets go of them when it is deleted.
-
-SIDES = (0.0, 180.0, 30.0, 150.0, 60.0, 120.0)
-"""degrees from +x towards +y at which a stop may touch: upright ones first, which carry nothing."""
-LONG = 0.4
-"""Of a thing's radius: half the length of a stop."""
-LEAST = 0.15
-"""Of its radius: what must be left of a stop on either side of where it touches."""
+Chain = Sequence[tuple[float, float]]
+SOURCE = "what is at rest"
+"""Of these walls, for `from`."""
 
 
-def make_wedge(
-    thing: PhotoObject,
-    free: Callable[[Sequence[tuple[float, float]]], list[list[tuple[float, float]]]],
-    stands: Callable[[Array], bool],
-    name: str,
-    friction: float,
-    elasticity: float,
-) -> Wall | None:
-    """The first stop that fits in and with which it stands; `free` cuts what lies in other things off a chain."""
-    outline: Outline = thing.outline
-    if not isinstance(outline, Disc):
-        return None
-    for side in np.radians(SIDES):
-        way = np.array([np.cos(side), np.sin(side)])
-        along = np.array([-way[1], way[0]])
-        # rounding leaves a gap, not an overlap
-        at = outline.center + (outline.radius + 0.01) * way
-        chain = [at - LONG * outline.radius * along, at + LONG * outline.radius * along]
-        for part in free([(round(float(x), 2), round(float(y), 2)) for x, y in chain]):
-            first, last = ((np.array(end) - at) @ along for end in (part[0], part[-1]))
-            if min(-first, last) >= LEAST * outline.radius and stands(np.array(part)):
-                reason = "nothing seen keeps what lies here from rolling away, so a stop does; without it, it rolls"
-                return Wall(name, tuple(part), friction, elasticity, 0.3, "what is at rest", reason)
-    return None
+@dataclass(frozen=True)
+class _Limits:
+    """Sizes of supports; px unless stated."""
+
+    step: float = 0.5  # between the points at which a chain is tested against the objects
+    skin: float = 0.05  # that a chain may lie within an outline: rounding
+    shortest: float = 1.5  # a shorter piece of a chain carries nothing
+    wall_friction: float = (
+        0.4  # counted on; less than most objects have, so that what stands so stands for sure
+    )
+    object_friction: float = 0.25  # the same between objects
+    slender: float = 0.75  # height over width from which an object may be leaning, not lying askew
+    many: int = 40  # objects, beyond which all that would fall get their ledges at once
+    rounds: int = 5  # of that, after which what would still fall is held
+    from_below: float = 0.3  # sine of the angle by which a surface under an object faces up
+    lean: float = 0.35  # share of its height, from the top, in which an object leans against a neighbour
+    wedge_sides: tuple[float, ...] = (
+        0.0,
+        180.0,
+        30.0,
+        150.0,
+        60.0,
+        120.0,
+    )  # degrees; upright first: they carry nothing
+    wedge_length: float = 0.4  # of the object's radius: half the length of a wedge
+    wedge_rest: float = 0.15  # of its radius: the least length of a wedge on either side of the contact
 
 
-# ----------------------------------------------------------------------
-# Things and the walls found -> more walls, so that all stands: nests, walls to lean on, stops; what is left
-# is held.
-#
-# What a photo shows at rest is at rest. Where the balance of forces says that a thing would fall, something
-# that nobody
-# sees holds it; where no support fits in without entering other things, the thing itself is held.
-
-EVERY = 0.5
-"""px between the points at which a chain is tried against the things."""
-SKIN = 0.05
-"""px that a chain may lie within an outline: rounding."""
-UPHELD_LEAST = 1.5
-"""px: a piece of a chain shorter than this carries nothing."""
-AGAINST_WALL, BETWEEN = 0.4, 0.25
-"""Coefficients of friction counted on; less than most things have, so that what stands so stands for sure."""
-SLENDER = 0.75
-"""Height over width from which a thing may be leaning, not lying askew."""
-MANY = 40
-"""Things in a photo, beyond which all that would fall get their ledges at once."""
-TIMES = 5
-"""Times that this is done, after which what would still fall is held."""
-FROM_BELOW = 0.3
-"""Sine of the angle by which a surface under a thing faces up."""
-LEAN = 0.35
-"""Of its height, from the top, within which a thing leans against what is beside it."""
+LIMITS = _Limits()
 
 
 def add_supports(
-    things: Sequence[PhotoObject],
+    objects: Sequence[PhotoObject],
     walls: Sequence[Wall],
     grip: dict[int, float],
     friction: float,
     elasticity: float,
 ) -> tuple[list[Wall], frozenset[int]]:
-    """Walls to add, and the ids of things that no wall can hold."""
+    """Walls to add, and the ids of objects that no wall can hold."""
     added: list[Wall] = []
     held: set[int] = set()
-    outlines = [thing.outline for thing in things]
+    outlines = [item.outline for item in objects]
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
-    fixed = {k for k, thing in enumerate(things) if thing.cut}
+    fixed = {k for k, item in enumerate(objects) if item.cut}
     between = contacts(outlines, [])
     chains = [np.array(wall.points) for wall in walls if wall.name != "frame"]
     on = [contact for chain in chains for contact in wall_contacts(outlines, boxes, chain)]
     known: dict[tuple[object, ...], list[int]] = {}
-    tried: dict[int, int] = {}
-    many = len(things) > MANY
+    tries: dict[int, int] = {}
+    many = len(objects) > LIMITS.many
 
     def stands(found: Sequence[Contact], lost: int, chain: Array) -> bool:
         more = [*found, *wall_contacts(outlines, boxes, chain)]
-        return len(unstable_objects(outlines, more, _friction(things, more, grip), fixed)) < lost
+        return len(unstable_objects(outlines, more, _friction(objects, more, grip), fixed)) < lost
 
-    for times in range(TIMES if many else 4 * len(things) + 1):
-        found = between + sorted(on, key=lambda contact: contact.thing)
-        lost = unstable_objects(outlines, found, _friction(things, found, grip), fixed, known=known)
+    def wall_of(kind: str, chain: Chain, confidence: float, reason: str) -> Wall:
+        name = f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in added)}"
+        return Wall(name, tuple(chain), friction, elasticity, confidence, SOURCE, reason)
+
+    for times in range(LIMITS.rounds if many else 4 * len(objects) + 1):
+        found = between + sorted(on, key=lambda contact: contact.body)
+        lost = unstable_objects(outlines, found, _friction(objects, found, grip), fixed, known=known)
         if not lost:
             break
-        # of many, all at once: whatever stands by another's ledge has one of its own then
+        # of many, all at once: what another's ledge would have held has one of its own then
         for k in lost if many else lost[:1]:
-            thing = things[k]
-            tried[k] = tried.get(k, 0) + 1
+            item = objects[k]
+            tries[k] = tries.get(k, 0) + 1
             others = [outline for i, outline in enumerate(outlines) if i != k]
             wall = None
-            if tried[k] == 1:
-                wall = _to_lean_on(thing, found, k, others, _next("wall", added), friction, elasticity)
-            # what rolls off something seen needs no ledge under it
-            if wall is None and not many and (tried[k] == 3 or (tried[k] == 1 and _lies_on(found, k))):
-                wall = make_wedge(
-                    thing,
-                    partial(free_parts, others=others),
-                    partial(stands, found, len(lost)),
-                    _next("stop", added),
-                    friction,
-                    elasticity,
+            if tries[k] == 1 and (chain := _wall_to_lean_on(item, found, k, others)):
+                reason = "an object leans to this side and would fall over: something upright is beside it"
+                wall = wall_of("wall", chain, 0.4, reason)
+            # an object that rolls off something seen needs no ledge under it
+            if wall is None and not many and (tries[k] == 3 or (tries[k] == 1 and _lies_on(found, k))):
+                chain = make_wedge(
+                    item, partial(free_parts, others=others), partial(stands, found, len(lost))
                 )
-            if wall is None and tried[k] <= 2:
-                tried[k] = 2
-                wall = _nest(thing, others, _next("nest", added), friction, elasticity)
-            if wall is None or (many and times == TIMES - 1):
-                held.add(thing.id)
+                if chain:
+                    reason = "nothing seen keeps what lies here from rolling away, so a stop does; without it, it rolls"
+                    wall = wall_of("stop", chain, 0.3, reason)
+            if wall is None and tries[k] <= 2:
+                tries[k] = 2
+                if chain := _nest(item, others):
+                    reason = "nothing seen holds what lies here, so a short ledge does; without it, it falls"
+                    wall = wall_of("nest", chain, 0.3, reason)
+            if wall is None or (many and times == LIMITS.rounds - 1):
+                held.add(item.id)
                 fixed.add(k)
             else:
                 added.append(wall)
@@ -141,78 +118,80 @@ def add_supports(
     return added, frozenset(held)
 
 
-def _next(kind: str, added: Sequence[Wall]) -> str:
-    """`kind-1`, `kind-2`, ..."""
-    return f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in added)}"
-
-
 def _lies_on(found: Sequence[Contact], k: int) -> bool:
-    """Whether something is under a thing."""
+    """Whether something is under an object."""
     return any(
-        c.normal[1] * (1 if c.thing == k else -1) < -FROM_BELOW for c in found if k in (c.thing, c.other)
+        c.normal[1] * (1 if c.body == k else -1) < -LIMITS.from_below for c in found if k in (c.body, c.other)
     )
 
 
 def _friction(
-    things: Sequence[PhotoObject], found: Sequence[Contact], grip: dict[int, float]
+    objects: Sequence[PhotoObject], found: Sequence[Contact], grip: dict[int, float]
 ) -> dict[tuple[int, int], float]:
     result = {}
     for c in found:
-        least = AGAINST_WALL if c.other < 0 else BETWEEN
-        grips = [grip.get(things[k].id, 0.0) for k in (c.thing, c.other) if k >= 0]
-        result[c.thing, c.other] = max(least, min(grips))
+        least = LIMITS.wall_friction if c.other < 0 else LIMITS.object_friction
+        grips = [grip.get(objects[k].id, 0.0) for k in (c.body, c.other) if k >= 0]
+        result[c.body, c.other] = max(least, min(grips))
     return result
 
 
-def _nest(
-    thing: PhotoObject, others: Sequence[Outline], name: str, friction: float, elasticity: float
-) -> Wall | None:
-    """A short ledge under a thing, bent to its underside, between the others."""
-    center = mass_properties(thing.outline).center
-    chain = cradle(thing, center, lower_hull(thing.outline))
+def _nest(item: PhotoObject, others: Sequence[Outline]) -> Chain | None:
+    """A short ledge under an object, bent to its underside, between the others."""
+    center = mass_properties(item.outline).center
+    chain = cradle(item, center, lower_hull(item.outline))
     parts = [p for p in free_parts(chain, others) if p[0][0] <= center[0] <= p[-1][0]]
-    if not parts:
-        return None
-    reason = "nothing seen holds what lies here, so a short ledge does; without it, it falls"
-    return Wall(name, tuple(parts[0]), friction, elasticity, 0.3, "what is at rest", reason)
+    return parts[0] if parts else None
 
 
-def _to_lean_on(
-    thing: PhotoObject,
-    found: Sequence[Contact],
-    k: int,
-    others: Sequence[Outline],
-    name: str,
-    friction: float,
-    elasticity: float,
-) -> Wall | None:
-    """An upright wall beside the top of a thing that stands on a wall and would tip over its edge."""
-    if isinstance(thing.outline, Disc):
+def _wall_to_lean_on(
+    item: PhotoObject, found: Sequence[Contact], k: int, others: Sequence[Outline]
+) -> Chain | None:
+    """An upright wall beside the top of an object that stands on a wall and would tip over its edge."""
+    if isinstance(item.outline, Disc):
         return None
-    feet = [float(c.point[0]) for c in found if c.thing == k and c.other < 0 and c.normal[1] < -0.7]
-    center = mass_properties(thing.outline).center
-    x0, y0, x1, y1 = bounds(thing.outline)
-    if not feet or y1 - y0 < SLENDER * (x1 - x0):
+    feet = [float(c.point[0]) for c in found if c.body == k and c.other < 0 and c.normal[1] < -0.7]
+    center = mass_properties(item.outline).center
+    x0, y0, x1, y1 = bounds(item.outline)
+    if not feet or y1 - y0 < LIMITS.slender * (x1 - x0):
         return None
     side = 1 if center[0] > max(feet) else -1 if center[0] < min(feet) else 0
-    points = np.concatenate([ring.outer for ring in thing.outline.rings])
+    points = np.concatenate([ring.outer for ring in item.outline.rings])
     x = x1 if side > 0 else x0
     at = points[np.abs(points[:, 0] - x) < 0.5][:, 1]
-    if side == 0 or at.min() > y0 + LEAN * (y1 - y0):
+    if side == 0 or at.min() > y0 + LIMITS.lean * (y1 - y0):
         return None
     away = round(float(np.ceil(x * 100) if side > 0 else np.floor(x * 100)) / 100, 2)
     chain = [(away, round(y0 - 2.0, 2)), (away, round(float(y1), 2))]
     parts = [p for p in free_parts(chain, others) if p[0][1] <= at.min() <= p[-1][1]]
-    if not parts:
+    return parts[0] if parts else None
+
+
+def make_wedge(
+    item: PhotoObject, free: Callable[[Chain], list[Chain]], stands: Callable[[Array], bool]
+) -> Chain | None:
+    """The first wedge beside a round object that fits in and with which it stands.
+
+    `free` cuts off the parts of a chain that lie in other objects; `stands` tells whether a wall helps.
+    """
+    outline = item.outline
+    if not isinstance(outline, Disc):
         return None
-    reason = "a thing leans to this side and would fall over: something upright is beside it"
-    return Wall(name, tuple(parts[0]), friction, elasticity, 0.4, "what is at rest", reason)
+    for side in np.radians(LIMITS.wedge_sides):
+        way = np.array([np.cos(side), np.sin(side)])
+        along = np.array([-way[1], way[0]])
+        # rounding leaves a gap, not an overlap
+        at = outline.center + (outline.radius + 0.01) * way
+        reach = LIMITS.wedge_length * outline.radius * along
+        for part in free([(round(float(x), 2), round(float(y), 2)) for x, y in (at - reach, at + reach)]):
+            first, last = ((np.array(end) - at) @ along for end in (part[0], part[-1]))
+            if min(-first, last) >= LIMITS.wedge_rest * outline.radius and stands(np.array(part)):
+                return part
+    return None
 
 
-def free_parts(
-    chain: Sequence[tuple[float, float]], others: Sequence[Outline]
-) -> list[list[tuple[float, float]]]:
-    """A chain of points without the parts of it that lie within outlines; the pieces that are left, in order."""
+def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
+    """A chain of points without the parts of it that lie within outlines; the remaining pieces, in order."""
     points = np.array(chain, np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     near = []
@@ -224,32 +203,26 @@ def free_parts(
         return [list(chain)]
     runs = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(runs)])
-    at = np.unique(np.concatenate([along, np.arange(0, along[-1], EVERY)]))
+    at = np.unique(np.concatenate([along, np.arange(0, along[-1], LIMITS.step)]))
     tried = np.stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)], axis=1)
     free = np.ones(len(at), bool)
     for other in near:
-        free &= depth_inside(other, tried) <= SKIN
-    parts = []
-    start = None
-    for i in range(len(at) + 1):
-        if i < len(at) and free[i]:
-            start = i if start is None else start
-        elif start is not None:
-            first, last = at[start], at[i - 1]
-            start = None
-            if last - first < UPHELD_LEAST:
-                continue
+        free &= depth_inside(other, tried) <= LIMITS.skin
+    parts: list[Chain] = []
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
+    for start, stop in edges.reshape(-1, 2):
+        first, last = at[start], at[stop - 1]
+        if last - first >= LIMITS.shortest:
             kept = [p for p, a in zip(chain, along, strict=True) if first < a < last]
-            parts.append([_at(chain, along, first), *kept, _at(chain, along, last)])
+            parts.append([_point_along(chain, along, first), *kept, _point_along(chain, along, last)])
     return parts
 
 
-def _at(chain: Sequence[tuple[float, float]], along: Array, way: float) -> tuple[float, float]:
-    """The point of a chain that lies so far along it, y rounded down the photo."""
+def _point_along(chain: Chain, along: Array, way: float) -> tuple[float, float]:
+    """The point of a chain at this length along it."""
     if way in (0, along[-1]):
         return chain[0 if way == 0 else -1]
-    x, y = (float(np.interp(way, along, [p[axis] for p in chain])) for axis in (0, 1))
-    return round(x, 2), float(np.ceil(y * 100 - 1e-6) / 100)
+    return rounded_down(*(float(np.interp(way, along, [p[axis] for p in chain])) for axis in (0, 1)))
 
 
 def depth_inside(outline: Outline, points: Array) -> Array:
