@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from physgen import registry
-from physgen.perceive.backends.normals_blended import _shared
+from physgen.perceive.backends.normals_blended import _shared_bulges
 from physgen.perceive.maps.shape_normals import cushion_tilts, hidden_ball, solid_of_revolution
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
@@ -112,4 +112,4 @@ def test_what_a_bowl_hides_of_a_ball_is_a_ball():
 def test_things_of_one_size_are_of_one_kind():
     masks = [np.ones(size, bool) for size in ((60, 20), (62, 20), (58, 21), (30, 30))]
     told = list(zip(masks, (0.0, 1.0, 0.1, 0.8), strict=True))
-    assert _shared(told) == [0.1, 0.1, 0.1, 0.8]
+    assert _shared_bulges(told) == [0.1, 0.1, 0.1, 0.8]
