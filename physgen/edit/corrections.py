@@ -19,7 +19,7 @@ from physgen.edit.errors import EditError, impossible
 from physgen.edit.ground import Ground, off
 from physgen.edit.live import Live
 from physgen.edit.map_patches import Change, fitted, write_patched
-from physgen.edit.masks import KINDS, Op, Work, begun, count, written
+from physgen.edit.masks import Work, begun, count, make, parse_op, written
 from physgen.edit.object_entries import Data
 from physgen.edit.operations import edited
 from physgen.edit.yaml_edit import forgotten, reasoned, said_of_walls
@@ -245,7 +245,9 @@ class Corrected:
     """The object that is new."""
 
 
-def correct(live: Live, text: str, maps: Path | None, variant: str | None, op: Op, out: Path) -> Corrected:
+def correct(
+    live: Live, text: str, maps: Path | None, variant: str | None, op: Data, out: Path
+) -> Corrected:
     """One operation on masks; see docs/editing.md. `out`, which is not there yet, holds all maps afterwards.
 
     `maps` is the folder that stands in for the scene's assets now, None for its own. What does not change is linked;
@@ -261,12 +263,10 @@ def correct(live: Live, text: str, maps: Path | None, variant: str | None, op: O
         raise
 
 
-def _corrected(live: Live, text: str, maps: Path | None, op: Op, out: Path) -> Corrected:
-    kind = op.get("kind")
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise impossible("a correction is none that is known", f"send one of {', '.join(KINDS)}")
+def _corrected(live: Live, text: str, maps: Path | None, op: Data, out: Path) -> Corrected:
+    parsed = parse_op(op)
     work = begun(live, text, maps)
-    what = KINDS[kind](work, op)
+    what = make(work, parsed)
     folder = maps
     try:
         if work.masks or work.fresh:
