@@ -90,7 +90,7 @@ class Layer:
                 for i, one in before.outlines.items()
                 if i in after.outlines
                 and (was == i).sum() == (now == i).sum()
-                and off(one, after.outlines[i]) > 0.01
+                and distance(one, after.outlines[i]) > 0.01
             },
             after.setting.grip,
             frozenset(held - held_before | (held & (there - old))),
@@ -109,7 +109,7 @@ class Layer:
             return self._laid.of(read, lay)
 
 
-def off(one: Outline, other: Outline) -> float:
+def distance(one: Outline, other: Outline) -> float:
     """px from one outline to the farthest corner of the other, either way; infinity for a disc and a region."""
     if isinstance(one, Disc) and isinstance(other, Disc):
         return float(np.hypot(*(one.center - other.center)) + abs(one.radius - other.radius))

@@ -144,7 +144,7 @@ class Work:
         return every.index(name)
 
 
-def begun(live: Live, text: str, maps: Path | None) -> Work:
+def begin(live: Live, text: str, maps: Path | None) -> Work:
     """A correction of a text begins. Raises EditError where the text is wrong, or shows no photo."""
     try:
         sight = live.state(text, maps)

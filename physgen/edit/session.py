@@ -16,7 +16,7 @@ from physgen.edit.history import State
 from physgen.edit.live import Live
 from physgen.edit.operations import edited
 from physgen.edit.picture import Pictures, photo_png
-from physgen.edit.yaml_edit import forgotten
+from physgen.edit.yaml_edit import without_guess_comments
 from physgen.edit.yaml_tree import marked
 from physgen.files import Stamp, file_stamp
 
@@ -185,7 +185,11 @@ class Session:
             if self._is_new(asked):
                 now = self._current(asked)
                 made = edited(now.text, ops, asked.variant, self.path, self.allow_outside)
-                text = made.text if asked.variant else forgotten(made.text, [op.get("set", ()) for op in ops])
+                text = (
+                    made.text
+                    if asked.variant
+                    else without_guess_comments(made.text, [op.get("set", ()) for op in ops])
+                )
                 self._push(asked, State(text, now.maps, asked.what or made.what))
         return self._answer(asked)
 
@@ -222,7 +226,7 @@ class Session:
             number, maps = draft.new_maps(), self.document.maps(now)
         out = draft.maps(number)
         try:
-            made = correct(self.live, now.text, maps, asked.variant, op, out)  # which may take seconds
+            made = correct(self.live, now.text, maps, dict(op), out)  # which may take seconds
         except Exception:
             with self._edits:
                 self._current(asked)  # of a state that is gone the maps may be, too

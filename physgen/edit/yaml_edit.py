@@ -1,10 +1,15 @@
-"""Changes of YAML text that keep all other lines and the comments as they are."""
+"""Changes of YAML text that keep all other lines and the comments as they are.
+
+Positions come from the parser; new values are written in the style of `physgen.scene.write`. After each change the
+text is read back: one that does not hold the intended data is never returned.
+"""
 
 from __future__ import annotations
 
 import re
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import SequenceMatcher
 from typing import Any
 
@@ -29,146 +34,127 @@ from physgen.edit.yaml_tree import (
     parent_of,
     reach,
     same,
-    take,
 )
-from physgen.scene.scene import Scene
 from physgen.scene.write import entry_lines, flow_text, key_text, schema_at
 from physgen.text import KeyPath, dotted
 
-# ----------------------------------------------------------------------
-# Comments in which perception told where a number came from -> the same for the number that took its place.
-
-WIDTH = 100
+COMMENT_WIDTH = 100
 """Columns of a comment."""
-OURS = {"mass": ("g: ",), "friction": ("friction", "ordinary friction"), "layer": ("in front: ",)}
-"""How such a comment begins, by key; any other is a person's."""
-GUESSED = {
+MAX_ITEM_CHANGES = 40
+"""Items of a list that are changed one by one; with more, the list is written anew."""
+REASONS = {"mass": ("g: ",), "friction": ("friction", "ordinary friction"), "layer": ("in front: ",)}
+"""How comments of perception begin that give the reason of a value, by key; other comments are the user's."""
+GUESSES = {
     "mass": ("g: ",),
     "density": ("g: ",),
     "friction": ("friction", "ordinary friction", "at least this much", "nobody can see friction"),
     "layer": ("in front: ",),
-    "motion": ("cut off by the photo's border", "nothing that is seen keeps"),
+    "motion": ("cut off by the photo's border", "nothing that is seen keeps", "nothing visible"),
     "pixels_per_meter": ("1 px = 1 cm", "from the ordinary size", "as given; masses", "as it was, for what"),
     "view": ("side or top: ",),
-    "table": ("nobody can see friction",),
+    "table": ("nobody can see friction", "friction cannot be seen"),
 }
-"""The same of all that a person may set in their place."""
+"""The same for all values that a user may set in place of a guess."""
 
 
-def reasoned(
-    text: str, scene: Scene, file: str, reasons: Mapping[str, str], fresh: Collection[str] = ()
-) -> str:
-    """`reasons` by dotted path; `scene` is that of the text, which is in `file`. Comments of others stay.
+# Comments
+
+
+@dataclass(frozen=True)
+class _Comment:
+    """The line of a key, counted from 0; `column`: of a comment behind it; `first`: line of one above it."""
+
+    line: int
+    column: int | None = None
+    first: int | None = None
+
+
+def _comment(text: str, path: Sequence[str | int], starts: tuple[str, ...]) -> _Comment | None:
+    """The comment at a key that begins in one of these ways; None where the key has no line of its own."""
+    try:
+        node: Marked | None = marked(text)
+    except EditError:
+        return None
+    for key in path[:-1]:
+        node = None if node is None else node.child(key)
+    begin = None if node is None else next((at for name, at, _ in node.keys if name == path[-1]), None)
+    if begin is None or text[text.rfind("\n", 0, begin) + 1 : begin].strip():
+        return None
+    lines, line = text.split("\n"), text.count("\n", 0, begin)
+    behind = re.search(rf"\s+#\s+(?:{'|'.join(map(re.escape, starts))}).*$", lines[line])
+    if behind is not None:
+        return _Comment(line, column=behind.start())
+    first = line
+    while first and lines[first - 1].lstrip().startswith("#"):
+        first -= 1
+    ours = (k for k in range(first, line) if lines[k].lstrip(" #").startswith(starts))
+    return _Comment(line, first=next(ours, None))
+
+
+def with_reasons(text: str, reasons: Mapping[str, str], fresh: Collection[str] = ()) -> str:
+    """The text with other reasons in the comments of perception, by dotted path; other comments stay.
 
     Objects that are `fresh` get comments where they have none.
     """
-    lines = text.split("\n")
-    for path, reason in sorted(reasons.items(), key=lambda item: -_line(scene, file, item[0])):
-        at, starts = _line(scene, file, path), OURS.get(path.rpartition(".")[2])
-        if not at or starts is None:
+    for dotted_path, reason in reasons.items():
+        path = dotted_path.split(".")
+        starts = REASONS.get(path[-1])
+        found = None if starts is None else _comment(text, path, starts)
+        if found is None:
             continue
-        line = lines[at - 1]
-        behind = re.search(_behind(starts), line)
-        if behind is not None:
-            lines[at - 1] = f"{line[: behind.start()]}  # {' '.join(reason.split())}"
-            continue
-        _, name, key = path.split(".", 2)
-        if name in fresh and re.fullmatch(rf"\s+{key}: [^#{{]*", line):
-            lines[at - 1] = f"{line}  # {' '.join(reason.split())}"
-            continue
-        first = at - 1
-        while first and lines[first - 1].lstrip().startswith("#"):
-            first -= 1
-        if first < at - 1 and lines[first].lstrip(" #").startswith(starts):
+        lines = text.split("\n")
+        line = lines[found.line]
+        if found.first is not None:
             indent = line[: len(line) - len(line.lstrip())]
-            lines[first : at - 1] = [
-                f"{indent}# {part}" for part in textwrap.wrap(reason, WIDTH - len(indent))
-            ]
-    return "\n".join(lines)
+            wrapped = textwrap.wrap(reason, COMMENT_WIDTH - len(indent))
+            lines[found.first : found.line] = [f"{indent}# {part}" for part in wrapped]
+        elif found.column is not None or (path[1] in fresh and re.fullmatch(r"\s+\w+: [^#{]*", line)):
+            lines[found.line] = f"{line[: found.column]}  # {' '.join(reason.split())}"
+        text = "\n".join(lines)
+    return text
 
 
-def said_of_walls(text: str, remarks: Mapping[str, tuple[str, str]]) -> str:
-    """What perception said of walls, by name, and says now, behind each one's name; other remarks stay.
+def with_boundary_comments(text: str, remarks: Mapping[str, tuple[str, str]]) -> str:
+    """The text with other comments of perception behind the names of boundaries: by name, before and now.
 
-    >>> said_of_walls("boundaries:\\n  floor:  # below 3\\n    x: 1\\n", {"floor": ("below 3", "below 4")})
+    >>> with_boundary_comments("boundaries:\\n  floor:  # below 3\\n    x: 1\\n", {"floor": ("below 3", "below 4")})
     'boundaries:\\n  floor:  # below 4\\n    x: 1\\n'
     """
     head, key, walls = text.partition("\nboundaries:") if "\nboundaries:" in text else ("", "", text)
     for name, (before, now) in remarks.items():
         old = rf"  # {re.escape(before)}" if before else ""
-        said = f"  # {' '.join(now.split())}" if now else ""
+        new = f"  # {' '.join(now.split())}" if now else ""
         found = re.search(rf"(?m)^  {re.escape(name)}:(?P<old>{old})$", walls)
         if found is not None:
-            walls = walls[: found.start("old")] + said + walls[found.end("old") :]
+            walls = walls[: found.start("old")] + new + walls[found.end("old") :]
     return head + key + walls
 
 
-def forgotten(text: str, paths: Sequence[Sequence[str | int]]) -> str:
-    """The text without what perception said of numbers that a person has set now; other remarks stay.
+def without_guess_comments(text: str, paths: Sequence[Sequence[str | int]]) -> str:
+    """The text without perception's comments on values that a user has set now; other comments stay.
 
-    >>> forgotten("world:\\n  # 1 px = 1 cm, as\\n  pixels_per_meter: 9\\n", [["world", "pixels_per_meter"]])
-    'world:\\n  pixels_per_meter: 9\\n'
+    >>> without_guess_comments("world:\\n  # 1 px = 1 cm, as\\n  view: top\\n", [["world", "view"]])
+    'world:\\n  # 1 px = 1 cm, as\\n  view: top\\n'
     """
     for path in paths:
         for k, key in enumerate(path):
-            if isinstance(key, str) and key in GUESSED and (k != 1 or path[0] == "world"):
-                text = _without(text, path[: k + 1], GUESSED[key])
+            if not isinstance(key, str) or key not in GUESSES or (k == 1 and path[0] != "world"):
+                continue
+            found = _comment(text, path[: k + 1], GUESSES[key])
+            lines = text.split("\n")
+            if found is not None and found.column is not None:
+                lines[found.line] = lines[found.line][: found.column]
+            elif found is not None and found.first is not None:
+                del lines[found.first : found.line]
+            text = "\n".join(lines)
     return text
 
 
-def _behind(starts: tuple[str, ...]) -> str:
-    """A comment at the end of a line that begins in one of these ways."""
-    return rf"\s+#\s+(?:{'|'.join(map(re.escape, starts))}).*$"
-
-
-def _without(text: str, path: Sequence[str | int], starts: tuple[str, ...]) -> str:
-    """Without the comment behind, or right above, the key at a path, where it begins in one of these ways."""
-    try:
-        node: Marked | None = marked(text)
-    except EditError:
-        return text
-    for key in path[:-1]:
-        node = None if node is None else node.child(key)
-    begin = None if node is None else next((at for name, at, _ in node.keys if name == path[-1]), None)
-    if begin is None:
-        return text
-    lines, number = text.split("\n"), text.count("\n", 0, begin)
-    if lines[number][: begin - text.rfind("\n", 0, begin) - 1].strip():
-        return text  # on a line with others
-    behind = re.search(_behind(starts), lines[number])
-    if behind is not None:
-        lines[number] = lines[number][: behind.start()]
-        return "\n".join(lines)
-    first = number
-    while first and lines[first - 1].lstrip().startswith("#"):
-        first -= 1
-    for k in range(first, number):
-        if lines[k].lstrip(" #").startswith(starts):
-            return "\n".join(lines[:k] + lines[number:])
-    return text
-
-
-def _line(scene: Scene, file: str, path: str) -> int:
-    """Where a number stands, counted from 1; 0 where it is not in this file."""
-    place = scene.places.get(path)
-    return place.line if place is not None and place.file == file else 0
-
-
-# ----------------------------------------------------------------------
-# A file's text and one change of its data -> the text with that change, in which all other lines are as they
-# were.
-#
-# Places come from the parser; what is new is written as `scene_text` writes scenes. After each change the
-# text is read
-# back: one that does not hold what was meant is never given out.
-
-_LEFT = re.compile(r"\s*,\s*(#.*)?").fullmatch
-MANY = 40
-"""Items of a list that are changed one by one; beyond, the list is written anew."""
+# Values
 
 
 def put(text: str, path: KeyPath, value: Any) -> str:
-    """The value at a path, which is there or can be made. Raises EditError."""
+    """Set the value at a path; missing mappings are made. Raises EditError."""
     node = marked(text)
     for depth, key in enumerate(path):
         if node.place(key) is None:
@@ -178,7 +164,7 @@ def put(text: str, path: KeyPath, value: Any) -> str:
 
 
 def drop(text: str, path: KeyPath) -> str:
-    """Without the key or the item at a path, which is there. Raises EditError."""
+    """Remove the key or the item at a path. Raises EditError."""
     parent, at = parent_of(text, path)
     if len(parent.children) == 1:
         return _emptied(text, path[:-1])
@@ -189,19 +175,21 @@ def drop(text: str, path: KeyPath) -> str:
     else:
         stop = line_after(text, child.end)
         first = line_begin(text, begin)
-        if stop == len(text) and not BREAK.search(
-            text[-1:]
-        ):  # the last line has no end: nor has the new last one
+        if stop == len(text) and not BREAK.search(text[-1:]):  # nor does the new last line end
             first = line_before(text, first)
         patch = (first, stop, "")
-    return checked(text, [patch], lambda data: take(data, path))
+
+    def remove(data: Any) -> None:
+        del reach(data, path[:-1])[path[-1]]
+
+    return checked(text, [patch], remove)
 
 
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
-    """What goes of brackets with one entry of several, and of what is said behind others nothing."""
+    """Patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
     if at and leads(text, begin):  # the comma before it may stay: YAML lets one stand at the end
-        if _LEFT(text[child.end : line_end(text, child.end)]):
+        if re.fullmatch(r"\s*,\s*(#.*)?", text[child.end : line_end(text, child.end)]):
             return line_begin(text, begin), line_after(text, child.end), ""
         if at + 1 == len(parent.children):
             return begin, child.end, ""
@@ -211,13 +199,13 @@ def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
 
 
 def append(text: str, path: KeyPath, value: Any) -> str:
-    """The value at the end of the list at a path. Raises EditError."""
+    """Add an item to the list at a path. Raises EditError."""
     node = find(text, path)
     return insert(text, (*path, len(node.children)), value)
 
 
 def insert(text: str, path: KeyPath, value: Any) -> str:
-    """The value as an item of a list, before the one that is there. Raises EditError."""
+    """Insert an item into a list, before the one at the path. Raises EditError."""
     where, at = path[:-1], path[-1]
     node = find(text, where)
     assert isinstance(at, int)
@@ -229,7 +217,7 @@ def insert(text: str, path: KeyPath, value: Any) -> str:
 
 
 def rename(text: str, path: KeyPath, to: str) -> str:
-    """Another name for a key. Raises EditError."""
+    """Rename a key. Raises EditError."""
     parent, at = parent_of(text, path)
     _, begin, end = parent.keys[at]
 
@@ -242,11 +230,8 @@ def rename(text: str, path: KeyPath, to: str) -> str:
     return checked(text, [(begin, end, key_text(to))], meant)
 
 
-# Making and replacing
-
-
 def _made(text: str, path: KeyPath, depth: int, value: Any) -> str:
-    """A key that is not there, and the mappings that lead to it."""
+    """Add a key, and the mappings that lead to it."""
     where, key = path[:depth], path[depth]
     node = find(text, where)
     for step in reversed(path[depth + 1 :]):
@@ -276,7 +261,7 @@ def _made(text: str, path: KeyPath, depth: int, value: Any) -> str:
 
 
 def _before(node: Marked, path: KeyPath, key: str) -> int:
-    """Which of the keys a new one comes after: that before it in the schema's order, else the last."""
+    """Index of the key after which a new one is written: in the schema's order, else the last."""
     order = list((schema_at(path) or {}).get("properties", {}))
     if key not in order:
         return len(node.keys) - 1
@@ -286,7 +271,7 @@ def _before(node: Marked, path: KeyPath, key: str) -> int:
 
 
 def _replaced(text: str, path: KeyPath, value: Any) -> str:
-    """Another value where one is; of a collection only what differs."""
+    """Replace a value; of a collection only what differs."""
     node = find(text, path)
     if node.is_map and isinstance(value, dict) and value and node.children:
         keys = {key for key, _, _ in node.keys}
@@ -294,7 +279,7 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
             return _entries(text, path, node, value)
     elif node.is_list and isinstance(value, list) and value and node.children:
         steps = _steps(node.data(), value)
-        if (not node.is_flow or len(value) != len(node.children)) and _count(steps) <= MANY:
+        if (not node.is_flow or len(value) != len(node.children)) and _count(steps) <= MAX_ITEM_CHANGES:
             return _items(text, path, steps, value)
 
     def meant(data: Any) -> Any:
@@ -364,7 +349,7 @@ def _items(text: str, path: KeyPath, steps: Steps, new: list[Any]) -> str:
 
 
 def _differences(node: Marked, value: Any, path: KeyPath) -> list[Patch] | None:
-    """Patches inside of brackets that make a value another; None where it is of another shape as a whole."""
+    """Patches that change values inside brackets; None where keys or the number of items differ."""
     if node.is_map and isinstance(value, dict) and {key for key, _, _ in node.keys} == value.keys():
         pairs = [
             (child, value[key], (*path, key))
@@ -383,13 +368,13 @@ def _differences(node: Marked, value: Any, path: KeyPath) -> list[Patch] | None:
 
 
 def _inside(node: Marked, value: Any, path: KeyPath) -> Patch:
-    """Another value in brackets."""
+    """Patch of a value in brackets."""
     gap = " " if node.begin == node.end else ""
     return node.begin, node.end, gap + flow_text(value, path)
 
 
 def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
-    """Patches that write the value of a key or of an item anew; what is said at the line's end stays."""
+    """Patches that write the value of a key or an item anew; a comment at the line's end stays."""
     parent, at = parent_of(text, path)
     node = parent.children[at]
     if parent.is_flow:
@@ -409,7 +394,7 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
 
 
 def _emptied(text: str, path: KeyPath) -> str:
-    """A collection that loses the last of what it holds."""
+    """Remove the last entry of a collection."""
     node = find(text, path)
     empty: Any = {} if node.is_map else []
     if not path:
@@ -422,7 +407,7 @@ def _emptied(text: str, path: KeyPath) -> str:
 
 
 def _item(text: str, node: Marked, path: KeyPath, at: int, value: Any) -> Patch:
-    """A new item of a list that has some."""
+    """Patch that inserts an item into a list that has some."""
     if node.is_flow:
         inner = flow_text(value, (*path, at))
         if at == 0:

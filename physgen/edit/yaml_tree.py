@@ -1,5 +1,6 @@
-"""YAML text parsed to a tree of values with their positions, and patches that are verified by reading the text
-back.
+"""YAML text as a tree of values with their positions, and patches that are verified by reading the text back.
+
+The text is read by the same parser and resolver as a scene, so that a position holds what the scene has there.
 """
 
 from __future__ import annotations
@@ -14,21 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from yaml.events import MappingEndEvent, MappingStartEvent, ScalarEvent, SequenceEndEvent, SequenceStartEvent
 
 from physgen.edit.errors import EditError, impossible
 from physgen.problems import InputError
 from physgen.scene.document import Source, read, resolve
 from physgen.text import KeyPath, dotted
 
-# ----------------------------------------------------------------------
-# YAML text -> the tree of its values, each with the first and the last character of where it stands.
-#
-# Read by the same parser and the same scalars as a scene, so that what stands at a place is what the scene
-# has there.
-
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _NOWHERE = Path()
+
+Patch = tuple[int, int, str]
+"""First and last character of what is removed, and what replaces it."""
+BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 class Kind(Enum):
@@ -75,7 +73,7 @@ class Marked:
         return self.kind in (Kind.FLOW_MAP, Kind.FLOW_LIST)
 
     def place(self, key: str | int) -> int | None:
-        """Which of the children a key or an index means; None: there is none."""
+        """Index of the child at a key or an index; None where there is none."""
         if isinstance(key, int):
             return key if self.is_list and 0 <= key < len(self.children) else None
         if len(self._places) != len(self.keys):
@@ -98,14 +96,14 @@ class Marked:
 
 @lru_cache(maxsize=4)
 def marked(text: str) -> Marked:
-    """The tree of a file's text. Raises EditError where it is not YAML as scenes are: then it is edited as text."""
+    """The tree of a file's text. Raises EditError where it is not YAML of scenes, which can only be edited as text."""
     try:
         read(text, Source("", _NOWHERE))
     except InputError as error:
         problem = error.problems[0]
         where = f" (line {problem.place.line})" if problem.place.line else ""
-        said = f"{problem.found} {problem.expected}".strip()
-        raise impossible(f"the file cannot be read{where}: {said}", "mend the YAML, or undo") from None
+        reason = f"{problem.found} {problem.expected}".strip()
+        raise impossible(f"the file cannot be read{where}: {reason}", "correct the YAML, or undo") from None
     return _tree(text)
 
 
@@ -118,59 +116,30 @@ def readable(text: str) -> bool:
 
 
 def _tree(text: str) -> Marked:
-    root: Marked | None = None
-    stack: list[Marked] = []
-    key: tuple[str, int, int] | None = None
-    events: Any = yaml.parse(text, Loader=_LOADER)
-    for event in events:
-        kind = type(event)
-        if kind is ScalarEvent or kind is MappingStartEvent or kind is SequenceStartEvent:
-            above = stack[-1] if stack else None
-            begin, end = event.start_mark.index, event.end_mark.index
-            if above is not None and above.is_map and key is None:
-                key = (event.value, begin, end)
-                continue
-            node = _node(event, kind, text, begin, end)
-            if above is None:
-                root = node
-            else:
-                above.children.append(node)
-                if key is not None:
-                    above.keys.append(key)
-                    key = None
-            if kind is not ScalarEvent:
-                stack.append(node)
-        elif kind is MappingEndEvent or kind is SequenceEndEvent:
-            node = stack.pop()
-            node.end = event.end_mark.index if node.is_flow else node.children[-1].end
-    assert root is not None
-    return root
+    return _marked(yaml.compose(text, Loader=_LOADER), text)
 
 
-def _node(event: Any, kind: type, text: str, begin: int, end: int) -> Marked:
-    column = event.start_mark.column
-    if kind is ScalarEvent:
-        style = event.style if event.style in ("'", '"', "|", ">") else ""
+def _marked(node: Any, text: str) -> Marked:
+    begin, end, column = node.start_mark.index, node.end_mark.index, node.start_mark.column
+    if isinstance(node, yaml.ScalarNode):
+        style = node.style if node.style in ("'", '"', "|", ">") else ""
         if style in ("|", ">"):
             end = begin + len(text[begin:end].rstrip())
-        value = resolve(event.value) if event.implicit[0] else event.value
+        value = node.value if style else resolve(node.value)
         return Marked(Kind.SCALAR, begin, end, column, value, style)
-    if kind is MappingStartEvent:
-        return Marked(Kind.FLOW_MAP if event.flow_style else Kind.BLOCK_MAP, begin, end, column)
-    return Marked(Kind.FLOW_LIST if event.flow_style else Kind.BLOCK_LIST, begin, end, column)
-
-
-# ----------------------------------------------------------------------
-# Places in a file's text: where lines and entries begin and end, and what stands around them.
-
-Patch = tuple[int, int, str]
-"""First and last character of what goes, and what comes."""
-
-BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
+    flow = bool(node.flow_style)
+    if isinstance(node, yaml.MappingNode):
+        keys = [(key.value, key.start_mark.index, key.end_mark.index) for key, _ in node.value]
+        children = [_marked(child, text) for _, child in node.value]
+        kind = Kind.FLOW_MAP if flow else Kind.BLOCK_MAP
+    else:
+        keys, children = [], [_marked(child, text) for child in node.value]
+        kind = Kind.FLOW_LIST if flow else Kind.BLOCK_LIST
+    return Marked(kind, begin, end if flow else children[-1].end, column, keys=keys, children=children)
 
 
 def entry(text: str, parent: Marked, at: int) -> int:
-    """Where the entry of a child begins: its key, or its dash."""
+    """Start of the entry of a child: its key, or its dash."""
     if parent.is_map:
         return parent.keys[at][1]
     if parent.is_flow:
@@ -208,7 +177,7 @@ def line_after(text: str, place: int) -> int:
 
 
 def leads(text: str, place: int) -> bool:
-    """Whether nothing stands before a place in its line."""
+    """Whether a place is the first of its line, apart from spaces."""
     return not text[line_begin(text, place) : place].strip(" ")
 
 
@@ -225,20 +194,15 @@ def below(text: str, place: int, lines: Sequence[str]) -> Patch:
 
 
 def joint(text: str, node: Marked, before: Marked) -> str:
-    """What parts a new entry in brackets from the one before: a line's end, where each has a line of its own."""
+    """Separator of a new entry in brackets: with a line break where each entry has a line of its own."""
     begin = node.keys[node.children.index(before)][1] if node.is_map else before.begin
     if leads(text, begin) and line_begin(text, begin) > node.begin:
         return "," + newline(text) + text[line_begin(text, begin) : begin]
     return ", "
 
 
-# ----------------------------------------------------------------------
-# A change of a text is made only where it means what was meant: the text is read back, and held against its
-# data.
-
-
 def find(text: str, path: KeyPath) -> Marked:
-    """The value at a path, which is there."""
+    """The value at a path. Raises EditError where there is none."""
     node = marked(text)
     for key in path:
         child = node.child(key)
@@ -249,7 +213,7 @@ def find(text: str, path: KeyPath) -> Marked:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are equal, true and 1 not being the same."""
+    """Whether two values are equal; true and 1 are not."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
     if isinstance(one, list) and isinstance(other, list):
@@ -269,7 +233,10 @@ def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
 
 
 def checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str:
-    """The text with its patches, read back; `meant` makes the same change of the data."""
+    """The text with patches. Raises EditError where its data is not that which `meant` makes of the old data.
+
+    `meant` changes the data in place, or returns other data.
+    """
     made = text
     for begin, end, new in sorted(patches, reverse=True):
         made = made[:begin] + new + made[end:]
@@ -285,12 +252,7 @@ def checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str
 
 
 def reach(data: Any, path: KeyPath) -> Any:
-    """The value at a path, which is there."""
+    """The value at a path that exists."""
     for key in path:
         data = data[key]
     return data
-
-
-def take(data: Any, path: KeyPath) -> None:
-    """Without what is at a path."""
-    del reach(data, path[:-1])[path[-1]]

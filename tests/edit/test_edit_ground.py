@@ -76,7 +76,7 @@ def mended(folder: Path, mask: np.ndarray, edit: Callable[[str], str] = lambda t
     strokes = np.stack([xs, ys], axis=1).tolist()
     out = folder / "maps"
     made = correct(
-        live, text, None, None, {"kind": "brush", "object": name, "strokes": strokes, "radius": 1.0}, out
+        live, text, None, {"kind": "brush", "object": name, "strokes": strokes, "radius": 1.0}, out
     )
     return made.text
 
@@ -146,7 +146,7 @@ def test_a_new_thing_in_mid_air_stands_still(perceive: Perceive, bundled: Path, 
     path = folder / "scene.yaml"
     live, text = Live(path), path.read_text(encoding="utf-8")
     drawn = {"kind": "polygon", "polygon": [[20, 20], [60, 20], [40, 60]], "object": None}
-    made = correct(live, text, None, None, drawn, folder / "maps")
+    made = correct(live, text, None, drawn, folder / "maps")
     assert made.made is not None
     path.write_text(made.text, encoding="utf-8")
     shutil.rmtree(folder / "scene.assets")

@@ -74,7 +74,7 @@ class Scene:
         """The text after it, and how far things move that nobody pushes."""
         live, out = Live(self.path), self.path.parent / "maps"
         op = {"kind": "polygon", "object": name, "polygon": [list(map(float, one)) for one in corners]}
-        made = correct(live, self.text, None, None, op, out)
+        made = correct(live, self.text, None, op, out)
         return made.text, drift(live.state(made.text, out).compiled.world)
 
 

@@ -21,7 +21,7 @@ from physgen.edit.errors import EditError
 from physgen.edit.live import Live
 from physgen.edit.mask_tools import stroke
 from physgen.edit.operations import edited
-from physgen.edit.yaml_edit import forgotten
+from physgen.edit.yaml_edit import without_guess_comments
 from physgen.maps import read_percepts
 
 W, H = 240, 160
@@ -67,7 +67,7 @@ class Desk:
     def do(self, **op: Any) -> Corrected:
         self.count += 1
         out = self.folder / f"maps-{self.count}"
-        made = correct(self.live, self.text, self.maps, None, op, out)
+        made = correct(self.live, self.text, self.maps, op, out)
         self.before, self.text = self.text, made.text
         if out.is_dir():
             self.maps = out
@@ -363,7 +363,7 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk)
         {"set": ["world", "pixels_per_meter"], "value": 555},
     ]
     made = edited(desk.text, ops, None, desk.path, False).text
-    after = forgotten(made, [op["set"] for op in ops]).split("\n")
+    after = without_guess_comments(made, [op["set"] for op in ops]).split("\n")
     diff = [line for line in difflib.ndiff(made.split("\n"), after) if line[:2] in ("- ", "+ ")]
     added = [line[2:] for line in diff if line[0] == "+"]
     assert added == ["    mass: 33", "    friction: 0.11"]
@@ -372,7 +372,7 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk)
         assert [line for line in gone if line.startswith(start)], start
     assert len(gone) == 4
     mine = "\n".join(after).replace("    mass: 33", "    mass: 33  # weighed it")
-    assert forgotten(mine, [["objects", disc, "mass"]]) == mine
+    assert without_guess_comments(mine, [["objects", disc, "mass"]]) == mine
 
 
 def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_what_may_be_an_object_becomes_one(tmp_path: Path) -> None:
     live, text = photographed(tmp_path)
     (row,) = (row for row in live.look(text).todo if row["mask"])
     assert (row["ops"], row["fix"]) == (None, "add it")
-    made = correct(live, text, None, None, row["mask"], tmp_path / "maps-1")
+    made = correct(live, text, None, row["mask"], tmp_path / "maps-1")
     look = live.look(made.text, tmp_path / "maps-1")
     assert made.made in look.scene["objects"]  # type: ignore[index]
     ring = np.array(look.derived["objects"][made.made]["ring"])  # type: ignore[index]
