@@ -6,16 +6,17 @@ import argparse
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
 from physgen.problems import InputError
 
-# ----------------------------------------------------------------------
-# Arguments of a command line -> options, by argparse; what is wrong with them in one line, with the way out.
-
 WRONG_INPUT = 2
+"""Exit code of wrong flags and wrong files."""
+FORMATS = ("mp4", "gif", "webp", "png")
+CURVES = ("x", "y", "speed", "angle")
 
 
 class Parser(argparse.ArgumentParser):
@@ -27,10 +28,29 @@ class Parser(argparse.ArgumentParser):
         self.mixed = False
         """Whether flags may stand between arguments."""
 
+    def option(
+        self,
+        names: str,
+        metavar: str,
+        kind: Callable[[str], Any],
+        help: str,
+        default: Any = None,
+        **more: Any,
+    ) -> None:
+        """A flag with a value; `names` are separated by a space."""
+        self.add_argument(*names.split(), metavar=metavar, type=kind, default=default, help=help, **more)
+
+    def flag(self, name: str, help: str) -> None:
+        """A flag without a value; `--no-NAME` sets NAME, which is true otherwise, to false."""
+        if name.startswith("--no-"):
+            self.add_argument(name, dest=name[5:].replace("-", "_"), action="store_false", help=help)
+        else:
+            self.add_argument(name, action="store_true", help=help)
+
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """As argparse does, which by itself takes all arguments of one kind in one go."""
+        """As argparse, which by itself takes all arguments of one kind in one go."""
         if not self.mixed:
             return super().parse_known_args(args, namespace)
         self.mixed = False
@@ -42,7 +62,7 @@ class Parser(argparse.ArgumentParser):
     def parse_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> argparse.Namespace:
-        """As argparse does; what a command does not know is told of that command, with the nearest flag that it has."""
+        """As argparse; an unknown flag is reported by its command, with the nearest flag that the command has."""
         options, unknown = self.parse_known_args(args, namespace)
         if not unknown:
             return options
@@ -50,7 +70,7 @@ class Parser(argparse.ArgumentParser):
         command.error("; ".join(command.unknown(text) for text in unknown))
 
     def unknown(self, text: str) -> str:
-        """Why an argument that was left over is none."""
+        """The message for an argument that was left over."""
         if not text.startswith("-"):
             return f"{text} is one argument too many"
         flag = text.partition("=")[0]
@@ -58,13 +78,28 @@ class Parser(argparse.ArgumentParser):
         return f"there is no flag {flag}" + (f", did you mean {close[0]}?" if close else "")
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and a hint; of a word that is none of several, the nearest of them."""
+        """Print the message and a hint; for a word that is none of several, the nearest of them."""
         wrong = re.fullmatch(r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message)
         if wrong is not None:
             close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
         self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command: its options and its handler."""
+
+    name: str
+    about: str
+    example: str
+    add: Callable[[Parser], None]
+    """Adds the arguments."""
+    run: Callable[[argparse.Namespace], int]
+    """Returns the exit code."""
+    mixed: bool = False
+    """Whether flags may stand between arguments, of which there can be several."""
 
 
 def joined(arguments: list[str]) -> list[str]:
@@ -75,35 +110,48 @@ def joined(arguments: list[str]) -> list[str]:
     """
     result: list[str] = []
     for argument in arguments:
-        if (
-            result
-            and result[-1] in ("--box", "--point")
-            and argument[:1] == "-"
-            and argument[1:2].isdecimal()
-        ):
+        is_number = argument[:1] == "-" and argument[1:2].isdecimal()
+        if is_number and result and result[-1] in ("--box", "--point"):
             result[-1] += f"={argument}"
         else:
             result.append(argument)
     return result
 
 
-# ----------------------------------------------------------------------
-# Texts of flags -> values, or what is wrong with them.
+def number(low: float, high: float) -> Callable[[str], float]:
+    """A reader of numbers from `low` to `high`."""
 
-DEVICES = ("cpu", "cuda")
-"""What draws frames."""
-FORMATS = ("mp4", "gif", "webp", "png")
-CURVES = ("x", "y", "speed", "angle")
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not a number from {low:g} to {high:.10g}")
+        return value
+
+    return read
 
 
-def place(text: str) -> str:
-    """A path or a URL; of a file of this machine, its path."""
-    from physgen.batch.remote import plain
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """A reader of whole numbers from `low` to `high`."""
 
-    try:
-        return plain(text)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    def read(text: str) -> int:
+        digits = text.removeprefix("-")
+        value = int(text) if digits.isascii() and digits.isdecimal() and len(digits) < 20 else low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not a whole number from {low} to {high}")
+        return value
+
+    return read
+
+
+count = whole(1, 1024)
+draws = whole(2, 1000)
+number_of_clips = whole(1, 10_000_000)
+seed = whole(0, 10**18)
+turns = whole(1, 360)
+part = number(0, 1)
 
 
 def positive(text: str) -> float:
@@ -117,82 +165,72 @@ def positive(text: str) -> float:
     return value
 
 
-def part(text: str) -> float:
-    """A number in 0..1."""
+def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
+    """A reader of what the schema of a scene's key allows: a number, a whole one, or text."""
+    if key["type"] != "string":
+        kind = whole if key["type"] == "integer" else number
+        return kind(key.get("minimum", -math.inf), key.get("maximum", math.inf))
+
+    def read(text: str) -> str:
+        if len(text) > key["maxLength"]:
+            raise argparse.ArgumentTypeError(f"{len(text)} characters are over {key['maxLength']}")
+        return text
+
+    return read
+
+
+def place(text: str) -> str:
+    """A path or a URL; of a file: URL of this machine, its path."""
+    from physgen.batch.remote import plain
+
     try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 to 1")
-    return value
-
-
-def side(text: str) -> int:
-    """px of a photo's side."""
-    if not text.isdecimal() or not 16 <= int(text) <= 100_000:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 16 to 100000")
-    return int(text)
+        return plain(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def two_sides(text: str) -> tuple[int, int]:
-    """`832x480` -> px."""
-    sides = text.lower().split("x")
-    if len(sides) != 2 or not all(
-        part.isdecimal() and len(part) < 6 and 2 <= int(part) <= 16384 for part in sides
-    ):
+    """`832x480` -> width and height, px."""
+    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text.lower())
+    if found is None or not all(2 <= int(side) <= 16384 for side in found.groups()):
         raise argparse.ArgumentTypeError(f"{text} is not a size from 2x2 to 16384x16384, e.g. 832x480")
-    return int(sides[0]), int(sides[1])
+    return int(found[1]), int(found[2])
 
 
-def count(text: str) -> int:
-    """A number of things."""
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 1024")
-    return int(text)
+def names(text: str) -> list[str]:
+    """`a,b` -> names, each once."""
+    return list(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
 
 
-def number_of_clips(text: str) -> int:
-    """A number of draws."""
-    if not text.isdecimal() or not 1 <= int(text[:12]) <= 10_000_000 or len(text) > 8:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 10,000,000")
-    return int(text)
+def labels(text: str) -> tuple[str, ...]:
+    """`flo,coco` -> names of formats, which are checked later."""
+    return tuple(names(text))
 
 
-def draws(text: str) -> int:
-    """Draws of a fan."""
-    if not text.isdecimal() or not 2 <= int(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 2 to 1000")
-    return int(text)
+def among(known: Sequence[str]) -> Callable[[str], list[str]]:
+    """A reader of `a,b` where each name is one of `known`."""
+
+    def read(text: str) -> list[str]:
+        wrong = [name for name in names(text) if name not in known]
+        if wrong or not names(text):
+            raise argparse.ArgumentTypeError(f"{', '.join(wrong) or text} is not among {', '.join(known)}")
+        return names(text)
+
+    return read
 
 
-def seed(text: str) -> int:
-    """Of random draws."""
-    if not text.isdecimal() or len(text) > 18:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least 0")
-    return int(text)
+def numbers(text: str) -> list[int]:
+    """`0,3,6` -> whole numbers; empty where the text is no such list."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    return [int(part) for part in parts] if all(part.isdecimal() and len(part) < 7 for part in parts) else []
 
 
-def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
-    """A reader of what the schema of a scene's key allows: a number, a whole one, or text."""
-    kind, low, high = key["type"], key.get("minimum", -math.inf), key.get("maximum", math.inf)
-    whole = kind == "integer"
-
-    def value(text: str) -> float | int | str:
-        if kind == "string":
-            if len(text) > key["maxLength"]:
-                raise argparse.ArgumentTypeError(f"{len(text)} characters are over {key['maxLength']}")
-            return text
-        try:
-            number = int(text) if whole else float(text)
-        except ValueError:
-            number = math.nan
-        if not low <= number <= high:
-            what = f"a {'whole ' * whole}number from {low:g} to {high:.10g}"
-            raise argparse.ArgumentTypeError(f"{text} is not {what}")
-        return number
-
-    return value
+def rows(text: str) -> list[int]:
+    """`1,5,12` -> numbers of rows."""
+    found = numbers(text)
+    if not found:
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers, e.g. 1,5,12")
+    return found
 
 
 def speeds(text: str) -> list[float]:
@@ -203,88 +241,36 @@ def speeds(text: str) -> list[float]:
     return found
 
 
-def turns(text: str) -> int:
-    """A number of directions."""
-    if not text.isdecimal() or not 1 <= int(text) <= 360:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to 360")
-    return int(text)
-
-
-def rows(text: str) -> list[int]:
-    """`1,5,12` -> numbers of rows."""
-    parts = [part.strip() for part in text.split(",")]
-    if not all(part.isdecimal() and len(part) < 6 for part in parts):
-        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers, e.g. 1,5,12")
-    return [int(part) for part in parts]
-
-
-def nouns(text: str) -> list[str]:
-    """`a red ball, cup` -> its nouns."""
-    return [noun for part in text.split(",") if (noun := part.strip())]
-
-
-def names(text: str) -> list[str]:
-    """`a,b` -> names."""
-    return list(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
-
-
-def labels(text: str) -> tuple[str, ...]:
-    """`flo,coco` -> names of formats, which are checked later."""
-    return tuple(names(text))
-
-
-def curves(text: str) -> list[str]:
-    """`x,y,speed,angle` -> what is drawn over time."""
-    wrong = [name for name in names(text) if name not in CURVES]
-    if wrong:
-        raise argparse.ArgumentTypeError(f"{', '.join(wrong)} is not among {', '.join(CURVES)}")
-    return names(text)
-
-
 def moments(text: str) -> int | list[int]:
     """`6` -> so many frames; `0,3,6` -> these."""
-    parts = [part.strip() for part in text.split(",") if part.strip()]
-    if not parts or not all(part.isdecimal() and len(part) < 7 for part in parts):
-        raise argparse.ArgumentTypeError(
-            f"{text} is neither a number of frames nor a list of them, e.g. 0,3,6"
-        )
+    found = numbers(text)
+    if not found:
+        expected = "is neither a number of frames nor a list of them, e.g. 0,3,6"
+        raise argparse.ArgumentTypeError(f"{text} {expected}")
     if "," in text:
-        return [int(part) for part in parts]
-    if not 1 <= int(parts[0]) <= 64:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a number of frames from 1 to 64; frame {text} alone is {text},"
-        )
-    return int(parts[0])
+        return found
+    if not 1 <= found[0] <= 64:
+        expected = f"is not a number of frames from 1 to 64; frame {text} alone is {text},"
+        raise argparse.ArgumentTypeError(f"{text} {expected}")
+    return found[0]
 
 
 def width(text: str) -> tuple[float, None] | tuple[None, int]:
     """`84`, `84mm`, `8.4cm`, `3.3in` -> mm; `1600px` -> px."""
-    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyz ")
-    unit = text.strip()[len(number) :].strip() or "mm"
-    per = {"mm": 1.0, "cm": 10.0, "in": 25.4}
-    try:
-        value = float(number)
-    except ValueError:
-        value = 0.0
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|px|)\s*", text)
+    value = float(found[1]) if found else 0.0
+    unit = found[2] if found else ""
     if unit == "px" and value.is_integer() and 100 <= value <= 30_000:
         return None, int(value)
-    if unit in per and 20 <= value * per[unit] <= 2000:
-        return value * per[unit], None
-    raise argparse.ArgumentTypeError(
-        f"{text} is not a width from 20 mm to 2 m, or from 100px to 30000px, e.g. 84mm"
-    )
+    millimetres = value * {"cm": 10.0, "in": 25.4, "px": 0.0}.get(unit, 1.0)
+    if 20 <= millimetres <= 2000:
+        return millimetres, None
+    expected = "is not a width from 20 mm to 2 m, or from 100px to 30000px, e.g. 84mm"
+    raise argparse.ArgumentTypeError(f"{text} {expected}")
 
 
-def formats(text: str) -> list[str]:
-    """`mp4,gif` -> kinds of video."""
-    names = [name.strip() for name in text.split(",")]
-    wrong = [name for name in names if name not in FORMATS]
-    if wrong:
-        raise argparse.ArgumentTypeError(f"{', '.join(wrong)} is not among {', '.join(FORMATS)}")
-    return list(dict.fromkeys(names))
-
-
-def _numbers(flag: str, text: str, count: int) -> tuple[float, ...]:
+def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
+    """`x,y` or `x,y,w,h` px, the value of a flag; raises InputError."""
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -295,24 +281,14 @@ def _numbers(flag: str, text: str, count: int) -> tuple[float, ...]:
     return values
 
 
-def four(flag: str, text: str) -> tuple[float, float, float, float]:
-    """`x,y,w,h` px; raises InputError."""
-    a, b, c, d = _numbers(flag, text, 4)
-    return a, b, c, d
-
-
-def two(flag: str, text: str) -> tuple[float, float]:
-    """`x,y` px; raises InputError."""
-    a, b = _numbers(flag, text, 2)
-    return a, b
-
-
-def scene_name(output: Path | None) -> None:
-    """Refuses what would overwrite a photo, or leave a scene that no command reads."""
+def check_scene_name(output: Path | None) -> None:
+    """Refuses an output that would overwrite a photo, or that no command reads as a scene."""
     if output is not None and (output.suffix not in (".yaml", ".yml") or output.is_dir()):
-        raise InputError.of(
-            "-o",
-            f'"{output}"',
-            "is no name for a scene file",
-            "end it in .yaml; without -o it goes to stdout",
-        )
+        fix = "end it in .yaml; without -o the scene is printed"
+        raise InputError.of("-o", f'"{output}"', "is no name for a scene file", fix)
+
+
+def add_device(parser: Parser) -> None:
+    """Adds `--device` of what draws frames."""
+    about = "draws the frames: cuda is an NVIDIA GPU, through torch; default: cpu"
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help=about)

@@ -6,6 +6,7 @@ import argparse
 import time
 from typing import TYPE_CHECKING
 
+from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, print_json
 
 if TYPE_CHECKING:
@@ -80,3 +81,14 @@ def _size(count: float) -> str:
 def _moment(seconds: float) -> str:
     """Local time."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
+
+
+def add(parser: Parser) -> None:
+    about = "show: folder, size and limit; clear: remove all results"
+    parser.add_argument("what", choices=("show", "clear"), metavar="{show,clear}", help=about)
+    parser.flag("--json", "print as JSON")
+
+
+CACHE = Command(
+    "cache", "Shows or clears the results that are kept between runs.", "physgen cache show", add, cache
+)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.batch.remote import is_private, is_url
-from physgen.cli.arguments import DEVICES, WRONG_INPUT, count, draws, formats, labels, seed
+from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, add_device, among, count, draws, labels, seed
 from physgen.cli.output import FAILED, OK, Bar, Counter, print_error, print_line
 from physgen.problems import InputError
 
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from physgen.batch.run import Done, Job, Refiner
     from physgen.scene.load import Opened
 
-
-# ----------------------------------------------------------------------
-# Flags of commands that make clips -> the jobs that they ask for.
 
 PREVIEWED = 24
 """Frames of a preview, at most."""
@@ -194,9 +191,6 @@ def check_formats(formats: Sequence[str], flag: str) -> None:
     if "trajectory" in formats and not has_parquet():
         print_error(HINT)
 
-
-# ----------------------------------------------------------------------
-# Jobs -> clips, one or very many; what is told while they are made, and at the end.
 
 MOST_SHOWN = 20_000
 """Clips of one gallery: above, its page is slow to open."""
@@ -395,31 +389,12 @@ def _sum_up(
     return WRONG_INPUT if tally.failed else OK
 
 
-# ----------------------------------------------------------------------
-# Flags that say on which machines clips are made.
-
 CLUSTERS = ("dask", "slurm", "dask-slurm")
-
-
-def add_cluster(sub: argparse.ArgumentParser) -> None:
-    """Those of every command that makes clips."""
-    sub.add_argument(
-        "--cluster",
-        metavar="WHERE",
-        type=cluster,
-        help="make clips on a Dask cluster: dask, one on this machine with --jobs workers; dask=tcp://HOST:8786, that "
-        "of a scheduler (or dask=FILE.json, a scheduler file); slurm, --jobs workers as jobs of Slurm; see "
-        "docs/clusters.md",
-    )
-    sub.add_argument(
-        "--ship",
-        action="store_true",
-        help="with --cluster: send scenes to workers and fetch clips from them without looking for shared folders",
-    )
+REPORTS = ("full", "plain", "none")
 
 
 def cluster(text: str) -> str:
-    """Any of CLUSTERS, or `dask=` and where its scheduler is."""
+    """Any of CLUSTERS, or `dask=` and the address of its scheduler."""
     kind, equals, where = text.partition("=")
     if text in CLUSTERS:
         return text
@@ -429,92 +404,41 @@ def cluster(text: str) -> str:
     raise argparse.ArgumentTypeError(f"{text} {expected}")
 
 
-# ----------------------------------------------------------------------
-# Flags of all commands that make clips, and of all that read scenes.
-
-REPORTS = ("full", "plain", "none")
-
-
-def add_clips(sub: argparse.ArgumentParser) -> None:
-    """How clips are made."""
-    sub.add_argument(
-        "--jobs", metavar="N", type=count, default=1, help="scenes rendered at a time; default: 1"
+def add_clips(parser: Parser) -> None:
+    """Adds the flags of commands that render clips."""
+    parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
+    about = (
+        "render on a Dask cluster: dask, on this machine with --jobs workers; dask=tcp://HOST:8786, the one of a "
+        "scheduler (or dask=FILE.json, a scheduler file); slurm, --jobs workers as jobs of Slurm; see docs/clusters.md"
     )
-    add_cluster(sub)
-    sub.add_argument(
-        "--format",
-        metavar="LIST",
-        type=formats,
-        default=["mp4"],
-        help="any of mp4,gif,webp,png; default: mp4",
+    parser.option("--cluster", "WHERE", cluster, about)
+    about = "with --cluster: send scenes to workers and fetch clips from them, without shared folders"
+    parser.flag("--ship", about)
+    parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
+    parser.flag("--chaos", "report how long the motion is predictable; see simulate")
+    about = (
+        "simulate N draws of the values that `from` marks as uncertain, and report which outcomes the photo decides; "
+        "see docs/fan.md"
     )
-    sub.add_argument(
-        "--chaos",
-        action="store_true",
-        help="tell in the report how long the motion can be foretold; see simulate",
-    )
-    sub.add_argument(
-        "--fan",
-        metavar="N",
-        type=draws,
-        default=0,
-        help="simulate N draws of what `from` is unsure of: which outcomes does the photo decide? see docs/fan.md",
-    )
-    sub.add_argument("--fan-seed", metavar="S", type=seed, default=0, help="of the draws; default: 0")
-    sub.add_argument(
-        "--device",
-        choices=DEVICES,
-        default="cpu",
-        help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
-    )
-    sub.add_argument(
-        "--refine",
-        metavar="NAME[:WEIGHTS]",
-        help="a video diffusion model retouches the clip: animatediff, wan, cogvideox, or none; see physgen backends",
-    )
-    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
-    sub.add_argument(
-        "--report",
-        choices=REPORTS,
-        help="full (the default); plain: without player, charts and what was perceived, which takes less time than a "
-        "short clip; none",
-    )
-    sub.add_argument(
-        "--export",
-        metavar="LIST",
-        type=labels,
-        default=(),
-        help="ground truth beside the clip, in truth/: any of the formats of physgen export",
-    )
-    sub.add_argument(
-        "--single-file",
-        action="store_true",
-        help="put the video into report.html, which can then be mailed alone",
-    )
-    sub.add_argument(
-        "--preview",
-        action="store_true",
-        help="a quick look: at most 24 frames as large as the photo, without a report",
-    )
-    sub.add_argument(
-        "--no-cache",
-        dest="cache",
-        action="store_false",
-        help="make clips again that are there, and neither read nor keep results of stages",
-    )
-    sub.add_argument("--json", action="store_true", help="print a line of JSON a clip, and one at the end")
+    parser.option("--fan", "N", draws, about, 0)
+    parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
+    add_device(parser)
+    about = "refine the clip by a video diffusion model: animatediff, wan, cogvideox, or none; see physgen backends"
+    parser.option("--refine", "NAME[:WEIGHTS]", str, about)
+    parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
+    about = "full (the default); plain: without player, charts and perceived maps, faster; none"
+    parser.add_argument("--report", choices=REPORTS, help=about)
+    about = "ground truth beside the clip, in truth/: any of the formats of physgen export"
+    parser.option("--export", "LIST", labels, about, ())
+    parser.flag("--single-file", "embed the video in report.html, to send it alone")
+    parser.flag("--preview", "a quick look: at most 24 frames of the photo's size, without a report")
+    parser.flag("--no-cache", "render existing clips again, and neither read nor keep results of stages")
+    parser.flag("--json", "print a line of JSON for each clip, and one at the end")
 
 
-def add_overlays(sub: argparse.ArgumentParser) -> None:
-    """What is edited of a scene, and what it may read."""
-    sub.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="edit a key: objects.ball-1.mass=200; * stands for every object",
-    )
-    sub.add_argument("--variant", metavar="NAME", help="apply a named variant of the file, or all")
-    sub.add_argument(
-        "--allow-outside", action="store_true", help="let the scene read files outside its folder"
-    )
+def add_overlays(parser: Parser) -> None:
+    """Adds the flags that edit a scene, and the one that lets it read other folders."""
+    about = "edit a key: objects.ball-1.mass=200; * stands for every object"
+    parser.option("--set", "KEY=VALUE", str, about, [], action="append")
+    parser.option("--variant", "NAME", str, "apply a named variant of the file, or all")
+    parser.flag("--allow-outside", "let the scene read files outside its folder")

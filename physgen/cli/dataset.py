@@ -8,16 +8,13 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import WRONG_INPUT, labels, number_of_clips, seed
+from physgen.cli.arguments import WRONG_INPUT, Command, Parser, labels, number_of_clips, seed
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.batch.dataset import DatasetSummary
 
-
-# ----------------------------------------------------------------------
-# `dataset`: clips that are there to a data set for training.
 
 OFTEN = 10_000
 """Clips after which it is told how far it is."""
@@ -107,67 +104,8 @@ def _clips(count: int) -> str:
     return "1 clip" if count == 1 else f"{count:,} clips"
 
 
-# ----------------------------------------------------------------------
-# Flags of `dataset`.
-
 _BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,3})?) ?([kMGT]?)B?", re.IGNORECASE)
-_TIMES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
-
-
-def add_dataset(sub: argparse.ArgumentParser) -> None:
-    """Which clips, where to, and how."""
-    sub.add_argument(
-        "folders",
-        metavar="DIR",
-        type=Path,
-        nargs="+",
-        help="what physgen rendered or exported into, at any depth",
-    )
-    sub.add_argument(
-        "-o", "--output", metavar="DATASET", type=Path, required=True, help="folder of the data set"
-    )
-    sub.add_argument(
-        "--layout",
-        choices=("folder", "webdataset"),
-        default="folder",
-        help="folder (the default): a folder a clip, and metadata.jsonl as Hugging Face's datasets read it; or shards",
-    )
-    sub.add_argument(
-        "--format",
-        metavar="LIST",
-        type=labels,
-        default=(),
-        help="labels that go along; default: all that clips have",
-    )
-    sub.add_argument(
-        "--split",
-        metavar="SHARES",
-        default="train=0.8,validation=0.1,test=0.1",
-        help="shares of the photos: all clips of one are in one split; default: train=0.8,validation=0.1,test=0.1",
-    )
-    sub.add_argument(
-        "--seed",
-        metavar="S",
-        type=seed,
-        default=0,
-        help="which photo is in which split follows from it; default: 0",
-    )
-    sub.add_argument(
-        "--shard-clips",
-        metavar="N",
-        type=number_of_clips,
-        default=1000,
-        help="in a shard at most; default: 1000",
-    )
-    sub.add_argument(
-        "--shard-size", metavar="SIZE", type=size, default=10**9, help="of a shard at most; default: 1GB"
-    )
-    sub.add_argument(
-        "--link",
-        action="store_true",
-        help="folder: names of the same files where the disk allows, in place of copies",
-    )
-    sub.add_argument("--json", action="store_true", help="print a line of JSON")
+_FACTORS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 
 def size(text: str) -> int:
@@ -177,7 +115,37 @@ def size(text: str) -> int:
     (500000000, 1500000000, 65536)
     """
     found = _BYTES.fullmatch(text.strip())
-    value = float(found[1]) * _TIMES[found[2].lower()] if found else 0
+    value = float(found[1]) * _FACTORS[found[2].lower()] if found else 0
     if not 65536 <= value <= 10**15:
         raise argparse.ArgumentTypeError(f"{text} is not a size of 65536 bytes or more, e.g. 500MB")
     return round(value)
+
+
+def add(parser: Parser) -> None:
+    about = "folders of rendered or exported clips, at any depth"
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
+    parser.option("-o --output", "DATASET", Path, "folder of the data set", required=True)
+    about = (
+        "folder (the default): a folder for each clip, and metadata.jsonl as Hugging Face's datasets read it; or "
+        "webdataset: shards"
+    )
+    parser.add_argument("--layout", choices=("folder", "webdataset"), default="folder", help=about)
+    parser.option("--format", "LIST", labels, "labels to include; default: all that the clips have", ())
+    shares = "train=0.8,validation=0.1,test=0.1"
+    about = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
+    parser.option("--split", "SHARES", str, about, shares)
+    parser.option("--seed", "S", seed, "determines which photo is in which split; default: 0", 0)
+    parser.option("--shard-clips", "N", number_of_clips, "clips in a shard, at most; default: 1000", 1000)
+    parser.option("--shard-size", "SIZE", size, "size of a shard, at most; default: 1GB", 10**9)
+    parser.flag("--link", "folder: hard links where the disk allows them, in place of copies")
+    parser.flag("--json", "print a line of JSON")
+
+
+DATASET = Command(
+    "dataset",
+    "Makes a data set for training of rendered clips: a folder, or WebDataset shards; split by photo.",
+    "physgen dataset out sweep -o data --layout webdataset",
+    add,
+    dataset,
+    mixed=True,
+)

@@ -10,12 +10,10 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+from physgen.cli.arguments import Command, Parser, whole
 from physgen.cli.output import OK, Bar, print_error, print_line
 from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
-
-# ----------------------------------------------------------------------
-# `edit`: a scene, or a photo that is perceived first, in the browser.
 
 NEEDED = ("fastapi", "uvicorn")
 SCENES = (".yaml", ".yml")
@@ -138,44 +136,27 @@ def _show(options: argparse.Namespace, scene: Path, address: str, once: Callable
         threading.Thread(target=webbrowser.open, args=(once(),), daemon=True).start()
 
 
-# ----------------------------------------------------------------------
-# Flags of `edit`.
+def add(parser: Parser) -> None:
+    about = (
+        "a scene file; or a photo, which is perceived first into a scene of its name beside it. A scene that is there "
+        "already is opened"
+    )
+    parser.add_argument("scene", metavar="SCENE or PHOTO", type=Path, help=about)
+    about = "folder of what is rendered from the page; default: out"
+    parser.option("-o --output", "DIR", Path, about, Path("out"))
+    parser.option("--port", "N", whole(0, 65535), "port to listen at; default: a free one")
+    about = "name or address to listen at; default: 127.0.0.1, which only this machine can reach"
+    parser.option("--host", "HOST", str, about, "127.0.0.1")
+    parser.flag("--no-browser", "only print the address")
+    parser.flag("--allow-outside", "let the scene read files outside its folder")
+    parser.flag("--json", "print the address as a line of JSON")
+    add_backends(parser)
 
 
-def add_edit(sub: argparse.ArgumentParser) -> None:
-    """A scene or a photo, and where its page is served."""
-    sub.add_argument(
-        "scene",
-        metavar="SCENE or PHOTO",
-        type=Path,
-        help="a photo is perceived first, into a scene beside it that has its name; one that is there is opened",
-    )
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=Path,
-        default=Path("out"),
-        help="folder of what is rendered from the page; default: out",
-    )
-    sub.add_argument("--port", metavar="N", type=port, help="default: one that is free")
-    sub.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="name or address to listen at; default: 127.0.0.1, which this machine alone reaches",
-    )
-    sub.add_argument(
-        "--no-browser", dest="browser", action="store_false", help="only print the address, open nothing"
-    )
-    sub.add_argument(
-        "--allow-outside", action="store_true", help="let the scene read files outside its folder"
-    )
-    sub.add_argument("--json", action="store_true", help="print the address as a line of JSON")
-    add_backends(sub)
-
-
-def port(text: str) -> int:
-    """A port of this machine; 0: one that is free."""
-    if not (text.isascii() and text.isdecimal()) or int(text[:6]) > 65535:
-        raise argparse.ArgumentTypeError(f"{text} is not a port; write a number up to 65535")
-    return int(text)
+EDIT = Command(
+    "edit",
+    "Opens a scene or a photo in the browser: push objects and watch; see docs/editing.md.",
+    "physgen edit scene.yaml",
+    add,
+    edit,
+)

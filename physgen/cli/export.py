@@ -8,17 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import DEVICES, count, labels, of, two_sides
-from physgen.cli.clips import Shown, check_formats, make_all, refuse_twins, variants_of
+from physgen.cli.arguments import Command, Parser, add_device, count, labels, number, two_sides, whole
+from physgen.cli.clips import Shown, add_overlays, check_formats, make_all, refuse_twins, variants_of
 from physgen.cli.output import print_error
 from physgen.problems import InputError
 
 if TYPE_CHECKING:
     from physgen.batch.run import Done
-
-
-# ----------------------------------------------------------------------
-# `export`: scenes to ground truth, without a video or a page.
 
 
 def export(options: argparse.Namespace) -> int:
@@ -90,47 +86,34 @@ def filmed(options: argparse.Namespace) -> list[str]:
     return edits
 
 
-# ----------------------------------------------------------------------
-# Flags of `export`.
-
 NAMES = (
     "frames", "flo", "kitti", "wheel", "tapvid", "order", "depth", "normals", "albedo", "shading", "coco", "davis",
     "youtubevos", "mot", "mots", "events", "trajectory", "conditioning", "physics",
 )  # fmt: skip
 
 
-def add_export(sub: argparse.ArgumentParser) -> None:
-    """Of the whole command."""
-    sub.add_argument("scenes", metavar="SCENE", nargs="+")
-    sub.add_argument(
-        "--format",
-        metavar="LIST",
-        type=labels,
-        required=True,
-        help="any of " + ",".join(NAMES) + "; tapvid:512 has so many points; see docs/ground-truth.md",
-    )
-    sub.add_argument("-o", "--output", metavar="DIR", default="labels", help="default: labels")
-    sub.add_argument(
-        "--frames",
-        metavar="N",
-        type=of({"type": "integer", "minimum": 2, "maximum": 100_000}),
-        help="so many frames, spread over the scene's duration, which stays: as --set render.frames=N",
-    )
-    sub.add_argument(
-        "--size",
-        metavar="WxH",
-        type=two_sides,
-        help="of the frames, px; what does not fit is cut off, e.g. 832x480",
-    )
-    sub.add_argument(
-        "--fps",
-        metavar="N",
-        type=of({"type": "number", "minimum": 1, "maximum": 1000}),
-        help="at which they play",
-    )
-    sub.add_argument("--jobs", metavar="N", type=count, default=1, help="scenes at a time; default: 1")
-    sub.add_argument("--device", choices=DEVICES, default="cpu", help="what draws the frames; default: cpu")
-    sub.add_argument(
-        "--no-cache", dest="cache", action="store_false", help="simulate again, and make what is there again"
-    )
-    sub.add_argument("--json", action="store_true", help="print a line of JSON a scene")
+def add(parser: Parser) -> None:
+    parser.add_argument("scenes", metavar="SCENE", nargs="+")
+    about = f"any of {','.join(NAMES)}; tapvid:512 tracks 512 points; see docs/ground-truth.md"
+    parser.option("--format", "LIST", labels, about, required=True)
+    parser.option("-o --output", "DIR", str, "default: labels", "labels")
+    about = "number of frames, spread over the scene's duration, as by --set render.frames=N"
+    parser.option("--frames", "N", whole(2, 100_000), about)
+    about = "size of the frames, px, e.g. 832x480; the photo is cropped to its proportions"
+    parser.option("--size", "WxH", two_sides, about)
+    parser.option("--fps", "N", number(1, 1000), "frames per second at which they play")
+    parser.option("--jobs", "N", count, "scenes at a time; default: 1", 1)
+    add_device(parser)
+    parser.flag("--no-cache", "simulate again, and overwrite existing labels")
+    parser.flag("--json", "print a line of JSON for each scene")
+    add_overlays(parser)
+
+
+EXPORT = Command(
+    "export",
+    "Exports the ground truth of scenes: flow, masks, tracks and events, in the formats that other tools read.",
+    "physgen export scene.yaml --format flo,events,conditioning --frames 49 --size 832x480 --fps 16 -o labels",
+    add,
+    export,
+    mixed=True,
+)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, Bar, print_backup, print_json, print_problem
 from physgen.problems import InputError
-
-# ----------------------------------------------------------------------
-# `gallery`: folders of clips to one page.
 
 
 def gallery(options: argparse.Namespace) -> int:
@@ -43,24 +41,23 @@ def gallery(options: argparse.Namespace) -> int:
     return OK
 
 
-# ----------------------------------------------------------------------
-# Flags of `gallery`.
+def add(parser: Parser) -> None:
+    about = "folders of rendered clips, at any depth"
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
+    about = (
+        "write the page here, pictures beside it; default: index.html in DIR, or in this folder for several"
+    )
+    parser.option("-o --output", "FILE", Path, about)
+    parser.option("--title", "TEXT", str, "title of the page; default: the names of the folders")
+    parser.flag("--single-file", "embed pictures and videos in the page, to send it alone")
+    parser.flag("--json", "print what was written as JSON")
 
 
-def add_gallery(sub: argparse.ArgumentParser) -> None:
-    """Folders of clips, and the page that shows them."""
-    sub.add_argument(
-        "folders", metavar="DIR", type=Path, nargs="+", help="what physgen rendered into, at any depth"
-    )
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="write the page here, pictures beside it; default: index.html in DIR, or here for several",
-    )
-    sub.add_argument("--title", metavar="TEXT", help="what stands above it; default: the folders' names")
-    sub.add_argument(
-        "--single-file", action="store_true", help="put pictures and videos into the page, to be mailed"
-    )
-    sub.add_argument("--json", action="store_true", help="print what was written as JSON")
+GALLERY = Command(
+    "gallery",
+    "Makes one page of folders of clips; a sweep is shown by its axes.",
+    "physgen gallery out sweep -o gallery.html",
+    add,
+    gallery,
+    mixed=True,
+)

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 
-# ----------------------------------------------------------------------
-# Results to stdout, everything else to stderr: the only lines that print.
-
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
 
@@ -101,10 +98,6 @@ class Bar:
         if self._live and self._wide:
             print("\r" + " " * self._wide + "\r", end="", file=sys.stderr, flush=True)
             self._wide = 0
-
-
-# ----------------------------------------------------------------------
-# How far many clips are: a bar with rate and time left on a terminal, nothing in a pipe.
 
 
 class Counter:

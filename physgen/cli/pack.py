@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, print_backup, print_problem
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError
-
-# ----------------------------------------------------------------------
-# `pack` and `unpack`: a scene with all that it reads, as one file.
 
 
 def pack(options: argparse.Namespace) -> int:
@@ -47,34 +45,27 @@ def unpack(options: argparse.Namespace) -> int:
     return OK
 
 
-# ----------------------------------------------------------------------
-# Flags of `pack` and `unpack`.
+def add_pack(parser: Parser) -> None:
+    parser.add_argument("scene", metavar="SCENE")
+    about = "write the pack here, ending in .physgen; default: NAME.physgen in this folder"
+    parser.option("-o --output", "FILE", Path, about)
+    about = "let the scene read files outside its folder; the pack includes them and does not need this flag"
+    parser.flag("--allow-outside", about)
 
 
-def add_pack(sub: argparse.ArgumentParser) -> None:
-    """A scene, and the file that it goes to."""
-    sub.add_argument("scene", metavar="SCENE")
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="write the pack here, ending in .physgen; default: NAME.physgen in this folder",
-    )
-    sub.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="let the scene read files outside its folder; they come along, and the pack does not need this",
-    )
+def add_unpack(parser: Parser) -> None:
+    parser.add_argument("pack", metavar="FILE", type=Path, help="a file that physgen pack wrote")
+    about = "write the files to this new or empty folder; default: the pack's name without .physgen"
+    parser.option("-o --output", "DIR", Path, about)
 
 
-def add_unpack(sub: argparse.ArgumentParser) -> None:
-    """A pack, and the folder that its files go to."""
-    sub.add_argument("pack", metavar="FILE", type=Path, help="what physgen pack wrote")
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=Path,
-        help="write the files here, a new or empty folder; default: the pack's name without .physgen",
-    )
+PACK = Command(
+    "pack",
+    "Packs a scene with all its files into one file.",
+    "physgen pack scene.yaml -o scene.physgen",
+    add_pack,
+    pack,
+)
+UNPACK = Command(
+    "unpack", "Unpacks a pack into a folder.", "physgen unpack scene.physgen -o scene", add_unpack, unpack
+)

@@ -8,16 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.cli.arguments import four, nouns, scene_name, side, two
+from physgen.cli.arguments import Command, Parser, check_scene_name, coordinates, names, whole
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem, write_result
 from physgen.problems import InputError, Problem
 
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
-
-
-# ----------------------------------------------------------------------
-# `perceive`, `import` and `backends`: photos, or somebody else's files, to scenes.
 
 
 def perceive(options: argparse.Namespace) -> int:
@@ -26,11 +22,11 @@ def perceive(options: argparse.Namespace) -> int:
     folder = options.output is not None and options.output.is_dir()
     if options.refresh is None and (len(options.image) > 1 or (options.image and folder)):
         return _perceive_many(options)
-    scene_name(options.output)
+    check_scene_name(options.output)
     bar = Bar()
     told: dict[str, Any] = {
-        "boxes": [four("--box", text) for text in options.box],
-        "points": [two("--point", text) for text in options.point],
+        "boxes": [coordinates("--box", text, 4) for text in options.box],
+        "points": [coordinates("--point", text, 2) for text in options.point],
         "assets": options.assets,
         "crew": _crew(_plan(options)),
         "progress": bar.show,
@@ -166,7 +162,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
 def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
-    scene_name(options.output)
+    check_scene_name(options.output)
     bar = Bar()
     if options.kind == "physgen":
         text = pipeline.import_physgen(options.path, options.output, bar.show, print_problem, print_backup)
@@ -190,105 +186,80 @@ def list_backends(options: argparse.Namespace) -> int:
     return OK
 
 
-# ----------------------------------------------------------------------
-# Flags of `perceive`, and of who perceives.
+def add_perceive(parser: Parser) -> None:
+    about = "the photo; several photos go into the folder of -o"
+    parser.add_argument("image", metavar="IMAGE", type=Path, nargs="*", help=about)
+    about = (
+        "perceive a scene's photo again: values in the scene are kept, its boxes and points are used again, and new "
+        "--box and --point correct or add objects"
+    )
+    parser.option("--refresh", "SCENE", Path, about)
+    parser.flag("--allow-outside", "with --refresh: the scene may read files outside its folder")
+    parser.option("-o --output", "SCENE", Path, "write the scene here (assets beside it); default: stdout")
+    about = "label map of the photo's size: an id or colour for each object, 0 or black for none"
+    parser.option("--masks", "FILE", Path, about)
+    parser.option("--coco", "FILE", Path, "COCO annotations with the photo's masks")
+    about = "box around an object; may be repeated"
+    parser.option("--box", "X,Y,W,H", str, about, [], action="append")
+    parser.option("--point", "X,Y", str, "point on an object; may be repeated", [], action="append")
+    about = "what an object is; may be repeated"
+    parser.option("--label", "NAME=TEXT", str, about, [], action="append")
+    about = "longest side of the scene's photo, px; default: at most 1600"
+    parser.option("--side", "PX", whole(16, 100_000), about)
+    parser.option("--assets", "DIR", Path, "folder for the maps")
+    parser.option("--sheet", "FILE.png", Path, "draw all results on one picture, for inspection")
+    about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
+    parser.option("--find", "NOUN,...", names, about, [])
+    add_backends(parser)
+    about = "keep models in memory after their step; default: only for several photos"
+    parser.add_argument("--keep-models", action=argparse.BooleanOptionalAction, default=None, help=about)
 
 
-def add_perceive(sub: argparse.ArgumentParser) -> None:
-    """Those of the command."""
-    sub.add_argument(
-        "image", metavar="IMAGE", type=Path, nargs="*", help="the photo; several go into the folder -o"
-    )
-    sub.add_argument(
-        "--refresh",
-        metavar="SCENE",
-        type=Path,
-        help="perceive a scene's photo again: what the scene says stays, boxes and points that it holds are asked "
-        "again, new --box and --point correct or add objects",
-    )
-    sub.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="with --refresh: the scene may read files outside its folder",
-    )
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="SCENE",
-        type=Path,
-        help="write the scene here (assets beside it); default: stdout",
-    )
-    sub.add_argument(
-        "--masks",
-        metavar="FILE",
-        type=Path,
-        help="label map of the photo's size: an id or colour an object, 0 or black for none",
-    )
-    sub.add_argument("--coco", metavar="FILE", type=Path, help="COCO annotations that hold the photo's masks")
-    sub.add_argument(
-        "--box",
-        metavar="X,Y,W,H",
-        action="append",
-        default=[],
-        help="an object lies in this box; may be repeated",
-    )
-    sub.add_argument(
-        "--point",
-        metavar="X,Y",
-        action="append",
-        default=[],
-        help="an object lies at this point; may be repeated",
-    )
-    sub.add_argument(
-        "--label", metavar="NAME=TEXT", action="append", default=[], help="what an object is; may be repeated"
-    )
-    sub.add_argument(
-        "--side",
-        metavar="PX",
-        type=side,
-        help="longest side of the scene's photo, px; default: at most 1600",
-    )
-    sub.add_argument("--assets", metavar="DIR", type=Path, help="folder for the maps")
-    sub.add_argument(
-        "--sheet",
-        metavar="FILE.png",
-        type=Path,
-        help="draw all that was perceived on one picture, to look at",
-    )
-    sub.add_argument(
-        "--find",
-        metavar="NOUN,...",
-        type=nouns,
-        default=[],
-        help='what to look for, for backends that find what they are told to: "ball, wooden block"',
-    )
-    add_backends(sub)
-    sub.add_argument(
-        "--keep-models",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="keep models in memory after their step; without it, only where there are several photos",
-    )
+def add_backends(parser: Parser) -> None:
+    """Flags that choose the backends, and where they run."""
+    about = "the backend of a step, and the hub id or path of its weights; see physgen backends"
+    parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
+    about = "a set of backends: offline, models, best, or one from physgen.toml"
+    parser.option("--profile", "NAME", str, about)
+    parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
+    parser.option("--device", "DEVICE", str, "where models run: auto, cpu, cuda, cuda:1 or mps")
+    parser.option("--dtype", "TYPE", str, "their number type: auto, float32, float16 or bfloat16")
+    about = "use the offline backend where the chosen one fails, and report it"
+    parser.add_argument("--fallback", action=argparse.BooleanOptionalAction, default=None, help=about)
 
 
-def add_backends(sub: argparse.ArgumentParser) -> None:
-    """Flags that say who perceives, and where."""
-    sub.add_argument(
-        "--backend",
-        metavar="ROLE=NAME[:WEIGHTS]",
-        action="append",
-        default=[],
-        help="who does a step, and the hub id or path of what it loads; see physgen backends",
-    )
-    sub.add_argument(
-        "--profile", metavar="NAME", help="a set of backends: offline, models, best, or one of physgen.toml"
-    )
-    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
-    sub.add_argument("--device", metavar="DEVICE", help="where models run: auto, cpu, cuda, cuda:1 or mps")
-    sub.add_argument("--dtype", metavar="TYPE", help="their numbers: auto, float32, float16 or bfloat16")
-    sub.add_argument(
-        "--fallback",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="where a backend fails, let the offline one take over, and say so",
-    )
+def add_import(parser: Parser) -> None:
+    about = "physgen: a folder of the paper's code; coco: annotations"
+    parser.add_argument("kind", choices=("physgen", "coco"), help=about)
+    parser.add_argument("path", metavar="PATH", type=Path, help="the folder or file")
+    parser.option("--image", "IMAGE", Path, "coco: the photo; default: the file that the annotations name")
+    parser.option("-o --output", "SCENE", Path, "write the scene here (assets beside it); default: stdout")
+
+
+def add_list(parser: Parser) -> None:
+    add_backends(parser)
+    parser.flag("--json", "print as JSON")
+
+
+PERCEIVE = Command(
+    "perceive",
+    "Perceives a photo and writes its scene file and assets.",
+    "physgen perceive photo.png > scene.yaml",
+    add_perceive,
+    perceive,
+    mixed=True,
+)
+IMPORT = Command(
+    "import",
+    "Converts files of other programs to a scene.",
+    "physgen import physgen data/pool -o pool.yaml",
+    add_import,
+    import_,
+)
+BACKENDS = Command(
+    "backends",
+    "Lists the backends of each step, and what is missing to use them.",
+    "physgen backends --json",
+    add_list,
+    list_backends,
+)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
-from physgen.cli.arguments import count, curves, moments, names, positive, width
+from physgen.cli.arguments import CURVES, Command, Parser, among, count, moments, names, positive, width
+from physgen.cli.clips import add_overlays
 from physgen.cli.output import OK, Bar
 from physgen.problems import InputError
-
-# ----------------------------------------------------------------------
-# `plot`: figures for papers.
 
 
 def plot(options: argparse.Namespace) -> int:
@@ -47,82 +44,50 @@ def plot(options: argparse.Namespace) -> int:
     return OK
 
 
-# ----------------------------------------------------------------------
-# Flags of `plot`, kind by kind.
+def add(parser: Parser) -> None:
+    kinds = parser.add_subparsers(title="kinds", metavar="KIND", dest="what", required=True)
 
-
-def add_plot(
-    kinds: argparse._SubParsersAction[argparse.ArgumentParser],
-    overlays: Callable[[argparse.ArgumentParser], None],
-) -> None:
-    """What `plot` draws, each with flags of its own."""
-
-    def kind(name: str, about: str, example: str) -> argparse.ArgumentParser:
-        sub = kinds.add_parser(name, help=about, description=about, epilog=f"example: physgen plot {example}")
+    def kind(name: str, about: str, example: str) -> Parser:
+        sub: Parser = kinds.add_parser(
+            name, help=about, description=about, epilog=f"example: physgen plot {example}"
+        )
         if name == "strip":
             sub.add_argument("scenes", metavar="SCENE", nargs="+")
         else:
             sub.add_argument("scene", metavar="SCENE")
-        sub.add_argument(
-            "-o",
-            "--output",
-            metavar="FILE",
-            type=Path,
-            help=f"write here; .png, .svg or .pdf; default: NAME-{name}.png in this folder",
-        )
-        sub.add_argument(
-            "--width",
-            metavar="WIDTH",
-            type=width,
-            help="of the figure: 84 or 84mm for a column, or 1600px",
-        )
-        sub.add_argument("--dpi", metavar="N", type=positive, help="px an inch of a PNG; default: 300")
-        sub.add_argument("--si", action="store_true", help="SI units alone")
-        sub.add_argument("--dark", action="store_true", help="light ink on dark paper, for slides")
+        output = f"write here; .png, .svg or .pdf; default: NAME-{name}.png in this folder"
+        sub.option("-o --output", "FILE", Path, output)
+        sub.option("--width", "WIDTH", width, "of the figure: 84 or 84mm for a column, or 1600px")
+        sub.option("--dpi", "N", positive, "pixels per inch of a PNG; default: 300")
+        sub.flag("--si", "SI units only")
+        sub.flag("--dark", "light lines on a dark background, for slides")
+        add_overlays(sub)
         return sub
 
-    def objects(sub: argparse.ArgumentParser) -> None:
-        sub.add_argument(
-            "--objects", metavar="NAME,...", type=names, default=[], help="of these objects alone"
-        )
+    about = "Kinetic, potential and dissipated energy over time, and their constant sum."
+    kind("energy", about, "energy scene.yaml -o energy.pdf")
+    about = "Paths of objects over the photo, with time marks."
+    sub = kind(
+        "trajectory", about, "trajectory scene.yaml --objects cue-ball,ball-1 --curves x,y -o paths.pdf"
+    )
+    sub.option("--objects", "NAME,...", names, "only these objects", [])
+    about = "curves over time below the paths: any of x,y,speed,angle"
+    sub.option("--curves", "LIST", among(CURVES), about, [])
+    about = "Which objects touch when, and how hard."
+    sub = kind("contacts", about, "contacts scene.yaml -o contacts.pdf")
+    sub.option("--objects", "NAME,...", names, "only these objects", [])
+    about = "The photo with red arrows, then frames with their times; a row for each scene."
+    sub = kind("strip", about, "strip scenes/*/scene.yaml --frames 6 --names -o strip.pdf")
+    about = "number of frames at even times, or a list of frames, from 0: 0,12,24; default: 5"
+    sub.option("--frames", "N", moments, about, 5)
+    sub.option("--columns", "N", count, "pictures side by side; default: all of a scene")
+    sub.flag("--names", "write each scene's name beside its row")
 
-    sub = kind(
-        "energy",
-        "Kinetic, potential and dissipated energy over time, and that their sum stays.",
-        "energy scene.yaml -o energy.pdf",
-    )
-    overlays(sub)
-    sub = kind(
-        "trajectory",
-        "Paths of objects over the photo, with marks of time.",
-        "trajectory scene.yaml --objects cue-ball,ball-1 --curves x,y -o paths.pdf",
-    )
-    objects(sub)
-    sub.add_argument(
-        "--curves",
-        metavar="LIST",
-        type=curves,
-        default=[],
-        help="over time, below the paths: any of x,y,speed,angle",
-    )
-    overlays(sub)
-    sub = kind("contacts", "Who touches whom and when, and how hard.", "contacts scene.yaml -o contacts.pdf")
-    objects(sub)
-    overlays(sub)
-    sub = kind(
-        "strip",
-        "The photo with red arrows, then frames with their times; a row a scene.",
-        "strip scenes/*/scene.yaml --frames 6 --names -o strip.pdf",
-    )
-    sub.add_argument(
-        "--frames",
-        metavar="N",
-        type=moments,
-        default=5,
-        help="so many at even times, or which, from 0: 0,12,24; default: 5",
-    )
-    sub.add_argument(
-        "--columns", metavar="N", type=count, help="pictures side by side; default: all of a scene's"
-    )
-    sub.add_argument("--names", action="store_true", help="write each scene's name beside its row")
-    overlays(sub)
+
+PLOT = Command(
+    "plot",
+    "Draws figures for papers, as PNG, SVG or PDF.",
+    "physgen plot strip scene.yaml -o strip.pdf",
+    add,
+    plot,
+)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import of, positive
+from physgen.cli.arguments import Command, Parser, of, positive
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem
 from physgen.problems import InputError
 from physgen.registry import FLAG, choice
@@ -15,10 +15,6 @@ from physgen.scene.schema import at
 
 if TYPE_CHECKING:
     from physgen.registry import Plan
-
-
-# ----------------------------------------------------------------------
-# `refine`: a video and masks to a refined video.
 
 
 def refine(options: argparse.Namespace) -> int:
@@ -72,68 +68,48 @@ def _plan(options: argparse.Namespace) -> Plan:
     return replace(whole, choices={ROLE: who}, fallback=False)
 
 
-# ----------------------------------------------------------------------
-# Flags of `refine`; what a scene's `refine:` says is told by the schema, ranges and defaults too.
-
 KEYS = ("strength", "stop", "steps", "seed", "prompt", "negative", "guidance", "lock", "detail")
-"""Of `refine:`, as flags."""
+"""Of `refine:`, as flags; the schema has their ranges, defaults and help."""
 LETTERS = {"number": "X", "integer": "N", "string": "TEXT"}
 
 
-def add_refine(sub: argparse.ArgumentParser) -> None:
-    """Those of the command."""
-    sub.add_argument(
-        "video",
-        metavar="VIDEO",
-        type=Path,
-        help="mp4, mov, gif, webp ..., or a folder of one picture a frame",
+def add(parser: Parser) -> None:
+    about = "mp4, mov, gif, webp ..., or a folder with one picture for each frame"
+    parser.add_argument("video", metavar="VIDEO", type=Path, help=about)
+    about = (
+        "masks of the objects: a folder with one picture for each frame, a video, or one picture for all frames; grey "
+        "of 8 bits is coverage, of 16 bits, palettes and colours distinguish objects; without it all pixels may change"
     )
-    sub.add_argument(
-        "--masks",
-        metavar="DIR",
-        type=Path,
-        help="where objects are: a folder of one picture a frame, a video, or one picture for all frames; grey of 8 "
-        "bits is coverage, of 16 bits, palettes and colours tell objects apart; without it everything may change",
+    parser.option("--masks", "DIR", Path, about)
+    about = (
+        "the refined video, .mp4, .gif or .webp, or a folder for PNG frames; a record goes beside it as .json; "
+        "default: VIDEO-STEM.refined.mp4 in the current folder"
     )
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT",
-        type=Path,
-        help="the refined video, .mp4, .gif or .webp, or a folder for PNG frames; a record goes beside it as .json; "
-        "default: VIDEO-STEM.refined.mp4 in the current folder",
+    parser.option("-o --output", "OUT", Path, about)
+    about = (
+        "the model, and the hub id or path of its weights; see physgen backends; default: animatediff, or the one in "
+        "physgen.toml"
     )
-    sub.add_argument(
-        "--backend",
-        metavar="NAME[:WEIGHTS]",
-        help="who refines, and the hub id or path of what it loads; see physgen backends; default: animatediff, or "
-        "what physgen.toml says",
-    )
+    parser.option("--backend", "NAME[:WEIGHTS]", str, about)
     for key in KEYS:
         part = at(f"refine.{key}")
         default = f" Default: {part['default']}." if part.get("default", "") != "" else ""
-        about = NO_LABELS if key == "prompt" else part["description"]
-        sub.add_argument(
-            f"--{key}",
-            metavar=LETTERS[part["type"]],
-            type=of(part),
-            help=f"{about}{default}".replace("%", "%%"),
-        )
-    sub.add_argument(
-        "--keep-first",
-        action="store_true",
-        help="the first frame stays as it is; what follows leaves it slowly",
-    )
-    sub.add_argument(
-        "--fps", metavar="RATE", type=positive, help="frames a second of the result; default: as the video's"
-    )
-    sub.add_argument("--config", metavar="FILE", type=Path, help="read this in place of physgen.toml")
-    sub.add_argument(
-        "--device", metavar="DEVICE", help="where the model runs: auto, cpu, cuda, cuda:1 or mps"
-    )
-    sub.add_argument("--dtype", metavar="TYPE", help="its numbers: auto, float32, float16 or bfloat16")
-    sub.add_argument("--json", action="store_true", help="print the output's path and the record as JSON")
+        # a scene knows its objects' labels, a video does not
+        about = "Text prompt for the model. Default: none." if key == "prompt" else part["description"]
+        text = f"{about}{default}".replace("%", "%%")
+        parser.option(f"--{key}", LETTERS[part["type"]], of(part), text)
+    parser.flag("--keep-first", "keep the first frame; the following ones depart from it slowly")
+    parser.option("--fps", "RATE", positive, "frames per second of the result; default: as the video's")
+    parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
+    parser.option("--device", "DEVICE", str, "where the model runs: auto, cpu, cuda, cuda:1 or mps")
+    parser.option("--dtype", "TYPE", str, "its number type: auto, float32, float16 or bfloat16")
+    parser.flag("--json", "print the output's path and the record as JSON")
 
 
-NO_LABELS = "What the model is told that the video shows. Default: nothing."
-"""A scene knows its objects' labels, a video does not."""
+REFINE = Command(
+    "refine",
+    "Refines a video by a diffusion model, given masks of its objects; see docs/refinement.md.",
+    "physgen refine clip.mp4 --masks masks -o clip.refined.mp4",
+    add,
+    refine,
+)

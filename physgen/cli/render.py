@@ -9,16 +9,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.clips import jobs_of, make_all, refuse_twins, refuse_unseen
+from physgen.cli.arguments import Command, Parser, place
+from physgen.cli.clips import add_clips, add_overlays, jobs_of, make_all, refuse_twins, refuse_unseen
 from physgen.cli.output import OK, print_error
 from physgen.files import Stamp, file_stamp
 
 if TYPE_CHECKING:
     from physgen.batch.run import Job
-
-
-# ----------------------------------------------------------------------
-# `render`: scenes to clips, once or again on every save.
 
 
 def render(options: argparse.Namespace) -> int:
@@ -34,9 +31,6 @@ def _jobs(options: argparse.Namespace) -> list[Job]:
     refuse_twins(jobs)
     return jobs
 
-
-# ----------------------------------------------------------------------
-# `render --watch`: clips made again whenever a file that they are made of is saved, until Ctrl-C.
 
 LOOK = 0.05
 """s between looks."""
@@ -105,3 +99,21 @@ def _wait(seen: dict[Path, Stamp]) -> None:
         if later == now and all(path.exists() for path in seen):
             return
         now = later
+
+
+def add(parser: Parser) -> None:
+    parser.add_argument("scenes", metavar="SCENE", nargs="+", type=place, help="a file, a pack, or a URL")
+    parser.option("-o --output", "DIR", place, "folder of the results, or its URL; default: out", "out")
+    add_clips(parser)
+    parser.flag("--watch", "render again whenever the scene or one of its files is saved")
+    add_overlays(parser)
+
+
+RENDER = Command(
+    "render",
+    "Renders scenes to videos, reports and manifests.",
+    "physgen render scene.yaml -o out --format mp4,gif",
+    add,
+    render,
+    mixed=True,
+)

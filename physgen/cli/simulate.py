@@ -7,8 +7,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from physgen.cli.arguments import WRONG_INPUT
-from physgen.cli.clips import variants_of
+from physgen.cli.arguments import WRONG_INPUT, Command, Parser, positive
+from physgen.cli.clips import add_overlays, variants_of
 from physgen.cli.output import OK, Bar, print_backup, print_json, print_line, print_problems
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError, Problem, Severity
@@ -107,3 +107,41 @@ def _one_variant(options: argparse.Namespace) -> str | None:
     if options.variant == "all":
         raise InputError.of("--variant", "all", "names more than one", "write one name, or use render")
     return str(options.variant) if options.variant else None
+
+
+def add_check(parser: Parser) -> None:
+    parser.add_argument("scenes", metavar="SCENE", nargs="+")
+    parser.flag("--strict", "warnings count as errors")
+    parser.flag("--resolved", "print the scene with overlays applied and defaults filled in")
+    parser.flag("--json", "print problems as JSON")
+    add_overlays(parser)
+
+
+def add_simulate(parser: Parser) -> None:
+    parser.add_argument("scene", metavar="SCENE")
+    parser.option("-o --output", "FILE", Path, "write here; .npz, .csv or .json; default: CSV on stdout")
+    about = (
+        "estimate how long the motion is predictable: simulate again with tiny displacements, half the step and other "
+        "iterations, and report when the runs differ by a pixel"
+    )
+    parser.flag("--chaos", about)
+    parser.option("--rate", "HZ", positive, "samples per second; default: the video's")
+    parser.flag("--json", "print everything as JSON")
+    add_overlays(parser)
+
+
+CHECK = Command(
+    "check",
+    "Lists problems and warnings of scene files.",
+    "physgen check scenes/*/scene.yaml --strict",
+    add_check,
+    check,
+    mixed=True,
+)
+SIMULATE = Command(
+    "simulate",
+    "Simulates a scene and writes its trajectory.",
+    "physgen simulate scene.yaml -o trajectory.npz",
+    add_simulate,
+    simulate,
+)

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.batch.remote import is_url
-from physgen.cli.arguments import names, number_of_clips, place, seed
-from physgen.cli.clips import job_maker, local_path, make_all, quick
+from physgen.cli.arguments import Command, Parser, names, number_of_clips, place, seed
+from physgen.cli.clips import add_clips, add_overlays, job_maker, local_path, make_all, quick
 from physgen.cli.output import OK, print_error, print_line, print_problems
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from physgen.batch.sweep import Check, Point, Sweep
     from physgen.scene.load import Opened
 
-
-# ----------------------------------------------------------------------
-# `sweep`: a scene and what varies in it to a folder of clips and a table of what became of each.
 
 MOST_TRACKED = 32
 """Objects with outcomes of their own, unless they are named: seven columns each."""
@@ -159,49 +156,34 @@ def _tracked(check: Check, said: list[str] | None) -> tuple[str, ...]:
     return tuple(said)
 
 
-# ----------------------------------------------------------------------
-# Flags of `sweep`.
+def add(parser: Parser) -> None:
+    parser.add_argument("scene", metavar="SCENE", type=place, help="a file, a pack, or a URL")
+    about = (
+        "start:end:count (count:log for a geometric series), YAML values separated by commas, or a distribution, "
+        "quoted: ~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd) or ~normal(mean, sd, low, high), "
+        "~integers(a, b), ~choice(a, b, ...); ~each uniform(a, b) draws separately for each object that * stands for. "
+        "Values of several keys make a grid"
+    )
+    parser.add_argument("axes", metavar="KEY=VALUES", nargs="*", help=about)
+    about = "draws of the distributions, at each point of the grid"
+    parser.option("--samples", "N", number_of_clips, about)
+    parser.option("--seed", "S", seed, "seed of the draws; default: 0")
+    about = "Latin hypercube: the N draws of each key fall into N equally likely strata, one in each"
+    parser.flag("--latin", about)
+    parser.flag("--dry-run", "print the clips as CSV, or with --json as lines, and render nothing")
+    about = "objects with outcomes of their own in the table; default: all, if there are at most 32"
+    parser.option("--track", "NAMES", names, about)
+    about = "folder of the sweep, or its URL; default: out/<scene>-sweep"
+    parser.option("-o --output", "DIR", place, about)
+    add_clips(parser)
+    add_overlays(parser)
 
 
-def add_sweep(sub: argparse.ArgumentParser) -> None:
-    """What varies, and how draws are made."""
-    sub.add_argument("scene", metavar="SCENE", type=place, help="a file, a pack, or a URL")
-    sub.add_argument(
-        "axes",
-        metavar="KEY=VALUES",
-        nargs="*",
-        help="start:end:count (count:log for even factors), values in YAML between commas, or a distribution: "
-        "~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd) or ~normal(mean, sd, low, high), ~integers(a, b), "
-        "~choice(a, b, ...), in quotes; ~each uniform(a, b) draws for each thing that * means. Values of several keys "
-        "make a grid",
-    )
-    sub.add_argument(
-        "--samples",
-        metavar="N",
-        type=number_of_clips,
-        help="draws of the distributions, at each point of the grid",
-    )
-    sub.add_argument("--seed", metavar="S", type=seed, help="of the draws; default: 0")
-    sub.add_argument(
-        "--latin",
-        action="store_true",
-        help="a Latin hypercube: the N draws of each key fall into N strata as likely as each other, one each",
-    )
-    sub.add_argument(
-        "--dry-run",
-        action="store_true",
-        help="print what would be made, as CSV or with --json as lines, and make nothing",
-    )
-    sub.add_argument(
-        "--track",
-        metavar="NAMES",
-        type=names,
-        help="objects with outcomes of their own in the table; default: all, where there are 32 at most",
-    )
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=place,
-        help="folder of the sweep, or its URL; default: out/<scene>-sweep",
-    )
+SWEEP = Command(
+    "sweep",
+    "Renders a scene at the points of a grid or with random draws: a folder of clips, and a table of their outcomes.",
+    "physgen sweep scene.yaml objects.ball.velocity.0=100:900:9 'objects.*.elasticity=0.2,0.9' -o sweep",
+    add,
+    sweep,
+    mixed=True,
+)

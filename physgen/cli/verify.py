@@ -11,15 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli import output
-from physgen.cli.arguments import WRONG_INPUT, count
+from physgen.cli.arguments import WRONG_INPUT, Command, Parser, add_device, count
 from physgen.cli.output import FAILED, OK, Bar, print_error
 
 if TYPE_CHECKING:
     from physgen.batch.verify import Verdict, VerifyRequest
-
-
-# ----------------------------------------------------------------------
-# `verify`: clips rendered again and compared.
 
 
 def verify(options: argparse.Namespace) -> int:
@@ -62,33 +58,22 @@ def _watched(claim: VerifyRequest, bar: Bar) -> Verdict:
     return run(claim, bar.show)
 
 
-# ----------------------------------------------------------------------
-# Flags of `verify`.
+def add(parser: Parser) -> None:
+    about = "folders of rendered clips, at any depth"
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
+    about = "the scene file or pack of all these clips; default: the one that each clip's manifest names"
+    parser.option("--scene", "FILE", Path, about)
+    parser.option("--jobs", "N", count, "clips verified at a time; default: 1", 1)
+    add_device(parser)
+    parser.flag("--json", "print a line of JSON for each clip, and one with the counts")
+    parser.flag("--allow-outside", "let scenes read files outside their folders")
 
 
-def add_verify(sub: argparse.ArgumentParser) -> None:
-    """Folders of clips, and where their scenes are."""
-    sub.add_argument(
-        "folders", metavar="DIR", type=Path, nargs="+", help="what physgen rendered into, at any depth"
-    )
-    sub.add_argument(
-        "--scene",
-        metavar="FILE",
-        type=Path,
-        help="the scene file or pack of all these clips; default: where each clip's manifest says",
-    )
-    sub.add_argument(
-        "--jobs", metavar="N", type=count, default=1, help="clips verified at a time; default: 1"
-    )
-    sub.add_argument(
-        "--device",
-        choices=("cpu", "cuda"),
-        default="cpu",
-        help="what draws the frames: cuda is an NVIDIA GPU, by way of torch; default: cpu",
-    )
-    sub.add_argument(
-        "--json", action="store_true", help="print a line of JSON a clip, and one that counts them"
-    )
-    sub.add_argument(
-        "--allow-outside", action="store_true", help="let scenes read files outside their folders"
-    )
+VERIFY = Command(
+    "verify",
+    "Renders clips again and compares: what differs first, and by how much. Exit code 1 when something differs.",
+    "physgen verify out --jobs 2",
+    add,
+    verify,
+    mixed=True,
+)
