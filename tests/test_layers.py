@@ -24,11 +24,6 @@ BY_NAME = {"physgen.registry", "physgen.evaluate.backends.features_module"}
 """The registry of backends, and the backend that loads a module which the user names."""
 VAGUE = {"utils", "helpers", "common", "misc", "manager", "base"}
 
-KNOWN = {
-    ("physgen.evaluate.plausibility.array_tracks", "physgen.evaluate.plausibility.array_tracks"),
-}
-"""Importer and imported: what still leads upwards or closes a cycle. The table only shrinks."""
-
 
 @cache
 def modules() -> dict[str, Path]:
@@ -73,17 +68,13 @@ def test_a_package_imports_only_from_below() -> None:
         f"{name}:{line} imports {imported}"
         for name in modules()
         for line, imported in imports(name)
-        if imported in modules() and layer(imported) > layer(name) and (name, imported) not in KNOWN
+        if imported in modules() and layer(imported) > layer(name)
     ]
     assert not upward
 
 
 def test_no_two_modules_import_each_other() -> None:
-    below = {
-        name: {other for _, other in imports(name) if other in modules() and (name, other) not in KNOWN}
-        - {name}
-        for name in modules()
-    }
+    below = {name: {other for _, other in imports(name) if other in modules()} - {name} for name in modules()}
     done: dict[str, bool] = {}  # False while a module's own imports are followed
     path: list[str] = []
 
@@ -100,14 +91,6 @@ def test_no_two_modules_import_each_other() -> None:
 
     for name in modules():
         follow(name)
-
-
-def test_the_table_of_known_imports_holds_only_those_that_are_left() -> None:
-    assert not [
-        pair
-        for pair in KNOWN
-        if pair[0] not in modules() or pair[1] not in {other for _, other in imports(pair[0])}
-    ]
 
 
 def calls(name: str) -> Iterator[tuple[int, str]]:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from physgen.cli.arguments import Command, Parser, of, positive
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem
 from physgen.problems import InputError
-from physgen.registry import FLAG, choice
 from physgen.scene.schema import at
 
 if TYPE_CHECKING:
@@ -19,18 +18,19 @@ if TYPE_CHECKING:
 
 def refine(options: argparse.Namespace) -> int:
     from physgen.pipeline.refine_video import refine_video
+    from physgen.registry import FLAG
     from physgen.scene.load import refinement
-    from physgen.scene.schema import at, with_defaults
+    from physgen.scene.schema import with_defaults
 
     plan = _plan(options)
-    said = {key: value for key in KEYS if (value := getattr(options, key)) is not None}
+    given = {key: value for key in KEYS if (value := getattr(options, key)) is not None}
     bar = Bar()
     try:
         done = refine_video(
             options.video,
             options.masks,
             options.output,
-            refinement(with_defaults(said, at("refine"))),
+            refinement(with_defaults(given, at("refine"))),
             plan,
             keep_first=options.keep_first,
             fps=options.fps,
@@ -53,17 +53,17 @@ def refine(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace) -> Plan:
-    """Who refines: the flag's, else the configuration's, else the default; nobody else is asked for anything."""
+    """The plan with one backend: the flag's, else the configuration's, else the default."""
     from physgen.pipeline.refine_video import BACKEND, ROLE
-    from physgen.registry import load_plan
+    from physgen.registry import choice, load_plan
 
     flag = [f"{ROLE}={options.backend.removeprefix(f'{ROLE}=')}"] if options.backend else []
     whole = load_plan(flag, config=options.config, device=options.device, dtype=options.dtype)
     who = whole.choices.get(ROLE) or choice(ROLE, BACKEND)
     if ROLE in whole.choices and not options.backend:
-        print_error(f"{who.place.file}: says who refines, where no flag does")
+        print_error(f"{who.place.file}: chooses the backend that refines, unless a flag does")
     if who.name == "none":
-        fix = "name who refines, e.g. --backend animatediff; physgen backends lists them"
+        fix = "name a backend, e.g. --backend animatediff; physgen backends lists them"
         raise InputError.of(str(who.place), '"none"', "leaves the video as it is", fix)
     return replace(whole, choices={ROLE: who}, fallback=False)
 

@@ -392,7 +392,6 @@ def test_a_command_imports_only_what_it_uses() -> None:
     assert not modules("--help") & heavy
     assert not modules("schema") & heavy
     assert not modules("backends") & heavy
-    assert not modules("cache", "show") & heavy
     assert not modules("check", str(Path(__file__).parents[2] / "scenes/billiards/scene.yaml")) & {
         "pymunk",
         "av",

@@ -274,7 +274,7 @@ def test_a_configuration_may_say_who_refines(frames: Path, tmp_path: Path, capsy
         '[backend]\nrefine = "exact"\nsegment = "sam3"\n[exact]\nmean = 0.5\n'
     )
     assert main(["refine", "frames", "-o", "a"]) == 0
-    assert "physgen.toml: says who refines, where no flag does\n" in capsys.readouterr().err
+    assert "physgen.toml: chooses the backend that refines, unless a flag does\n" in capsys.readouterr().err
     assert main(["refine", "frames", "-o", "b", "--backend", "animatediff"]) == 0
     a, b = (json.loads((tmp_path / f"{name}.json").read_text()) for name in "ab")
     assert [record["backend"]["name"] for record in (a, b)] == ["exact", "animatediff"]
@@ -324,7 +324,7 @@ MESSAGES = {
     "over a file": (["clip.mp4", "-o", "plain"], '-o: "plain" is a file; choose a new folder'),
     "nobody": (
         ["clip.mp4", "--backend", "none"],
-        '--backend: "none" leaves the video as it is; name who refines, e.g. --backend animatediff',
+        '--backend: "none" leaves the video as it is; name a backend, e.g. --backend animatediff',
     ),
     "an unknown model": (
         ["clip.mp4", "--backend", "exat"],
