@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from physgen import registry
-from physgen.perceive.backends.models import RealNumber, Text, WholeNumber, read_options
+from physgen.perceive.backends.models import read_options, real_number, text_option, whole_number
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Detections
 from physgen.problems import InputError
@@ -248,10 +248,10 @@ def test_without_a_prompt_nothing_guides_and_nothing_is_lost(tiny):
 def test_every_wrong_option_is_told_at_once():
     told = Setup(options={"stepz": 3, "steps": 0, "seed": True, "scale": float("nan"), "prompt": 4})
     known = {
-        "steps": WholeNumber(None, 1),
-        "seed": WholeNumber(7),
-        "scale": RealNumber(1.5),
-        "prompt": Text(""),
+        "steps": whole_number(None, 1),
+        "seed": whole_number(7),
+        "scale": real_number(1.5),
+        "prompt": text_option(""),
     }
     with pytest.raises(InputError) as caught:
         read_options(told, "marigold", known)

@@ -108,7 +108,7 @@ def test_masks_land_where_the_boxes_are(name, size, tiny):
             (ball, "red", 0.5),
         ],
     )
-    cutter = run._cutting()
+    cutter = run._segmenter()
     Answering(cutter)
     found = run(photo(*size), KINDS)
     assert {i: one.label for i, one in found.names.items()} == {1: "Red Ball", 2: "domino"}
@@ -135,7 +135,7 @@ def test_a_mask_in_two_pieces_is_asked_for_again(tiny):
     name = "grounding-dino+sam"
     run = registry.make("segment", name, tiny.setup("segment", name))
     light(run._detector(), [((0.1, 0.1, 0.9, 0.5), "domino", 0.9)])
-    cutter = run._cutting()
+    cutter = run._segmenter()
 
     class Twice(Answering):
         def __call__(self, **told):
@@ -172,7 +172,7 @@ def test_long_lists_are_asked_for_in_several_texts(tiny):
 def test_many_prompts_are_those_of_one_at_a_time(name, tiny):
     weights = tiny.setup("segment", name).weights.split(",")[1]
     cutter = (Sam2 if name.endswith("2") else Sam)(weights, "cpu", torch.float32)
-    cutter.look(photo(90, 120))
+    cutter.encode(photo(90, 120))
     boxes = [(k, 5.0, k + 30.0, 60.0) for k in range(0, 80, 4)]
     together = list(cutter.boxes(boxes))
     alone = [next(cutter.boxes([box])) for box in boxes]
@@ -193,7 +193,7 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
     theirs = SamImageProcessorPil(size={"longest_edge": 64}, pad_size={"height": 64, "width": 64})
     ready = theirs(images=rgb, return_tensors="pt")
     cutter = Sam(tiny.setup("segment", "grounding-dino+sam").weights.split(",")[1], "cpu", torch.float32)
-    cutter.look(rgb)
+    cutter.encode(rgb)
     assert cutter._inner == tuple(ready["reshaped_input_sizes"][0].tolist()) == (48, 64)
     assert torch.allclose(pixels(rgb, (48, 64)), ready["pixel_values"][..., :48, :], atol=0.02)
     assert ready["pixel_values"][..., 48:, :].abs().max() == 0
@@ -218,7 +218,7 @@ def test_sam3_answers_noun_by_noun(size, tiny):
         return SimpleNamespace(pred_logits=logits, presence_logits=torch.tensor([[3.0]]), pred_masks=masks)
 
     told.config, told.get_vision_features = model.config, model.get_vision_features
-    run._made = tokens, told
+    run._loaded = tokens, told
     found = run(photo(*size), [*KINDS, Category("CUP", True)])
     assert sorted(asked) == ["cup", "domino", "redball", "wall"]
     assert {i: one.label for i, one in found.names.items()} == {1: "Red Ball", 2: "cup"}

@@ -133,7 +133,7 @@ def test_ids_run_left_to_right_and_scenery_lies_behind():
 def test_what_the_border_cuts_stays_and_less_can_be_asked_for():
     one = cut(block((100, 30, 120, 60)), score=0.15)
     assert found(one).labels.max() == 0
-    assert found(one, sure=0.1).labels[40, 119] == 1
+    assert found(one, confident=0.1).labels[40, 119] == 1
 
 
 def test_nothing_is_no_trouble():

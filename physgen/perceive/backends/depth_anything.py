@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from transformers import DepthAnythingForDepthEstimation, DPTImageProcessorPil
 
 from physgen.perceive.backends.models import (
-    WholeNumber,
     device_of,
     dtype_of,
     free_memory,
     load_weights,
     read_options,
     run_note,
+    whole_number,
 )
 from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
@@ -40,7 +40,7 @@ class Depth:
     """
 
     def __init__(self, setup: Setup) -> None:
-        options = read_options(setup, "depth-anything", {"resolution": WholeNumber(518, PATCH)})
+        options = read_options(setup, "depth-anything", {"resolution": whole_number(518, PATCH)})
         self._weights = setup.weights or find("depth", "depth-anything").weights[0].id
         self._device = device_of(setup)
         # a small model: nothing is won by half the digits, and depth would have steps

@@ -18,16 +18,16 @@ from PIL import Image
 
 from physgen.perceive.backends.models import (
     Option,
-    RealNumber,
-    Text,
-    WholeNumber,
     device_of,
     dtype_of,
     free_memory,
     load_pipeline,
     load_weights,
     read_options,
+    real_number,
     run_note,
+    text_option,
+    whole_number,
 )
 from physgen.perceive.inpaint.painting import back, frame, inpaint_windows, shown
 from physgen.perceive.roles import Inpaint, Rgb
@@ -36,12 +36,12 @@ from physgen.registry import Setup, find
 
 Mask = NDArray[np.bool_]
 OPTIONS: dict[str, Option] = {
-    "prompt": Text(""),
-    "negative": Text(""),
-    "seed": WholeNumber(0),
-    "steps": WholeNumber(None, 1),
-    "guidance": RealNumber(None),
-    "resolution": WholeNumber(None, 64),
+    "prompt": text_option(""),
+    "negative": text_option(""),
+    "seed": whole_number(0),
+    "steps": whole_number(None, 1),
+    "guidance": real_number(None),
+    "resolution": whole_number(None, 64),
 }
 """`[diffusion]` of physgen.toml; `resolution`: px squared that the model paints best, the weights' own if left out."""
 TRIES = 3

@@ -15,13 +15,13 @@ import torch
 from numpy.typing import NDArray
 
 from physgen.perceive.backends.models import (
-    WholeNumber,
     check_torchscript,
     device_of,
     free_memory,
     load_weights,
     read_options,
     run_note,
+    whole_number,
 )
 from physgen.perceive.inpaint.painting import back, frame, inpaint_windows, shown
 from physgen.perceive.roles import Inpaint, Rgb
@@ -43,7 +43,7 @@ class Lama:
     """
 
     def __init__(self, setup: Setup) -> None:
-        self._resolution = read_options(setup, "lama", {"resolution": WholeNumber(1024, SMALLEST)})[
+        self._resolution = read_options(setup, "lama", {"resolution": whole_number(1024, SMALLEST)})[
             "resolution"
         ]
         if not setup.weights:

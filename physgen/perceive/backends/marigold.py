@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from physgen.perceive.backends.from_file import facing, parted
 from physgen.perceive.backends.models import (
-    WholeNumber,
     device_of,
     dtype_of,
     free_memory,
@@ -27,6 +26,7 @@ from physgen.perceive.backends.models import (
     load_weights,
     read_options,
     run_note,
+    whole_number,
 )
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode, luminance
@@ -35,10 +35,10 @@ from physgen.registry import Setup, find
 
 F32 = NDArray[np.float32]
 OPTIONS = {
-    "steps": WholeNumber(None, 1),
-    "ensemble": WholeNumber(1, 1),
-    "seed": WholeNumber(0),
-    "resolution": WholeNumber(None),
+    "steps": whole_number(None, 1),
+    "ensemble": whole_number(1, 1),
+    "seed": whole_number(0),
+    "resolution": whole_number(None),
 }
 """`[marigold]` of physgen.toml, for all three roles; `resolution`: the longer side, px, 0 = the photo's own."""
 SLIMMEST = 8

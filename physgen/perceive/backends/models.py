@@ -1,4 +1,7 @@
-"""Loading of model backends: options, device, number type, weights and pipelines."""
+"""Loading of model backends: options, device, number type, weights and pipelines.
+
+Every model backend loads through `load_weights`, so that missing weights are reported in one way, and at once.
+"""
 
 from __future__ import annotations
 
@@ -21,27 +24,19 @@ import torch
 from physgen.problems import InputError, Place, Problem
 from physgen.registry import Setup, in_hub_cache, suggestion
 
-# ----------------------------------------------------------------------
-# What a model is told -> its device, its numbers' type, and the model itself; or one message of what is
-# missing.
-#
-# Every model backend loads through `loaded`, so that weights that are not here are named the same way, and
-# soon.
-
 T = TypeVar("T")
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16, "bfloat16": torch.bfloat16}
-PATIENCE = 3.0
-"""s to wait for the hub's first word; the library itself would try for some 20."""
-SHORT = ("can't allocate memory", "defaultcpuallocator: not enough memory", "out of memory")
-"""What errors say, in small letters, where memory does not suffice."""
-ID = re.compile(r"[\w.-]+/[\w.-]+")
-"""An id on the hub: OWNER/NAME."""
+HUB_TIMEOUT = 3.0
+"""s to wait for the hub; its library retries for about 20."""
+OUT_OF_MEMORY = ("can't allocate memory", "defaultcpuallocator: not enough memory", "out of memory")
+"""Parts of error messages, in lower case; the allocators of the CPU and of Apple's GPU have no error type."""
+HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
 
 
 @dataclass(frozen=True)
 class Flag:
-    """Where a person names weights, for messages."""
+    """The flag that names weights, for messages."""
 
     name: str
     form: str
@@ -50,29 +45,102 @@ class Flag:
 BACKEND = Flag("--backend", "ROLE=NAME:PATH")
 
 
+@dataclass(frozen=True)
+class Option:
+    """An option of a model's table in physgen.toml."""
+
+    default: Any
+    """None: the value in the configuration of the weights."""
+    valid: Callable[[Any], bool]
+    fault: str
+    """For values that are not valid."""
+
+
+def whole_number(default: int | None, least: int = 0) -> Option:
+    """A whole number from `least` on."""
+    return Option(
+        default,
+        lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= least,
+        f"is not a whole number from {least} on",
+    )
+
+
+def real_number(default: float | None) -> Option:
+    """A finite number >= 0."""
+    return Option(
+        default,
+        lambda value: (
+            isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
+        ),
+        "is not a number >= 0",
+    )
+
+
+def text_option(default: str) -> Option:
+    """Any text."""
+    return Option(default, lambda value: isinstance(value, str), "is not text")
+
+
+def one_of(default: str, *others: str) -> Option:
+    """One of some words; true and false stand for `on` and `off`, see `as_word`."""
+    words = (default, *others)
+    return Option(default, lambda value: as_word(value) in words, f"is not one of {', '.join(words)}")
+
+
+def as_word(value: Any) -> Any:
+    """True and false as words.
+
+    >>> as_word(True), as_word("auto")
+    ('on', 'auto')
+    """
+    return ("off", "on")[value] if isinstance(value, bool) else value
+
+
+def read_options(setup: Setup, table: str, known: Mapping[str, Option]) -> dict[str, Any]:
+    """Every option of `[table]`, missing ones with their defaults. Raises InputError with every wrong one.
+
+    >>> read_options(Setup(options={"steps": 4}), "marigold", {"steps": whole_number(None, 1), "seed": whole_number(0)})
+    {'steps': 4, 'seed': 0}
+    """
+    problems = []
+    for key, value in setup.options.items():
+        if key not in known:
+            found, expected, fix = f'"{key}"', "means nothing here", suggestion(key, known)
+        elif not known[key].valid(value):
+            default = known[key].default
+            found, expected = repr(value), known[key].fault
+            fix = "leave it out" if default is None else f"the default is {default!r}"
+        else:
+            continue
+        problems.append(Problem(Place("physgen.toml"), f"{table}.{key}", found, expected, fix))
+    if problems:
+        raise InputError(problems)
+    return {key: setup.options.get(key, option.default) for key, option in known.items()}
+
+
 def device_of(setup: Setup) -> str:
-    """Where to run: what the setup says, else the best that is here. Raises InputError for what is not.
+    """The device of the setup, or the best one present. Raises InputError for one that is not present.
 
     >>> device_of(Setup(device="cpu"))
     'cpu'
     """
-    said = setup.device
-    here = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
-    best = next(kind for kind in ("cuda", "mps", "cpu") if here[kind])
-    if said == "auto":
+    name = setup.device
+    present = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
+    best = next(kind for kind in ("cuda", "mps", "cpu") if present[kind])
+    if name == "auto":
         return best
-    kind, _, number = said.partition(":")
-    if not here.get(kind, False) or (number and not number.isdigit()):
-        lacks = f"is not here: torch {torch.__version__} finds none" if kind in here else "is no device"
-        raise InputError.of("--device", f'"{said}"', lacks, f"choose auto or {best}")
+    kind, _, number = name.partition(":")
+    if not present.get(kind, False) or (number and not number.isdigit()):
+        fault = f"is not here: torch {torch.__version__} finds none" if kind in present else "is no device"
+        raise InputError.of("--device", f'"{name}"', fault, f"choose auto or {best}")
     if kind == "cuda" and number and int(number) >= torch.cuda.device_count():
         last = torch.cuda.device_count() - 1
-        raise InputError.of("--device", f'"{said}"', "is not here", f"the last one is cuda:{last}")
-    return said
+        raise InputError.of("--device", f'"{name}"', "is not here", f"the last one is cuda:{last}")
+    return name
 
 
 def dtype_of(setup: Setup, device: str) -> torch.dtype:
-    """The type of the weights: what the setup says; else half as long on a GPU, where nothing is lost by it.
+    """The number type of the setup; by default float32 on a CPU and a type of 16 bits on a GPU.
 
     >>> dtype_of(Setup(), "cpu")
     torch.float32
@@ -82,69 +150,73 @@ def dtype_of(setup: Setup, device: str) -> torch.dtype:
             return torch.float32
         return torch.bfloat16 if torch.cuda.is_bf16_supported() else torch.float16
     if setup.dtype not in DTYPES:
-        raise InputError.of(
-            "--dtype", f'"{setup.dtype}"', "is no type of numbers", f"choose from auto, {', '.join(DTYPES)}"
-        )
+        fix = f"choose from auto, {', '.join(DTYPES)}"
+        raise InputError.of("--dtype", f'"{setup.dtype}"', "is no type of numbers", fix)
     return DTYPES[setup.dtype]
 
 
 def load_weights(load: Callable[[str], T], weights: str, what: str, flag: Flag = BACKEND) -> T:
     """`load(weights)`: a hub id or a folder or file, `~` allowed. `what` names the model in messages: `SAM`.
 
-    Raises InputError that says which id or path was wanted and how to get it: where it is not here, where it is
-    broken, where it is another model's, where the memory does not suffice.
+    Raises InputError with the id or path and how to get it, where the weights are missing, broken or of another model,
+    or where the memory does not suffice.
     """
 
-    def refused(expected: str, fix: str) -> InputError:
+    def problem(expected: str, fix: str) -> InputError:
         return InputError.of(flag.name, f'"{weights}"', expected, fix)
 
     path = Path(weights).expanduser()
     local = path.exists()
     get = f"run hf download {weights}, or write {flag.form}"
-    if not local and not ID.fullmatch(weights):
+    absent = f"holds the weights of {what} and is not on this machine"
+    if not local and not HUB_ID.fullmatch(weights):
         fix = f"write {flag.form}, or OWNER/NAME as the hub has it"
-        raise refused(f"is not there: the weights of {what}", fix)
-    if not local and _stop_asking() and not in_hub_cache(weights):
-        raise refused(f"{_absent(what)}, nor can the hub be asked", get)
-    _quiet(path.is_dir() or (not local and in_hub_cache(weights)))
+        raise problem(f"is not there: the weights of {what}", fix)
+    if not local and _hub_is_offline() and not in_hub_cache(weights):
+        raise problem(f"{absent}, nor can the hub be asked", get)
+    downloaded = path.is_dir() or (not local and in_hub_cache(weights))
+    if downloaded and importlib.util.find_spec("transformers"):
+        from transformers.utils import logging
+
+        logging.disable_progress_bar()  # only a download is worth one
     try:
         return load(str(path) if local else weights)
     except InputError:
         raise
-    except torch.cuda.OutOfMemoryError as error:
-        raise refused(
-            f"does not fit into the GPU: {_line(error)}", 'write device = "cpu" in physgen.toml'
-        ) from error
-    except Exception as error:  # what a library says of files that are no model is of every type
+    except Exception as error:  # libraries raise errors of every type for files that are no model
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        cause = f"{type(error).__name__}: {lines[0][:160]}" if lines else type(error).__name__
+        if isinstance(error, torch.cuda.OutOfMemoryError):
+            fix = 'write device = "cpu" in physgen.toml'
+            raise problem(f"does not fit into the GPU: {cause}", fix) from error
         if is_out_of_memory(error):
             fix = 'choose a smaller model, or write dtype = "bfloat16" in physgen.toml'
-            raise refused(f"does not fit into the memory: {_line(error)}", fix) from error
-        if local:
-            raise refused(f"does not load as {what} ({_line(error)})", "fetch it again") from error
-        if isinstance(error, OSError):
-            raise refused(f"{_absent(what)} ({_line(error)})", get) from error
-        raise refused(f"does not load as {what} ({_line(error)})", f"is it {what}? {get}") from error
+            raise problem(f"does not fit into the memory: {cause}", fix) from error
+        if not local and isinstance(error, OSError):
+            raise problem(f"{absent} ({cause})", get) from error
+        fix = "fetch it again" if local else f"is it {what}? {get}"
+        raise problem(f"does not load as {what} ({cause})", fix) from error
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error says that the memory of a device, the processor's included, does not suffice."""
+    """Whether an error is a lack of memory on any device."""
     if isinstance(error, MemoryError | torch.cuda.OutOfMemoryError):
         return True
-    told = str(error).lower()  # the processor's allocator, and Apple's, have no type of their own
-    return isinstance(error, RuntimeError) and any(text in told for text in SHORT)
+    text = str(error).lower()
+    return isinstance(error, RuntimeError) and any(part in text for part in OUT_OF_MEMORY)
 
 
-def run_note(device: str, dtype: torch.dtype, weights: str, told: Mapping[str, Any]) -> dict[str, Any]:
-    """Where and with what a model ran, and the options that it was told, for the record.
+def run_note(device: str, dtype: torch.dtype, weights: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Device, number type, weights and options of a run, for the record.
 
-    >>> noted("cpu", torch.float32, "a/b", {"steps": 4})
+    >>> run_note("cpu", torch.float32, "a/b", {"steps": 4})
     {'device': 'cpu', 'dtype': 'float32', 'weights': 'a/b', 'steps': 4}
     """
-    return {"device": device, "dtype": str(dtype).removeprefix("torch."), "weights": weights, **told}
+    return {"device": device, "dtype": str(dtype).removeprefix("torch."), "weights": weights, **options}
 
 
 def free_memory() -> None:
-    """What a model held is given back; call it once nothing refers to the model."""
+    """Return the memory of a model that nothing refers to any more."""
     gc.collect()
     if torch.cuda.is_available():
         torch.cuda.empty_cache()
@@ -152,139 +224,27 @@ def free_memory() -> None:
         torch.mps.empty_cache()
 
 
-def _quiet(here: bool) -> None:
-    """No bars while weights that are here are read; fetching gigabytes is worth one."""
-    if here and importlib.util.find_spec("transformers"):
-        from transformers.utils import logging
-
-        logging.disable_progress_bar()
-
-
-def _absent(what: str) -> str:
-    return f"holds the weights of {what} and is not on this machine"
-
-
-def _line(error: Exception) -> str:
-    """The first sentence of an error."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return f"{type(error).__name__}: {lines[0][:160]}" if lines else type(error).__name__
-
-
 @cache
-def _stop_asking() -> bool:
-    """Whether the hub cannot be asked; its library then looks at what is here only, at once and without trying."""
+def _hub_is_offline() -> bool:
+    """Whether the hub cannot be reached; its library is then set to offline, so that it does not retry."""
     from huggingface_hub import constants
 
-    if not constants.HF_HUB_OFFLINE and not _reachable():
+    if not constants.HF_HUB_OFFLINE and not _hub_is_reachable(constants.ENDPOINT):
         constants.HF_HUB_OFFLINE = True
     return bool(constants.HF_HUB_OFFLINE)
 
 
-def _reachable() -> bool:
-    """Whether something answers where the hub is; behind a proxy nobody can tell, and it is tried."""
+def _hub_is_reachable(endpoint: str) -> bool:
+    """Whether a connection to the hub opens; assumed behind a proxy."""
     if any(os.environ.get(name) for name in ("HTTPS_PROXY", "https_proxy", "ALL_PROXY", "all_proxy")):
         return True
-    from huggingface_hub import constants
-
-    hub = urlsplit(os.environ.get("HF_ENDPOINT") or constants.ENDPOINT)
+    hub = urlsplit(os.environ.get("HF_ENDPOINT") or endpoint)
     port = hub.port or (80 if hub.scheme == "http" else 443)
     try:
-        with socket.create_connection((hub.hostname or "", port), PATIENCE):
+        with socket.create_connection((hub.hostname or "", port), HUB_TIMEOUT):
             return True
     except OSError:
         return False
-
-
-# ----------------------------------------------------------------------
-# A model's table of physgen.toml -> its values, checked: `[marigold]`, `[diffusion]`, `[lama]` ...
-
-
-@dataclass(frozen=True)
-class WholeNumber:
-    """A whole number from `least` on."""
-
-    default: int | None
-    """None: as the weights' own configuration has it."""
-    least: int = 0
-
-    def fault(self, value: Any) -> str:
-        """What is wrong with a value; `""`: nothing."""
-        right = isinstance(value, int) and not isinstance(value, bool) and value >= self.least
-        return "" if right else f"is not a whole number from {self.least} on"
-
-
-@dataclass(frozen=True)
-class RealNumber:
-    """A finite number >= 0."""
-
-    default: float | None
-
-    def fault(self, value: Any) -> str:
-        """What is wrong with a value; `""`: nothing."""
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return "" if number and math.isfinite(value) and value >= 0 else "is not a number >= 0"
-
-
-@dataclass(frozen=True)
-class Text:
-    """Any text."""
-
-    default: str
-
-    def fault(self, value: Any) -> str:
-        """What is wrong with a value; `""`: nothing."""
-        return "" if isinstance(value, str) else "is not text"
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """One of some words, true and false read as `on` and `off` where those are among them."""
-
-    default: str
-    others: tuple[str, ...]
-
-    def fault(self, value: Any) -> str:
-        """What is wrong with a value; `""`: nothing."""
-        right = (switched(value) if isinstance(value, bool) else value) in (self.default, *self.others)
-        return "" if right else f"is not one of {', '.join((self.default, *self.others))}"
-
-
-def switched(value: Any) -> Any:
-    """True and false as words.
-
-    >>> switched(True), switched("auto")
-    ('on', 'auto')
-    """
-    return ("off", "on")[value] if isinstance(value, bool) else value
-
-
-Option = WholeNumber | RealNumber | Text | OneOf
-
-
-def read_options(setup: Setup, table: str, known: Mapping[str, Option]) -> dict[str, Any]:
-    """Every option of `[table]`, the missing ones by their defaults. Raises InputError with every wrong one.
-
-    >>> read(Setup(options={"steps": 4}), "marigold", {"steps": Whole(None, 1), "seed": Whole(0)})
-    {'steps': 4, 'seed': 0}
-    """
-    problems = []
-    for key, value in setup.options.items():
-        at = f"{table}.{key}"
-        if key not in known:
-            problems.append(
-                Problem(Place("physgen.toml"), at, f'"{key}"', "means nothing here", suggestion(key, known))
-            )
-        elif fault := known[key].fault(value):
-            default = known[key].default
-            fix = "leave it out" if default is None else f"the default is {default!r}"
-            problems.append(Problem(Place("physgen.toml"), at, repr(value), fault, fix))
-    if problems:
-        raise InputError(problems)
-    return {key: setup.options.get(key, option.default) for key, option in known.items()}
-
-
-# ----------------------------------------------------------------------
-# Loading of diffusion pipelines from safetensors; nothing is unpickled.
 
 
 def load_pipeline(kind: Any, weights: str, device: str, dtype: torch.dtype) -> Any:
@@ -320,17 +280,13 @@ def as_dtype(part: Any, dtype: torch.dtype) -> Any:
     return part if part.dtype == dtype else part.to(dtype)
 
 
-# ----------------------------------------------------------------------
-# A file that is said to be TorchScript -> nothing, or what is wrong with it; looked at without running it.
-
-
 def check_torchscript(path: Path, flag: str, fix: str) -> None:
-    """Raises InputError for a file that is no TorchScript: `flag` is where it was named, `fix` what to do."""
+    """Raises InputError for a file that is no TorchScript, without running it; `flag` is where it was named."""
     inside = []
     if path.is_file() and zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             inside = [name.partition("/")[2] for name in archive.namelist()]
     if any(name.startswith("code/") for name in inside) and "constants.pkl" in inside:
         return
-    bare = "holds weights without their network" if "data.pkl" in inside else "is none"
-    raise InputError.of(flag, f'"{path}"', f"is to be a TorchScript file and {bare}", fix)
+    fault = "holds weights without their network" if "data.pkl" in inside else "is none"
+    raise InputError.of(flag, f'"{path}"', f"is to be a TorchScript file and {fault}", fix)

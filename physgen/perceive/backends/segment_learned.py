@@ -1,4 +1,4 @@
-"""Photo -> labels of movable objects: edges and a network propose, the network judges, a joint choice keeps some."""
+"""Backend segment=learned: proposals from edges and a network, ranked by the network, selected jointly."""
 
 from __future__ import annotations
 
@@ -17,26 +17,25 @@ from physgen.perceive.segment.proposals import Proposal, outline, overlap
 from physgen.perceive.segment.selection import SHARED, background_likeness, best_set, exclusions
 
 THRESHOLD = 0.5
-"""Expected fit below which a proposal is better left out."""
+"""Expected fit below which a proposal is dropped."""
 AREA_POWER = 0.5
-"""The gain of a proposal grows with its area to this power: wholes against their parts."""
-AGREED, SEEN, MOST = 0.5, (0.3, 0.6), 0.99
-"""What the choice by edges adds at most to a fit, the mean foreground from which it does and fully does, the most that
-comes of it.
+"""Exponent of the area in a proposal's gain, which balances wholes against their parts."""
+AGREEMENT, FOREGROUND, BEST = 0.5, (0.3, 0.6), 0.99
+"""Bonus of the selection by edges, the mean foreground from which it counts in part and in full, and the highest sum.
 
 Chosen on the studio's tune half and on the validation homes."""
-SURE, DOUBTFUL = 0.31, 0.1
-"""Confidence from which a proposal is an object, and from which it is worth a comment."""
-GAP, SURELY = 0.2, 0.9
-"""What a chosen proposal loses whose colours all go on around it, and the worth from which nobody looks."""
+CONFIDENT, DOUBTFUL = 0.31, 0.1
+"""Confidence from which a proposal is an object, and from which it is a doubtful one."""
+GAP_PENALTY, CERTAIN = 0.2, 0.9
+"""Penalty of a selected proposal whose colours continue around it, and the fit from which that is not checked."""
 DOUBTS = 8
-"""At most, that are told of."""
+"""Doubtful objects at most."""
 STRAIGHT = 0.01
-"""Of an outline's length that a doubtful one's polygon may be off."""
+"""Of an outline's length: tolerance of a doubtful object's polygon."""
 
 
 def learned() -> Segment:
-    """The segmenter; it keeps nothing between photos and draws no random numbers."""
+    """The segmenter; it is deterministic and keeps no state."""
     return segment
 
 
@@ -46,39 +45,39 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
 
 
 def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
-    """Of a photo's candidates the objects, and what is doubtful."""
+    """The objects among a photo's candidates, and doubtful ones."""
     fit = worth(found, expected_fit(found.evidence))
     best = choose(found, fit)
-    fit[best] -= GAP * gaps(rgb, found, fit, best)
-    sure = best[confidence(fit[best]) >= SURE]
+    fit[best] -= GAP_PENALTY * gaps(rgb, found, fit, best)
+    sure = best[confidence(fit[best]) >= CONFIDENT]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
 
 
 def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) 0..1: expected fits (n,), and more where edges chose the same and the network sees an object there."""
+    """(n,) 0..1: expected fits (n,) with a bonus where edges selected the same and the network sees an object."""
     foreground = found.evidence[:, FEATURES.index("foreground")]
-    seen = np.clip((foreground - SEEN[0]) / (SEEN[1] - SEEN[0]), 0, 1)
-    return np.minimum(fit + AGREED * found.edges * seen, MOST)
+    share = np.clip((foreground - FOREGROUND[0]) / (FOREGROUND[1] - FOREGROUND[0]), 0, 1)
+    return np.minimum(fit + AGREEMENT * found.edges * share, BEST)
 
 
 def gaps(
     rgb: NDArray[np.uint8], found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """(n,) 0..1: how well the colours around what is chosen explain it as a gap; 0 for the surest."""
+    """(n,) 0..1: how well the surrounding colours explain selected proposals as gaps; 0 for the most certain."""
     if not len(best):
         return np.zeros(0)
     size = found.shape[::-1]
     small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if rgb.shape[:2] != found.shape else rgb
     some: list[Proposal] = [found.proposals[k] for k in best.tolist()]
     return background_likeness(
-        some, np.ones(len(best), np.bool_), fit[best] < SURELY, smoothed_lab(np.asarray(small, np.uint8))
+        some, np.ones(len(best), np.bool_), fit[best] < CERTAIN, smoothed_lab(np.asarray(small, np.uint8))
     )
 
 
 def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The candidates without overlap whose expected fits gain the most together."""
+    """The candidates without overlap of the largest total gain."""
     pool = np.flatnonzero(fit > THRESHOLD)
     if not len(pool):
         return pool
@@ -91,7 +90,7 @@ def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:
 def doubts(
     found: Candidates, fit: NDArray[np.float64], sure: NDArray[np.intp], size: tuple[int, ...]
 ) -> list[Doubt]:
-    """The best of the others that are mostly beside what is chosen, on a photo of `size` (H, W)."""
+    """The best other candidates, mostly outside the selected ones, on a photo of `size` (H, W)."""
     scale = np.array([size[1] / found.shape[1], size[0] / found.shape[0]])
     right = confidence(fit)
     taken = [found.proposals[k] for k in sure.tolist()]

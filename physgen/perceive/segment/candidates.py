@@ -1,6 +1,4 @@
-"""Candidate objects from edges and from the segmentation network, their features, and the judge that predicts
-their fit.
-"""
+"""Candidate objects from edges and from the segmentation network, and the judge that predicts their fit."""
 
 from __future__ import annotations
 
@@ -15,15 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.backends.segment_classical import LEAST, MOST, search_edges
 from physgen.perceive.segment.gradient import Gradient
 from physgen.perceive.segment.network import OFFSETS, NetworkMaps
 from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct, outline
-from physgen.perceive.segment.regions import CAP, basins, merge_tree
-
-# ----------------------------------------------------------------------
-# Proposals + what the network sees -> numbers that tell whole objects from parts, gaps, and pieces of
-# furniture.
+from physgen.perceive.segment.regions import EDGE_CAP, basins, merge_tree, node_region, rank_boxes
+from physgen.perceive.segment.selection import WIDEST_AREAS, search_edges
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -35,19 +29,21 @@ FEATURES = (
     "with others, far", "log size", "cut by the photo", "solidity", "compactness", "facing the viewer",
 )  # fmt: skip
 RANGES = (range(0, 2), range(2, 6), range(6, 8))
-"""Of the pairs: near, farther and far ones."""
+"""Indices of OFFSETS: near, farther and far pairs."""
 ASIDE = 3
-"""px of the grid beside a proposal that are looked at."""
+"""px of the grid around a proposal that count as its surroundings."""
 
 
 def proposal_features(proposals: Sequence[Proposal], seen: NetworkMaps) -> Array:
-    """(n, len(NAMES)) for proposals on the grid of the network's output."""
+    """(n, len(FEATURES)) for proposals on the grid of the network's output."""
     rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
     reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
-    return np.array([_one(proposal, seen, rim, reach) for proposal in proposals]).reshape(-1, len(FEATURES))
+    return np.array([_features(proposal, seen, rim, reach) for proposal in proposals]).reshape(
+        -1, len(FEATURES)
+    )
 
 
-def _one(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[float]:
+def _features(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[float]:
     height, width = seen.foreground.shape
     left, top, right, bottom = one.box
     x0, y0 = max(left - reach, 0), max(top - reach, 0)
@@ -96,7 +92,7 @@ def _lowest(values: F32, share: float) -> float:
 
 
 def _pairs(mask: Mask, foreground: F32, pairs: F32) -> tuple[list[float], list[float]]:
-    """How much pixels of the proposal belong together, and with what else is on objects, by how far apart they are."""
+    """Mean affinity of pixels within the proposal, and with other foreground, for near, farther and far pairs."""
     h, w = mask.shape
     within, across = [], []
     for some in RANGES:
@@ -107,76 +103,67 @@ def _pairs(mask: Mask, foreground: F32, pairs: F32) -> tuple[list[float], list[f
                 continue
             here = np.s_[: h - down, max(-right, 0) : w - max(right, 0)]
             there = np.s_[down:, max(right, 0) : w + min(right, 0)]
-            a, b, told = mask[here], mask[there], pairs[n][here]
+            a, b, affinity = mask[here], mask[there], pairs[n][here]
             both = a & b
-            own += float(told[both].sum())
+            own += float(affinity[both].sum())
             own_count += int(both.sum())
             one = a != b
             if one.any():
                 weight = np.where(a, foreground[there], foreground[here])[one]
-                other += float((told[one] * weight).sum())
+                other += float((affinity[one] * weight).sum())
                 other_count += float(weight.sum())
         within.append((own + 0.5) / (own_count + 1.0))
         across.append(other / (other_count + 1.0))
     return within, across
 
 
-# ----------------------------------------------------------------------
-# Evidence -> how well each proposal is expected to fit a whole object: a small network of two layers, in
-# NumPy.
-
 JUDGE = "judge.json"
 
 
 def expected_fit(evidence: Array, numbers: Mapping[str, Any] | None = None) -> Array:
-    """(n,) 0..1: intersection over union with the object that fits best, as far as evidence (n, k) tells.
+    """(n,) 0..1: expected IoU with the best object, from features (n, k) by a network of two hidden layers.
 
-    `numbers` are another judge's than the shipped one.
+    `numbers` replace those of the shipped judge.
     """
-    told = _judge() if numbers is None else numbers
-    value = (evidence - told["mean"]) / told["spread"]
-    for weights, bias in zip(told["weights"][:-1], told["biases"][:-1], strict=True):
+    judge = _judge() if numbers is None else numbers
+    value = (evidence - judge["mean"]) / judge["spread"]
+    for weights, bias in zip(judge["weights"][:-1], judge["biases"][:-1], strict=True):
         value = np.maximum(value @ weights + bias, 0)
-    out = value @ told["weights"][-1] + told["biases"][-1]
+    out = value @ judge["weights"][-1] + judge["biases"][-1]
     return np.asarray(1 / (1 + np.exp(-np.clip(out[:, 0], -30, 30))))
 
 
 def confidence(fit: Array) -> Array:
-    """(n,) 0..1: the share of chosen proposals of such a worth (n,) that are right, as it was counted."""
-    told = _judge()
-    return np.asarray(np.interp(fit, told["fit"], told["right"]))
+    """(n,) 0..1: the counted share of chosen proposals of such a fit (n,) that are right."""
+    judge = _judge()
+    return np.asarray(np.interp(fit, judge["fit"], judge["right"]))
 
 
 @cache
 def _judge() -> dict[str, Any]:
-    told = json.loads(Path(__file__).with_name(JUDGE).read_text(encoding="utf-8"))
+    numbers = json.loads(Path(__file__).with_name(JUDGE).read_text(encoding="utf-8"))
     return {
         name: [np.array(part) for part in value] if name in ("weights", "biases") else np.array(value)
-        for name, value in told.items()
+        for name, value in numbers.items()
         if not isinstance(value, str)
     }
 
 
-# ----------------------------------------------------------------------
-# What the network sees -> masks that may be objects: basins between its borders, joined the likeliest first.
-
 ON = 0.3
-"""Foreground from which a basin may be of an object."""
+"""Foreground from which a basin may be part of an object."""
 LEVELS = (0.35, 0.5, 0.65, 0.8)
-"""Foreground above which what hangs together is a proposal, too."""
+"""Foreground above which a connected region is a proposal, too."""
 GROUND = 0.6
-"""Share of the relief that is the border's; the rest is how little neighbours belong together."""
+"""Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
 LINE = 0.7
-"""Share of a border that stands only where the photo has an edge: where exactly it runs."""
+"""Share of a border that needs an edge in the photo, which fixes its exact course."""
 
 
 def border_relief(seen: NetworkMaps) -> F32:
-    """(h, w) 0..1: how surely a border runs here."""
+    """(h, w) 0..1: how likely a border runs here."""
     apart = np.zeros_like(seen.boundary)
     for n, (down, right) in enumerate(OFFSETS):
-        if (
-            max(abs(down), abs(right)) <= 3
-        ):  # between a pixel and one three further: the border is in the middle
+        if max(abs(down), abs(right)) <= 3:  # the border lies in the middle of the pair
             middle = np.array([[1, 0, right / 2], [0, 1, down / 2]])
             size = apart.shape[::-1]
             there = cv2.warpAffine(1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE)
@@ -189,7 +176,7 @@ def network_proposals(seen: NetworkMaps, smallest: int, largest: int) -> list[Pr
     """Proposals on the grid of the network's output, of `smallest` to `largest` px of it."""
     height = border_relief(seen)
     labels = basins(cv2.GaussianBlur(height, (0, 0), 1.0).astype(np.float32))
-    found = _joined(labels, seen.foreground, height * np.float32(CAP), smallest, largest)
+    found = _joined(labels, seen.foreground, height * np.float32(EDGE_CAP), smallest, largest)
     for level in LEVELS:
         mask = seen.foreground > level
         _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
@@ -200,16 +187,14 @@ def network_proposals(seen: NetworkMaps, smallest: int, largest: int) -> list[Pr
 
 
 def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
-    """Proposals on the photo's own grid: bounded by its edges, joined as the network says."""
+    """Proposals on the photo's own grid: bounded by its edges, joined by the network's borders."""
     size = gradient.strength.shape[::-1]
-    border = cv2.dilate(
-        border_relief(seen), np.ones((3, 3), np.uint8)
-    )  # the network is a pixel off, here and there
+    border = cv2.dilate(border_relief(seen), np.ones((3, 3), np.uint8))  # the network may be a pixel off
     border = np.clip(cv2.resize(border, size, interpolation=cv2.INTER_LINEAR), 0, 1)
     foreground = np.clip(cv2.resize(seen.foreground, size, interpolation=cv2.INTER_LINEAR), 0, 1)
     labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
-    sharp = np.minimum(gradient.strength, CAP) / CAP
-    edge = np.float32(CAP) * border * (np.float32(1 - LINE) + np.float32(LINE) * sharp)
+    sharp = np.minimum(gradient.strength, EDGE_CAP) / EDGE_CAP
+    edge = np.float32(EDGE_CAP) * border * (np.float32(1 - LINE) + np.float32(LINE) * sharp)
     found = _joined(labels, foreground.astype(np.float32), edge.astype(np.float32), smallest, largest)
     return [one for one in found if one is not None and one.area <= largest]
 
@@ -217,57 +202,48 @@ def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, large
 def _joined(
     labels: NDArray[np.int32], foreground: F32, edge: F32, smallest: int, largest: int
 ) -> list[Proposal | None]:
-    """Basins (h, w) on objects, joined two by two where `edge` (h, w) between them is least: every union."""
+    """Every union of basins (h, w) on objects, joined two by two where `edge` (h, w) between them is least."""
     count = int(labels.max()) + 1
     on = np.bincount(labels.ravel(), foreground.ravel(), count) / np.bincount(labels.ravel(), minlength=count)
     kept = on >= ON
     if not kept.any():
         return []
-    # all that is no object is one region, which nothing joins
+    # the background is one region that is never joined
     names = np.where(kept, np.cumsum(kept) - int(kept.all()), 0)[labels].astype(np.int32)
     nothing = np.zeros((*names.shape, 3), np.float32)
-    tree = merge_tree(names, nothing, np.where(kept.all() | (names > 0), edge, np.float32(CAP)))
+    tree = merge_tree(names, nothing, np.where(kept.all() | (names > 0), edge, np.float32(EDGE_CAP)))
     ranks = tree.rank[names]
     ground = int(tree.rank[0]) if not kept.all() else -1
-    rows, columns = np.indices(names.shape)
-    corner = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
-    boxes = np.full((len(tree.rank), 4), np.iinfo(np.int64).max)
-    np.minimum.at(boxes, ranks.ravel(), corner)
+    boxes = rank_boxes(ranks, len(tree.rank))
     sizes = np.concatenate([[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))])
     found = []
     for first, last in tree.span.tolist():
         if first <= ground < last or not smallest <= sizes[last] - sizes[first] <= 1.2 * largest:
             continue
-        x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
-        part = ranks[y : bottom + 1, x : right + 1]
-        found.append(cut_out((part >= first) & (part < last), x, y, smallest))
+        found.append(node_region(ranks, boxes, first, last, smallest))
     return found
 
 
-# ----------------------------------------------------------------------
-# Photo -> masks that may be objects, by edges and circles and by the network, and what the network says of
-# each.
-
-MIDDLE, WIDTH = 0.8, 0.05
-"""Of the logistic that turns a score of the choice by edges into how sure it is; chosen on tune and validation."""
-CANDIDATES_ON = 0.2
-"""Mean foreground of a proposal below which nobody need look closer."""
+SCORE_MIDDLE, SCORE_WIDTH = 0.8, 0.05
+"""Of the logistic from a score of the selection by edges to a confidence; chosen on tune and validation data."""
+LEAST_FOREGROUND = 0.2
+"""Mean foreground of a proposal below which it is dropped."""
 SMALLEST = 14
 """px of the network's grid, of the smallest proposal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Proposals on a grid of `shape`, and what the network says of them."""
+    """Proposals on a grid of `shape`, with the network's features."""
 
     shape: tuple[int, int]
     proposals: Sequence[Proposal]
     evidence: NDArray[np.float64]
-    """(n, k), see `evidence.NAMES`."""
+    """(n, k), see `FEATURES`."""
     learned: NDArray[np.bool_]
-    """(n,): which of them the network proposed itself."""
+    """(n,): which of them the network proposed."""
     edges: NDArray[np.float64]
-    """(n,) 0..1: how sure the choice by edges alone is of it; 0 where that did not take it."""
+    """(n,) 0..1: confidence of the selection by edges alone; 0 where it did not select the proposal."""
 
 
 def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
@@ -275,19 +251,20 @@ def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
     by_edges = search_edges(rgb)
     shape, grid = by_edges.shape, seen.foreground.shape
     cells = grid[0] * grid[1]
-    own = network_proposals(seen, max(SMALLEST, round(LEAST * cells)), round(MOST * cells))
-    bounds = (max(12, round(part * shape[0] * shape[1])) for part in (LEAST, MOST))
+    least, most = WIDEST_AREAS
+    own = network_proposals(seen, max(SMALLEST, round(least * cells)), round(most * cells))
+    bounds = (max(12, round(part * shape[0] * shape[1])) for part in (least, most))
     both_ways = distinct([*by_edges.proposals, *guided_proposals(by_edges.gradient, seen, *bounds)])
     pool: list[tuple[Proposal | None, Proposal | None, bool]] = [
         (one, rescaled(one, shape, grid), False) for one in (*by_edges.chosen, *both_ways)
     ]
     pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
-    sure = np.zeros(len(pool))
-    sure[: len(by_edges.chosen)] = 1 / (1 + np.exp((MIDDLE - by_edges.scores) / WIDTH))
+    confident = np.zeros(len(pool))
+    confident[: len(by_edges.chosen)] = 1 / (1 + np.exp((SCORE_MIDDLE - by_edges.scores) / SCORE_WIDTH))
     both = [
         (fine, rough, learned, agreed)
-        for (fine, rough, learned), agreed in zip(pool, sure.tolist(), strict=True)
-        if fine is not None and rough is not None and _on(rough, seen) >= CANDIDATES_ON
+        for (fine, rough, learned), agreed in zip(pool, confident.tolist(), strict=True)
+        if fine is not None and rough is not None and _on(rough, seen) >= LEAST_FOREGROUND
     ]
     return Candidates(
         shape,
@@ -299,7 +276,7 @@ def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
 
 
 def judged_fit(some: Sequence[Proposal], seen: NetworkMaps, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """(n,) 0..1: how well proposals on a grid of `shape` (h, w) are expected to fit."""
+    """(n,) 0..1: the expected IoU of proposals on a grid of `shape` (h, w)."""
     there = [rescaled(one, shape, seen.foreground.shape) for one in some]
     fit = np.zeros(len(some))
     known = [k for k, one in enumerate(there) if one is not None]

@@ -1,6 +1,4 @@
-"""Clean-up of overlapping model masks into a label map: smoothing, splitting, de-duplication and overlap
-resolution.
-"""
+"""Clean-up of overlapping model masks: one mask for each object, each pixel in at most one of them."""
 
 from __future__ import annotations
 
@@ -20,36 +18,36 @@ Mask = NDArray[np.bool_]
 T = TypeVar("T", bound=np.generic)
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom px; 0 and the photo's width are its borders."""
-Again = Callable[[Sequence[Box]], Sequence[tuple[Mask, float]]]
-"""Boxes -> what is in each, and how well its mask fits, 0..1."""
+Resegment = Callable[[Sequence[Box]], Sequence[tuple[Mask, float]]]
+"""Boxes to the mask of the object in each, and its expected IoU, 0..1."""
 
-SURE, DOUBTFUL = 0.25, 0.1
-"""Confidence from which a mask is an object, and from which it is worth a comment."""
+CONFIDENT, DOUBTFUL = 0.25, 0.1
+"""Confidence from which a mask is an object, and from which it is a doubtful one."""
 SAME_BOX, SAME_MASK = 0.8, 0.7
-"""Intersection over union from which two boxes, two masks are of one thing."""
-WITHIN = 0.8
-"""Of a mask, in another, for it to be in there."""
-SMALLEST, LEAST = 0.0002, 32
-"""Of the photo, and px: what is smaller is nothing to move."""
+"""IoU from which two boxes, or two masks, mean one object."""
+INSIDE_SHARE = 0.8
+"""Share of a mask within another, from which it is inside."""
+LEAST_SHARE, LEAST_AREA = 0.0002, 32
+"""Of the photo, and px: smaller masks are dropped."""
 HOLE, SPECK = 0.005, 0.02
-"""Of a mask: smaller holes are closed, smaller pieces left out."""
+"""Of a mask: smaller holes are closed, smaller pieces dropped."""
 PART, PARTS = 0.1, 8
-"""Of a mask's largest piece: larger pieces are things of their own; the largest so many of them."""
-FOUND_AGAIN = 0.5
-"""Intersection over union that a piece and what its box was asked for must have, else the piece stays as it is."""
-LEFT = 0.2
-"""Of a thing, that others before it must leave: a heap is less, seen between the things that it is of."""
+"""Of a mask's largest piece: larger pieces are objects of their own, at most so many."""
+SAME_PIECE = 0.5
+"""IoU of a piece and the mask segmented anew in its box, below which the piece stays as it is."""
+VISIBLE = 0.2
+"""Share of an object that others in front must leave; less is a heap, seen between its members."""
 RIVAL = 0.5
-"""Times its confidence: what is that sure may lie before a larger thing."""
+"""Ratio of confidences from which a smaller object lies in front of a larger one."""
 DOUBTS = 8
-"""At most, that are told of."""
+"""Doubtful objects at most."""
 STRAIGHT = 0.01
-"""Of an outline's length that a doubtful one's polygon may be off."""
+"""Of an outline's length: tolerance of a doubtful object's polygon."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """One mask, kept as its own window: a large photo's many masks would fill the memory. And what it is said to be."""
+    """One mask with its noun, kept as its window: many masks of a large photo would fill the memory."""
 
     piece: Mask
     """(h, w): the window's."""
@@ -59,9 +57,9 @@ class Cut:
     noun: str
     movable: bool
     score: float
-    """0..1, that there is such a thing."""
+    """0..1, that there is such an object."""
     fit: float
-    """0..1, that this is its mask: the intersection over union that the model expects."""
+    """0..1: the IoU of the mask that the model expects."""
 
     @classmethod
     def of(cls, mask: Mask, noun: str, movable: bool, score: float, fit: float) -> Cut:
@@ -70,13 +68,13 @@ class Cut:
         return cls(mask[y0:y1, x0:x1].copy(), x0, y0, noun, movable, score, fit)
 
     def with_piece(self, piece: Mask) -> Cut:
-        """With some of its pixels; `piece` is of its window."""
+        """The cut with some of its pixels; `piece` has the window's size."""
         x0, y0, x1, y1 = window(piece)
         return replace(self, piece=piece[y0:y1, x0:x1].copy(), x=self.x + x0, y=self.y + y0)
 
     @cached_property
     def confidence(self) -> float:
-        """0..1, that it is there and that this is its mask."""
+        """0..1, that the object exists and that this is its mask."""
         return min(max(self.score, 0.0), 1.0) * min(max(self.fit, 0.0), 1.0)
 
     @cached_property
@@ -96,7 +94,7 @@ class Cut:
         return self.x + float(columns.mean()), self.y + float(rows.mean())
 
     def seen_in(self, photo: NDArray[T]) -> NDArray[T]:
-        """Its window of something of the photo's size: a view."""
+        """A view of its window in an array of the photo's size."""
         x0, y0, x1, y1 = self.window
         return photo[y0:y1, x0:x1]
 
@@ -110,7 +108,7 @@ def window(mask: Mask) -> tuple[int, int, int, int]:
 
 
 def distinct_boxes(boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> list[int]:
-    """Of boxes (N, 4), whatever they are said to hold, those that no surer one means too; the surest first."""
+    """Indices of boxes (N, 4) without duplicates, whatever their nouns; the most confident first."""
     low, high = boxes[:, :2], boxes[:, 2:]
     area = np.clip(high - low, 0, None).prod(1)
     kept: list[int] = []
@@ -123,25 +121,25 @@ def distinct_boxes(boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> l
 
 
 def smoothed(mask: Mask) -> Mask:
-    """Without specks and pinholes; what is a ring stays one, and what touches the border goes on doing so."""
+    """The mask without specks and pinholes; rings and contact with the photo's border are kept."""
     x0, y0, x1, y1 = window(mask)
     result = np.zeros_like(mask)
     if x1 == x0:
         return result
     inside = np.pad(mask[y0:y1, x0:x1], 1).view(np.uint8)
     area = int(inside.sum())
-    count, pieces, told, _ = cv2.connectedComponentsWithStats(1 - inside, connectivity=4)
-    small = [k for k in range(1, count) if k != pieces[0, 0] and told[k, cv2.CC_STAT_AREA] < HOLE * area + 5]
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(1 - inside, connectivity=4)
+    small = [k for k in range(1, count) if k != pieces[0, 0] and stats[k, cv2.CC_STAT_AREA] < HOLE * area + 5]
     inside[np.isin(pieces, small)] = 1
-    count, pieces, told, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
-    large = max(told[1:, cv2.CC_STAT_AREA])
-    kept = [k for k in range(1, count) if told[k, cv2.CC_STAT_AREA] >= SPECK * large]
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
+    large = max(stats[1:, cv2.CC_STAT_AREA])
+    kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= SPECK * large]
     result[y0:y1, x0:x1] = np.isin(pieces, kept)[1:-1, 1:-1]
     return result
 
 
 def parts(mask: Mask) -> list[Mask]:
-    """The pieces of a mask that are large enough to be things, the largest first; gaps of 2 px part nothing."""
+    """The pieces of a mask that are large enough to be objects, the largest first; gaps of 2 px are ignored."""
     if not mask.size:
         return []
     near = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))
@@ -151,8 +149,8 @@ def parts(mask: Mask) -> list[Mask]:
     return [(pieces == k) & mask for k in order[:PARTS]]
 
 
-def split(cuts: Sequence[Cut], again: Again) -> list[Cut]:
-    """Movable things in one piece each: of masks in more, the pieces' boxes are asked for `again` (section 3.1)."""
+def split(cuts: Sequence[Cut], resegment: Resegment) -> list[Cut]:
+    """Movable objects in one piece each; the pieces of others are segmented anew by their boxes (paper section 3.1)."""
     whole: list[Cut] = []
     pieces: list[Cut] = []
     for cut in cuts:
@@ -161,63 +159,67 @@ def split(cuts: Sequence[Cut], again: Again) -> list[Cut]:
             pieces += [cut.with_piece(part) for part in found]
         else:
             whole.append(cut)
-    answers = again([part.window for part in pieces]) if pieces else []
+    answers = resegment([part.window for part in pieces]) if pieces else []
     for part, (mask, fit) in zip(pieces, answers, strict=True):
         answer = Cut.of(smoothed(mask), part.noun, part.movable, part.score, fit)
         ones = [answer.with_piece(one) for one in parts(answer.piece)]
         better = max(ones, key=lambda one: _shared(one, part), default=part)
-        whole.append(better if _union(part, better) >= FOUND_AGAIN else part)
+        whole.append(better if _union(part, better) >= SAME_PIECE else part)
     return whole
 
 
 def distinct(cuts: Sequence[Cut]) -> list[Cut]:
-    """Those that mean no surer one's thing, the surest first; nothing holds one of its own kind.
+    """Cuts without duplicates, the most confident first, none inside another of its kind.
 
-    What holds several of its kind is a heap and goes, what holds one goes or makes it go, as they are sure.
+    A cut around several of its kind is a heap and is dropped; of one around another, the less confident is dropped.
     """
     kept: list[Cut] = []
     for cut in sorted(cuts, key=lambda cut: -cut.confidence):
         if cut.area and all(_union(cut, other) <= SAME_MASK for other in kept):
             kept.append(cut)
-    held = {k: [i for i, cut in enumerate(kept) if i != k and _holds(one, cut)] for k, one in enumerate(kept)}
-    gone = {k for k, inner in held.items() if len(inner) > 1}
-    for k, inner in held.items():
+    inner_cuts = {
+        k: [i for i, cut in enumerate(kept) if i != k and _contains(one, cut)] for k, one in enumerate(kept)
+    }
+    gone = {k for k, inner in inner_cuts.items() if len(inner) > 1}
+    for k, inner in inner_cuts.items():
         if k not in gone and len(inner) == 1 and inner[0] not in gone:
-            gone.add(max(k, inner[0]))  # the surest come first
+            gone.add(max(k, inner[0]))  # the most confident come first
     return [cut for k, cut in enumerate(kept) if k not in gone]
 
 
 def resolved(cuts: Sequence[Cut]) -> list[Cut]:
-    """Movable things of which no two share a pixel: small ones lie before larger ones that are not much surer.
+    """Movable objects without common pixels: small ones lie in front of larger ones that are not much more confident.
 
-    A bowl gives way to the apples in it; what the others leave almost nothing of goes.
+    A bowl gives way to the apples in it. Objects of which almost nothing is left are dropped.
     """
     rest = list(cuts)
     while True:
         left = [_behind(cut, [other for other in rest if other is not cut]) for cut in rest]
         shares = [int(np.count_nonzero(piece)) / cut.area for piece, cut in zip(left, rest, strict=True)]
-        if not shares or min(shares) >= LEFT:
+        if not shares or min(shares) >= VISIBLE:
             return [cut.with_piece(smoothed(piece)) for cut, piece in zip(rest, left, strict=True)]
         del rest[int(np.argmin(shares))]
 
 
-def segments(cuts: Iterable[Cut], size: tuple[int, int], again: Again, sure: float = SURE) -> Segments:
-    """All of it: masks cleaned, split, each thing once, no overlaps; `size` is the photo's (H, W).
+def segments(
+    cuts: Iterable[Cut], size: tuple[int, int], resegment: Resegment, confident: float = CONFIDENT
+) -> Segments:
+    """Segments from overlapping cuts: cleaned, split, without duplicates or overlaps; `size` is the photo's (H, W).
 
-    `cuts` may come one at a time. Ids run left to right by centroid. What is less than `sure` is doubtful; what is
-    not movable is scenery.
+    `cuts` may be a generator. Ids run left to right by centroid. Cuts below `confident` are doubtful; cuts that are not
+    movable are scenery.
     """
-    least = max(SMALLEST * size[0] * size[1], LEAST)
+    least = max(LEAST_SHARE * size[0] * size[1], LEAST_AREA)
     smooth = [cut.with_piece(smoothed(cut.piece)) for cut in cuts if cut.confidence >= DOUBTFUL]
-    whole = split(smooth, again)
+    whole = split(smooth, resegment)
     cuts = distinct([cut for cut in whole if cut.area >= least and cut.confidence >= DOUBTFUL])
-    things = resolved([cut for cut in cuts if cut.movable and cut.confidence >= sure])
-    things = [cut for cut in things if cut.area >= least]
-    things.sort(key=lambda cut: cut.centroid)
+    objects = resolved([cut for cut in cuts if cut.movable and cut.confidence >= confident])
+    objects = [cut for cut in objects if cut.area >= least]
+    objects.sort(key=lambda cut: cut.centroid)
     labels = np.zeros(size, np.uint16)
-    for k, cut in enumerate(things, 1):
+    for k, cut in enumerate(objects, 1):
         cut.seen_in(labels)[cut.piece] = k
-    weak = [cut for cut in cuts if cut.movable and cut.confidence < sure]
+    weak = [cut for cut in cuts if cut.movable and cut.confidence < confident]
     doubts = [
         doubt
         for cut in weak
@@ -226,15 +228,15 @@ def segments(cuts: Iterable[Cut], size: tuple[int, int], again: Again, sure: flo
     ]
     return Segments(
         labels,
-        np.array([cut.confidence for cut in things], np.float64),
+        np.array([cut.confidence for cut in objects], np.float64),
         tuple(doubts[:DOUBTS]),
-        {k: Name(cut.noun, round(cut.confidence, 3)) for k, cut in enumerate(things, 1)},
-        _scenery([cut for cut in cuts if not cut.movable and cut.confidence >= sure], labels),
+        {k: Name(cut.noun, round(cut.confidence, 3)) for k, cut in enumerate(objects, 1)},
+        _scenery([cut for cut in cuts if not cut.movable and cut.confidence >= confident], labels),
     )
 
 
 def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
-    """What stands still, small before large, and behind all that moves."""
+    """Static surfaces: small ones in front of large ones, all behind the movable objects."""
     cuts = sorted(cuts, key=lambda cut: -cut.area)
     seen = np.zeros(labels.shape, np.uint16)
     for k, cut in enumerate(cuts, 1):
@@ -244,7 +246,7 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
 
 
 def _doubt(cut: Cut) -> list[Doubt]:
-    """Its outline in few corners; none for what is too thin to have one."""
+    """The outline with few corners; none where it is too thin."""
     found, _ = cv2.findContours(cut.piece.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     contour = max(found, key=len)
     corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[:, 0]
@@ -254,7 +256,7 @@ def _doubt(cut: Cut) -> list[Doubt]:
 
 
 def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
-    """What is left of its piece where others lie before it."""
+    """The part of a piece that is not behind others."""
     left = cut.piece.copy()
     for other in others:
         common = _common(cut, other)
@@ -265,21 +267,21 @@ def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
 
 
 def _before(one: Cut, other: Cut) -> bool:
-    """Whether `one` gets the pixels that both have; of two, exactly one does."""
+    """Whether `one` gets the common pixels; of two, exactly one does."""
     if one.area == other.area:
         return (one.confidence, *one.window) > (other.confidence, *other.window)
     small, large = (one, other) if one.area < other.area else (other, one)
     return (small.confidence >= RIVAL * large.confidence) == (small is one)
 
 
-def _holds(one: Cut, other: Cut) -> bool:
-    """Whether a movable thing holds another of its kind."""
+def _contains(one: Cut, other: Cut) -> bool:
+    """Whether a movable object contains another of its kind."""
     kind = one.movable and other.movable and one.noun == other.noun and one.area > other.area
-    return kind and _shared(one, other) >= WITHIN * other.area
+    return kind and _shared(one, other) >= INSIDE_SHARE * other.area
 
 
 def _common(one: Cut, other: Cut) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
-    """Where two windows overlap, in the piece of each; None where they do not."""
+    """The overlap of two windows, as slices of each piece; None where there is none."""
     x0, y0 = max(one.x, other.x), max(one.y, other.y)
     x1, y1 = min(one.window[2], other.window[2]), min(one.window[3], other.window[3])
     if x1 <= x0 or y1 <= y0:
@@ -289,7 +291,7 @@ def _common(one: Cut, other: Cut) -> tuple[tuple[slice, slice], tuple[slice, sli
 
 
 def _shared(one: Cut, other: Cut) -> int:
-    """px that are in both."""
+    """Common px."""
     common = _common(one, other)
     return int(np.count_nonzero(one.piece[common[0]] & other.piece[common[1]])) if common else 0
 

@@ -1,4 +1,7 @@
-"""The segmentation network: foreground, borders, pixel affinities, normals and shadows of a photo."""
+"""The segmentation network: foreground, borders, pixel affinities, normals and shadows of a photo.
+
+The weights come from `studio/segmentation`; OpenCV runs them.
+"""
 
 from __future__ import annotations
 
@@ -19,38 +22,38 @@ LABELLED = slice(0, 10)
 
 WEIGHTS = "segmentation.onnx"
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
-"""(rows, columns) px of the network's output: pairs of pixels of which it says whether they are of one object."""
+"""(rows, columns) px of the output: offsets of the pixel pairs whose affinity (same object) is predicted."""
 MEAN, SPREAD = 118.0, 64.0
-"""Of 8-bit codes: what goes in is (code - MEAN) / SPREAD."""
+"""Of 8-bit codes: the input is (code - MEAN) / SPREAD."""
 STRIDE = 32
-"""px: sides of what goes in are multiples of it."""
+"""px: the input's sides are multiples of it."""
 LEAST = 160
-"""px, their shortest: where the coarsest maps are smaller than its kernels OpenCV reads memory that is nobody's."""
-LOOKS = 256, 512
-"""px, the longer side of the photo in each look, whatever its own: large things are seen in the first, small ones in
-the second; what they say is averaged. Of a few pairs tried, this one finds most in the validation homes."""
+"""px: the input's shortest side. Where the coarsest maps are smaller than the kernels, OpenCV reads foreign memory."""
+PASSES = 256, 512
+"""px, the longer side of the photo in each pass: large objects are found in the first, small ones in the second; the
+outputs are averaged. Of a few pairs tried, this one finds most in the validation homes."""
 
 
 @dataclass(frozen=True)
 class NetworkMaps:
-    """Maps (h, w) of half the size of the largest look."""
+    """Maps (h, w) of half the size of the largest pass."""
 
     foreground: F32
     """0..1: on an object."""
     boundary: F32
-    """0..1: at the border of one."""
+    """0..1: at the border of an object."""
     pairs: F32
-    """(8, h, w) 0..1: the pixel and the one at OFFSETS are on one object."""
+    """(8, h, w) 0..1: the pixel and the one at OFFSETS belong to one object."""
     normals: F32
     """(h, w, 3) unit: +x right, +y down, +z to the viewer."""
     shadow: F32
-    """0..1: in a shadow that something casts."""
+    """0..1: in a cast shadow."""
 
 
-def run_network(rgb: NDArray[np.uint8], sides: Sequence[int] = LOOKS) -> NetworkMaps:
-    """What the network says of a photo (H, W, 3) sRGB, looked at with its longer side at each of `sides` px.
+def run_network(rgb: NDArray[np.uint8], sides: Sequence[int] = PASSES) -> NetworkMaps:
+    """The network's maps of a photo (H, W, 3) sRGB, from passes with its longer side at each of `sides` px.
 
-    The last photo's answer is kept: several roles of perception ask about one photo. Its arrays are read-only.
+    The last photo's maps are cached, since several roles of perception need them; the arrays are read-only.
     """
     return _seen(rgb.tobytes(), rgb.shape[0], rgb.shape[1], tuple(sides))
 
@@ -58,22 +61,22 @@ def run_network(rgb: NDArray[np.uint8], sides: Sequence[int] = LOOKS) -> Network
 @lru_cache(maxsize=1)
 def _seen(codes: bytes, height: int, width: int, sides: tuple[int, ...]) -> NetworkMaps:
     rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
-    looks = [_look(rgb, side) for side in sides]
-    h, w = looks[-1].shape[1:]
-    same = [cv2.resize(look.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR) for look in looks]
+    passes = [_pass(rgb, side) for side in sides]
+    h, w = passes[-1].shape[1:]
+    same = [cv2.resize(one.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR) for one in passes]
     mean = np.asarray(np.mean(same, axis=0), np.float32)
-    told = np.asarray(1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32).transpose(2, 0, 1)
+    chances = np.asarray(1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32).transpose(2, 0, 1)
     normals = mean[..., 10:13]
     normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
-    # pairs lie farther apart where the photo was looked at in less detail: the largest look alone tells of them
-    pairs = 1 / (1 + np.exp(-np.clip(looks[-1][2:10], -30, 30)))
-    maps = told[0], told[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32), told[13]
+    # offsets mean longer distances in smaller passes: affinities come from the largest pass alone
+    pairs = 1 / (1 + np.exp(-np.clip(passes[-1][2:10], -30, 30)))
+    maps = chances[0], chances[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32), chances[13]
     for part in maps:
         part.setflags(write=False)
     return NetworkMaps(*maps)
 
 
-def _look(rgb: NDArray[np.uint8], side: int) -> F32:
+def _pass(rgb: NDArray[np.uint8], side: int) -> F32:
     """(14, h, w) raw output for the photo with `side` px along its longer side; h, w half of that photo's."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
@@ -84,12 +87,12 @@ def _look(rgb: NDArray[np.uint8], side: int) -> F32:
     padded = cv2.copyMakeBorder(small, 0, below, 0, right, cv2.BORDER_REPLICATE)
     blob = ((padded - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None]
     network = _network()
-    with LOCK:  # a net keeps what it is working on
+    with LOCK:  # a net holds state between the calls
         network.setInput(np.ascontiguousarray(blob))
-        told = np.array(network.forward()[0, :, : size[1] // 2, : size[0] // 2], np.float32)
-    # labels lay half a pixel of this grid too low in what these weights learned from (studio/segmentation/batches.py)
-    told[LABELLED, :-1] = 0.5 * (told[LABELLED, :-1] + told[LABELLED, 1:])
-    return told
+        output = np.array(network.forward()[0, :, : size[1] // 2, : size[0] // 2], np.float32)
+    # labels were half a pixel of this grid too low in the training data (studio/segmentation/batches.py)
+    output[LABELLED, :-1] = 0.5 * (output[LABELLED, :-1] + output[LABELLED, 1:])
+    return output
 
 
 @cache

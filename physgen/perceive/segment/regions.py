@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from physgen.perceive.segment.gradient import Gradient
 from physgen.perceive.segment.proposals import Proposal, cut_out
 
-# ----------------------------------------------------------------------
-# Gradient -> discs: edge pixels vote for the centres they may surround, then circles are fitted to rims.
-
 Circles = NDArray[np.float64]
 """(n, 3): centre x, centre y, radius, px."""
 
@@ -132,15 +129,12 @@ def _across_rim(gradient: Gradient, circles: Circles, factor: NDArray[np.float64
     return gradient.across(x, y, ANGLES)
 
 
-# ----------------------------------------------------------------------
-# Gradient -> regions that stay whole while what is around merges: stable nodes of a merge tree of basins.
-
 COLOUR_WEIGHT = 0.25
-"""What a difference of mean colour counts against the gradient along the boundary; chosen on photos."""
+"""Weight of the difference of mean colour against the gradient along the boundary; chosen on photos."""
 STALE = 0.05
-"""CIELAB units by which a difference may have grown since it was queued."""
-CAP = 20.0
-"""CIELAB units above which an edge is an edge."""
+"""CIELAB units by which a queued difference may have grown before it is queued again."""
+EDGE_CAP = 20.0
+"""CIELAB units at which edge strength is cut off."""
 
 
 def basins(height: NDArray[np.float32]) -> NDArray[np.int32]:
@@ -185,8 +179,11 @@ def merge_tree(
     areas = np.bincount(labels.ravel())
     means = np.stack([np.bincount(labels.ravel(), colour[..., c].ravel()) / areas for c in range(3)], 1)
     area, mean = areas.tolist(), list(means)
-    beside = _boundaries(labels, np.minimum(edge, CAP))
-    owner, node = list(range(count)), list(range(count))  # a region keeps its number while it takes in others
+    beside = _boundaries(labels, np.minimum(edge, EDGE_CAP))
+    owner, node = (
+        list(range(count)),
+        list(range(count)),
+    )  # a region keeps its number while others are merged into it
     height, parent, children = [0.0] * count, [-1] * count, {}
 
     def whole(region: int) -> int:
@@ -197,7 +194,7 @@ def merge_tree(
     def difference(a: int, b: int) -> float:
         length, total = beside[a][b]
         step = mean[a] - mean[b]
-        return total / length + COLOUR_WEIGHT * min(CAP, float(np.sqrt(step @ step)))
+        return total / length + COLOUR_WEIGHT * min(EDGE_CAP, float(np.sqrt(step @ step)))
 
     queue = [(difference(a, b), a, b) for a in range(count) for b in beside[a] if a < b]
     heapq.heapify(queue)
@@ -277,15 +274,25 @@ def stable_regions(
     above = tree.height[tree.parent]
     stable = (tree.parent >= 0) & (above >= 1.08 * tree.height + 0.3)
     stable &= (areas >= smallest) & (areas < largest)
-    rows, columns = np.indices(labels.shape)
+    boxes = rank_boxes(ranks, len(by_rank))
+    spans = tree.span[stable].tolist()
+    regions = (node_region(ranks, boxes, first, last, smallest, opening=1) for first, last in spans)
+    return [region for region in regions if region is not None and region.area <= largest]
+
+
+def rank_boxes(ranks: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """(count, 4): least column, least row, minus the greatest column, minus the greatest row of each rank (H, W)."""
+    rows, columns = np.indices(ranks.shape)
     corner = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
-    boxes = np.full((len(by_rank), 4), np.iinfo(np.int64).max)
+    boxes = np.full((count, 4), np.iinfo(np.int64).max)
     np.minimum.at(boxes, ranks.ravel(), corner)
-    regions = []
-    for first, last in tree.span[stable].tolist():
-        x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
-        part = ranks[y : bottom + 1, x : right + 1]
-        region = cut_out((part >= first) & (part < last), x, y, smallest, opening=1)
-        if region is not None and region.area <= largest:
-            regions.append(region)
-    return regions
+    return boxes
+
+
+def node_region(
+    ranks: NDArray[np.int64], boxes: NDArray[np.int64], first: int, last: int, smallest: int, opening: int = 0
+) -> Proposal | None:
+    """The largest part of the pixels of rank first..last-1, cut out; None where it is smaller than `smallest` px."""
+    x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
+    part = ranks[y : bottom + 1, x : right + 1]
+    return cut_out((part >= first) & (part < last), x, y, smallest, opening)

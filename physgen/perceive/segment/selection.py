@@ -3,48 +3,107 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
-from physgen.perceive.segment.proposals import Mask, Proposal, Scores, contour_normals, outline, overlap
+from physgen.perceive.segment.proposals import (
+    Mask,
+    Proposal,
+    Scores,
+    contour_normals,
+    distinct,
+    outline,
+    overlap,
+    score_proposals,
+    unions,
+    variants,
+)
+from physgen.perceive.segment.regions import discs, stable_regions
 
-# ----------------------------------------------------------------------
-# Scored proposals -> the best set of them without overlap, and what each is worth beside the others.
-
-# Chosen on photos.
 THRESHOLD = 0.58
-"""The score below which a proposal is better left out."""
+"""Score below which a proposal is dropped. This and the following values were chosen on photos."""
 AREA_POWER = 0.7
-"""The gain of a proposal grows with area to this power: wholes against their parts."""
+"""Exponent of the area in a proposal's gain, which balances wholes against their parts."""
 SHARED = 0.12
-"""Proposals that share more than this part of the smaller one exclude each other."""
+"""Common share of the smaller of two proposals above which they exclude each other."""
 SET_BONUS = 0.1
-"""What a proposal gains when three chosen ones have its size and compactness: things come in sets."""
+"""Bonus where three selected proposals have the same size and compactness: objects come in sets."""
 GAP_PENALTY = 0.4
-"""What a small proposal loses when chosen larger ones surround it: a gap between them, or a face of one."""
+"""Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
 BACKGROUND_PENALTY = 0.4
-"""What a proposal loses whose colours all go on around it: it is background seen between objects."""
+"""Penalty of a proposal whose colours continue around it: background between objects."""
 REACH = 1.0
-"""How far around a proposal its background is looked for, in square roots of its area."""
+"""Width of the surroundings that are compared, in square roots of the area."""
 RARER = 3.0
-"""A colour of a proposal may be this much rarer around it and still count as going on there."""
+"""Factor by which a colour may be rarer in the surroundings and still count as continued."""
 BANDWIDTH = np.array([8, 5, 5], np.float32)
-"""CIELAB units within which colours count as the same; lightness varies more, by shading and shadow."""
+"""CIELAB units of the density's kernel; lightness varies more, by shading and shadow."""
 OUTLIER = 0.7
-"""Chosen ones score at least this much of the upper quartile of all chosen."""
+"""Least score of a selected proposal, relative to the upper quartile of all."""
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
 
 
+WORKING_AREA = 512 * 512
+"""px searched; larger photos are reduced to it, and only outlines are fitted at full size."""
+WORKING_SIDE = 4096
+"""px: the longest side searched, of a panorama."""
+AREAS = (0.0012, 0.22)
+"""Of the photo: bounds of an object's area in the selection by edges."""
+WIDEST_AREAS = (0.0005, 0.6)
+"""Of the photo: bounds of the area of all proposals."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSearch:
+    """Proposals from edges and circles, on a grid of `shape` (h, w)."""
+
+    shape: tuple[int, int]
+    gradient: Gradient
+    proposals: Sequence[Proposal]
+    """All of them, also larger and smaller ones than are selected from."""
+    chosen: Sequence[Proposal]
+    """The best set of them and of their unions."""
+    scores: NDArray[np.float64]
+    """(n,) of the chosen ones."""
+
+
+def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
+    """The proposals of a photo (H, W, 3) uint8 sRGB, and the best set of them."""
+    height, width = rgb.shape[:2]
+    scale = min(1.0, (WORKING_AREA / (height * width)) ** 0.5, WORKING_SIDE / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
+    shape = size[1], size[0]
+    least, most, smallest, largest = (round(part * size[0] * size[1]) for part in (*WIDEST_AREAS, *AREAS))
+    least, smallest = max(12, least), max(12, smallest)
+    colour = smoothed_lab(np.asarray(reduced, np.uint8))
+    gradient = colour_gradient(colour)
+    regions = stable_regions(colour, gradient, least, most)
+    circles = discs(gradient, smallest, largest)
+    proposals = distinct([one for one in regions if smallest <= one.area <= largest] + circles)
+    scores = score_proposals(proposals, colour, gradient)
+    joined = distinct(unions(proposals, scores.score, largest))
+    more = score_proposals(joined, colour, gradient)
+    together = Scores(np.append(scores.score, more.score), np.append(scores.compactness, more.compactness))
+    chosen, final = select(proposals + joined, together, colour)
+    forms = [variants(proposal, shape) for proposal in chosen]
+    best = [form[int(score_proposals(form, colour, gradient).score.argmax())] for form in forms]
+    return EdgeSearch(shape, gradient, distinct(regions + circles), best, final)
+
+
 def select(
     proposals: Sequence[Proposal], looks: Scores, colour: NDArray[np.float32]
 ) -> tuple[list[Proposal], NDArray[np.float64]]:
-    """The set without overlap that gains the most, with final scores; in two rounds, as what is chosen
-    changes the scores. `colour` is the photo (H, W, 3) in CIELAB."""
+    """The set without overlap of the largest gain, with final scores. `colour` is the photo (H, W, 3) in CIELAB.
+
+    There are two rounds, since the scores depend on the selection.
+    """
     worth = np.flatnonzero(looks.score > THRESHOLD - SET_BONUS)
     pool = [proposals[i] for i in worth.tolist()]
     if not pool:
@@ -79,15 +138,17 @@ def exclusions(proposals: Sequence[Proposal]) -> Flags:
 
 
 def best_set(gain: Values, score: Values, excludes: Flags) -> Flags:
-    """(n,): the independent set of the largest total gain, by local search from three starts: gainful first,
-    good first, and between. Whether a group or its members is the hard part; no single start settles it."""
+    """(n,): the independent set of the largest gain, by local search from three starts: by gain, by score, between.
+
+    The hard choice is between a group and its members; no single start decides it well.
+    """
     starts = (gain, score, gain * np.maximum(score, 1e-6) ** 4)
     ends = [_climb(gain, excludes, np.argsort(-start, kind="stable")) for start in starts]
     return max(ends, key=lambda chosen: float(gain[chosen].sum()))
 
 
 def _climb(gain: Values, excludes: Flags, order: NDArray[np.intp]) -> Flags:
-    """Take what fits in the given order; then put one in or out, refill the room, and keep what is better."""
+    """Take proposals in the given order; then add or remove one, refill the free place, and keep improvements."""
     by_gain = np.argsort(-gain, kind="stable")
     by_gain = by_gain[gain[by_gain] > 0]
     chosen = _fill(np.zeros(len(gain), np.bool_), order[gain[order] > 0], excludes)
@@ -121,7 +182,7 @@ def _fill(chosen: Flags, order: NDArray[np.intp], excludes: Flags) -> Flags:
 
 
 def _sets(score: Values, area: Values, compactness: Values, chosen: Flags, excludes: Flags) -> Values:
-    """(n,): the bonus of proposals that have the size and compactness of several chosen ones."""
+    """(n,): the bonus of proposals with the size and compactness of several selected ones."""
     size = np.log(area[:, None] / area[chosen]) / 0.12
     round_ = np.log(compactness[:, None] / compactness[chosen]) / 0.15
     alike = np.exp(-(size**2) - round_**2) * np.clip((score[chosen] - THRESHOLD) / 0.2, 0, 1)
@@ -131,7 +192,7 @@ def _sets(score: Values, area: Values, compactness: Values, chosen: Flags, exclu
 
 
 def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tuple[int, int]) -> Values:
-    """(n,): the penalty of chosen proposals that lie against larger chosen ones along much of the outline."""
+    """(n,): the penalty of selected proposals next to larger selected ones along much of the outline."""
     reach = 3
     labels = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach), np.int32)
     members = np.flatnonzero(chosen).tolist()
@@ -156,8 +217,10 @@ def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tup
 def background_likeness(
     proposals: Sequence[Proposal], chosen: Flags, which: Flags, colour: NDArray[np.float32]
 ) -> Values:
-    """(n,) 0..1: how well the colours around a proposal, where nothing is chosen, explain the colours in it;
-    0 where not asked for. Compares densities of colour, smoothed by a Gaussian."""
+    """(n,) 0..1: how well the colours of the unselected surroundings explain those in a proposal; 0 unless `which`.
+
+    Densities of colour, estimated with a Gaussian kernel, are compared.
+    """
     free = np.ones(colour.shape[:2], np.bool_)
     for i in np.flatnonzero(chosen).tolist():
         left, top, right, bottom = proposals[i].box
@@ -180,30 +243,27 @@ def background_likeness(
 
 
 def _some(colour: NDArray[np.float32], mask: Flags, most: int) -> NDArray[np.float32]:
-    """About `most` of the colours (h, w, 3) under a mask (h, w), evenly spread."""
+    """About `most` of the colours (h, w, 3) under a mask (h, w), evenly spaced."""
     at = np.flatnonzero(mask)
     return colour[np.unravel_index(at[:: max(1, len(at) // most)], mask.shape)]
 
 
 def _density(at: NDArray[np.float32], colours: NDArray[np.float32]) -> Values:
-    """(n,): how dense the `colours` (m, 3) are at the colours `at` (n, 3), CIELAB: Gaussian kernel density."""
+    """(n,): Gaussian kernel density of the `colours` (m, 3) at the colours `at` (n, 3), CIELAB."""
     off = (at[:, None] - colours) / BANDWIDTH
     density: Values = np.exp(-(off * off).sum(2) / 2).mean(1).astype(np.float64)
     return density + 1e-6
 
 
-# ----------------------------------------------------------------------
-# Photo + rough masks -> labels whose outlines lie on the photo's edges: the best closed path in a band.
-
 BAND = 0.08
-"""How far an outline may move, in square roots of its area; but a px and a half of the rough mask at least."""
+"""Movement of an outline at most, in square roots of its area; at least 1.5 px of the rough mask."""
 BEND = 0.2
-"""What one step sideways costs the path, against an edge support of 0..1."""
+"""Cost of one step sideways, against an edge support of 0..1."""
 ROUND = 0.025
-"""An outline whose distances from its circle spread less than this part of the radius is that circle."""
+"""Relative deviation from its circle below which an outline becomes that circle."""
 
 SIDE = 16_384
-"""px; the outline of an object that is longer stays rough, as OpenCV samples no longer images."""
+"""px: longer objects keep the rough outline, since OpenCV samples no larger images."""
 
 Points = NDArray[np.float64]
 """(n, 2): x, y px along a closed outline."""
@@ -211,8 +271,9 @@ Points = NDArray[np.float64]
 
 def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask], band: float = BAND) -> NDArray[np.uint16]:
     """(H, W) uint16: k + 1 where mask k (h, w), of a smaller or equal size than the photo (H, W, 3), ends up.
-    `band` is how far outlines may move, see `BAND`. Every label is one connected region; of two that contend for
-    a pixel the later mask gets it."""
+
+    Every label is one connected region; of two masks with a common pixel the later one gets it. `band`: see `BAND`.
+    """
     labels = np.zeros(rgb.shape[:2], np.uint16)
     boxes: list[tuple[slice, slice]] = []
     for k, mask in enumerate(masks):
@@ -249,8 +310,10 @@ def _outline_at(mask: Mask, scale: Points) -> tuple[Points, Points]:
 
 
 def _path(gradient: Gradient, points: Points, normal: Points, band: float) -> NDArray[np.float64]:
-    """(n,) px: how far each point moves along its normal so that the outline runs along edges and bends little;
-    Viterbi's algorithm, twice round so that the ends meet."""
+    """(n,) px: movement of each point along its normal, so that the outline follows edges and bends little.
+
+    By Viterbi's algorithm, twice around so that the ends meet.
+    """
     steps = np.linspace(-band, band, 2 * int(np.clip(2 * band, 4, 16)) + 1)
     edge = points[:, None] + (steps[:, None] + 0.5) * normal[:, None]  # half a px outside the last pixel
     angle = np.arctan2(normal[:, 1], normal[:, 0])[:, None]

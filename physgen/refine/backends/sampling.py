@@ -21,19 +21,19 @@ from torch import Tensor
 
 from physgen.perceive.backends.models import (
     Flag,
-    OneOf,
     Option,
-    WholeNumber,
     as_dtype,
+    as_word,
     device_of,
     dtype_of,
     free_memory,
     is_out_of_memory,
     load_pipeline_on_cpu,
     load_weights,
+    one_of,
     read_options,
     run_note,
-    switched,
+    whole_number,
 )
 from physgen.problems import InputError, Problem
 from physgen.refine.denoiser import Grid, PromptSettings
@@ -250,10 +250,10 @@ def euler(scheduler: Any, steps: int, count: int) -> Schedule:
 
 U8 = NDArray[np.uint8]
 OPTIONS: dict[str, Option] = {
-    "resolution": WholeNumber(None, 16),
-    "window": WholeNumber(None, 1),
-    "tiling": OneOf("auto", ("on", "off")),
-    "offload": OneOf("auto", ("none", "model", "sequential")),
+    "resolution": whole_number(None, 16),
+    "window": whole_number(None, 1),
+    "tiling": one_of("auto", "on", "off"),
+    "offload": one_of("auto", "none", "model", "sequential"),
 }
 """Each backend's table of physgen.toml.
 
@@ -339,7 +339,7 @@ class Sampler:
         """Raises InputError for a device, a type, options or weights that cannot be; no weights are loaded yet."""
         self._kind = kind
         self._options = read_options(setup, kind.name, OPTIONS)
-        self._options["tiling"] = switched(self._options["tiling"])
+        self._options["tiling"] = as_word(self._options["tiling"])
         self._weights = weight_names(kind.name, setup.weights)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
