@@ -26,16 +26,16 @@ class CocoImage:
     """One photo of a COCO file."""
 
     file: Path
-    """As the file names it, beside the file."""
+    """Its name in the file, resolved beside the file."""
     annotations: tuple[Mapping[str, Any], ...]
     categories: Mapping[Any, str]
     crowds: tuple[Mapping[str, Any], ...] = ()
-    """Annotations of regions in which nobody told one object from another."""
+    """Annotations of crowds: regions in which objects are not separated."""
     size: tuple[int, int] | None = None
-    """W, H px, as the file says; None where it does not."""
+    """W, H px, None where the file gives none."""
 
     def label(self, annotation: Mapping[str, Any]) -> str:
-        """Its category's name; empty where it has none."""
+        """The name of its category; empty where it has none."""
         return self.categories.get(_key(annotation.get("category_id")), "")
 
 

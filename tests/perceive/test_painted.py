@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.inpaint.painting import frame, inpaint_windows, shown, widened, windows
+from physgen.perceive.inpaint.painting import inpaint_windows, model_size, resize_window, widened, windows
 
 H, W = 256, 512
 Y, X = np.mgrid[:H, :W]
@@ -101,13 +101,13 @@ def test_a_window_of_more_than_the_photo_is_the_photo():
 
 @pytest.mark.parametrize("shape", [(512, 512), (100, 100), (3000, 2000), (20, 4000), (1, 1)])
 def test_frames_are_of_the_models_size(shape):
-    tall, wide = frame(shape, 512, 16)
+    tall, wide = model_size(shape, 512, 16)
     assert tall % 16 == wide % 16 == 0
     assert tall * wide <= 1.1 * 512**2
     assert max(tall, wide) <= 1024
 
 
 def test_what_is_shown_small_is_masked_whole():
-    small, mask = shown(ramp(), disc(250, 120, 1), (32, 64))
+    small, mask = resize_window(ramp(), disc(250, 120, 1), (32, 64))
     assert small.shape == (32, 64, 3)
     assert mask.any()

@@ -1,4 +1,4 @@
-"""A photo -> the same everyday nouns every time, for segmenters that find what they are told to and nobody asked."""
+"""Backend categories=everyday: the same nouns for every photo, for segmenters that need nouns."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 from physgen.perceive.roles import Categories, Category, Rgb
 
-THINGS = (
+MOVABLE = (
     "ball", "block", "box", "book", "bottle", "cup", "mug", "bowl", "plate", "can", "jar", "vase", "glass", "toy",
     "car", "doll", "domino", "coin", "pen", "pencil", "phone", "fork", "spoon", "knife", "apple", "orange", "banana",
     "lemon",
     "egg", "pot", "pan", "basket", "candle", "clock", "lamp", "shoe", "bag", "tin", "tube", "wheel", "ring", "stone",
 )  # fmt: skip
-"""What people photograph to see it move; as many as a text of Grounding DINO holds (256 tokens) with room to spare."""
-STUFF = ("table", "shelf", "floor", "wall", "ramp", "desk")
-"""What holds them."""
+"""Common movable objects; they fit into one text of Grounding DINO (256 tokens)."""
+STATIC = ("table", "shelf", "floor", "wall", "ramp", "desk")
+"""Common surfaces."""
 
 
 def everyday() -> Categories:
@@ -23,4 +23,4 @@ def everyday() -> Categories:
 
 
 def _everyday(rgb: Rgb) -> Sequence[Category]:
-    return [Category(noun, True) for noun in THINGS] + [Category(noun, False) for noun in STUFF]
+    return [Category(noun, True) for noun in MOVABLE] + [Category(noun, False) for noun in STATIC]

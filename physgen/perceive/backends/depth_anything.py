@@ -26,15 +26,15 @@ from physgen.problems import InputError
 from physgen.registry import Setup, find
 
 FARTHEST = 50.0
-"""How many times as far as the nearest thing those are that have no parallax at all: the sky."""
+"""Distance of points without parallax (the sky), relative to the nearest point."""
 PATCH = 14
-"""px: the sides that the network sees are multiples of it."""
+"""px: the sides of the network's input are multiples of it."""
 LONGEST = 3.0
-"""The longer side that the network sees, at most, as a multiple of `resolution`: attention takes its square."""
+"""The longer side of the input at most, as a multiple of `resolution`: the cost of attention is quadratic."""
 
 
 class Depth:
-    """The backend `depth-anything`; `resolution` is the shorter side that the network sees, px.
+    """The backend `depth-anything`; `resolution` is the shorter side of the network's input, px.
 
     The model is loaded when first needed.
     """
@@ -43,10 +43,10 @@ class Depth:
         options = read_options(setup, "depth-anything", {"resolution": whole_number(518, PATCH)})
         self._weights = setup.weights or find("depth", "depth-anything").weights[0].id
         self._device = device_of(setup)
-        # a small model: nothing is won by half the digits, and depth would have steps
+        # the model is small, and 16 bits would give depth in steps
         self._dtype = torch.float32 if setup.dtype == "auto" else dtype_of(setup, self._device)
         self._resolution = options["resolution"]
-        load_weights(lambda _: None, self._weights, "Depth Anything")  # is it here, or to be had
+        load_weights(lambda _: None, self._weights, "Depth Anything")  # present, or available
         self._unit = ""
 
     @cached_property
@@ -68,7 +68,7 @@ class Depth:
     def __call__(self, rgb: Rgb) -> NDArray[np.float32]:
         """(H, W) float32, larger = farther: m if the weights are metric, else 1 = nearest, as `receding` says."""
         model = self._model
-        height, width = seen(rgb.shape[:2], self._resolution)
+        height, width = input_size(rgb.shape[:2], self._resolution)
         how = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC
         small = cv2.resize(rgb, (width, height), interpolation=how)
         inputs = self._processor(images=small, do_resize=False, return_tensors="pt")
@@ -81,27 +81,26 @@ class Depth:
         return np.asarray(cv2.resize(depth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
     def close(self) -> None:
-        """The model goes."""
+        """Free the model."""
         for part in ("_model", "_processor"):
             self.__dict__.pop(part, None)
         free_memory()
 
     def note(self) -> Mapping[str, Any]:
         """For the record."""
-        told = {"resolution": self._resolution, "unit": self._unit}
-        return run_note(self._device, self._dtype, self._weights, told)
+        options = {"resolution": self._resolution, "unit": self._unit}
+        return run_note(self._device, self._dtype, self._weights, options)
 
 
-def depth(setup: Setup) -> Depth:
-    """The backend `depth-anything`."""
-    return Depth(setup)
+depth = Depth
+"""The factory named in the registry."""
 
 
 def receding(nearness: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Inverse depth, >= 0 and larger = nearer, up to scale and a shift that nobody knows -> depth.
+    """Depth from inverse depth >= 0, larger = nearer, with unknown scale and shift.
 
-    The nearest gets 1 and what has no parallax `FARTHEST`; between them depth is the inverse, so that ratios of near
-    things hold as far as the shift is small. The order is kept, strictly. A map without any parallax is all 1.
+    The nearest point gets 1, points without parallax `FARTHEST`; between them depth is the inverse, so that ratios of
+    near depths are right if the shift is small. The order is kept strictly. A map without any parallax is all 1.
     """
     most = float(nearness.max())
     if most <= 0:
@@ -110,10 +109,10 @@ def receding(nearness: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(1 / (share * (1 - 1 / FARTHEST) + 1 / FARTHEST), np.float32)
 
 
-def seen(shape: tuple[int, ...], resolution: int) -> tuple[int, int]:
-    """The size in which the network sees a photo of `shape` (H, W): its shorter side about `resolution`.
+def input_size(shape: tuple[int, ...], resolution: int) -> tuple[int, int]:
+    """The size of the network's input for a photo of `shape` (H, W): its shorter side is about `resolution`.
 
-    >>> seen((1080, 1920), 518)
+    >>> input_size((1080, 1920), 518)
     (518, 924)
     """
     scale = min(resolution / min(shape), LONGEST * resolution / max(shape))

@@ -1,4 +1,4 @@
-"""A photo -> no depth: everything equally far, for a line that does not ask."""
+"""Backend depth=none: the same depth everywhere, for backends that need none."""
 
 from __future__ import annotations
 

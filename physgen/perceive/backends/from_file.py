@@ -1,6 +1,6 @@
-"""Another program's maps -> the roles that they fill: `normals=file:normals.npy` and so on.
+"""Backends ROLE=file: maps of another program, e.g. `normals=file:normals.npy`.
 
-A map may be larger or smaller than the photo, of the same proportions: it is made to fit.
+A map may be larger or smaller than the photo, with the same proportions: it is resized.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from physgen.problems import InputError
 from physgen.registry import Setup
 
 Map = NDArray[Any]
-ASKEW = 0.02
+ASPECT_TOLERANCE = 0.02
 """Share by which a map's proportions may differ from the photo's."""
 
 
 def segment(setup: Setup) -> roles.Segment:
-    """The backend `segment=file`: a label map, sure of all that it shows."""
+    """The backend `segment=file`: a label map, with confidence 1."""
     labels = _labels(path := _path(setup, "segment"))
 
     def run(rgb: Rgb) -> Segments:
@@ -64,8 +64,8 @@ def normals(setup: Setup) -> roles.Normals:
 
 
 def facing(vectors: Map) -> NDArray[np.float32]:
-    """(H, W, 3), +x right, +y down, +z to the viewer, of any length -> unit normals of what is seen: none turn away."""
-    vectors = vectors.astype(np.float64)  # the square of a long one is beyond float32
+    """Unit normals from vectors (H, W, 3) of any length, +x right, +y down, +z to the viewer; none faces away."""
+    vectors = vectors.astype(np.float64)  # squares of long vectors exceed float32
     vectors[..., 2] = np.maximum(vectors[..., 2], 0)
     vectors[(np.abs(vectors) < 1e-6).all(axis=2)] = (0, 0, 1)
     return np.asarray(vectors / np.linalg.norm(vectors, axis=2, keepdims=True), np.float32)
@@ -74,7 +74,7 @@ def facing(vectors: Map) -> NDArray[np.float32]:
 def intrinsic(setup: Setup) -> roles.Intrinsic:
     """The backend `intrinsic=file`: linear shading of any scale; albedo is the photo divided by it.
 
-    It is scaled so that hardly any albedo would be over 1.
+    It is scaled so that hardly any albedo exceeds 1.
     """
     path = _path(setup, "intrinsic")
     values = _grey(path, "shading")
@@ -88,20 +88,20 @@ def intrinsic(setup: Setup) -> roles.Intrinsic:
 
 
 def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
-    """Albedo in 0..1 from a photo and its shading (H, W) in the albedo's own scale; what would be over 1 is light."""
+    """Albedo in 0..1 and shading from a photo and its shading (H, W); albedo above 1 is moved to the shading."""
     light = decode(rgb)
     final = np.maximum(_raised(shading), light.max(axis=2))
     return Intrinsics(np.asarray(light / final[..., None], np.float32), np.asarray(final, np.float32))
 
 
 def _raised(shading: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Shading that can be divided by: nowhere less than a hundredth of its median."""
+    """The shading, raised to at least a hundredth of its median, so that it can be divided by."""
     floor = max(float(np.percentile(shading, 50)) * 1e-2, 1e-6)
     return np.maximum(shading, np.float32(floor))
 
 
 def matte(setup: Setup) -> roles.Matte:
-    """The backend `matte=file`: how much of each pixel objects cover; 8 bits of it."""
+    """The backend `matte=file`: the covered share of each pixel, rounded to 8 bits."""
     path = _path(setup, "matte")
     values = _grey(path, "coverage")
 
@@ -116,7 +116,7 @@ def matte(setup: Setup) -> roles.Matte:
 
 
 def inpaint(setup: Setup) -> roles.Inpaint:
-    """The backend `inpaint=file`: what is behind, as a picture; only the hole is taken from it."""
+    """The backend `inpaint=file`: a background picture, used inside the hole."""
     path = _path(setup, "inpaint")
     picture = read_photo(path).rgb
 
@@ -151,8 +151,8 @@ def _raw(path: Path, what: str) -> Map:
         read = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED) if stored.size else None
     except (OSError, ValueError, EOFError, cv2.error) as error:
         kind, how = ("array of numbers", "with numpy.save") if _array(path) else ("picture", "as PNG or .npy")
-        said = str(error).strip().partition("\n")[0]
-        raise InputError.of(str(path), "", f"is no {kind} ({said})", f"save {what} {how}") from None
+        reason = str(error).strip().partition("\n")[0]
+        raise InputError.of(str(path), "", f"is no {kind} ({reason})", f"save {what} {how}") from None
     if read is None:
         raise InputError.of(str(path), "", "is no picture", f"save {what} as PNG or .npy")
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
@@ -222,7 +222,7 @@ def _fit(values: Map, rgb: Rgb, path: Path, how: int | None = None) -> Map:
     tall, wide = values.shape[:2]
     if (tall, wide) == (height, width):
         return values
-    if abs(wide * height / (tall * width) - 1) > ASKEW:
+    if abs(wide * height / (tall * width) - 1) > ASPECT_TOLERANCE:
         found = f"{wide} x {tall} px"
         raise InputError.of(
             str(path),

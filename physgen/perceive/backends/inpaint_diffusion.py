@@ -29,8 +29,8 @@ from physgen.perceive.backends.models import (
     text_option,
     whole_number,
 )
-from physgen.perceive.inpaint.painting import back, frame, inpaint_windows, shown
-from physgen.perceive.roles import Inpaint, Rgb
+from physgen.perceive.inpaint.painting import inpaint_windows, model_size, resize_picture, resize_window
+from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
 from physgen.registry import Setup, find
 
@@ -43,7 +43,7 @@ OPTIONS: dict[str, Option] = {
     "guidance": real_number(None),
     "resolution": whole_number(None, 64),
 }
-"""`[diffusion]` of physgen.toml; `resolution`: px squared that the model paints best, the weights' own if left out."""
+"""`[diffusion]` of physgen.toml; `resolution`: side in px of the model's pictures, by default that of the weights."""
 TRIES = 3
 """Seeds to try where the weights' safety checker withholds a picture."""
 
@@ -58,22 +58,22 @@ class Diffusion:
         self._dtype = dtype_of(setup, self._device)
         load_weights(
             lambda _: None, self._weights, "a diffusion model that inpaints"
-        )  # is it here, or to be had
+        )  # present, or available
         self._withheld = 0
 
     @cached_property
     def _pipe(self) -> Any:
         pipe = load_weights(self._load, self._weights, "a diffusion model that inpaints")
         self._options["resolution"] = self._options["resolution"] or _native(pipe)
-        if self._options["guidance"] is None and _says_nothing(pipe, self._options):
-            self._options["guidance"] = 1.0  # guided by nothing: the same picture for half the work
+        if self._options["guidance"] is None and _guidance_is_void(pipe, self._options):
+            self._options["guidance"] = 1.0  # without guidance the picture is the same and costs half
         return pipe
 
     def _load(self, weights: str) -> Any:
         return load_pipeline(AutoPipelineForInpainting, weights, self._device, self._dtype)
 
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
-        """(H, W, 3) uint8; `rgb` outside the hole."""
+        """(H, W, 3) uint8; equals `rgb` outside the hole."""
         if not hole.any():
             return rgb.copy()
         pipe, self._withheld = self._pipe, 0
@@ -81,23 +81,23 @@ class Diffusion:
             rgb, hole, lambda part, wanted: self._paint(pipe, part, wanted), self._options["resolution"]
         )
 
-    def _said(self, pipe: Any) -> dict[str, Any]:
-        """What there is to say of the picture, as far as this pipeline listens."""
+    def _arguments(self, pipe: Any) -> dict[str, Any]:
+        """The options that this pipeline takes."""
         takes = inspect.signature(type(pipe).__call__).parameters
-        said = {
+        known = {
             "prompt": self._options["prompt"],
             "negative_prompt": self._options["negative"] or None,
             "num_inference_steps": self._options["steps"],
             "guidance_scale": self._options["guidance"],
-            "strength": 1.0,  # nothing of the objects is to be kept
+            "strength": 1.0,  # nothing of the objects is kept
         }
-        return {key: value for key, value in said.items() if value is not None and key in takes}
+        return {key: value for key, value in known.items() if value is not None and key in takes}
 
     def _paint(self, pipe: Any, rgb: Rgb, wanted: Mask) -> Rgb:
         step = 2 * int(getattr(pipe, "vae_scale_factor", 8))
-        height, width = frame(rgb.shape, self._options["resolution"], step)
-        small, mask = shown(rgb, wanted, (height, width))
-        said = self._said(pipe)
+        height, width = model_size(rgb.shape, self._options["resolution"], step)
+        small, mask = resize_window(rgb, wanted, (height, width))
+        arguments = self._arguments(pipe)
         where = Image.fromarray(mask.astype(np.uint8) * 255)
         for k in range(TRIES):
             generator = torch.Generator("cpu").manual_seed(self._options["seed"] + k)
@@ -109,7 +109,7 @@ class Diffusion:
                     width=width,
                     generator=generator,
                     output_type="np",
-                    **said,
+                    **arguments,
                 )
             if not any(getattr(found, "nsfw_content_detected", None) or ()):
                 picture = np.asarray(found.images[0], np.float32)
@@ -117,7 +117,7 @@ class Diffusion:
                     dtype = str(self._dtype).removeprefix("torch.")
                     raise InputError.of("--dtype", dtype, "paints no finite colours", "write --dtype float32")
                 small = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
-                return back(small, (rgb.shape[0], rgb.shape[1]))
+                return resize_picture(small, (rgb.shape[0], rgb.shape[1]))
             self._withheld += 1
         raise InputError.of(
             "physgen.toml",
@@ -127,7 +127,7 @@ class Diffusion:
         )
 
     def close(self) -> None:
-        """The model goes."""
+        """Free the model."""
         self.__dict__.pop("_pipe", None)
         free_memory()
 
@@ -137,20 +137,19 @@ class Diffusion:
         return run_note(self._device, self._dtype, self._weights, self._options | withheld)
 
 
-def diffusion(setup: Setup) -> Inpaint:
-    """The backend `diffusion`."""
-    return Diffusion(setup)
+diffusion = Diffusion
+"""The factory named in the registry."""
 
 
 def _native(pipe: Any) -> int:
-    """px: the side of the squares that a pipeline was trained on."""
+    """px: the side of a pipeline's training pictures."""
     network = getattr(pipe, "unet", None)
     side = network.config.sample_size if network is not None else getattr(pipe, "default_sample_size", 128)
     side = side if isinstance(side, int) else max(side)
     return side * int(getattr(pipe, "vae_scale_factor", 8))
 
 
-def _says_nothing(pipe: Any, options: Mapping[str, Any]) -> bool:
-    """Whether the model would be guided from one empty prompt to another that it reads alike."""
+def _guidance_is_void(pipe: Any, options: Mapping[str, Any]) -> bool:
+    """Whether guidance would compare two empty prompts that the model encodes alike."""
     alike = getattr(pipe, "unet", None) is not None and not pipe.config.get("force_zeros_for_empty_prompt")
     return alike and not options["prompt"] and not options["negative"]

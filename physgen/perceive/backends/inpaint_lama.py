@@ -23,23 +23,23 @@ from physgen.perceive.backends.models import (
     run_note,
     whole_number,
 )
-from physgen.perceive.inpaint.painting import back, frame, inpaint_windows, shown
-from physgen.perceive.roles import Inpaint, Rgb
+from physgen.perceive.inpaint.painting import inpaint_windows, model_size, resize_picture, resize_window
+from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
 from physgen.registry import Setup
 
 Mask = NDArray[np.bool_]
 MULTIPLE = 8
-"""px: the sides of what the network sees are multiples of it."""
+"""px: the sides of the network's input are multiples of it."""
 SMALLEST = 64
-"""px: its coarsest level mirrors its borders and needs this much."""
+"""px: least side, since its coarsest level mirrors the borders."""
 GET = "write inpaint=lama:PATH, the path of big-lama.pt"
 
 
 class Lama:
-    """The backend `lama`; windows of more than `resolution` px squared are shrunk for it.
+    """The backend `lama`; windows of more than `resolution` px squared are reduced to it.
 
-    The file is looked at when it is named, and loaded when first needed.
+    The file is checked at once, and loaded when first needed.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -57,17 +57,19 @@ class Lama:
         return load_weights(self._load, self._weights, "LaMa")
 
     def _load(self, weights: str) -> Any:
-        # always float32: Fourier transforms in half precision know powers of two only
+        # always float32: Fourier transforms in half precision are limited to powers of two
         return torch.jit.load(weights, map_location=self._device).eval()
 
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
-        """(H, W, 3) uint8; `rgb` outside the hole."""
+        """(H, W, 3) uint8; equals `rgb` outside the hole."""
         return inpaint_windows(rgb, hole, self._paint, self._resolution)
 
     def _paint(self, rgb: Rgb, wanted: Mask) -> Rgb:
         size = rgb.shape[:2]
         large = size[0] * size[1] > self._resolution**2
-        small, mask = shown(rgb, wanted, frame(size, self._resolution, MULTIPLE) if large else size)
+        small, mask = resize_window(
+            rgb, wanted, model_size(size, self._resolution, MULTIPLE) if large else size
+        )
         height, width = mask.shape
         edge = [(0, max(SMALLEST, -side % MULTIPLE + side) - side) for side in (height, width)]
         image = np.pad(small, [*edge, (0, 0)], mode="symmetric").transpose(2, 0, 1).astype(np.float32) / 255
@@ -82,10 +84,10 @@ class Lama:
         picture = found[0].float().cpu().numpy().transpose(1, 2, 0)[:height, :width]
         if not np.isfinite(picture).all():
             raise InputError.of("--backend", f'"{self._weights}"', "paints no finite colours", GET)
-        return back(np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8), (size[0], size[1]))
+        return resize_picture(np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8), (size[0], size[1]))
 
     def close(self) -> None:
-        """The model goes."""
+        """Free the model."""
         self.__dict__.pop("_model", None)
         free_memory()
 
@@ -94,6 +96,5 @@ class Lama:
         return run_note(self._device, torch.float32, self._weights, {"resolution": self._resolution})
 
 
-def lama(setup: Setup) -> Inpaint:
-    """The backend `lama`."""
-    return Lama(setup)
+lama = Lama
+"""The factory named in the registry."""

@@ -1,7 +1,7 @@
-"""Outlines -> names for things that nobody named, by their shape alone and so with little confidence.
+"""Backend label=shape: names from outlines alone, with little confidence.
 
-`ball`, `block` and `object` are what an outline can be trusted with. A bottle's neck, a cup's handle and a stick's
-length are told where they are plain; anything finer would be invented.
+An outline supports `ball`, `block` and `object`; a bottle's neck, a cup's handle and a stick's length are recognised
+where they are clear.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from physgen.perceive.roles import Label, Labels, Name, PhotoObject, Rgb
 from physgen.perceive.scale import box_sides
 
 BOXY = 0.88
-"""Share of its smallest box that a block covers."""
+"""Least share of its smallest bounding box that a block covers."""
 LONG = 8.0
 """Length over width from which a block is a stick."""
 ALIKE = 0.9
-"""Share of an outline and its mirror image that is common to both, of a bottle."""
+"""Least common share of a bottle's outline and its mirror image."""
 
 
 def shape() -> Label:
@@ -46,7 +46,7 @@ def _name(outline: Outline, cut: bool) -> Name:
 
 
 def _necked(outline: Region) -> bool:
-    """Whether it stands upright, alike left and right, on a wide body that draws in to a neck above."""
+    """Whether the outline is upright and symmetric, with a wide body that narrows to a neck."""
     left, right = _profile(outline)
     widths = right - left
     height = float(np.ptp(outline.rings[0].outer[:, 1]))
@@ -60,7 +60,7 @@ def _necked(outline: Region) -> bool:
 
 
 def _handled(outline: Region) -> bool:
-    """Whether one hole lies to the left or right of a body that is wider than it: a handle's."""
+    """Whether a narrow hole, as of a handle, lies left or right of the body."""
     (ring,) = outline.rings
     if len(ring.holes) != 1:
         return False
@@ -73,7 +73,7 @@ def _handled(outline: Region) -> bool:
 
 
 def _profile(outline: Region) -> tuple[np.ndarray, np.ndarray]:
-    """(60,) px: leftmost and rightmost of the outline in 60 slices from top to bottom."""
+    """(60,) px: left and right end of the outline in 60 slices from top to bottom."""
     border = outline.rings[0].outer
     low, high = border[:, 1].min(), border[:, 1].max()
     ends = np.roll(border, -1, axis=0)

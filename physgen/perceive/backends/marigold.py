@@ -42,9 +42,9 @@ OPTIONS = {
 }
 """`[marigold]` of physgen.toml, for all three roles; `resolution`: the longer side, px, 0 = the photo's own."""
 SLIMMEST = 8
-"""px: the shorter side of what the pipeline sees, at least."""
+"""px: the shorter side of the pipeline's input, at least."""
 DARKEST = 0.02
-"""Albedo below which nothing is divided by it: few things are blacker than soot."""
+"""Least albedo to divide by, that of soot."""
 PIPELINES = {
     "depth": "MarigoldDepthPipeline",
     "normals": "MarigoldNormalsPipeline",
@@ -53,7 +53,7 @@ PIPELINES = {
 
 
 class _Marigold:
-    """One of the pipelines, and what it was told; the model is loaded when first needed."""
+    """One of the pipelines with its options; the model is loaded when first needed."""
 
     def __init__(self, setup: Setup, role: str) -> None:
         self._role = role
@@ -63,7 +63,7 @@ class _Marigold:
         half = setup.dtype == "auto" and self._device.startswith("cuda")
         # bfloat16 has 8 bits of mantissa: maps of it would have steps
         self._dtype = torch.float16 if half else dtype_of(setup, self._device)
-        load_weights(lambda _: None, self._weights, f"Marigold's {role}")  # is it here, or to be had
+        load_weights(lambda _: None, self._weights, f"Marigold's {role}")  # present, or available
         if role == "depth" and self._options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
             found = str(self._options["ensemble"])
             raise InputError.of(
@@ -90,7 +90,7 @@ class _Marigold:
         return pipe
 
     def predicted(self, rgb: Rgb) -> tuple[F32, Rgb]:
-        """What the pipeline says, (N, h, w, C) in its own conventions, and the photo as it saw it, (h, w, 3)."""
+        """The output, (N, h, w, C) in the pipeline's own conventions, and the resized photo, (h, w, 3)."""
         pipe = self._pipe
         small = shrunk(rgb, self._options["resolution"])
         generator = torch.Generator("cpu").manual_seed(self._options["seed"])
@@ -111,7 +111,7 @@ class _Marigold:
         return np.asarray(found, np.float32), small
 
     def close(self) -> None:
-        """The model goes."""
+        """Free the model."""
         self.__dict__.pop("_pipe", None)
         free_memory()
 
@@ -145,12 +145,12 @@ class Intrinsic(_Marigold):
     def __call__(self, rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
         """Albedo times shading is the photo.
 
-        The shading is the pipeline's, in its resolution; the albedo is what it leaves of the photo, details and all.
+        The shading is the pipeline's, at its resolution; the albedo is the photo divided by it, with all details.
         """
         found, small = self.predicted(rgb)
-        told = self._pipe.target_properties or {}
-        names = told.get("target_names") or []
-        maps = {name: linear(one, told.get(name, {})) for name, one in zip(names, found, strict=False)}
+        properties = self._pipe.target_properties or {}
+        names = properties.get("target_names") or []
+        maps = {name: linear(one, properties.get(name, {})) for name, one in zip(names, found, strict=False)}
         if "albedo" not in maps:
             raise InputError.of(
                 "--backend",
@@ -181,16 +181,16 @@ def intrinsic(setup: Setup) -> Intrinsic:
     return Intrinsic(setup, "intrinsic")
 
 
-def linear(values: F32, told: Mapping[str, Any]) -> F32:
-    """A target in 0..1 as the pipeline gives it, and its `target_properties` -> linear light, up to scale if told."""
-    return values if told.get("prediction_space", "srgb") == "linear" else decode(np.clip(values, 0, 1))
+def linear(values: F32, properties: Mapping[str, Any]) -> F32:
+    """A target in 0..1 of the pipeline in linear light, by its entry in `target_properties`."""
+    return values if properties.get("prediction_space", "srgb") == "linear" else decode(np.clip(values, 0, 1))
 
 
 def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
     """The shading (h, w) by which `albedo` becomes the photo's `light`, both (h, w, 3) linear.
 
     Shading and residual come up to scale: photo = a albedo shading + b residual, with the a and b that fit best.
-    What is reflected as by a mirror is light, not paint, so the residual counts as shading.
+    Mirror reflections are light, not paint, so the residual counts as shading.
     """
     paint, fall = luminance(albedo), luminance(shading)
     matt = paint * fall
@@ -203,7 +203,7 @@ def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
 
 
 def shrunk(rgb: Rgb, resolution: int) -> Rgb:
-    """The photo, its longer side `resolution` px (0: as it is), its shorter one no less than the pipeline can see."""
+    """The photo with its longer side `resolution` px (0: unchanged), its shorter one at least `SLIMMEST`."""
     height, width = rgb.shape[:2]
     scale = resolution / max(height, width) if resolution else 1.0
     tall, wide = (max(SLIMMEST, round(side * scale)) for side in (height, width))

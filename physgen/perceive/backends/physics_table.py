@@ -1,8 +1,8 @@
-"""Labels and outlines -> mass, friction, elasticity and rolling from the material table.
+"""Backend physics=table: mass, friction, elasticity and rolling from the material table.
 
-A thing of a standard weight (a billiard ball) gets it. Anything else is weighed: its outline's area, the depth that its
-form implies, its material's density, at the photo's scale; where there is an ordinary thing of its kind and about its
-size, the two are averaged. Where nobody knows the scale, the photo is taken to show half a metre.
+An object of a standard mass (a billiard ball) gets that mass. Other masses follow from the outline's area, the depth
+that the form implies, the material's density and the photo's scale; they are averaged with the typical mass of the kind
+where the size is about typical. A photo of unknown scale is assumed to show half a metre.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from physgen.perceive.scale import Extent, object_extent
 from physgen.scene.scene import Solid
 
 ASSUMED_WIDTH = 0.5
-"""m that a photo shows along its longer side when nothing in it tells."""
+"""m along the longer side of a photo of unknown scale."""
 UNSCALED = 0.3
-"""Confidence of a mass at most, where the scale is assumed."""
+"""Confidence of a mass, at most, where the scale is assumed."""
 STANDARD = 0.05
-"""Spread of sizes up to which there is one weight for all."""
+"""Spread of sizes up to which the kind has one standard mass."""
 LIKE = 0.4
-"""|log| of size up to which a thing may be the ordinary one."""
+"""|log| of the size ratio up to which an object may be the typical one."""
 LIGHTEST = 1e-3
 """g."""
 
@@ -59,25 +59,25 @@ def _matter(thing: PhotoObject, what: Kind, pixels_per_meter: float, why: str, m
 
 
 def _mass(found: Extent, what: Kind, pixels_per_meter: float, why: str) -> tuple[float, float, str]:
-    """g, how sure, and a sentence."""
+    """Mass in g, confidence and a sentence."""
     volume = found.volume / pixels_per_meter**3 * 1e6
     what = what.hollowed(10 * (6 * volume / pi) ** (1 / 3))
     weighed = volume * what.density
-    told = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}, {why}"
+    estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}, {why}"
     if what.mass is None:
-        return weighed, 0.4 if what.noun else 0.35 if what.material.name != "unknown" else 0.15, told
+        return weighed, 0.4 if what.noun else 0.35 if what.material.name != "unknown" else 0.15, estimate
     source = what.source.replace("EST: ", "").replace("EST", "estimated")
     ordinary = f"an ordinary {what.noun} ({source})"
     off = 0.0 if found.per_mm is None else log(found.per_mm * 1000 / pixels_per_meter)
     if abs(off) < LIKE and what.spread <= STANDARD:
         return what.mass, 0.8, ordinary
     if abs(off) < LIKE:
-        return sqrt(weighed * what.mass), 0.6, f"between {told}, and the {what.mass:g} g of {ordinary}"
-    return weighed, 0.4, f"{told}; it is not as large as {ordinary}"
+        return sqrt(weighed * what.mass), 0.6, f"between {estimate}, and the {what.mass:g} g of {ordinary}"
+    return weighed, 0.4, f"{estimate}; it is not as large as {ordinary}"
 
 
 def _stuff(what: Kind) -> str:
-    """What a thing is made of, in words.
+    """The material, in words.
 
     >>> from physgen.materials import kind
     >>> _stuff(kind("steel ball")), _stuff(kind("beer bottle"))
@@ -94,7 +94,7 @@ def _stuff(what: Kind) -> str:
 
 
 def _surface(material: Material) -> str:
-    """Where friction, elasticity and rolling come from, in words.
+    """The sources of friction, elasticity and rolling, in words.
 
     >>> from physgen.materials import kind
     >>> _surface(kind("mug").material)

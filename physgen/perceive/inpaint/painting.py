@@ -15,21 +15,21 @@ from physgen.perceive.roles import Rgb
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Painter = Callable[[Rgb, Mask], Rgb]
-"""(h, w, 3) and what to paint (h, w) -> (h, w, 3) uint8; it need not keep the rest."""
+"""Picture (h, w, 3) and hole (h, w) to picture (h, w, 3) uint8; pixels outside the hole may change."""
 
 CONTACT = 20 / 512
-"""Of the photo's longer side: how far beyond an object its shadow is painted over, too. The paper dilates by a kernel
-of 40 px at 512 px (appendix, background inpainting)."""
+"""Of the photo's longer side: margin around an object that is painted over, for its contact shadow. The paper dilates
+by a kernel of 40 px at 512 px (appendix, background inpainting)."""
 EVEN = 4.0
-"""px: standard deviation of the blur that tells a painter's shift of colour from its strokes."""
+"""px: standard deviation of the blur that separates a painter's shift of colour from its detail."""
 
 
 def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:
-    """`rgb` with `hole` (H, W) painted; outside the hole it is `rgb`, bit by bit.
+    """`rgb` with `hole` (H, W) painted; outside the hole it equals `rgb`.
 
-    The painter paints over the contact shadows around the hole as well, so that it does not continue them; what it
-    sees is at least `least` px wide and high where the photo is. A shift of colour between its painting and the photo
-    is taken away. Without a hole, and without anything but a hole, the photo comes back.
+    Contact shadows around the hole are painted over, so that they are not continued; windows are at least `least` px
+    wide and high where the photo is. A shift of colour between painting and photo is removed. An empty hole, and one
+    that covers the photo, return the photo.
     """
     if not hole.any() or hole.all():
         return rgb.copy()
@@ -42,7 +42,7 @@ def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:
 
 
 def widened(hole: Mask) -> Mask:
-    """The hole and the contact shadows around it; less far where nothing would be left of the photo."""
+    """The hole and the contact shadows around it; with a smaller margin where that would cover the photo."""
     away = cv2.distanceTransform(1 - hole.astype(np.uint8), cv2.DIST_L2, 5)
     reach = CONTACT * max(hole.shape)
     while reach > 1:
@@ -54,14 +54,14 @@ def widened(hole: Mask) -> Mask:
 
 
 def windows(hole: Mask, least: int) -> list[tuple[slice, slice]]:
-    """Rows and columns that hold the pieces of `hole` (H, W) with as much again around them; no two overlap.
+    """Rows and columns of windows twice as large as the pieces of `hole` (H, W); no two overlap.
 
     Each is at least `least` px high and wide, where the photo is.
     """
     canvas = np.zeros_like(hole)
     for rows, columns in _rectangles(hole):
         canvas[_around(rows, hole.shape[0], least), _around(columns, hole.shape[1], least)] = True
-    while True:  # those that touch become one
+    while True:  # touching windows are merged
         found = _rectangles(canvas)
         before = np.count_nonzero(canvas)
         for part in found:
@@ -70,10 +70,10 @@ def windows(hole: Mask, least: int) -> list[tuple[slice, slice]]:
             return found
 
 
-def frame(shape: tuple[int, ...], native: int, step: int) -> tuple[int, int]:
-    """The size in which a model of `native` px squared is shown a window of `shape` (H, W): multiples of `step`.
+def model_size(shape: tuple[int, ...], native: int, step: int) -> tuple[int, int]:
+    """The size of a window of `shape` (H, W) for a model of `native` px squared: multiples of `step`.
 
-    >>> frame((300, 400), 512, 16)
+    >>> model_size((300, 400), 512, 16)
     (448, 592)
     """
     scale = min(native / math.sqrt(shape[0] * shape[1]), 2 * native / max(shape[:2]))
@@ -81,17 +81,17 @@ def frame(shape: tuple[int, ...], native: int, step: int) -> tuple[int, int]:
     return tall, wide
 
 
-def shown(rgb: Rgb, wanted: Mask, size: tuple[int, int]) -> tuple[Rgb, Mask]:
-    """A window and what is to be painted in it, both in `size` (h, w)."""
+def resize_window(rgb: Rgb, wanted: Mask, size: tuple[int, int]) -> tuple[Rgb, Mask]:
+    """A window and its hole, both resized to `size` (h, w)."""
     if rgb.shape[:2] == size:
         return rgb, wanted
     how = cv2.INTER_AREA if size[1] < rgb.shape[1] else cv2.INTER_LINEAR
     mask = cv2.resize(wanted.astype(np.float32), size[::-1], interpolation=how)
-    return back(rgb, size), np.asarray(mask > 0)
+    return resize_picture(rgb, size), np.asarray(mask > 0)
 
 
-def back(picture: Rgb, size: tuple[int, int]) -> Rgb:
-    """A picture in a window's own `size` (h, w)."""
+def resize_picture(picture: Rgb, size: tuple[int, int]) -> Rgb:
+    """A picture resized to `size` (h, w)."""
     if picture.shape[:2] == size:
         return picture
     how = cv2.INTER_AREA if size[1] < picture.shape[1] else cv2.INTER_CUBIC
@@ -105,14 +105,14 @@ def _rectangles(mask: Mask) -> list[tuple[slice, slice]]:
 
 
 def _around(span: slice, side: int, least: int) -> slice:
-    """A span with half its length on both sides, `least` in all, kept on the photo's `side`."""
+    """A span with half its length added on both sides, at least `least` long, within the photo's `side`."""
     wanted = min(side, max(least, 2 * (span.stop - span.start)))
     start = min(max(0, (span.start + span.stop - wanted) // 2), side - wanted)
     return slice(start, start + wanted)
 
 
 def _shift(photo: Rgb, picture: Rgb, wide: Mask) -> F32:
-    """What the painting is off the photo around the hole, (h, w, 3), without its strokes, spread over the hole."""
+    """(h, w, 3): the smoothed difference of photo and painting around the hole, extended over the hole."""
     off = np.where(wide[:, :, None], np.float32(0), photo.astype(np.float32) - picture)
     seen = cv2.GaussianBlur((~wide).astype(np.float32), (0, 0), EVEN)
     even = cv2.GaussianBlur(off, (0, 0), EVEN) / np.maximum(seen, 1e-3)[:, :, None]
