@@ -158,7 +158,7 @@ def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Detectio
 
 
 def decode_segmentation(segmentation: Any, size: tuple[int, int]) -> Mask:
-    """Polygons, plain or compressed run lengths -> `(H, W)`; ValueError says what is wrong with them."""
+    """The mask (H, W) of polygons, plain or compressed run lengths. Raises ValueError with the fault."""
     width, height = size
     if isinstance(segmentation, list):
         mask = np.zeros((height, width), bool)
@@ -173,15 +173,15 @@ def decode_segmentation(segmentation: Any, size: tuple[int, int]) -> Mask:
         return mask
     if not isinstance(segmentation, dict) or "counts" not in segmentation:
         raise ValueError("is neither polygons nor run lengths")
-    said = segmentation.get("size")
-    if said != [height, width]:
-        raise ValueError(f"is of size {said}, the photo is [{height}, {width}]")
+    named = segmentation.get("size")
+    if named != [height, width]:
+        raise ValueError(f"is of size {named}, the photo is [{height}, {width}]")
     counts = segmentation["counts"]
     return run_lengths(uncompressed(counts) if isinstance(counts, str | bytes) else counts, size)
 
 
 def run_lengths(counts: Sequence[Any], size: tuple[int, int]) -> Mask:
-    """Run lengths down the columns, background first, -> `(H, W)`; ValueError unless they fill it."""
+    """The mask (H, W) of run lengths down the columns, background first. Raises ValueError unless they fill it."""
     width, height = size
     if not isinstance(counts, list) or not all(
         isinstance(n, int) and 0 <= n <= width * height for n in counts

@@ -66,7 +66,7 @@ class Depth:
         return model.to(self._device).eval()
 
     def __call__(self, rgb: Rgb) -> NDArray[np.float32]:
-        """(H, W) float32, larger = farther: m if the weights are metric, else 1 = nearest, as `receding` says."""
+        """(H, W) float32, larger = farther: m with metric weights, else 1 = nearest, see `receding`."""
         model = self._model
         height, width = input_size(rgb.shape[:2], self._resolution)
         how = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC

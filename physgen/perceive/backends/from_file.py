@@ -56,7 +56,7 @@ def normals(setup: Setup) -> roles.Normals:
         values = np.asarray((values - (half + 1)) / half, np.float32)
 
     def run(
-        rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], setting: BoundaryGuess
+        rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], setting: BoundaryGuess
     ) -> NDArray[np.float32]:
         return facing(_fit(values, rgb, path))
 
@@ -138,7 +138,7 @@ def _path(setup: Setup, role: str) -> Path:
 
 
 def _array(path: Path) -> bool:
-    """Whether a file's name says that it holds an array rather than a picture."""
+    """Whether a file is an array rather than a picture, by its name."""
     return path.suffix.lower() == ".npy"
 
 

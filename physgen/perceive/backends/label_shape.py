@@ -27,8 +27,8 @@ def shape() -> Label:
     return _shape
 
 
-def _shape(rgb: Rgb, labels: Labels, things: Sequence[PhotoObject]) -> Mapping[int, Name]:
-    return {thing.id: _name(thing.outline, thing.cut) for thing in things}
+def _shape(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
+    return {item.id: _name(item.outline, item.cut) for item in objects}
 
 
 def _name(outline: Outline, cut: bool) -> Name:

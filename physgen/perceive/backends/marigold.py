@@ -132,7 +132,7 @@ class Normals(_Marigold):
     """The backend `normals=marigold`."""
 
     def __call__(
-        self, rgb: Rgb, labels: Labels, things: Sequence[PhotoObject], setting: BoundaryGuess
+        self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], setting: BoundaryGuess
     ) -> F32:
         """(H, W, 3) float32 unit. The pipeline's are +x right, +y UP, +z to the viewer."""
         theirs = self.predicted(rgb)[0][0]

@@ -33,19 +33,19 @@ def table() -> Physics:
     return _table
 
 
-def _table(rgb: Rgb, things: Sequence[PhotoObject], pixels_per_meter: float | None) -> Mapping[int, Matter]:
-    kinds = {thing.id: kind(thing.label) for thing in things}
+def _table(rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None) -> Mapping[int, Matter]:
+    kinds = {item.id: kind(item.label) for item in objects}
     if pixels_per_meter is not None:
         value, why, most = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
     else:
         value, why = max(rgb.shape[:2]) / ASSUMED_WIDTH, f"taking the photo to show {ASSUMED_WIDTH:g} m"
         most = UNSCALED
-    return {thing.id: _matter(thing, kinds[thing.id], value, why, most) for thing in things}
+    return {item.id: _matter(item, kinds[item.id], value, why, most) for item in objects}
 
 
-def _matter(thing: PhotoObject, what: Kind, pixels_per_meter: float, why: str, most: float) -> Matter:
-    solid, material = _solid(thing.outline, what), what.material
-    mass, confidence, reason = _mass(object_extent(thing.outline, what), what, pixels_per_meter, why)
+def _matter(item: PhotoObject, what: Kind, pixels_per_meter: float, why: str, most: float) -> Matter:
+    solid, material = _solid(item.outline, what), what.material
+    mass, confidence, reason = _mass(object_extent(item.outline, what), what, pixels_per_meter, why)
     return Matter(
         mass=float(f"{max(mass, LIGHTEST):.3g}"),
         friction=material.friction,

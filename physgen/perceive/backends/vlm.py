@@ -93,18 +93,18 @@ class Label(_Role):
 
     role = "label"
 
-    def __call__(self, rgb: Rgb, labels: Labels, things: Sequence[PhotoObject]) -> Mapping[int, Name]:
+    def __call__(self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
         """A name for every object, by id; the most frequent of several samples. Raises InputError."""
         size = OBJECTS_PER_QUESTION
-        groups = [list(things[k : k + size]) for k in range(0, len(things), size)]
+        groups = [list(objects[k : k + size]) for k in range(0, len(objects), size)]
         answers = self._client.ask([label_query(rgb, labels, group) for group in groups])
         result: dict[int, Name] = {}
         for group, samples in zip(groups, answers, strict=True):
             names = [{one["number"]: clean_name(one["name"]) for one in s["objects"]} for s in samples]
-            for k, thing in enumerate(group, 1):
+            for k, item in enumerate(group, 1):
                 name, votes = Counter(one[k] for one in names).most_common(1)[0]
                 share = NAME_CONFIDENCE if len(samples) == 1 else round(0.95 * votes / len(samples), 2)
-                result[thing.id] = Name(name, share)
+                result[item.id] = Name(name, share)
         return result
 
 
@@ -114,14 +114,14 @@ class Physics(_Role):
     role = "physics"
 
     def __call__(
-        self, rgb: Rgb, things: Sequence[PhotoObject], pixels_per_meter: float | None
+        self, rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None
     ) -> Mapping[int, Matter]:
         """Matter of every object, by id; similar objects share one question. Raises InputError."""
         size = rgb.shape[1], rgb.shape[0]
-        masks = {thing.id: raster.coverage(thing.outline, size) >= 0.5 for thing in things}
-        groups = similar_groups(rgb, things, masks)
+        masks = {item.id: raster.coverage(item.outline, size) >= 0.5 for item in objects}
+        groups = similar_groups(rgb, objects, masks)
         examples = [next((t for t in group if not t.cut), group[0]) for group in groups]
-        queries = [physics_query(rgb, masks[thing.id], thing, pixels_per_meter) for thing in examples]
+        queries = [physics_query(rgb, masks[item.id], item, pixels_per_meter) for item in examples]
         result: dict[int, Matter] = {}
         for group, example, samples in zip(groups, examples, self._client.ask(queries), strict=True):
             result |= merged_matter(samples, group, example, self._client.settings.model)
@@ -133,12 +133,12 @@ categories, label, physics = Categories, Label, Physics
 
 
 def similar_groups(
-    rgb: Rgb, things: Sequence[PhotoObject], masks: Mapping[int, Mask]
+    rgb: Rgb, objects: Sequence[PhotoObject], masks: Mapping[int, Mask]
 ) -> list[list[PhotoObject]]:
     """Objects grouped by label and size, and by colour where the label is one word: a `ball` may be steel or rubber."""
     groups: list[list[PhotoObject]] = []
-    lengths = {thing.id: box_sides(thing.outline) for thing in things}
-    colours = {thing.id: median_lab(rgb, masks[thing.id]) for thing in things}
+    lengths = {item.id: box_sides(item.outline) for item in objects}
+    colours = {item.id: median_lab(rgb, masks[item.id]) for item in objects}
 
     def similar(a: PhotoObject, b: PhotoObject) -> bool:
         pairs = zip(lengths[a.id], lengths[b.id], strict=True)
@@ -147,19 +147,19 @@ def similar_groups(
         same_material = " " in a.label.strip() or distance <= SIMILAR_COLOUR
         return bool(a.label) and a.label == b.label and a.cut == b.cut and sized and same_material
 
-    for thing in things:
-        group = next((group for group in groups if similar(group[0], thing)), None)
+    for item in objects:
+        group = next((group for group in groups if similar(group[0], item)), None)
         if group is None:
-            groups.append([thing])
+            groups.append([item])
         else:
-            group.append(thing)
+            group.append(item)
     return groups
 
 
 def merged_matter(
-    answers: Sequence[Mapping[str, Any]], things: Sequence[PhotoObject], example: PhotoObject, model: str
+    answers: Sequence[Mapping[str, Any]], objects: Sequence[PhotoObject], example: PhotoObject, model: str
 ) -> Mapping[int, Matter]:
-    """Matter of each of the similar `things`, by id, from the medians of `answers` about `example`, one of them.
+    """Matter of each of the similar `objects`, by id, from the medians of `answers` about `example`, one of them.
 
     Mass is scaled by the cube of the length where an object is larger or smaller than the example.
     """
@@ -171,23 +171,23 @@ def merged_matter(
     reason = [plain_line(answer["reason"], 240).rstrip(".")]
     if len(answers) > 1:
         reason.append(f"the median of {len(answers)} answers from {min(masses):.3g} to {max(masses):.3g} g")
-    if len(things) > 1:
-        reason.append(f"asked once for {len(things)} alike")
+    if len(objects) > 1:
+        reason.append(f"asked once for {len(objects)} alike")
     reason += [note for name, note in notes.items() if name in ("mass", "size")]
     material = plain_line(answer["material"], 60)
     surface = [f"{material}, as {plain_line(model, 60)} judges"]
     surface += [note for name, note in notes.items() if name not in ("mass", "size")]
     result = {}
-    for thing in things:
-        ratio = box_sides(thing.outline)[0] / box_sides(example.outline)[0]
+    for item in objects:
+        ratio = box_sides(item.outline)[0] / box_sides(example.outline)[0]
         ratio = ratio if abs(ratio - 1) > SAME_LENGTH else 1.0
-        result[thing.id] = Matter(
+        result[item.id] = Matter(
             mass=float(f"{value['mass'] * ratio**3:.3g}"),
             friction=round(value["friction"], 3),
             elasticity=round(value["elasticity"], 3),
             rolling=float(f"{value['rolling']:.2g}"),
             # only circles have another moment than that of their area
-            solid=Solid(answer["solid"]) if isinstance(thing.outline, Disc) else Solid.PLATE,
+            solid=Solid(answer["solid"]) if isinstance(item.outline, Disc) else Solid.PLATE,
             confidence=mass_confidence(masses),
             reason="; ".join(reason),
             surface="; ".join(surface),

@@ -111,7 +111,7 @@ def categories_query(rgb: Rgb) -> Query:
 
 def label_query(rgb: Rgb, labels: Labels, group: Sequence[PhotoObject]) -> Query:
     """Names of several objects, by numbers from 1."""
-    masks = {k: np.asarray(labels == thing.id) for k, thing in enumerate(group, 1)}
+    masks = {k: np.asarray(labels == item.id) for k, item in enumerate(group, 1)}
     n = len(group)
     about = "one object" if n == 1 else f"{n} objects"
     numbers = "number 1" if n == 1 else f"the numbers 1 to {n}"
@@ -135,14 +135,14 @@ def _numbered_once(n: int) -> Callable[[Any], list[str]]:
     return contradictions
 
 
-def physics_query(rgb: Rgb, mask: Mask, thing: PhotoObject, pixels_per_meter: float | None) -> Query:
+def physics_query(rgb: Rgb, mask: Mask, item: PhotoObject, pixels_per_meter: float | None) -> Query:
     """Material, mass and size of one object."""
-    name = plain_line(thing.label, LONGEST_NAME)
+    name = plain_line(item.label, LONGEST_NAME)
     label = f', "{name}",' if name else ""
     hint = ""
-    if pixels_per_meter is not None and not thing.cut:
-        hint = f"; by the photo's scale it is about {box_sides(thing.outline)[0] / pixels_per_meter:.2g}"
-    pictures = _outlined_photo(rgb, {thing.id: mask}), _png(_closeup(rgb, mask, *CLOSEUP_SIDES))
+    if pixels_per_meter is not None and not item.cut:
+        hint = f"; by the photo's scale it is about {box_sides(item.outline)[0] / pixels_per_meter:.2g}"
+    pictures = _outlined_photo(rgb, {item.id: mask}), _png(_closeup(rgb, mask, *CLOSEUP_SIDES))
     text = PHYSICS_QUESTION.format(label=label, hint=hint)
     return Query(name or "an object", text, pictures, PHYSICS_SCHEMA, mass_contradictions)
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient, sample
 
-# ----------------------------------------------------------------------
-# Proposals: masks that may be whole objects. Cutting out, comparing, joining, dropping doubles.
 
 Mask = NDArray[np.bool_]
 
@@ -166,13 +164,11 @@ def variants(proposal: Proposal, shape: tuple[int, int]) -> list[Proposal]:
     return [proposal, *(other for other in others if other is not None)]
 
 
-# ----------------------------------------------------------------------
-# Proposals -> how alike they are: what many good ones agree on is trusted more.
 
 Floats = NDArray[np.float64]
 
 AGREEMENT_SHARPNESS = 8.0
-"""How much more the better ones' company counts; chosen as the constants of `boxed` and `pointed`."""
+"""Weight of the better proposals in the agreement; chosen with the constants of `prompts`."""
 
 
 def iou(a: Proposal, b: Proposal) -> float:
@@ -182,7 +178,7 @@ def iou(a: Proposal, b: Proposal) -> float:
 
 
 def agreement(forms: Sequence[Proposal], worth: Floats) -> Floats:
-    """(n,): logarithm of the mean likeness (IoU) of each to all, those of larger `worth` (n,) weighing more."""
+    """(n,): logarithm of the mean IoU of each with all, weighted by `worth` (n,): what many good ones share is trusted."""
     weight = np.exp(AGREEMENT_SHARPNESS * (worth - worth.max()))
     low = np.min([one.box[:2] for one in forms], axis=0)
     high = np.max([one.box[2:] for one in forms], axis=0)
@@ -197,8 +193,6 @@ def agreement(forms: Sequence[Proposal], worth: Floats) -> Floats:
     return np.asarray(np.log(np.maximum(alike @ weight / weight.sum(), 1e-12)), np.float64)
 
 
-# ----------------------------------------------------------------------
-# Proposals + gradient -> how much each looks like one whole object: outlined by edges, of compact shape.
 
 POINTS = 96
 """Samples along an outline."""
@@ -206,7 +200,7 @@ POINTS = 96
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """What the choice weighs, (n,) float64 each."""
+    """(n,) float64 each."""
 
     score: NDArray[np.float64]
     """About 0.6 for a doubtful object, 1 for a perfect one."""
