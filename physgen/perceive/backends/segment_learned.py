@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -16,22 +16,36 @@ from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.proposals import Proposal, outline, overlap
 from physgen.perceive.segment.selection import SHARED, background_likeness, best_set, exclusions
 
-THRESHOLD = 0.5
-"""Expected fit below which a proposal is dropped."""
-AREA_POWER = 0.5
-"""Exponent of the area in a proposal's gain, which balances wholes against their parts."""
-AGREEMENT, FOREGROUND, BEST = 0.5, (0.3, 0.6), 0.99
-"""Bonus of the selection by edges, the mean foreground from which it counts in part and in full, and the highest sum.
 
-Chosen on the studio's tune half and on the validation homes."""
-CONFIDENT, DOUBTFUL = 0.31, 0.1
-"""Confidence from which a proposal is an object, and from which it is a doubtful one."""
-GAP_PENALTY, CERTAIN = 0.2, 0.9
-"""Penalty of a selected proposal whose colours continue around it, and the fit from which that is not checked."""
-DOUBTS = 8
-"""Doubtful objects at most."""
-STRAIGHT = 0.01
-"""Of an outline's length: tolerance of a doubtful object's polygon."""
+@dataclass(frozen=True)
+class LearnedConstants:
+    """Constants of the selection, chosen on the studio's tune half and on the validation homes."""
+
+    threshold: float = 0.5
+    """Expected fit below which a proposal is dropped."""
+    area_power: float = 0.5
+    """Exponent of the area in a proposal's gain, which balances wholes against their parts."""
+    agreement: float = 0.5
+    """Bonus of the selection by edges."""
+    foreground: tuple[float, ...] = (0.3, 0.6)
+    """Mean foreground from which the bonus counts in part, and in full."""
+    best: float = 0.99
+    """Highest fit with the bonus."""
+    confident: float = 0.31
+    """Confidence from which a proposal is an object."""
+    doubtful: float = 0.1
+    """Confidence from which a proposal is a doubtful object."""
+    gap_penalty: float = 0.2
+    """Of a selected proposal whose colours continue around it."""
+    certain: float = 0.9
+    """Fit from which that is not checked."""
+    doubts: int = 8
+    """Doubtful objects at most."""
+    straight: float = 0.01
+    """Of an outline's length: tolerance of a doubtful object's polygon."""
+
+
+LEARNED = LearnedConstants()
 
 
 def learned() -> Segment:
@@ -48,8 +62,8 @@ def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
     """The objects among a photo's candidates, and doubtful ones."""
     fit = worth(found, expected_fit(found.evidence))
     best = choose(found, fit)
-    fit[best] -= GAP_PENALTY * gaps(rgb, found, fit, best)
-    sure = best[confidence(fit[best]) >= CONFIDENT]
+    fit[best] -= LEARNED.gap_penalty * gaps(rgb, found, fit, best)
+    sure = best[confidence(fit[best]) >= LEARNED.confident]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
@@ -58,8 +72,10 @@ def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
 def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) 0..1: expected fits (n,) with a bonus where edges selected the same and the network sees an object."""
     foreground = found.evidence[:, FEATURES.index("foreground")]
-    share = np.clip((foreground - FOREGROUND[0]) / (FOREGROUND[1] - FOREGROUND[0]), 0, 1)
-    return np.minimum(fit + AGREEMENT * found.edges * share, BEST)
+    share = np.clip(
+        (foreground - LEARNED.foreground[0]) / (LEARNED.foreground[1] - LEARNED.foreground[0]), 0, 1
+    )
+    return np.minimum(fit + LEARNED.agreement * found.edges * share, LEARNED.best)
 
 
 def gaps(
@@ -72,18 +88,21 @@ def gaps(
     small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if rgb.shape[:2] != found.shape else rgb
     some: list[Proposal] = [found.proposals[k] for k in best.tolist()]
     return background_likeness(
-        some, np.ones(len(best), np.bool_), fit[best] < CERTAIN, smoothed_lab(np.asarray(small, np.uint8))
+        some,
+        np.ones(len(best), np.bool_),
+        fit[best] < LEARNED.certain,
+        smoothed_lab(np.asarray(small, np.uint8)),
     )
 
 
 def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:
     """The candidates without overlap of the largest total gain."""
-    pool = np.flatnonzero(fit > THRESHOLD)
+    pool = np.flatnonzero(fit > LEARNED.threshold)
     if not len(pool):
         return pool
     some: list[Proposal] = [found.proposals[k] for k in pool.tolist()]
     area = np.array([one.area for one in some], np.float64) / (found.shape[0] * found.shape[1])
-    gain = (fit[pool] - THRESHOLD) * area**AREA_POWER
+    gain = (fit[pool] - LEARNED.threshold) * area**LEARNED.area_power
     return pool[best_set(gain, fit[pool], exclusions(some))]
 
 
@@ -96,7 +115,7 @@ def doubts(
     taken = [found.proposals[k] for k in sure.tolist()]
     doubtful: list[Doubt] = []
     for k in np.argsort(-fit, kind="stable").tolist():
-        if right[k] < DOUBTFUL or len(doubtful) == DOUBTS:
+        if right[k] < LEARNED.doubtful or len(doubtful) == LEARNED.doubts:
             break
         one = found.proposals[k]
         if any(overlap(one, other) > SHARED * min(one.area, other.area) for other in taken):
@@ -104,7 +123,7 @@ def doubts(
         taken.append(one)
         contour = np.add(outline(one.mask), (one.x, one.y))
         corners = cv2.approxPolyDP(
-            contour.astype(np.int32), STRAIGHT * cv2.arcLength(contour.astype(np.int32), True), True
+            contour.astype(np.int32), LEARNED.straight * cv2.arcLength(contour.astype(np.int32), True), True
         )
         if len(corners) > 2:
             points = np.round((corners[:, 0] + 0.5) * scale - 0.5, 1)

@@ -21,28 +21,47 @@ Box = tuple[float, float, float, float]
 Resegment = Callable[[Sequence[Box]], Sequence[tuple[Mask, float]]]
 """Boxes to the mask of the object in each, and its expected IoU, 0..1."""
 
-CONFIDENT, DOUBTFUL = 0.25, 0.1
-"""Confidence from which a mask is an object, and from which it is a doubtful one."""
-SAME_BOX, SAME_MASK = 0.8, 0.7
-"""IoU from which two boxes, or two masks, mean one object."""
-INSIDE_SHARE = 0.8
-"""Share of a mask within another, from which it is inside."""
-LEAST_SHARE, LEAST_AREA = 0.0002, 32
-"""Of the photo, and px: smaller masks are dropped."""
-HOLE, SPECK = 0.005, 0.02
-"""Of a mask: smaller holes are closed, smaller pieces dropped."""
-PART, PARTS = 0.1, 8
-"""Of a mask's largest piece: larger pieces are objects of their own, at most so many."""
-SAME_PIECE = 0.5
-"""IoU of a piece and the mask segmented anew in its box, below which the piece stays as it is."""
-VISIBLE = 0.2
-"""Share of an object that others in front must leave; less is a heap, seen between its members."""
-RIVAL = 0.5
-"""Ratio of confidences from which a smaller object lies in front of a larger one."""
-DOUBTS = 8
-"""Doubtful objects at most."""
-STRAIGHT = 0.01
-"""Of an outline's length: tolerance of a doubtful object's polygon."""
+CONFIDENT = 0.25
+"""Confidence from which a mask is an object."""
+DOUBTFUL = 0.1
+"""Confidence from which a mask is a doubtful object."""
+
+
+@dataclass(frozen=True)
+class CleanUp:
+    """Constants of the clean-up; shares and IoU were chosen on the studio's photos."""
+
+    same_box: float = 0.8
+    """IoU from which two boxes mean one object."""
+    same_mask: float = 0.7
+    """IoU from which two masks mean one object."""
+    inside: float = 0.8
+    """Share of a mask within another, from which it is inside."""
+    least_share: float = 0.0002
+    """Of the photo: smaller masks are dropped."""
+    least_area: int = 32
+    """px: smaller masks are dropped."""
+    hole: float = 0.005
+    """Of a mask: smaller holes are closed."""
+    speck: float = 0.02
+    """Of a mask's largest piece: smaller pieces are dropped."""
+    part: float = 0.1
+    """Of a mask's largest piece: larger pieces are objects of their own."""
+    parts: int = 8
+    """Pieces of a mask, at most."""
+    same_piece: float = 0.5
+    """IoU of a piece and the mask segmented anew in its box, below which the piece stays as it is."""
+    visible: float = 0.2
+    """Share of an object that others in front must leave; less is a heap, seen between its members."""
+    rival: float = 0.5
+    """Ratio of confidences from which a smaller object lies in front of a larger one."""
+    doubts: int = 8
+    """Doubtful objects at most."""
+    straight: float = 0.01
+    """Of an outline's length: tolerance of a doubtful object's polygon."""
+
+
+CLEANUP = CleanUp()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +134,7 @@ def distinct_boxes(boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> l
     for k in np.argsort(-scores, kind="stable").tolist():
         sides = np.clip(np.minimum(high[k], high[kept]) - np.maximum(low[k], low[kept]), 0, None)
         both = sides.prod(1)
-        if area[k] > 0 and (both <= SAME_BOX * (area[k] + area[kept] - both)).all():
+        if area[k] > 0 and (both <= CLEANUP.same_box * (area[k] + area[kept] - both)).all():
             kept.append(k)
     return kept
 
@@ -129,11 +148,15 @@ def smoothed(mask: Mask) -> Mask:
     inside = np.pad(mask[y0:y1, x0:x1], 1).view(np.uint8)
     area = int(inside.sum())
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(1 - inside, connectivity=4)
-    small = [k for k in range(1, count) if k != pieces[0, 0] and stats[k, cv2.CC_STAT_AREA] < HOLE * area + 5]
+    small = [
+        k
+        for k in range(1, count)
+        if k != pieces[0, 0] and stats[k, cv2.CC_STAT_AREA] < CLEANUP.hole * area + 5
+    ]
     inside[np.isin(pieces, small)] = 1
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
     large = max(stats[1:, cv2.CC_STAT_AREA])
-    kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= SPECK * large]
+    kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large]
     result[y0:y1, x0:x1] = np.isin(pieces, kept)[1:-1, 1:-1]
     return result
 
@@ -145,8 +168,10 @@ def parts(mask: Mask) -> list[Mask]:
     near = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))
     count, pieces = cv2.connectedComponents(near, connectivity=8)
     areas = np.bincount(pieces[mask], minlength=count)
-    order = [int(k) for k in np.argsort(-areas, kind="stable") if k > 0 and areas[k] >= PART * areas.max()]
-    return [(pieces == k) & mask for k in order[:PARTS]]
+    order = [
+        int(k) for k in np.argsort(-areas, kind="stable") if k > 0 and areas[k] >= CLEANUP.part * areas.max()
+    ]
+    return [(pieces == k) & mask for k in order[: CLEANUP.parts]]
 
 
 def split(cuts: Sequence[Cut], resegment: Resegment) -> list[Cut]:
@@ -164,7 +189,7 @@ def split(cuts: Sequence[Cut], resegment: Resegment) -> list[Cut]:
         answer = Cut.of(smoothed(mask), part.noun, part.movable, part.score, fit)
         ones = [answer.with_piece(one) for one in parts(answer.piece)]
         better = max(ones, key=lambda one: _shared(one, part), default=part)
-        whole.append(better if _union(part, better) >= SAME_PIECE else part)
+        whole.append(better if _union(part, better) >= CLEANUP.same_piece else part)
     return whole
 
 
@@ -175,7 +200,7 @@ def distinct(cuts: Sequence[Cut]) -> list[Cut]:
     """
     kept: list[Cut] = []
     for cut in sorted(cuts, key=lambda cut: -cut.confidence):
-        if cut.area and all(_union(cut, other) <= SAME_MASK for other in kept):
+        if cut.area and all(_union(cut, other) <= CLEANUP.same_mask for other in kept):
             kept.append(cut)
     inner_cuts = {
         k: [i for i, cut in enumerate(kept) if i != k and _contains(one, cut)] for k, one in enumerate(kept)
@@ -196,7 +221,7 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
     while True:
         left = [_behind(cut, [other for other in rest if other is not cut]) for cut in rest]
         shares = [int(np.count_nonzero(piece)) / cut.area for piece, cut in zip(left, rest, strict=True)]
-        if not shares or min(shares) >= VISIBLE:
+        if not shares or min(shares) >= CLEANUP.visible:
             return [cut.with_piece(smoothed(piece)) for cut, piece in zip(rest, left, strict=True)]
         del rest[int(np.argmin(shares))]
 
@@ -209,7 +234,7 @@ def segments(
     `cuts` may be a generator. Ids run left to right by centroid. Cuts below `confident` are doubtful; cuts that are not
     movable are scenery.
     """
-    least = max(LEAST_SHARE * size[0] * size[1], LEAST_AREA)
+    least = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
     smooth = [cut.with_piece(smoothed(cut.piece)) for cut in cuts if cut.confidence >= DOUBTFUL]
     whole = split(smooth, resegment)
     cuts = distinct([cut for cut in whole if cut.area >= least and cut.confidence >= DOUBTFUL])
@@ -229,7 +254,7 @@ def segments(
     return Segments(
         labels,
         np.array([cut.confidence for cut in objects], np.float64),
-        tuple(doubts[:DOUBTS]),
+        tuple(doubts[: CLEANUP.doubts]),
         {k: Name(cut.noun, round(cut.confidence, 3)) for k, cut in enumerate(objects, 1)},
         _scenery([cut for cut in cuts if not cut.movable and cut.confidence >= confident], labels),
     )
@@ -249,7 +274,7 @@ def _doubt(cut: Cut) -> list[Doubt]:
     """The outline with few corners; none where it is too thin."""
     found, _ = cv2.findContours(cut.piece.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     contour = max(found, key=len)
-    corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[:, 0]
+    corners = cv2.approxPolyDP(contour, CLEANUP.straight * cv2.arcLength(contour, True), True)[:, 0]
     if len(corners) < 3:
         return []
     return [Doubt([(float(cut.x + x), float(cut.y + y)) for x, y in corners], round(cut.confidence, 3))]
@@ -271,13 +296,13 @@ def _before(one: Cut, other: Cut) -> bool:
     if one.area == other.area:
         return (one.confidence, *one.window) > (other.confidence, *other.window)
     small, large = (one, other) if one.area < other.area else (other, one)
-    return (small.confidence >= RIVAL * large.confidence) == (small is one)
+    return (small.confidence >= CLEANUP.rival * large.confidence) == (small is one)
 
 
 def _contains(one: Cut, other: Cut) -> bool:
     """Whether a movable object contains another of its kind."""
     kind = one.movable and other.movable and one.noun == other.noun and one.area > other.area
-    return kind and _shared(one, other) >= INSIDE_SHARE * other.area
+    return kind and _shared(one, other) >= CLEANUP.inside * other.area
 
 
 def _common(one: Cut, other: Cut) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient, sample
 
-
 Mask = NDArray[np.bool_]
 
 
@@ -164,7 +163,6 @@ def variants(proposal: Proposal, shape: tuple[int, int]) -> list[Proposal]:
     return [proposal, *(other for other in others if other is not None)]
 
 
-
 Floats = NDArray[np.float64]
 
 AGREEMENT_SHARPNESS = 8.0
@@ -178,7 +176,7 @@ def iou(a: Proposal, b: Proposal) -> float:
 
 
 def agreement(forms: Sequence[Proposal], worth: Floats) -> Floats:
-    """(n,): logarithm of the mean IoU of each with all, weighted by `worth` (n,): what many good ones share is trusted."""
+    """(n,): logarithm of the mean IoU of each with all, weighted by `worth` (n,)."""
     weight = np.exp(AGREEMENT_SHARPNESS * (worth - worth.max()))
     low = np.min([one.box[:2] for one in forms], axis=0)
     high = np.max([one.box[2:] for one in forms], axis=0)
@@ -191,7 +189,6 @@ def agreement(forms: Sequence[Proposal], worth: Floats) -> Floats:
     area = np.diag(common)
     alike = common / (area[:, None] + area - common)
     return np.asarray(np.log(np.maximum(alike @ weight / weight.sum(), 1e-12)), np.float64)
-
 
 
 POINTS = 96

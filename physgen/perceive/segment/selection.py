@@ -24,37 +24,46 @@ from physgen.perceive.segment.proposals import (
 )
 from physgen.perceive.segment.regions import discs, stable_regions
 
-THRESHOLD = 0.58
-"""Score below which a proposal is dropped. This and the following values were chosen on photos."""
-AREA_POWER = 0.7
-"""Exponent of the area in a proposal's gain, which balances wholes against their parts."""
+
+@dataclass(frozen=True)
+class SelectionConstants:
+    """Constants of the selection by edges, chosen on photos."""
+
+    threshold: float = 0.58
+    """Score below which a proposal is dropped. This and the following values were chosen on photos."""
+    area_power: float = 0.7
+    """Exponent of the area in a proposal's gain, which balances wholes against their parts."""
+    set_bonus: float = 0.1
+    """Bonus where three selected proposals have the same size and compactness: objects come in sets."""
+    gap_penalty: float = 0.4
+    """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
+    background_penalty: float = 0.4
+    """Penalty of a proposal whose colours continue around it: background between objects."""
+    reach: float = 1.0
+    """Width of the surroundings that are compared, in square roots of the area."""
+    rarer: float = 3.0
+    """Factor by which a colour may be rarer in the surroundings and still count as continued."""
+    outlier: float = 0.7
+    """Least score of a selected proposal, relative to the upper quartile of all."""
+    working_area: int = 512 * 512
+    """px searched; larger photos are reduced to it, and only outlines are fitted at full size."""
+    working_side: int = 4096
+    """px: the longest side searched, of a panorama."""
+    areas: tuple[float, ...] = (0.0012, 0.22)
+    """Of the photo: bounds of an object's area in the selection by edges."""
+
+
+SELECTION = SelectionConstants()
+
 SHARED = 0.12
 """Common share of the smaller of two proposals above which they exclude each other."""
-SET_BONUS = 0.1
-"""Bonus where three selected proposals have the same size and compactness: objects come in sets."""
-GAP_PENALTY = 0.4
-"""Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
-BACKGROUND_PENALTY = 0.4
-"""Penalty of a proposal whose colours continue around it: background between objects."""
-REACH = 1.0
-"""Width of the surroundings that are compared, in square roots of the area."""
-RARER = 3.0
-"""Factor by which a colour may be rarer in the surroundings and still count as continued."""
 BANDWIDTH = np.array([8, 5, 5], np.float32)
 """CIELAB units of the density's kernel; lightness varies more, by shading and shadow."""
-OUTLIER = 0.7
-"""Least score of a selected proposal, relative to the upper quartile of all."""
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
 
 
-WORKING_AREA = 512 * 512
-"""px searched; larger photos are reduced to it, and only outlines are fitted at full size."""
-WORKING_SIDE = 4096
-"""px: the longest side searched, of a panorama."""
-AREAS = (0.0012, 0.22)
-"""Of the photo: bounds of an object's area in the selection by edges."""
 WIDEST_AREAS = (0.0005, 0.6)
 """Of the photo: bounds of the area of all proposals."""
 
@@ -76,11 +85,15 @@ class EdgeSearch:
 def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     """The proposals of a photo (H, W, 3) uint8 sRGB, and the best set of them."""
     height, width = rgb.shape[:2]
-    scale = min(1.0, (WORKING_AREA / (height * width)) ** 0.5, WORKING_SIDE / max(height, width))
+    scale = min(
+        1.0, (SELECTION.working_area / (height * width)) ** 0.5, SELECTION.working_side / max(height, width)
+    )
     size = max(1, round(width * scale)), max(1, round(height * scale))
     reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
     shape = size[1], size[0]
-    least, most, smallest, largest = (round(part * size[0] * size[1]) for part in (*WIDEST_AREAS, *AREAS))
+    least, most, smallest, largest = (
+        round(part * size[0] * size[1]) for part in (*WIDEST_AREAS, *SELECTION.areas)
+    )
     least, smallest = max(12, least), max(12, smallest)
     colour = smoothed_lab(np.asarray(reduced, np.uint8))
     gradient = colour_gradient(colour)
@@ -104,24 +117,28 @@ def select(
 
     There are two rounds, since the scores depend on the selection.
     """
-    worth = np.flatnonzero(looks.score > THRESHOLD - SET_BONUS)
+    worth = np.flatnonzero(looks.score > SELECTION.threshold - SELECTION.set_bonus)
     pool = [proposals[i] for i in worth.tolist()]
     if not pool:
         return [], np.zeros(0)
     score, compactness = looks.score[worth], looks.compactness[worth]
     area = np.array([proposal.area for proposal in pool], np.float64)
     shape = colour.shape[0], colour.shape[1]
-    weight = (area / (shape[0] * shape[1])) ** AREA_POWER
+    weight = (area / (shape[0] * shape[1])) ** SELECTION.area_power
     excludes = exclusions(pool)
     final, gap = score, np.zeros(len(pool))
-    chosen = best_set((final - THRESHOLD) * weight, final, excludes)
+    chosen = best_set((final - SELECTION.threshold) * weight, final, excludes)
     for _ in range(2):
         gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
         final = score + _sets(score, area, compactness, chosen, excludes) - gap
-        final -= BACKGROUND_PENALTY * background_likeness(pool, chosen, final > THRESHOLD, colour)
-        chosen = best_set((final - THRESHOLD) * weight, final, excludes)
+        final -= SELECTION.background_penalty * background_likeness(
+            pool, chosen, final > SELECTION.threshold, colour
+        )
+        chosen = best_set((final - SELECTION.threshold) * weight, final, excludes)
     if chosen.any():
-        chosen &= final > max(THRESHOLD, OUTLIER * float(np.quantile(final[chosen], 0.75)))
+        chosen &= final > max(
+            SELECTION.threshold, SELECTION.outlier * float(np.quantile(final[chosen], 0.75))
+        )
     return [pool[i] for i in np.flatnonzero(chosen).tolist()], final[chosen]
 
 
@@ -185,9 +202,9 @@ def _sets(score: Values, area: Values, compactness: Values, chosen: Flags, exclu
     """(n,): the bonus of proposals with the size and compactness of several selected ones."""
     size = np.log(area[:, None] / area[chosen]) / 0.12
     round_ = np.log(compactness[:, None] / compactness[chosen]) / 0.15
-    alike = np.exp(-(size**2) - round_**2) * np.clip((score[chosen] - THRESHOLD) / 0.2, 0, 1)
+    alike = np.exp(-(size**2) - round_**2) * np.clip((score[chosen] - SELECTION.threshold) / 0.2, 0, 1)
     alike[(excludes | np.eye(len(area), dtype=np.bool_))[:, chosen]] = 0
-    bonus: Values = SET_BONUS * np.minimum(alike.sum(1), 3) / 3
+    bonus: Values = SELECTION.set_bonus * np.minimum(alike.sum(1), 3) / 3
     return bonus
 
 
@@ -210,7 +227,7 @@ def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tup
         x, y = (outline(proposals[i].mask) + reach).T
         enclosed = max(0.0, float(near[y, x].mean()) - 0.3) / 0.7
         beside = float(np.median(area[np.unique(around[others]) - 1]))
-        penalty[i] = GAP_PENALTY * enclosed * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
+        penalty[i] = SELECTION.gap_penalty * enclosed * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
     return penalty
 
 
@@ -228,7 +245,7 @@ def background_likeness(
     explained = np.zeros(len(proposals))
     for i in np.flatnonzero(which).tolist():
         one = proposals[i]
-        reach = max(3, int(REACH * np.sqrt(one.area)))
+        reach = max(3, int(SELECTION.reach * np.sqrt(one.area)))
         left, top = max(0, one.x - reach), max(0, one.y - reach)
         around = np.s_[top : one.box[3] + reach, left : one.box[2] + reach]
         ring = free[around].copy()
@@ -238,7 +255,7 @@ def background_likeness(
         if len(outside) < 20:
             continue
         own, other = (_density(inside, colours) for colours in (inside, outside))
-        explained[i] = np.minimum(1, RARER * other / own).mean()
+        explained[i] = np.minimum(1, SELECTION.rarer * other / own).mean()
     return np.clip((explained - 0.5) / 0.3, 0, 1)
 
 
@@ -257,13 +274,22 @@ def _density(at: NDArray[np.float32], colours: NDArray[np.float32]) -> Values:
 
 BAND = 0.08
 """Movement of an outline at most, in square roots of its area; at least 1.5 px of the rough mask."""
-BEND = 0.2
-"""Cost of one step sideways, against an edge support of 0..1."""
-ROUND = 0.025
-"""Relative deviation from its circle below which an outline becomes that circle."""
 
-SIDE = 16_384
-"""px: longer objects keep the rough outline, since OpenCV samples no larger images."""
+
+@dataclass(frozen=True)
+class TightenConstants:
+    """Constants of the outlines."""
+
+    bend: float = 0.2
+    """Cost of one step sideways, against an edge support of 0..1."""
+    round: float = 0.025
+    """Relative deviation from its circle below which an outline becomes that circle."""
+    side: int = 16_384
+    """px: longer objects keep the rough outline, since OpenCV samples no larger images."""
+
+
+TIGHTEN = TightenConstants()
+
 
 Points = NDArray[np.float64]
 """(n, 2): x, y px along a closed outline."""
@@ -282,7 +308,7 @@ def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask], band: float = BAND) -
         points, normal = _outline_at(mask, np.array(scale))
         low = np.maximum(np.floor(points.min(0) - reach - 6), 0).astype(int)
         high = np.ceil(points.max(0) + reach + 7).astype(int)
-        if max(high - low) < SIDE:
+        if max(high - low) < TIGHTEN.side:
             gradient = colour_gradient(smoothed_lab(rgb[low[1] : high[1], low[0] : high[0]]))
             points = points + _path(gradient, points - low, normal, reach)[:, None] * normal
         rim = _rounded(points)
@@ -326,7 +352,7 @@ def _path(gradient: Gradient, points: Points, normal: Points, band: float) -> ND
     total, came = np.zeros(len(steps)), np.zeros(value.shape, np.int64)
     ways = np.full((3, len(steps)), -np.inf)
     for i, here in enumerate(value):
-        ways[0, 1:], ways[1], ways[2, :-1] = total[:-1] - BEND, total, total[1:] - BEND
+        ways[0, 1:], ways[1], ways[2, :-1] = total[:-1] - TIGHTEN.bend, total, total[1:] - TIGHTEN.bend
         came[i] = ways.argmax(0)
         total = ways.max(0) + here
     at, path = int(total.argmax()), np.zeros(len(value), np.int64)
@@ -356,7 +382,7 @@ def _rounded(points: Points) -> Points:
         radius = float(np.sqrt(max(c + a * a + b * b, 1e-9)))
         off = np.hypot(*(points - centre - [a, b]).T) - radius
         weight = 1 / (1 + (off / (0.01 * radius + 0.3)) ** 2)
-    if np.sqrt(np.mean(off**2)) > ROUND * radius + 0.3:
+    if np.sqrt(np.mean(off**2)) > TIGHTEN.round * radius + 0.3:
         return points
     turn = np.linspace(0, 2 * np.pi, len(points), endpoint=False)
     rim: Points = centre + [a, b] + radius * np.stack([np.cos(turn), np.sin(turn)], 1)
