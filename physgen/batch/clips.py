@@ -13,9 +13,6 @@ from physgen.problems import InputError
 from physgen.report.folders import looks_like_clip
 from physgen.text import natural
 
-# ----------------------------------------------------------------------
-# Folders -> the clips below them, one after the other, each with what its manifest tells.
-
 MANIFEST = "manifest.json"
 
 
@@ -24,13 +21,13 @@ class FoundClip(NamedTuple):
 
     folder: Path
     name: str
-    """Its path from above the folder that was named, with `/`: what the clip is called after."""
-    told: Mapping[str, Any] | None
-    """The manifest; None: it cannot be read."""
+    """Its path below the parent of the folder that the user named, with `/`."""
+    manifest: Mapping[str, Any] | None
+    """None: it cannot be read."""
 
 
 def checked_folders(roots: Sequence[Path]) -> list[Path]:
-    """Folders that are there, none of them within another. Raises InputError."""
+    """Folders that exist, none of them within another. Raises InputError."""
     problems = []
     for root in roots:
         if not root.is_dir():
@@ -40,17 +37,17 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
     for n, root in enumerate(roots):
         for other in roots[:n]:
             if real[root].is_relative_to(real[other]) or real[other].is_relative_to(real[root]):
-                expected = f"and {other} hold the same clips"
-                problems += InputError.of(str(root), "", expected, "name only one of them").problems
+                found = f"and {other} hold the same clips"
+                problems += InputError.of(str(root), "", found, "name only one of them").problems
     if problems:
         raise InputError(problems)
     return list(roots)
 
 
 def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
-    """In the order of `roots`, and in each in the natural order of names; one folder's names are held at a time.
+    """Clips in the order of `roots`, and in each in the natural order of names; one folder is listed at a time.
 
-    Folders whose names begin with a dot are passed over, and so is what lies in a clip's.
+    Folders whose names begin with a dot, and folders within a clip's, are passed over.
     """
     for root in roots:
         yield from _below(root, root.resolve().name)
@@ -59,82 +56,44 @@ def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
 def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
         with os.scandir(folder) as entries:
-            inside = [(entry.name, entry.is_dir()) for entry in entries if not entry.name.startswith(".")]
+            inside = {entry.name: entry.is_dir() for entry in entries if not entry.name.startswith(".")}
     except PermissionError:
         return
-    if (MANIFEST, False) in inside:
-        told = _told(folder / MANIFEST)
-        if told is None or (told.get("manifest") == 1 and "samples" in told):
-            yield FoundClip(folder, name, told)
+    if inside.get(MANIFEST) is False:
+        manifest = _read(folder / MANIFEST)
+        if manifest is None or (manifest.get("manifest") == 1 and "samples" in manifest):
+            yield FoundClip(folder, name, manifest)
             return
-    if (MANIFEST, False) not in inside and looks_like_clip(name for name, _ in inside):
+    elif looks_like_clip(inside):
         yield FoundClip(folder, name, None)
         return
-    for below in sorted((name for name, is_folder in inside if is_folder), key=natural):
-        if not _leads_up(folder / below):
-            yield from _below(folder / below, f"{name}/{below}")
+    for below in sorted((name for name, is_folder in inside.items() if is_folder), key=natural):
+        path = folder / below
+        if not (
+            path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
+        ):  # no endless loop
+            yield from _below(path, f"{name}/{below}")
 
 
-def _leads_up(folder: Path) -> bool:
-    """Whether it is a link to a folder that it lies in: what is there has been found, and there is no end to it."""
-    return folder.is_symlink() and folder.parent.resolve().is_relative_to(folder.resolve())
-
-
-def _told(path: Path) -> Mapping[str, Any] | None:
-    """Web pages have a file of that name, too; None: nobody can read it, and it may be ours."""
+def _read(path: Path) -> Mapping[str, Any] | None:
+    """None: it cannot be read and may be a clip's; web pages have a file of that name, too."""
     try:
-        data = json.loads(path.read_bytes())
+        data = json.loads(path.read_bytes()) if path.is_file() else None  # reading a pipe never ends
     except (OSError, ValueError, RecursionError):
         return None
-    return data if isinstance(data, dict) else {}
-
-
-# ----------------------------------------------------------------------
-# Folders -> the clips below them; a clip's manifest.json -> what a run told of itself, as data.
-
-
-@dataclass(frozen=True)
-class Manifest:
-    """What a manifest says that a run can be compared by; see `report.record.RunRecord`."""
-
-    source: str | None
-    """None: an earlier physgen did not say."""
-    variant: str | None
-    overrides: tuple[str, ...]
-    versions: Mapping[str, str]
-    machine: str
-    """Its kind and its system."""
-    device: str
-    inputs: Mapping[str, str]
-    files: Mapping[str, str]
-    samples: tuple[str, ...]
-    frames: tuple[str, ...]
-    """Of the clip as it was drawn, before refinement."""
-    refined: bool
-    """A model retouched it, or was to."""
-    film: str
-    """What its films are called without their ending: `video`, or `unrefined`."""
-    size: tuple[int, int]
-    """Width and height of the frames, px."""
-    document: Mapping[str, Any]
-    """The resolved scene."""
+    return data if isinstance(data, dict) or data is None else {}
 
 
 def clip_folders(roots: Sequence[Path]) -> list[Path]:
-    """Every folder in or below `roots` that a run of ours left a manifest in, once, in the natural order of paths.
-
-    Folders whose names begin with a dot are passed over, and what is in a clip's. Raises InputError for what is no
-    folder, or where there is none at all.
-    """
+    """Every clip's folder in or below `roots`, once, in the natural order of paths. Raises InputError for none."""
     found: dict[str, Path] = {}
     problems = []
     for root in roots:
         if not root.is_dir():
-            problems += InputError.of(
-                str(root), "", "is no folder", "name folders that were rendered into"
-            ).problems
+            fix = "name folders that were rendered into"
+            problems += InputError.of(str(root), "", "is no folder", fix).problems
             continue
-        below = {os.path.realpath(folder): folder for folder in _told_below(root)}
+        below = {os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])}
         if not below:
             fix = "name a folder that physgen rendered into, e.g. out"
             problems += InputError.of(str(root), "", "holds no clip", fix).problems
@@ -144,24 +103,31 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     return sorted(found.values(), key=lambda folder: [natural(part) for part in folder.parts])
 
 
-def _told_below(root: Path) -> Iterator[Path]:
-    for place, folders, files in os.walk(root):
-        there = MANIFEST in files
-        if _ours(Path(place) / MANIFEST) if there else looks_like_clip((*files, *folders)):
-            folders.clear()
-            yield Path(place)
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
+@dataclass(frozen=True)
+class Manifest:
+    """What a manifest records of a run; see `report.record.RunRecord`."""
 
-
-def _ours(path: Path) -> bool:
-    """Web pages have a file of that name, too; one that is damaged, or no file, may be ours."""
-    if not path.is_file():  # a pipe never ends
-        return True
-    try:
-        data = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return True
-    return isinstance(data, dict) and data.get("manifest") == 1 and "samples" in data
+    source: str | None
+    """None: an earlier physgen did not record it."""
+    variant: str | None
+    overrides: tuple[str, ...]
+    versions: Mapping[str, str]
+    machine: str
+    """Its processor and its system."""
+    device: str
+    inputs: Mapping[str, str]
+    files: Mapping[str, str]
+    samples: tuple[str, ...]
+    frames: tuple[str, ...]
+    """Of the clip before refinement."""
+    refined: bool
+    """A model refined it, or was to."""
+    film: str
+    """The name of its films without suffix: `video`, or `unrefined`."""
+    size: tuple[int, int]
+    """Width and height of the frames, px."""
+    document: Mapping[str, Any]
+    """The resolved scene."""
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -173,27 +139,27 @@ def read_manifest(folder: Path) -> Manifest:
         data: Mapping[str, Any] = json.loads(path.read_bytes())
         refined = bool(data.get("refine"))
         source = data.get("source") or None
-        machine, frames = data["platform"], data["unrefined" if refined else "frames"]
+        platform = data["platform"]
         width, height = data["video"]["size"]
         return Manifest(
             source=None if source is None else str(source),
             variant=None if data["variant"] is None else str(data["variant"]),
             overrides=tuple(map(str, data["overrides"])),
             versions=_texts(data["versions"]),
-            machine=f"{machine['machine']} {machine['system']}",
+            machine=f"{platform['machine']} {platform['system']}",
             device=str(data["device"]),
             inputs=_texts(data["inputs"]),
             files=_texts(data["files"]),
             samples=tuple(map(str, data["samples"])),
-            frames=tuple(map(str, frames)),
+            frames=tuple(map(str, data["unrefined" if refined else "frames"])),
             refined=refined,
             film="unrefined" if refined else "video",
             size=(int(width), int(height)),
             document=dict(data["document"]),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
-        fix = "render the scene again"
-        raise InputError.of(str(path), "", "is damaged: it is no manifest that can be read", fix) from None
+        found = "is damaged: it is no manifest that can be read"
+        raise InputError.of(str(path), "", found, "render the scene again") from None
 
 
 def _texts(data: Mapping[str, Any]) -> dict[str, str]:

@@ -11,39 +11,41 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from physgen.batch.clips import FoundClip
-from physgen.batch.values import ValueTextError, parse_yaml
+from physgen.batch.values import parse_yaml
 from physgen.problems import InputError
 from physgen.scene.load import scene_name
 
-# ----------------------------------------------------------------------
-# A photo and shares -> the split of all its clips: the same photo is never in two.
-
-FLAG = "--split"
-_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
-BITS = 52
+LABELS = "truth"
+"""Folder of a clip's labels; without a video, they lie in the clip's own folder."""
+VIDEO, LABEL_VIDEO = "video.mp4", "conditioning/video.mp4"
+CAPTIONS = ("events/caption.txt", "conditioning/prompt.txt")
+MAX_KEY_LENGTH = 80
+"""Characters of a key, without the digits that make it unique."""
+_UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
+_SPLIT_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
 @dataclass(frozen=True)
 class Splits:
-    """Names and shares of photos, in their order; shares add up to 1."""
+    """Names of splits and their shares of the photos, which add up to 1."""
 
     shares: tuple[tuple[str, float], ...]
     seed: int
 
     def of(self, photo: str) -> str:
-        """By the photo's SHA-256 and the seed alone: more photos, or fewer, leave it where it is.
+        """The split of all clips of a photo, by its SHA-256 and the seed only, so that more photos change nothing.
 
         >>> even = Splits((("train", 0.5), ("test", 0.5)), 0)
         >>> [even.of(photo) for photo in "abcdef"]
         ['test', 'test', 'test', 'train', 'test', 'train']
         """
         digest = hashlib.sha256(f"{self.seed}:{photo}".encode()).digest()
-        place = (int.from_bytes(digest[:8], "big") >> (64 - BITS)) / 2**BITS
+        place = (int.from_bytes(digest[:8], "big") >> 12) / 2**52
         for name, share in self.shares:
             if place < share:
                 return name
             place -= share
-        return self.shares[-1][0]  # for the last bit alone
+        return self.shares[-1][0]  # the shares add up to less by rounding
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -52,7 +54,7 @@ class Splits:
 
 
 def read_splits(text: str, seed: int) -> Splits:
-    """`train=0.8,test=0.2` -> splits. Raises InputError."""
+    """Parses `train=0.8,test=0.2`. Raises InputError."""
     shares: dict[str, float] = {}
     for part in text.split(","):
         name, _, share = (piece.strip() for piece in part.partition("="))
@@ -60,32 +62,20 @@ def read_splits(text: str, seed: int) -> Splits:
             value = float(share)
         except ValueError:
             value = -1.0
-        if not _NAME.fullmatch(name) or not 0 < value <= 1 or name in shares:
+        if not _SPLIT_NAME.fullmatch(name) or not 0 < value <= 1 or name in shares:
             fix = "write e.g. train=0.8,validation=0.1,test=0.1"
-            raise InputError.of(FLAG, f'"{part.strip()}"', "is no split with its share of the photos", fix)
+            found = "is no split with its share of the photos"
+            raise InputError.of("--split", f'"{part.strip()}"', found, fix)
         shares[name] = value
     total = sum(shares.values())
     if abs(total - 1) > 1e-6:
-        raise InputError.of(FLAG, f'"{text}"', f"adds up to {total:.6g}", "make the shares add up to 1")
+        raise InputError.of("--split", f'"{text}"', f"adds up to {total:.6g}", "make the shares add up to 1")
     return Splits(tuple(shares.items()), seed)
-
-
-# ----------------------------------------------------------------------
-# A clip's folder and its manifest -> one sample of a data set: which files it is made of, and what is told of
-# it.
-
-LABELS = "truth"
-"""Folder of a clip's labels; where there is no video beside them, they lie in the clip's own."""
-FILM, COARSE = "video.mp4", "conditioning/video.mp4"
-CAPTIONS = ("events/caption.txt", "conditioning/prompt.txt")
-LONGEST = 80
-"""Characters of a key, without the digits that tell it from others."""
-_SAFE = re.compile(r"[^A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One file; of a shard's, thousands are held."""
+    """One file; thousands are held for a shard."""
 
     name: str
     """In the sample: `video.mp4`, or `format/...` of a label."""
@@ -98,16 +88,16 @@ class Member:
 
 @dataclass(frozen=True)
 class Sample:
-    """One clip as the data set has it."""
+    """One clip in the data set."""
 
     key: str
-    """Letters, digits, - and _: the name of the sample everywhere."""
+    """Letters, digits, - and _: the name of the sample."""
     split: str
     folder: Path
     members: tuple[Member, ...]
     """The video first."""
     about: Mapping[str, Any]
-    """What is told of it, as JSON."""
+    """Metadata as JSON."""
 
     @property
     def size(self) -> int:
@@ -116,71 +106,68 @@ class Sample:
 
     @property
     def caption(self) -> str:
-        """What happens; empty where nobody said."""
+        """Empty where there is none."""
         return str(self.about["caption"])
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that goes into the data set."""
-        whole = hashlib.sha256(json.dumps(self.about, sort_keys=True).encode())
+        """SHA-256 of the metadata and of the files' hashes."""
+        digest = hashlib.sha256(json.dumps(self.about, sort_keys=True).encode())
         for member in self.members:
-            whole.update(f"{member.name}\0{member.size}\0{member.sha256}\0".encode())
-        return whole.hexdigest()
+            digest.update(f"{member.name}\0{member.size}\0{member.sha256}\0".encode())
+        return digest.hexdigest()
 
 
 def key(name: str) -> str:
-    """The last parts of a path, with digits of the whole, so that no two paths have the same.
+    """The end of a path in safe characters, with a hash of the whole that makes it unique.
 
     >>> key("sweep/00-1,mass=2.5")
     'sweep_00-1-mass-2-5-2fc39e0a25'
     """
-    text = _SAFE.sub("-", name.replace("/", "_")).strip("-")[-LONGEST:]
+    text = _UNSAFE.sub("-", name.replace("/", "_")).strip("-")[-MAX_KEY_LENGTH:]
     return f"{text}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:10]}"
 
 
-def sample(found: FoundClip, splits: Splits, formats: Collection[str]) -> Sample:
+def read_sample(clip: FoundClip, splits: Splits, formats: Collection[str]) -> Sample:
     """With labels of the `formats`, of all where there are none. Raises InputError where the clip cannot be used."""
-    told = found.told
-    if told is None:
-        raise InputError.of(str(found.folder), "", "has no manifest that can be read", "render it again")
+    manifest = clip.manifest
+    if manifest is None:
+        raise InputError.of(str(clip.folder), "", "has no manifest that can be read", "render it again")
     try:
-        members = list(_members(found.folder, told["files"], formats))
-        about = _about(found, told, members, splits)
+        members = tuple(_members(clip.folder, manifest["files"], formats))
+        about = _about(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        raise InputError.of(str(found.folder), "", "has a damaged manifest", "render it again") from None
-    return Sample(key(found.name), about["split"], found.folder, tuple(members), about)
+        raise InputError.of(str(clip.folder), "", "has a damaged manifest", "render it again") from None
+    return Sample(about["key"], about["split"], clip.folder, members, about)
 
 
 def _members(folder: Path, files: Mapping[str, str], formats: Collection[str]) -> Iterator[Member]:
     """Raises InputError where a file is missing, or there is no video."""
     inside = f"{LABELS}/" if any(name.startswith(f"{LABELS}/") for name in files) else ""
-    if inside == "" and FILM in files:
-        labels = {}
-    else:
+    labels: dict[str, str] = {}
+    if inside or VIDEO not in files:
         labels = {
             name.removeprefix(inside): name for name in files if name.startswith(inside) and "/" in name
         }
-    film = FILM if FILM in files else labels.get(COARSE)
-    if film is None:
+    video = VIDEO if VIDEO in files else labels.get(LABEL_VIDEO)
+    if video is None:
         fix = "render it with --export, or export it with --format conditioning"
         raise InputError.of(str(folder), "", "has no video.mp4", fix)
-    yield _member(folder, "video.mp4", film, files)
+    chosen = {"video.mp4": video}
     if "trajectory.npz" in files:
-        yield _member(folder, "trajectory.npz", "trajectory.npz", files)
+        chosen["trajectory.npz"] = "trajectory.npz"
     for label, name in sorted(labels.items()):
-        if name != film and (not formats or label.partition("/")[0] in formats):
-            yield _member(folder, label, name, files)
-
-
-def _member(folder: Path, name: str, file: str, files: Mapping[str, str]) -> Member:
-    for path in map(PurePosixPath, (name, file)):  # a manifest may be anybody's
-        if ".." in path.parts or path.is_absolute():
-            raise ValueError(file)
-    try:
-        size = (folder / file).stat().st_size
-    except OSError:
-        raise _missing(folder / file) from None
-    return Member(name, file, size, str(files[file]))
+        if name != video and (not formats or label.partition("/")[0] in formats):
+            chosen[label] = name
+    for name, file in chosen.items():
+        for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
+            if ".." in path.parts or path.is_absolute():
+                raise ValueError(file)
+        try:
+            size = (folder / file).stat().st_size
+        except OSError:
+            raise _missing(folder / file) from None
+        yield Member(name, file, size, str(files[file]))
 
 
 def _missing(path: Path) -> InputError:
@@ -188,21 +175,23 @@ def _missing(path: Path) -> InputError:
 
 
 def _about(
-    found: FoundClip, told: Mapping[str, Any], members: list[Member], splits: Splits
+    clip: FoundClip, manifest: Mapping[str, Any], members: Collection[Member], splits: Splits
 ) -> dict[str, Any]:
-    document, video = told["document"], told["video"]
-    photo = photo_of(document, told["inputs"])
+    document, video = manifest["document"], manifest["video"]
+    photo = photo_of(document, manifest["inputs"])
     width, height = map(int, video["size"])
-    frames, fps = len(told["frames"]), float(video["fps"])
+    frames, fps = len(manifest["frames"]), float(video["fps"])
     formats = sorted({member.name.partition("/")[0] for member in members if "/" in member.name})
+    source = manifest.get("source")
+    refine = manifest.get("refine")
     return {
-        "key": key(found.name),
-        "clip": found.name,
-        "scene": scene_name(Path(told["source"])) if told.get("source") else str(told["scene"]),
-        "variant": told["variant"] or "",
-        # as text: readers that make columns of it want the same ones in every clip
-        "parameters": json.dumps(dict(_parameter(text) for text in told["overrides"]), ensure_ascii=False),
-        "caption": _caption(found.folder, told["files"]),
+        "key": key(clip.name),
+        "clip": clip.name,
+        "scene": scene_name(Path(source)) if source else str(manifest["scene"]),
+        "variant": manifest["variant"] or "",
+        # as text: readers that make columns of it need the same ones in every clip
+        "parameters": json.dumps(dict(map(_parameter, manifest["overrides"])), ensure_ascii=False),
+        "caption": _caption(clip.folder, manifest["files"]),
         "split": splits.of(photo),
         "photo": photo,
         "frames": frames,
@@ -216,8 +205,8 @@ def _about(
             for name, item in document["objects"].items()
         ],
         "labels": formats,
-        "refined": str(told["refine"]["backend"]) if told.get("refine") else "",
-        "physgen": str(told["versions"]["physgen"]),
+        "refined": str(refine["backend"]) if refine else "",
+        "physgen": str(manifest["versions"]["physgen"]),
     }
 
 
@@ -237,7 +226,7 @@ def _parameter(text: str) -> tuple[str, Any]:
     name, _, value = str(text).partition("=")
     try:
         return name, parse_yaml(value).data
-    except (ValueTextError, InputError):
+    except InputError:
         return name, value
 
 

@@ -1,4 +1,4 @@
-"""Options and tolerances of a golden test."""
+"""Options and tolerances of a golden test. Imported in every pytest session: the standard library only."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import isfinite
 
-FINEST = 1e-9
-"""The least tolerance of a motion: numbers are kept to a tenth of it at least, and a float has 16 digits."""
-WIDEST = 16_383
+MIN_TOLERANCE = 1e-9
+"""Of motion: numbers are kept to a tenth of it, and a float has 16 digits."""
+MAX_WIDTH = 16_383
 """px of a WebP's side."""
 
 
@@ -16,37 +16,37 @@ WIDEST = 16_383
 class Motion:
     """How far objects may be from where they were, at any sample.
 
-    The same machine gives the same bytes, and another kind of processor what rounding makes of them: far less than the
-    defaults, unless the motion is chaos. There a difference in the last digit grows a thousandfold and more, and only
-    the time before can be compared (`until`).
+    The same machine gives the same bytes. Another kind of processor rounds differently, by far less than the defaults
+    unless the motion is chaotic: then only the time before chaos can be compared (`until`).
     """
 
     px: float = 0.1
     """Of the centre of mass, in the photo."""
     degrees: float = 0.1
-    """Of the angle, whole turns counted, and of how a sphere on a table has turned in space."""
+    """Of the angle, with whole turns, and of the rotation of a sphere on a table."""
     px_per_s: float | None = None
-    """Of the velocity. None: not kept; a blow that comes a hair earlier changes velocities at once, places hardly."""
+    """Of the velocity. None: not kept; an impact a little earlier changes velocities at once, positions hardly."""
     degrees_per_s: float | None = None
     """Of the spin."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None and not FINEST <= value < float("inf"):
-                raise ValueError(f"Motion.{field.name} is {value!r}; write a number of at least {FINEST:g}")
+            if value is not None and not MIN_TOLERANCE <= value < float("inf"):
+                least = f"{MIN_TOLERANCE:g}"
+                raise ValueError(f"Motion.{field.name} is {value!r}; write a number of at least {least}")
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """How far the frames that are kept may stray, as small as they are kept. A frame is right if both hold."""
+    """How far kept frames may differ, at their kept size. Both conditions must hold."""
 
     levels: float = 8
-    """Grey levels of 255: a pixel differs where any of its channels does by more."""
+    """Grey levels of 255: a pixel differs where any of its channels differs by more."""
     share: float = 0.001
-    """Of a frame's pixels that may differ so."""
+    """Of a frame's pixels that may differ."""
     mean: float = 0.2
-    """Grey levels: the mean difference of a frame, which tells of a faint change everywhere, as of a light."""
+    """Grey levels: the mean difference of a frame, for a faint change everywhere, as of a light."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -63,18 +63,17 @@ SIDE = 192
 
 @dataclass(frozen=True)
 class GoldenOptions:
-    """What a test asks for."""
+    """What a golden test keeps and compares."""
 
     overrides: Sequence[str] = ()
     """`KEY=VALUE`, as `--set` takes them."""
     variant: str | None = None
     allow_outside: bool = False
-    """Whether the scene may read files that do not lie below its folder."""
     frames: int | Sequence[int] = FRAMES
     """How many, evenly spread from the first to the last; or which, counted from 0."""
     side: int = SIDE
     motion: Motion | None = MOTION
-    """None: how things move is neither kept nor compared."""
+    """None: motion is neither kept nor compared."""
     pixels: Pixels | None = PIXELS
     """None: no frames are."""
     until: float | None = None
@@ -84,17 +83,13 @@ class GoldenOptions:
         if isinstance(self.overrides, str):
             raise ValueError(f"overrides is a text; write a list, e.g. overrides=[{self.overrides!r}]")
         if self.motion is None and self.pixels is None:
-            raise ValueError(
-                "motion and pixels are None, so that nothing would be compared; leave one of them out"
-            )
+            raise ValueError("motion and pixels are None: nothing would be compared; leave one of them out")
         if self.until is not None and not 0 <= self.until < float("inf"):
             raise ValueError(f"until is {self.until!r}; write a time of the clip in seconds, e.g. until=0.5")
         count = self.frames if isinstance(self.frames, int) else len(self.frames)
         if count < 1 or (not isinstance(self.frames, int) and min(self.frames) < 0):
-            raise ValueError(
-                f"frames is {self.frames!r}; write how many, or which, counted from 0, e.g. frames=[0, 9]"
-            )
-        if self.side < 1 or count * self.side > WIDEST:
-            raise ValueError(
-                f"{count} frames of {self.side} px are wider side by side than {WIDEST:,} px; keep less"
-            )
+            fix = "write how many, or which, counted from 0, e.g. frames=[0, 9]"
+            raise ValueError(f"frames is {self.frames!r}; {fix}")
+        if self.side < 1 or count * self.side > MAX_WIDTH:
+            found = f"{count} frames of {self.side} px are wider side by side than {MAX_WIDTH:,} px"
+            raise ValueError(f"{found}; keep less")

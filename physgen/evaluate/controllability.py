@@ -276,7 +276,7 @@ def swept_clips(folder: Path, name: str | None) -> Swept:
     The push is the object's velocity at t = 0, its impulses and its forces of a duration, over its mass, together.
     """
     found = find_clips(checked_folders([folder]))
-    documents = [(clip.folder, clip.told["document"]) for clip in found if clip.told is not None]
+    documents = [(clip.folder, clip.manifest["document"]) for clip in found if clip.manifest is not None]
     documents = [(place, document) for place, document in documents if document.get("objects")]
     if len(documents) < 2:
         count = f"holds {len(documents)} clips" if documents else "holds no clips"

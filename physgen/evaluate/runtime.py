@@ -109,11 +109,11 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
     found: list[Run] = []
     left: list[Problem] = []
     for clip in find_clips(checked_folders(roots)):
-        run = None if clip.told is None else _run(clip.name, clip.folder, clip.told)
+        run = None if clip.manifest is None else _run(clip.name, clip.folder, clip.manifest)
         if run is not None:
             found.append(run)
             continue
-        expected = "cannot be read" if clip.told is None else "has no times of its stages"
+        expected = "cannot be read" if clip.manifest is None else "has no times of its stages"
         place = Place(str(clip.folder / MANIFEST))
         left.append(Problem(place, "", "", expected, "make the clip again: physgen render", Severity.WARNING))
     if not found:

@@ -11,10 +11,16 @@ import pytest
 from PIL import Image
 from pytest import approx
 
-from physgen.batch.changes import causes
-from physgen.batch.compare import Moved, drawn, moved, too_coarse
-from physgen.batch.golden import Check, checked
-from physgen.batch.golden_files import Still, read, track, units
+from physgen.batch.golden import (
+    Check,
+    MotionResult,
+    changes,
+    checked,
+    compare_frames,
+    compare_motion,
+    too_coarse,
+)
+from physgen.batch.golden_files import KeptMotion, Still, Units, read
 from physgen.batch.tolerances import SIDE, GoldenOptions, Motion, Pixels
 from physgen.pipeline import Warm
 from physgen.simulate.trajectory import Trajectory
@@ -37,8 +43,8 @@ def fall(tmp_path_factory: pytest.TempPathFactory) -> Check:
     return checked(path, "scene.yaml", "test", GoldenOptions(motion=Motion(px_per_s=1.0)), Warm())
 
 
-def compared(then: Trajectory, now: Trajectory, allowed: Motion, until: float | None = None) -> Moved:
-    return moved(track(then, units(allowed), until), now, allowed, until)
+def compared(then: Trajectory, now: Trajectory, allowed: Motion, until: float | None = None) -> MotionResult:
+    return compare_motion(KeptMotion.of(then, Units.of(allowed), until), now, allowed, until)
 
 
 def shifted(trajectory: Trajectory, sample: int, by: tuple[float, float, float]) -> Trajectory:
@@ -46,9 +52,6 @@ def shifted(trajectory: Trajectory, sample: int, by: tuple[float, float, float])
     poses = trajectory.poses.copy()
     poses[sample:, 0] += (by[0], by[1], np.radians(by[2]))
     return replace(trajectory, poses=poses)
-
-
-# ---- motion ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -108,7 +111,7 @@ def test_velocities_count_where_they_are_asked_for(fall: Check) -> None:
 
 
 def test_what_was_kept_roughly_is_not_compared_finely(fall: Check) -> None:
-    rough = units(Motion(px=0.1))
+    rough = Units.of(Motion(px=0.1))
     assert too_coarse(rough, Motion(px=0.02)) == ""
     assert "kept to 0.01 px only, and 0.001 px are asked for" in too_coarse(rough, Motion(px=0.001))
     assert "velocities are not kept" in too_coarse(rough, Motion(px_per_s=1.0))
@@ -118,14 +121,19 @@ def test_objects_and_times_that_do_not_match_are_told(fall: Check) -> None:
     then = fall.clip.trajectory
     other = replace(then, names=("ball", "other"))
     found = compared(then, other, Motion())
-    assert (found.gone, found.new, found.strayed, found.agrees) == (("shelf",), ("other",), (), False)
+    assert (found.found.gone, found.found.new, found.strayed, found.agrees) == (
+        ("shelf",),
+        ("other",),
+        (),
+        False,
+    )
     shorter = replace(then, times=then.times[:9], poses=then.poses[:9], turns=then.turns[:9])
     shorter = replace(shorter, velocities=then.velocities[:9])
     for one, two in ((then, shorter), (shorter, then)):
         found = compared(one, two, Motion())
         assert (found.retimed, found.strayed, found.agrees) == (True, (), False)
     slower = compared(then, replace(then, times=then.times * 2), Motion())
-    assert len(slower.times) == 1
+    assert len(slower.samples) == 1
     assert slower.retimed
 
 
@@ -138,13 +146,10 @@ def test_a_long_clip_is_kept_in_fewer_samples(fall: Check) -> None:
         velocities=np.zeros((30_000, 2, 3)),
         turns=np.zeros((30_000, 0, 4)),
     )
-    kept = track(long, units(Motion()), None)
+    kept = KeptMotion.of(long, Units.of(Motion()), None)
     assert kept.poses.shape[:2] == (5000, 2)
     assert (kept.samples[0], kept.samples[-1]) == (0, 29_999)
-    assert moved(kept, long, Motion(), None).agrees
-
-
-# ---- pixels ----------------------------------------------------------------------------------------------------------
+    assert compare_motion(kept, long, Motion(), None).agrees
 
 
 @pytest.mark.parametrize(
@@ -155,23 +160,22 @@ def test_few_pixels_may_differ_much_or_many_a_little(pixels: int, levels: int, r
     """Of 10,000, 10 may differ by more than 8 levels; the mean may differ by 0.2."""
     now = np.full((100, 100, 3), 100, np.uint8)
     now.reshape(-1, 3)[:pixels] -= np.uint8(levels)
-    found = drawn([Still(0, 0.0, np.full((100, 100, 3), 100, np.uint8))], [Still(0, 0.0, now)], Pixels())
+    found = compare_frames(
+        [Still(0, 0.0, np.full((100, 100, 3), 100, np.uint8))], [Still(0, 0.0, now)], Pixels()
+    )
     assert found.agrees is right
     assert found.worst == levels
 
 
 def test_frames_of_another_size_or_number_are_bad(fall: Check) -> None:
-    stills = fall.clip.stills
+    stills = fall.clip.golden.stills
     assert stills is not None
     smaller = [Still(s.index, s.time, s.rgb[:, :-1]) for s in stills]
-    found = drawn(stills, smaller, Pixels(255, 1, 255))
+    found = compare_frames(stills, smaller, Pixels(255, 1, 255))
     assert found.first is not None
     assert found.first.levels is None
-    found = drawn(stills, stills[:-1], Pixels())
+    found = compare_frames(stills, stills[:-1], Pixels())
     assert (found.first, found.agrees) == (None, False)
-
-
-# ---- files -----------------------------------------------------------------------------------------------------------
 
 
 def test_others_read_what_is_kept(fall: Check, tmp_path: Path) -> None:
@@ -207,18 +211,20 @@ def test_a_clip_comes_back_as_it_was_kept(fall: Check, tmp_path: Path) -> None:
     path = tmp_path / "fall.npz"
     fall.write(path)
     back = read(path, path.with_suffix(".webp"))
-    assert back.made == fall.clip.made
-    assert back.track is not None
+    assert back.made == fall.clip.golden.made
+    assert back.motion is not None
     assert back.stills is not None
-    assert fall.clip.stills is not None
-    assert moved(back.track, fall.clip.trajectory, Motion(), None).most("px") == 0
-    assert all(np.array_equal(a.rgb, b.rgb) for a, b in zip(back.stills, fall.clip.stills, strict=True))
+    assert fall.clip.golden.stills is not None
+    assert compare_motion(back.motion, fall.clip.trajectory, Motion(), None).most("px") == 0
+    assert all(
+        np.array_equal(a.rgb, b.rgb) for a, b in zip(back.stills, fall.clip.golden.stills, strict=True)
+    )
     assert path.stat().st_size + path.with_suffix(".webp").stat().st_size < 20_000
 
 
 def test_what_has_changed_is_told_by_its_meaning(fall: Check) -> None:
-    made = fall.clip.made
-    assert not any((causes(made, made).scene, causes(made, made).versions, causes(made, made).machine))
+    made = fall.clip.golden.made
+    assert changes(made, made) == type(changes(made, made))((), ())
     document = json.loads(json.dumps(made.document))
     document["objects"]["ball"]["label"] = "\x1b[31mred"
     document["objects"]["ball"].pop("spin")
@@ -231,7 +237,7 @@ def test_what_has_changed_is_told_by_its_meaning(fall: Check) -> None:
         machine={**made.machine, "kind": "abacus"},
         asked={**made.asked, "variant": "hard"},
     )
-    found = causes(made, other)
+    found = changes(made, other)
     assert found.scene == (
         'the test says variant="hard" now, not null',
         "world.tilt is a mapping, was 4",
@@ -239,5 +245,8 @@ def test_what_has_changed_is_told_by_its_meaning(fall: Check) -> None:
         "objects.ball.spin is gone, was 90",
         "photo.png is read now, was not",
     )
-    assert found.versions == (f"numpy is 9.9, was {made.versions['numpy']}", "physgen's own code has changed")
-    assert found.machine == (f"the processor is abacus, was {made.machine['kind']}",)
+    assert found.environment == (
+        f"numpy is 9.9, was {made.versions['numpy']}",
+        "physgen's own code has changed",
+        f"the processor is abacus, was {made.machine['kind']}",
+    )
