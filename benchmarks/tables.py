@@ -14,7 +14,7 @@ import plausibility.page
 from batch_tables import batch_table, kills_table
 from growth import KINDS, exponent
 
-from physgen.evaluate import fidelity, fidelity_told
+from physgen.evaluate import fidelity
 from physgen.evaluate.measure import Findings
 from physgen.evaluate.measure import markdown as told
 from physgen.materials import materials, nouns
@@ -114,7 +114,7 @@ def _ahead(rows: list[dict]) -> list[str]:
 
 def _plain(rows: list[dict]) -> Findings:
     """The tables alone."""
-    told = fidelity_told.findings({"rows": rows, "means": fidelity.means(rows), "ahead": None})
+    told = fidelity.findings({"rows": rows, "means": fidelity.means(rows), "ahead": None})
     return replace(told, sentences=())
 
 

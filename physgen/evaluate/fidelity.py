@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.compile.compile import Compiled
+from physgen.evaluate.measure import Bar, Figure, Findings, Progress, Section, Table, number, photo, plotted
 from physgen.geometry.polygon import rotation
 from physgen.maps import Percepts
 from physgen.perceive.perceive import perceive
@@ -29,6 +30,11 @@ from physgen.problems import InputError
 from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from physgen.report.plots.style import Palette
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -101,9 +107,6 @@ def replayed(truth: Truth, compiled: Compiled) -> Trajectory:
     return replace(run, poses=poses)
 
 
-# ---- ways to draw ------------------------------------------------------------------------------------------------
-
-
 def ours(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
     """physgen's frames, after the photo itself."""
     compiled = pipeline.compile(scene, maps)
@@ -134,7 +137,7 @@ def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[
     compiled = pipeline.compile(truth.scene, truth.maps)
     run = replayed(truth, compiled)
     height, width = compiled.labels.shape
-    photo = decode(truth.maps.rgb)
+    linear = decode(truth.maps.rgb)
     order = sorted(range(len(truth.scene.objects)), key=lambda k: truth.scene.objects[k].layer)
     for sample in range(1, len(run.times)):
         canvas = background.copy()
@@ -145,13 +148,13 @@ def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[
             matrix = np.concatenate([turn, (np.array([[x], [y]]) - turn @ body.center[:, None])], axis=1)
             mask = (compiled.labels == k + 1).astype(np.uint8)
             there = cv2.warpAffine(mask, matrix, (width, height), flags=cv2.INTER_NEAREST) > 0
-            look: F32 = photo
+            look: F32 = linear
             if light is not None and body.solid is Solid.SPHERE and body.radius is not None:
                 normals, _ = sphere_normals(height, width, tuple(body.center.tolist()), body.radius)
                 turned = normals.copy()
                 turned[..., :2] = normals[..., :2] @ turn.T.astype(np.float32)
                 ratio = light.shade(turned) / np.maximum(light.shade(normals), 0.05)
-                look = np.asarray(photo * ratio[..., None], np.float32)
+                look = np.asarray(linear * ratio[..., None], np.float32)
             moved = cv2.warpAffine(look, matrix, (width, height), flags=cv2.INTER_LINEAR)
             canvas[there] = encode_u8(np.asarray(moved, np.float32)[there])
         yield canvas
@@ -175,9 +178,6 @@ def ways(truth: Truth) -> dict[str, Callable[[], Iterator[U8]]]:
         "paper, relit": lambda: paper(truth, shadowed, light),
         "paper, relit, no old shadows": lambda: paper(truth, clean, light),
     }
-
-
-# ---- measures ----------------------------------------------------------------------------------------------------
 
 
 def psnr(error: NDArray[np.float64], where: Mask) -> float | None:
@@ -227,30 +227,19 @@ def compared(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
     return result
 
 
-def evaluate(
-    folder: Path, names: Sequence[str] = (), progress: Callable[[str, int, int], None] = lambda *_: None
-) -> dict[str, Any]:
+def evaluate(folder: Path, names: Sequence[str] = (), progress: Progress = lambda *_: None) -> dict[str, Any]:
     """Every way on every truth video below `folder`; means over the scenes of each half of the split."""
     films = truths(folder, names)
-    split = json.loads((folder / "../split.json").read_text()) if (folder / "../split.json").exists() else {}
+    file = folder / "../split.json"
+    split = json.loads(file.read_text()) if file.exists() else {}
     rows: list[dict[str, Any]] = []
     for k, truth in enumerate(films):
+        half = next((half for half in ("tune", "test") if truth.name in split.get(half, ())), "")
         for name, draw in ways(truth).items():
             progress(f"{truth.name}: {name}", k, len(films))
-            rows.append(
-                {
-                    "scene": truth.name,
-                    "half": _half(split, truth.name),
-                    "way": name,
-                    **compared(truth, draw()),
-                }
-            )
+            rows.append({"scene": truth.name, "half": half, "way": name, **compared(truth, draw())})
     found = means(rows)
-    return {
-        "rows": rows,
-        "means": found,
-        "ahead": ahead(found),
-    }
+    return {"rows": rows, "means": found, "ahead": ahead(found)}
 
 
 def ahead(found: Sequence[Mapping[str, Any]]) -> float | None:
@@ -270,11 +259,97 @@ def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             if mine:
                 keys = [key for key in mine[0] if key not in ("scene", "half", "way")]
                 values = {key: [float(row[key]) for row in mine if row[key] is not None] for key in keys}
-                found.append(
-                    {"half": half, "way": way, **{k: float(np.mean(v)) for k, v in values.items() if v}}
-                )
+                average = {key: float(np.mean(some)) for key, some in values.items() if some}
+                found.append({"half": half, "way": way, **average})
     return found
 
 
-def _half(split: Mapping[str, Any], name: str) -> str:
-    return next((half for half in ("tune", "test") if name in split.get(half, ())), "")
+# ---- report ------------------------------------------------------------------------------------------------------
+
+SHOWN_WAYS = ("ours", "ours, true maps", "paper, relit", "paper, relit, no old shadows")
+"""Of the table and the plot scene by scene."""
+STRIP_WAYS, COLUMNS, GAP = ("paper, relit", "ours"), 4, 4
+"""Rows of a strip above the truth, its frames in a row, and px between pictures."""
+
+
+def findings(result: Mapping[str, Any]) -> Findings:
+    """Of the result of `evaluate`; no bar where no scene is of the test half."""
+    ahead = result["ahead"]
+    sentence, bars = "None of these scenes is of the test half: there is no bar.", tuple[Bar, ...]()
+    if ahead is not None:
+        better = "ours over the paper's way, relit, on objects and shadows of the test half"
+        bars = (Bar(better, f"{ahead:.2f} dB", f"{BAR:g} dB", ahead >= BAR),)
+        sentence = (
+            f"On the test half, ours is {ahead:.2f} dB nearer to the truth than the paper's way, relit, over objects "
+            "and shadows. The bar is this project's own."
+        )
+    heads = ("half", "way", *(f"{r}, dB" for r in REGIONS), *(f"{r}, SSIM" for r in REGIONS), "flicker")
+    keys = [*(f"psnr_{r}" for r in REGIONS), *(f"ssim_{r}" for r in REGIONS), "flicker"]
+    rows = tuple((row["half"], row["way"], *(_cell(row, key) for key in keys)) for row in result["means"])
+    by_scene = _by_scene(result["rows"])
+    ways = [way for way in SHOWN_WAYS if any(way in mine for mine in by_scene.values())]
+    lines = []
+    for name, mine in by_scene.items():
+        cells = (f"{_cell(mine[way], 'psnr_objects')} / {_cell(mine[way], 'psnr_shadows')}" for way in ways)
+        lines.append((name, next(iter(mine.values()))["half"], *cells))
+    scene_heads = ("scene", "half", *(f"{way}: objects / shadows, dB" for way in ways))
+    sections = (
+        Section("Means over scenes", (), (Table(heads, rows),)),
+        Section("Scene by scene", (), (Table(scene_heads, tuple(lines)),)),
+    )
+    more = {"means": result["means"], "ahead": ahead}
+    return Findings("fidelity", "Frames against the truth", (sentence,), sections, result["rows"], bars, more)
+
+
+def _by_scene(found: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Mapping[str, Any]]]:
+    names = dict.fromkeys(row["scene"] for row in found)
+    return {name: {row["way"]: row for row in found if row["scene"] == name} for name in names}
+
+
+def _cell(row: Mapping[str, Any], key: str) -> str:
+    return number(row.get(key), ".3f" if key.startswith("ssim") else ".2f")
+
+
+def plot(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """PSNR of each way over objects and shadows together, scene by scene."""
+    scenes = _by_scene(rows)
+    height = 28 + 8 * len(scenes)
+
+    def draw(axes: Axes, palette: Palette) -> None:
+        colours = (palette.blue, palette.green, palette.orange, palette.soft)
+        for way, colour, mark in zip(SHOWN_WAYS, colours, "os^v", strict=True):
+            values = [mine[way]["psnr_both"] if way in mine else None for mine in scenes.values()]
+            at = [(value, k) for k, value in enumerate(values) if value is not None]
+            x, y = zip(*at, strict=True) if at else ((), ())
+            axes.plot(x, y, mark, color=colour, markersize=4, label=way)
+        axes.set_yticks(range(len(scenes)), list(scenes))
+        axes.set_ylim(len(scenes) - 0.5, -0.5)
+        axes.set_xlabel("PSNR over objects and shadows, dB: more is nearer")
+        axes.margins(x=0.05)
+        axes.set_position((0.16, 13 / height, 0.8, 1 - 22 / height))  # names and the key need room
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(SHOWN_WAYS), frameon=False)
+
+    return plotted(draw, "How near each way comes to the truth, scene by scene.", height=height)
+
+
+def strips(truths: Sequence[Truth]) -> Iterator[Figure]:
+    """A sheet of each: rows of the paper's way, ours and the truth, at the same moments."""
+    for truth in truths:
+        times = truth.film["times_s"]
+        chosen = [round((k + 1) * len(times) / COLUMNS) - 1 for k in range(min(COLUMNS, len(times)))]
+        draw = ways(truth)
+        rows = [*((name, draw[name]()) for name in STRIP_WAYS), ("truth", (rgb for rgb, _ in truth.frames()))]
+        sheet = []
+        for name, frames in rows:
+            row = [np.array(frame) for k, frame in enumerate(frames) if k in chosen]
+            for k, picture in enumerate(row):
+                label = f"{name}, {times[chosen[k]]:.2f} s"
+                for colour, thick in (((30, 30, 30), 3), ((255, 255, 255), 1)):
+                    cv2.putText(
+                        picture, label, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, thick, cv2.LINE_AA
+                    )
+            gap = np.full((row[0].shape[0], GAP, 3), 255, np.uint8)
+            sheet.append(np.concatenate([part for picture in row for part in (gap, picture)][1:], axis=1))
+        gap = np.full((GAP, sheet[0].shape[1], 3), 255, np.uint8)
+        page = np.concatenate([part for row in sheet for part in (gap, row)][1:])
+        yield photo(page, f"{truth.name}: {', '.join(STRIP_WAYS)}, and the truth, at the same moments.")

@@ -48,25 +48,16 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.evaluate import fidelity as measure
-    from physgen.evaluate.fidelity_told import findings
+    from physgen.evaluate import fidelity
     from physgen.evaluate.measure import Section, check_folder
 
-    check_folder(options.output)
-    if options.output:
-        from physgen.report.plots.style import require_matplotlib
-
-        require_matplotlib()
+    check_folder(options.output, plots=True)
     bar = Bar()
-    result = measure.evaluate(options.truth, options.scenes, bar.show)
-    told = findings(result)
+    result = fidelity.evaluate(options.truth, options.scenes, bar.show)
+    found = fidelity.findings(result)
     if options.output:
-        from physgen.evaluate.fidelity_told import plot, strips
-
-        first, *rest = told.sections
-        frames = Section("Frames", (), tuple(strips(measure.truths(options.truth, options.scenes))))
-        told = replace(
-            told, sections=(replace(first, parts=(*first.parts, plot(result["rows"]))), *rest, frames)
-        )
+        sheets = tuple(fidelity.strips(fidelity.truths(options.truth, options.scenes)))
+        found = found.with_parts({found.sections[0].title: (fidelity.plot(result["rows"]),)}, first=False)
+        found = replace(found, sections=(*found.sections, Section("Frames", (), sheets)))
     bar.clear()
-    return hand_over(told, options)
+    return hand_over(found, options)
