@@ -6,9 +6,8 @@ from math import cos, sin
 
 import numpy as np
 
-from physgen.evaluate.physics import Case, Document, Draw, Errors, Measure, Row, Run, Unit
-
 from .impacts import FLOATING
+from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit
 from .staging import box, circle, scene, segment
 
 FAST = (2, 5, 10, 15, 20)

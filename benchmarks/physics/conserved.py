@@ -6,9 +6,8 @@ from math import cos, hypot, sin
 
 import numpy as np
 
-from physgen.evaluate.physics import Case, Document, Draw, Errors, Measure, Row, Run, worst
-
 from .impacts import FLOATING, toward
+from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, worst
 from .staging import Point, box, circle, scene
 
 

@@ -6,8 +6,7 @@ from math import cos, sin
 
 import numpy as np
 
-from physgen.evaluate.physics import Case, Document, Draw, Errors, Measure, Row, Run, worst
-
+from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, worst
 from .staging import GRAVITY, Slope, box, circle, scene, segment
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from physgen.evaluate.physics import Array, Track
+from .scorecard import Array, Track
 
 
 def crossings(times: Array, values: Array, rates: Array) -> Array:

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from physgen.evaluate.physics import Case, Draw, Errors, Measure, Row, Run, worst
-
 from .events import flights
+from .scorecard import Case, Draw, Errors, Measure, Row, Run, worst
 from .staging import GRAVITY, box, circle, scene, segment
 
 

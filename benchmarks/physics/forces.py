@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.physics import Case, Draw, Errors, Measure, Row, Run, worst
-
+from .scorecard import Case, Draw, Errors, Measure, Row, Run, worst
 from .staging import box, circle, scene
 
 Array = NDArray[np.float64]

@@ -6,8 +6,7 @@ from math import cos, degrees, sin, sqrt
 
 import numpy as np
 
-from physgen.evaluate.physics import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
-
+from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
 from .staging import INERTIA, Point, circle, scene, segment
 
 FLOATING = {"gravity": [0, 0]}

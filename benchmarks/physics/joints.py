@@ -7,10 +7,9 @@ from math import cos, exp, pi, radians, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.physics import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
-
 from .elliptic import complete, runge_kutta
 from .events import crossings
+from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
 from .staging import GRAVITY, INERTIA, box, circle, scene
 
 Array = NDArray[np.float64]

@@ -6,8 +6,7 @@ from math import degrees, tan
 
 import numpy as np
 
-from physgen.evaluate.physics import Case, Draw, Errors, Measure, Row, Run, worst
-
+from .scorecard import Case, Draw, Errors, Measure, Row, Run, worst
 from .staging import GRAVITY, INERTIA, Slope, box, circle, scene, segment
 
 

@@ -7,8 +7,7 @@ from math import acosh, sqrt
 
 import numpy as np
 
-from physgen.evaluate.physics import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
-
+from .scorecard import Case, Document, Draw, Errors, Measure, Row, Run, Unit, worst
 from .staging import GRAVITY, Slope, box, scene, segment
 
 CREEP = 0.1

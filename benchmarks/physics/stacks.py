@@ -7,9 +7,8 @@ from math import asin, atan2, cos, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.physics import Case, Draw, Errors, Measure, Row, Run, Unit, worst
-
 from .events import crossings
+from .scorecard import Case, Draw, Errors, Measure, Row, Run, Unit, worst
 from .staging import GRAVITY, box, scene, segment
 
 Array = NDArray[np.float64]

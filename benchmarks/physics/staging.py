@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.physics import Document
+from .scorecard import Document
 
 Point = tuple[float, float]
 At = Sequence[float] | NDArray[np.float64]

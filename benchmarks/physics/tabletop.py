@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.physics import Case, Draw, Errors, Measure, Row, Run, Unit, worst
-
+from .scorecard import Case, Draw, Errors, Measure, Row, Run, Unit, worst
 from .sliding_disc import Stop, stop
 from .staging import GRAVITY, box, circle, scene
 

@@ -19,20 +19,16 @@ from functools import cache
 from math import inf, isfinite, nan
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, NamedTuple
 
 from physgen import pipeline
-from physgen.compile.world import Body, World
+from physgen.compile.world import World
 from physgen.evaluate.measure import Bar, Findings, Section, Table
 from physgen.files import write_with_backup
 from physgen.problems import InputError
 from physgen.scene.write import scene_text
 from physgen.simulate.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Document = dict[str, Any]
 """A scene as plain data, as the YAML file holds it."""
 Errors = Mapping[str, float]
@@ -70,80 +66,11 @@ class Measure:
     unit: Unit = Unit.PART
 
 
-@dataclass(frozen=True)
-class Track:
-    """Motion of one body at T times."""
-
-    times: Array
-    """(T,) s."""
-    poses: Array
-    """(T, 3): x px, y px, angle rad since t = 0."""
-    velocities: Array
-    """(T, 3): px/s, px/s, rad/s."""
-
-    @property
-    def x(self) -> Array:
-        return self.poses[:, 0]
-
-    @property
-    def y(self) -> Array:
-        return self.poses[:, 1]
-
-    @property
-    def angle(self) -> Array:
-        return self.poses[:, 2]
-
-    @property
-    def at(self) -> Array:
-        return self.poses[:, :2]
-
-    @property
-    def moved(self) -> Array:
-        """(T, 2) px since t = 0."""
-        return self.poses[:, :2] - self.poses[0, :2]
-
-    @property
-    def velocity(self) -> Array:
-        return self.velocities[:, :2]
-
-    @property
-    def speed(self) -> Array:
-        return np.asarray(np.hypot(*self.velocity.T))
-
-    @property
-    def spin(self) -> Array:
-        return self.velocities[:, 2]
-
-    def sample(self, time: float) -> int:
-        """Index of the last sample that is not after `time` (s)."""
-        return int(np.searchsorted(self.times, time + 1e-9, side="right")) - 1
-
-
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """A world and its motion, by any engine that simulated this world."""
 
     world: World
     trajectory: Trajectory
-
-    def track(self, name: str) -> Track:
-        """Motion of one object."""
-        k = self.trajectory.names.index(name)
-        return Track(self.trajectory.times, self.trajectory.poses[:, k], self.trajectory.velocities[:, k])
-
-    def body(self, name: str) -> Body:
-        """Mass, moment and shape of one object."""
-        return next(body for body in self.world.bodies if body.name == name)
-
-    def impulse(self, on: str, of: str, begin: float, end: float) -> Array:
-        """(2,) g·px/s that `of` gave `on` after the sample at `begin` up to the one at `end` (s)."""
-        contacts, times = self.trajectory.contacts, self.trajectory.times
-        a, b = contacts.surfaces.index(on), contacts.surfaces.index(of)
-        rows, given = contacts.impulse_rows, contacts.impulses
-        inside = (times[rows[:, 0]] > begin + 1e-9) & (times[rows[:, 0]] < end + 1e-9)
-        first = inside & (rows[:, 1] == a) & (rows[:, 2] == b)
-        second = inside & (rows[:, 1] == b) & (rows[:, 2] == a)
-        return np.asarray(given[first].sum(axis=0) - given[second].sum(axis=0), np.float64)
 
 
 @dataclass(frozen=True)
@@ -161,34 +88,6 @@ class Case:
     """1/s: samples. Divides every rate of steps, so that samples fall on steps."""
 
 
-class Draw:
-    """One seeded draw of a row's parameters, rounded so that the scene file shows them in full.
-
-    `index` selects among a row's named cases; more draws than five go through them again.
-    """
-
-    def __init__(self, row: int, index: int) -> None:
-        self.index = index % DRAWS
-        self._rng = np.random.default_rng((20241, row, index))
-
-    def number(self, low: float, high: float, digits: int = 2) -> float:
-        return round(float(self._rng.uniform(low, high)), digits)
-
-    def count(self, low: int, high: int) -> int:
-        return int(self._rng.integers(low, high + 1))
-
-    def sign(self) -> int:
-        return 1 if self._rng.random() < 0.5 else -1
-
-    def angle(self) -> float:
-        """rad; a whole number of degrees."""
-        return float(np.radians(int(self._rng.integers(0, 360))))
-
-    def mass(self) -> float:
-        """20 to 500 g."""
-        return self.number(20, 500, 0)
-
-
 @dataclass(frozen=True)
 class Row:
     """One closed form."""
@@ -203,16 +102,8 @@ class Row:
     why: str
     """How the error is counted, why the bar is where it is, and the source."""
     measures: tuple[Measure, ...]
-    cases: Callable[[Draw], Sequence[Case]]
-
-    def draw(self, index: int) -> Sequence[Case]:
-        """Cases of one draw, the same on every call."""
-        return self.cases(Draw(self.number, index))
-
-
-def worst(errors: Sequence[float]) -> float:
-    """The largest; NaN where any is NaN."""
-    return float(np.max(errors))
+    draw: Callable[[int], Sequence[Case]]
+    """Cases of one random draw, the same on every call."""
 
 
 @cache

@@ -6,9 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 from physics.events import crossings, flights
+from physics.scorecard import Track
 from pytest import approx
-
-from physgen.evaluate.physics import Track
 
 G = 980.0
 

@@ -70,7 +70,7 @@ def test_a_missed_bar_exits_1(tmp_path: Path, capsys) -> None:
         "SCENE = {'physgen': 1, 'size': [90, 90], 'world': {'duration': 0.1},\n"
         "         'objects': {'ball': {'shape': {'circle': {'center': [40, 20], 'radius': 8}}}}}\n"
         "def cases(draw):\n"
-        "    return [Case(SCENE, lambda run: {'hover': abs(run.track('ball').moved[-1, 1])})]\n"
+        "    return [Case(SCENE, lambda run: {'hover': abs(run.trajectory.poses[-1, 0, 1] - 20)})]\n"
         "ROWS = (Row(7, 'hover', 'a ball that hovers', 'y = 0', '', '', (Measure('hover', 1e-3),), cases),)\n"
     )
     assert main(["evaluate", "physics", str(own), "--draws", "1", "--no-convergence", "--jobs", "1"]) == 1
@@ -149,7 +149,7 @@ def test_a_scene_that_cannot_be_run_misses_its_bar(tmp_path: Path) -> None:
 def test_what_is_no_number_misses_its_bar(tmp_path: Path) -> None:
     fall = ROWS[0]
     case = replace(fall.draw(0)[0], measure=lambda run: {"fall": float("nan")})
-    row = replace(fall, cases=lambda draw: [case])
+    row = replace(fall, draw=lambda index: [case])
     write_scenes(row, 0, tmp_path)
     result = record(row, 1, (), {(0, None): run_draw(row, 0, tmp_path)})
     assert not result["passed"]
