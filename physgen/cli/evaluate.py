@@ -49,4 +49,5 @@ def measures(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def evaluate(options: argparse.Namespace) -> int:
     """Run the measure that was chosen."""
-    return MEASURES[options.what].run(options)
+    code: int = MEASURES[options.what].run(options)
+    return code

@@ -322,7 +322,7 @@ def _common_object(folder: Path, documents: Sequence[tuple[Path, Mapping[str, An
     if any(set(document["objects"]) != shared for _, document in documents):
         fix = f"name a folder with clips of one scene, or an object of all with --object {min(shared)}"
         raise InputError.of(str(folder), "", "holds clips with other objects: of several scenes", fix)
-    names = list(documents[0][1]["objects"])
+    names: list[str] = list(documents[0][1]["objects"])
     return next(
         (n for n in names if len({repr(_loads(document, n)) for _, document in documents}) > 1), names[0]
     )

@@ -120,12 +120,12 @@ def seen(truth: Truth) -> tuple[Scene, Percepts]:
     """Scene and maps with what `perceive` makes of the photo, given the true masks; shapes and motion stay true."""
     world = truth.scene.world
     found = perceive(truth.maps.rgb, from_masks(truth.maps.labels), view=world.view)
-    told, around = found.document["light"], found.document["world"]
-    direction = np.array(told["direction"], float)
+    light, around = found.document["light"], found.document["world"]
+    direction = np.array(light["direction"], float)
     x, y, z = (direction / np.linalg.norm(direction)).tolist()
-    light = Light((x, y, z), told["intensity"], told["ambient"], told.get("softness", 4.0))
+    sun = Light((x, y, z), light["intensity"], light["ambient"], light.get("softness", 4.0))
     settings: Settings = replace(world, tilt=around.get("tilt", 4.0), backdrop=around.get("backdrop"))
-    return replace(truth.scene, light=light, world=settings), found.percepts
+    return replace(truth.scene, light=sun, world=settings), found.percepts
 
 
 def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[U8]:

@@ -157,9 +157,9 @@ def read_table(path: Path) -> Objects:
         rankings = list(_rankings(root, [row.name for row in rows], problems))
     objects = tuple(_item(row, path.parent) for row in rows)
     for of in COEFFICIENTS:
-        values = {row.name: value for row in rows if (value := row.number(of)) is not None}
-        if values:
-            rankings.append(Ranking(of, "the table's own column", source, values))
+        column = {row.name: value for row in rows if (value := row.number(of)) is not None}
+        if column:
+            rankings.append(Ranking(of, "the table's own column", source, column))
     table = Objects(title, source, objects, tuple(rankings))
     if not problems and not table.weighed and not any(len(one.values) > 1 for one in rankings):
         fix = "give objects a mass in g, or two of them a friction or an elasticity"

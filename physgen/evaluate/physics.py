@@ -382,6 +382,6 @@ def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
     passed = sum(row["passed"] for row in rows)
     count = f"{passed} of {len(rows)}"
     section = Section("Closed forms", problems, (Table(heads, tuple(lines)),))
-    bar = Bar("rows that pass", count, f"{len(rows)}", passed == len(rows))
+    pass_bar = Bar("rows that pass", count, f"{len(rows)}", passed == len(rows))
     title = "Motion against closed forms"
-    return Findings("physics", title, (f"{count} rows pass.",), (section,), rows, (bar,))
+    return Findings("physics", title, (f"{count} rows pass.",), (section,), rows, (pass_bar,))

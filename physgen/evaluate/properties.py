@@ -156,10 +156,10 @@ def ask(table: Objects, backends: Backends, sized: bool, progress: Progress) -> 
         for k, item in enumerate(table.items):
             progress(f"physics of {item.name}", k, len(table.items))
             rgb, outline = _photo(item.photo, item.mask) if item.photo and item.mask else silhouette(item)
-            thing = PhotoObject(1, outline, item.label)
+            one = PhotoObject(1, outline, item.label)
             known = box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
-            scale = known if sized and known else _found_scale([thing])
-            found[item.name] = _answer(physics(rgb, [thing], scale)[1])
+            scale = known if sized and known else _found_scale([one])
+            found[item.name] = _answer(physics(rgb, [one], scale)[1])
         return found
 
     answers: dict[str, Answer] = backends.run("physics", use)
@@ -282,10 +282,10 @@ HEADS = ("set", "objects", "ADE", "within 30 %", "95 %", "ALDE", "APE", "MnRE", 
 SHOWN = 2
 """Pairs not in order that a table names; the JSON has all."""
 NOTE = (
-    "ADE: mean absolute difference. 95 %: interval of the share, since the objects are few. ALDE: mean |ln(told / "
-    "true)|. APE: mean |told - true| / true. MnRE: mean of the smaller of told / true and true / told, 1 is right. "
-    "ADE to MnRE as in NeRF2Physics (Zhai et al., CVPR 2024). Bias: geometric mean of told / true. The paper's objects "
-    "are others: 20 of Amazon Berkeley Objects."
+    "ADE: mean absolute difference. 95 %: interval of the share, since the objects are few. With r = answered / true, "
+    "ALDE is the mean |ln r|, APE the mean |r - 1|, MnRE the mean of the smaller of r and 1 / r (1 is right), bias the "
+    "geometric mean of r. ADE to MnRE as in NeRF2Physics (Zhai et al., CVPR 2024). The paper's objects are others: 20 "
+    "of Amazon Berkeley Objects."
 )
 
 
@@ -306,7 +306,7 @@ def findings(table: Objects, answers: Mapping[str, Answer], kinds: Sequence[Kind
     """Without plots; see `plots`."""
     every = [(item, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
     sets = {table.title: masses([pair for _, *pair in every])}  # type: ignore[misc]
-    free = [(true, told) for item, true, told in every if not regulated(item.label)]
+    free = [(true, answer) for item, true, answer in every if not regulated(item.label)]
     if 0 < len(free) < len(every):
         sets["without regulated weights"] = masses(free)
     for way in ("scaled", "found") if kinds else ():
@@ -450,7 +450,7 @@ def _order_section(
             rows.append((of, "studio's photos, within each", *_counts(studio[of]), ""))
         right, count = PAPER_ORDER[of]
         rows.append((of, "the paper, GPT-4V on videos", f"{right} of {count}", "-", ""))
-    heads = ("coefficient", "compared", "in order", "told equal", "not in order (more > less)")
+    heads = ("coefficient", "compared", "in order", "equal", "not in order (more > less)")
     return Section(ORDER, (), (Table(heads, tuple(rows)),))
 
 
@@ -469,13 +469,13 @@ def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
         (
             item.label,
             f"{true:g}",
-            f"{told:g}",
-            f"{told / true:.2f}",
+            f"{answer:g}",
+            f"{answer / true:.2f}",
             "x".join(f"{side:g}" for side in item.size),
         )
-        for item, true, told in sorted(pairs, key=lambda pair: _factor(*pair[1:]))
+        for item, true, answer in sorted(pairs, key=lambda pair: _factor(*pair[1:]))
     )
-    heads = ("object", "true, g", "told, g", "told / true", "size, mm")
+    heads = ("object", "true, g", "answered, g", "answered / true", "size, mm")
     return Section("Each object, the nearest first", (), (Table(heads, rows, note=table.source),))
 
 
@@ -490,7 +490,7 @@ def _kind_section(kinds: Sequence[Kind]) -> Section:
         )
         for one in kinds
     )  # fmt: skip
-    heads = ("photo", "objects", "of them", "true, g", "scale told", "scale found", "friction", "elasticity")
+    heads = ("photo", "objects", "of them", "true, g", "scale given", "scale found", "friction", "elasticity")
     note = "Masses where the photo's scale is given, and where it is not; friction and elasticity: true / answered."
     return Section("The studio's photos", (), (Table(heads, cells, note=note),))
 
@@ -529,7 +529,7 @@ def _mass_plot(sets: Mapping[str, Sequence[tuple[str, float, float]]]) -> Figure
         from matplotlib.ticker import LogLocator, NullFormatter
 
         every = [row for rows in sets.values() for row in rows]
-        numbers = [number for _, true, told in every for number in (true, told)]
+        numbers = [number for _, true, answer in every for number in (true, answer)]
         low, high = min(numbers) / 1.6, max(numbers) * 1.6
         line = np.array([low, high])
         axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
@@ -540,17 +540,17 @@ def _mass_plot(sets: Mapping[str, Sequence[tuple[str, float, float]]]) -> Figure
         for (title, rows), colour, mark in zip(
             sets.items(), (palette.blue, palette.orange), "o^", strict=False
         ):
-            _, true, told = zip(*rows, strict=True)
-            axes.scatter(true, told, s=11, color=colour, marker=mark, linewidths=0, label=title, zorder=3)
+            _, x, y = zip(*rows, strict=True)
+            axes.scatter(x, y, s=11, color=colour, marker=mark, linewidths=0, label=title, zorder=3)
         named: list[tuple[float, float]] = []
-        for name, true, told in sorted(
+        for name, true, answer in sorted(
             every, key=lambda row: -_factor(*row[1:])
         ):  # the farthest off, with room
-            at = log10(true), log10(told)
+            at = log10(true), log10(answer)
             if len(named) < 7 and all(abs(at[0] - x) >= 0.7 or abs(at[1] - y) >= 0.1 for x, y in named):
                 named.append(at)
                 axes.annotate(
-                    name, (true, told), (4, 1), textcoords="offset points", fontsize=5.5, va="center"
+                    name, (true, answer), (4, 1), textcoords="offset points", fontsize=5.5, va="center"
                 )
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(subs=(1,) if high / low > 100 else (1, 2, 5)))
@@ -569,15 +569,15 @@ def _mass_plot(sets: Mapping[str, Sequence[tuple[str, float, float]]]) -> Figure
 def _order_plot(ranking: Ranking, answers: Mapping[str, Answer]) -> Figure:
     """Answered over true coefficients: what rises from left to right is in order."""
     names = sorted(ranking.values, key=lambda name: ranking.values[name])
-    told = [float(getattr(answers[name], ranking.of)) for name in names]
+    answer = [float(getattr(answers[name], ranking.of)) for name in names]
     true = [ranking.values[name] for name in names]
 
     def draw(axes: Axes, palette: Palette) -> None:
         places = range(len(names))
         axes.plot(places, true, color=palette.soft, marker="o", markersize=3, label="measured")
-        axes.plot(places, told, color=palette.blue, marker="s", markersize=3, linewidth=0, label="answered")
+        axes.plot(places, answer, color=palette.blue, marker="s", markersize=3, linewidth=0, label="answered")
         axes.set_xticks(places, [name.replace("-", " ") for name in names], rotation=30, ha="right")
-        axes.set(ylabel=ranking.of, ylim=(0, max(*true, *told) * 1.1), xlim=(-0.4, len(names) - 0.6))
+        axes.set(ylabel=ranking.of, ylim=(0, max(*true, *answer) * 1.1), xlim=(-0.4, len(names) - 0.6))
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
         axes.set_position((0.14, 0.34, 0.83, 0.56))  # names need room
 

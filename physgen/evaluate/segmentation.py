@@ -591,7 +591,7 @@ def marked(found: Photo) -> NDArray[np.uint8]:
     longer = max(rgb.shape[:2])
     zoom = float(np.clip(longer, SMALLEST, LARGEST)) / longer
     method = cv2.INTER_CUBIC if zoom > 1 else cv2.INTER_AREA
-    picture = np.ascontiguousarray(cv2.resize(rgb, None, fx=zoom, fy=zoom, interpolation=method))
+    picture = np.array(cv2.resize(rgb, None, fx=zoom, fy=zoom, interpolation=method), np.uint8)
     thick = max(1, round(max(picture.shape[:2]) / 420))
     judged, (masks, confidence) = found.judged["all"][0], found.found
     right = judged.right.tolist()

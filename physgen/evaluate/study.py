@@ -205,10 +205,12 @@ def make(
     problems: list[Problem] = []
     for done, k in enumerate(order):
         progress("clips", done, len(pairs))
-        path = methods.film(*pairs[k])
+        method, scene = pairs[k]
+        path = methods.film(method, scene)
         assert path is not None  # the scene is complete
         try:
-            clips.append(PageClip(f"c{done + 1}", *pairs[k], *_encoded(path)))
+            film, size = _encoded(path)
+            clips.append(PageClip(f"c{done + 1}", method, scene, film, size))
         except InputError as error:
             problems += error.problems
     for scene in (scene for scene in scenes if scene in methods.photos):

@@ -244,7 +244,7 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "uneven rows": ([true, "--features", f"{judge}:torn"], [":torn\" fails: ValueError"]),
         "rash": ([true, "--features", f"module:{root / 'rash.py'}:f"], ["imported (JSONDecodeError", "rash.py:3"]),
         "twice": (["--method", f"a={true}", "--method", f"a={one}"], ['--method: "a" stands for two methods']),
-        "device": ([true, "--device", "cuda"], ['"cuda" has nobody to run there: bank and dis need no model']),
+        "device": ([true, "--device", "cuda"], ['"cuda" has no model to run there: bank and dis need no model']),
         "no module": ([true, "--features", "module:nowhere_at_all:f"], ["cannot be imported"]),
         "raft": ([true, "--flow", "raft:/nowhere.pth"], ["--flow: ", "needs torchvision", "physgen[raft]"]),
         "name": ([one, "--method", f"reference={one}"], ["is the other side's name"]),

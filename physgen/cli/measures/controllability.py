@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.arguments import speeds, turns
-from physgen.cli.measures.output import hand_over
+from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar
 from physgen.problems import InputError
 
@@ -15,7 +15,6 @@ EXAMPLE = "controllability scenes/curling/scene.yaml --object red-1 --angles 12 
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """What is pushed, how, and where the page goes."""
     parser.add_argument(
         "scene",
         metavar="SCENE",
@@ -47,9 +46,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-outside", action="store_true", help="files may lie outside the scene's folder"
     )
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"
-    )
+    add_output(parser)
 
 
 def run(options: argparse.Namespace) -> int:

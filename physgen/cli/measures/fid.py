@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from physgen.cli.arguments import count, positive, seed
-from physgen.cli.measures.output import hand_over
+from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar, print_problems
 from physgen.problems import InputError, Place, Problem
 
 ABOUT = "Frames and motion of clips against a reference's: Image-FID and Motion-FID; see docs/fid.md."
 EXAMPLE = "fid out/mine --reference filmed --features inception:inception-2015-12-05.pt -o out/fid"
 LEAST_DRAWS = 20
-"""Fewer give no interval worth the name."""
+"""For an interval."""
 SIDES = 16, 4096
-"""px; extractors make pictures smaller than that anyhow."""
+"""px: extractors shrink pictures below that."""
 
 
 def shorter(text: str) -> int:
@@ -28,7 +28,7 @@ def shorter(text: str) -> int:
 
 
 def draws(text: str) -> int:
-    """How often clips are drawn anew: 0, or enough for an interval."""
+    """Number of resamplings: 0, or enough for an interval."""
     if not text.isdecimal() or (int(text[:6]) != 0 and not LEAST_DRAWS <= int(text[:6]) <= 10_000):
         raise argparse.ArgumentTypeError(f"{text} is not 0 or a whole number from {LEAST_DRAWS} to 10000")
     return int(text)
@@ -55,7 +55,6 @@ def full_colour(text: str) -> str | float:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Whose clips, what looks at them, and how they are made alike."""
     parser.add_argument(
         "clips",
         metavar="CLIPS",
@@ -77,18 +76,18 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=method,
         action="append",
         default=[],
-        help="clips of a method, once for each; the first is what others are held against",
+        help="clips of a method, once for each; others are compared with the first",
     )
     parser.add_argument(
         "--features",
         metavar="NAME",
         default="bank",
-        help="what looks at pictures: inception:PATH (the TorchScript file of published FIDs), "
+        help="extractor: inception:PATH (the TorchScript file of published FIDs), "
         "module:PACKAGE.MODULE:FACTORY or module:FILE.py:FACTORY; default: bank, which needs no model and is NOT "
         "comparable with published FIDs",
     )
     parser.add_argument(
-        "--flow", metavar="NAME", default="dis", help="what finds motion: dis (default), or raft:PATH"
+        "--flow", metavar="NAME", default="dis", help="optical flow: dis (default), or raft:PATH"
     )
     parser.add_argument(
         "--full-colour",
@@ -122,19 +121,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=draws,
         default=200,
-        help="times that clips are drawn anew for intervals, 0 for none; default: 200",
+        help="resamplings of clips for intervals, 0 for none; default: 200",
     )
     parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of those draws; default: 0")
     parser.add_argument(
         "--device", metavar="DEVICE", default="auto", help="where models run: auto, cpu, cuda, mps"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=Path,
-        help="write a page with plots and pictures, and the result as JSON, in this folder",
-    )
+    add_output(parser, "write a page with plots and pictures, and the result as JSON, in this folder")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -209,33 +202,33 @@ def methods(options: argparse.Namespace) -> dict[str, list[Path]]:
 
 
 def _no_model(options: argparse.Namespace) -> list[Problem]:
-    """A device that nobody would run on."""
+    """A device without a model that would run on it."""
     from physgen import registry
 
     names = {role: getattr(options, role).partition(":")[0] for role in ("features", "flow")}
     rows = [row for row in registry.BACKENDS if names.get(row.role) == row.name]
-    if options.device in ("auto", "cpu") or any(row.weights or row.told for row in rows):
+    if options.device in ("auto", "cpu") or any(row.weights or row.takes_setup for row in rows):
         return []
-    expected = f"has nobody to run there: {' and '.join(names.values())} need no model"
+    expected = f"has no model to run there: {' and '.join(names.values())} need no model"
     return [Problem(Place("--device"), "", f'"{options.device}"', expected, "leave it out")]
 
 
-def backend(role: str, said: str, device: str) -> Any:
-    """Who fills a role, as `NAME` or `NAME:WHAT` says. Raises InputError that names the flag."""
+def backend(role: str, text: str, device: str) -> Any:
+    """The backend of a role, from `NAME` or `NAME:WHAT`. Raises InputError that names the flag."""
     from physgen import registry
     from physgen.registry import Setup, choice
 
-    name, colon, rest = said.partition(":")
+    name, colon, rest = text.partition(":")
     flag = Place(f"--{role}")
     try:
-        choice(role, name, rest, flag, bool(colon))
+        choice(role, name, rest, flag, colon=bool(colon))
         return registry.make(role, name, Setup(rest, device))
     except InputError as error:
         raise InputError([_of_flag(problem, role, flag) for problem in error.problems]) from None
 
 
 def _of_flag(problem: Problem, role: str, flag: Place) -> Problem:
-    """What `--backend ROLE=NAME` says elsewhere, `--ROLE NAME` says here."""
+    """Problems name `--backend ROLE=NAME`; here the flag is `--ROLE NAME`."""
     found = problem.found.replace(f'"{role}={role}', f'"{role}').replace(f'"{role}=', '"')
     found = found.replace(f"{role}=", "")
     place = flag if problem.place.file == "--backend" else problem.place

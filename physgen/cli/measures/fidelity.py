@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from physgen.cli.arguments import names
-from physgen.cli.measures.output import hand_over
+from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar
 
-ABOUT = "Frames against the studio's truth videos; ends with 1 below the bar that docs/fidelity.md tells."
+ABOUT = "Frames against the studio's truth videos; ends with 1 below the bar in docs/fidelity.md."
 EXAMPLE = "fidelity --scenes curling,shelf"
 
 
@@ -23,7 +23,6 @@ def scenes(text: str) -> list[str]:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Where truth lies, and which scenes of it."""
     parser.add_argument(
         "--truth",
         metavar="DIR",
@@ -38,12 +37,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="some scenes, e.g. curling,shelf",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=Path,
-        help="write a page with a plot and strips of frames in this folder: the paper's way, ours and the truth",
+    add_output(
+        parser,
+        "write a page with a plot and strips of frames in this folder",
     )
 
 

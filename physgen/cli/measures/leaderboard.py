@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.cli.measures.output import show
+from physgen.cli.measures.output import add_output, show
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_problem
 from physgen.problems import InputError
 
@@ -14,20 +14,13 @@ EXAMPLE = "leaderboard METHODS -o board"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Clips by method and scene, scores, and the page."""
     parser.add_argument(
         "folder",
         metavar="METHODS",
         type=Path,
         help="a folder of methods with METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=Path,
-        help="write the page into this folder; default: the table alone",
-    )
+    add_output(parser, "write the page into this folder; default: the table alone")
     parser.add_argument(
         "--scores",
         metavar="RESULT",

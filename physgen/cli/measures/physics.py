@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from physgen.cli.arguments import count, rows
-from physgen.cli.measures.output import show
+from physgen.cli.measures.output import add_output, show
 from physgen.cli.output import Bar, print_backup
 
 ABOUT = "Motion against closed forms."
@@ -34,9 +34,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="only at default settings, not at 240 to 1920 steps a second",
     )
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, help="keep every scene file that is run in this folder"
-    )
+    add_output(parser, "keep every scene file that is run in this folder")
     parser.add_argument(
         "--jobs", metavar="N", type=count, help="draws run at a time; default: one a processor"
     )

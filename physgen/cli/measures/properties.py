@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.cli.measures.output import hand_over
+from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar, print_error, print_problem
 from physgen.problems import InputError
 
@@ -14,7 +14,6 @@ EXAMPLE = "properties -o out/properties"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Which objects, and who answers."""
     parser.add_argument(
         "table",
         metavar="TABLE",
@@ -30,7 +29,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--answers",
         metavar="FILE",
         type=Path,
-        help="score these answers, JSON or CSV of name, mass, friction, elasticity; nobody is asked",
+        help="score these answers, JSON or CSV of name, mass, friction, elasticity; no backend is asked",
     )
     parser.add_argument(
         "--save-answers", metavar="FILE", type=Path, help="write what is answered, as --answers takes it"
@@ -44,9 +43,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="photos with true physics; default: studio/truth where it is there and no TABLE is given",
     )
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"
-    )
+    add_output(parser)
 
 
 STUDIO = Path("studio/truth")

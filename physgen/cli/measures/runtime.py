@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.arguments import count
-from physgen.cli.measures.output import hand_over
+from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar, print_problem
 from physgen.problems import InputError
 
@@ -16,7 +16,6 @@ PHOTO = Path("scenes/billiards/photo.png")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Whose records, or what is run."""
     parser.add_argument(
         "folders", metavar="DIR", nargs="*", type=Path, help="folders of clips, whose manifests are read"
     )
@@ -29,9 +28,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help=f"perceive and render a photo now, offline; default: {PHOTO}",
     )
     parser.add_argument("--repeat", metavar="N", type=count, default=3, help="runs of --measure; default: 3")
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, help="write a page with a plot in this folder"
-    )
+    add_output(parser, "write a page with a plot in this folder")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.arguments import part
-from physgen.cli.measures.output import hand_over
+from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar, print_problems
 from physgen.problems import InputError
 
@@ -15,7 +15,6 @@ EXAMPLE = "segmentation photos -o out/segmentation --recall 0.8"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Photos with their truth, who segments, and what must be reached."""
     parser.add_argument(
         "folder",
         metavar="FOLDER",
@@ -26,17 +25,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--backend", metavar="ROLE=NAME", action="append", default=[], help="who segments: segment=NAME"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=Path,
-        help="write plots, the result as JSON and every photo with what was found in this folder",
-    )
+    add_output(parser, "write plots, the result as JSON and every photo with what was found in this folder")
     for name, what in (
-        ("precision", "the share of what is said that is right"),
-        ("recall", "the share of true objects that is found"),
-        ("iou", "the mean overlap of what is found"),
+        ("precision", "the share of detections that are right"),
+        ("recall", "the share of true objects that are found"),
+        ("iou", "the mean overlap of matches"),
     ):
         parser.add_argument(f"--{name}", metavar="BAR", type=part, help=f"least for {what}, 0 to 1")
 

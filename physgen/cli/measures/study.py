@@ -15,7 +15,6 @@ EXAMPLE = "study METHODS -o study.html, then: physgen evaluate study answers/*.j
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Clips to be rated, or answers."""
     parser.add_argument(
         "paths",
         metavar="PATH",
@@ -33,9 +32,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "for a page of the result with its plots",
     )
     parser.add_argument("--key", metavar="FILE", type=Path, help="read answers with the key of their study")
-    parser.add_argument(
-        "--videos", metavar="N", type=count, help="scenes that are shown of every method; default: 15"
-    )
+    parser.add_argument("--videos", metavar="N", type=count, help="scenes shown of every method; default: 15")
     parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of what is drawn; default: 0")
     parser.add_argument(
         "--photos",

@@ -1,4 +1,4 @@
-"""Pictures -> features, by anybody's function: `package.module:factory` or `file.py:factory`.
+"""Pictures -> features, by a function of the user: `package.module:factory` or `file.py:factory`.
 
 The factory takes nothing and gives a callable that takes (N, H, W, 3) uint8 sRGB and gives (N, D) numbers, as an array
 or a tensor. It is a program: name only what you trust.
@@ -61,7 +61,7 @@ class Own:
             raise self._wrong(f"cannot be imported ({_said(error)})") from error
 
     def _own(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        """What code of somebody else's answers. Raises InputError with what it raised, and where."""
+        """Result of user code. Raises InputError with its exception and line."""
         try:
             return call(*arguments)
         except MemoryError:

@@ -1,7 +1,7 @@
 """Two frames -> flow by RAFT (Teed and Deng, ECCV 2020), torchvision's network with a person's own file of its
 weights.
 
-Both sizes of network are told apart by their weights. Nothing is fetched: torchvision's files are
+The size of the network follows from its weights. Nothing is fetched: torchvision's files are
 `raft_large_C_T_SKHT_V2-ff5fadd5.pth` and `raft_small_C_T_V2-01064c6d.pth`.
 """
 
