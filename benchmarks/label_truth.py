@@ -21,10 +21,9 @@ from PIL import Image
 from physgen.evaluate.fidelity import Truth, read_ids, replayed, truths
 from physgen.export.flow import SEEN
 from physgen.photos import read_image
-from physgen.pipeline.filming import Filming
 from physgen.pipeline.labels import Labels
-from physgen.pipeline.warm import Keep, Warm
-from physgen.pipeline.watch import silent
+from physgen.pipeline.stages import Film, Keep, Stages
+from physgen.progress import silent
 from physgen.report.record import RunRecord
 
 TRUTH = Path(__file__).resolve().parent.parent / "studio/truth"
@@ -99,11 +98,11 @@ def compared(truth: Truth, folder: Path) -> Row:
 
 def export(truth: Truth, folder: Path) -> None:
     """Masks and flow of the scene, moved as in the truth video; frame 0 is t = 0."""
-    record, warm = RunRecord(scene=truth.name, command=[]), Warm(Keep.NOTHING)
+    record, warm = RunRecord(scene=truth.name, command=[]), Stages(Keep.NOTHING)
     maps = warm.maps(truth.scene)
     compiled = warm.compile(truth.scene, maps)
     labels = Labels.of(("davis", "flo"), truth.scene, maps.percepts)
-    filming = Filming(truth.scene, compiled, maps, "cpu", record, warm)
+    filming = Film(truth.scene, compiled, maps, record, warm)
     labels.of_frames(filming, replayed(truth, compiled), folder, record, silent)
 
 

@@ -15,7 +15,7 @@ from physgen.batch.tolerances import FRAMES, MOTION, PIXELS, SIDE, GoldenOptions
 
 if TYPE_CHECKING:
     from physgen.batch.golden import Check
-    from physgen.pipeline import Warm
+    from physgen.pipeline import Stages
     from physgen.simulate.trajectory import Trajectory
 
 
@@ -39,11 +39,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture(scope="session")
-def _physgen_warm() -> Warm:
+def _physgen_warm() -> Stages:
     """What tests of one scene share: the file is parsed once, the photo is read once."""
-    from physgen.pipeline import Warm
+    from physgen.pipeline import Stages
 
-    return Warm()
+    return Stages()
 
 
 @pytest.fixture

@@ -47,7 +47,7 @@ from physgen.batch.golden_files import (
 from physgen.batch.tolerances import GoldenOptions, Motion, Pixels
 from physgen.compile.world import World
 from physgen.files import write_atomic
-from physgen.pipeline import Warm
+from physgen.pipeline import Stages
 from physgen.problems import InputError
 from physgen.report.html import template
 from physgen.report.perception import Comparison, Picture
@@ -366,7 +366,7 @@ class Check:
         return "\n".join(text), [page, obtained, *([obtained.with_suffix(PICTURE)] if has_picture else [])]
 
 
-def checked(path: Path, scene: str, test: str, options: GoldenOptions, warm: Warm) -> Check:
+def checked(path: Path, scene: str, test: str, options: GoldenOptions, warm: Stages) -> Check:
     """Makes the clip of the scene file at `path`. Raises InputError."""
     return Check(test, scene, options, make_clip(path, options, warm))
 

@@ -29,9 +29,9 @@ from PIL import Image
 from physgen.batch.tolerances import GoldenOptions, Motion
 from physgen.compile.world import World
 from physgen.files import write_atomic
-from physgen.pipeline import Warm
+from physgen.pipeline import Stages
 from physgen.pipeline.cache_keys import ROOMS, code_version
-from physgen.pipeline.filming import Filming
+from physgen.pipeline.stages import Film
 from physgen.problems import InputError
 from physgen.report.record import RunRecord, inputs, json_text, versions
 from physgen.simulate.trajectory import Trajectory
@@ -213,13 +213,13 @@ class GoldenClip:
     """What would be kept of it."""
 
 
-def make_clip(path: Path, options: GoldenOptions, warm: Warm) -> GoldenClip:
+def make_clip(path: Path, options: GoldenOptions, warm: Stages) -> GoldenClip:
     """Simulates a scene and draws the frames to keep, without the cache on disk. Raises InputError."""
     scene = warm.load(path, options.overrides, options.variant, options.allow_outside)
     maps = warm.maps(scene)
     compiled = warm.compile(scene, maps)
     trajectory = warm.simulate(compiled.world, cached=False)
-    filming = Filming(scene, compiled, maps, "cpu", RunRecord(scene=scene.name, command=[]), warm)
+    filming = Film(scene, compiled, maps, RunRecord(scene=scene.name, command=[]), warm)
     shot = filming.shot(trajectory)
     stills = None
     if options.pixels is not None:

@@ -215,7 +215,7 @@ def _run_local(job: Job, progress: pipeline.Progress) -> Done:
             job.out,
             options,
             refiners=_refiners(job.refiner),
-            warm=_warm(),
+            stages=_warm(),
             progress=progress,
             warn=warnings.append,
         )
@@ -229,9 +229,9 @@ def _run_local(job: Job, progress: pipeline.Progress) -> Done:
 
 
 @cache
-def _warm() -> pipeline.Warm:
+def _warm() -> pipeline.Stages:
     """What this process keeps from one clip for the next."""
-    return pipeline.Warm()
+    return pipeline.Stages()
 
 
 @cache

@@ -30,9 +30,8 @@ from physgen.batch.compare import (
 )
 from physgen.export.video import Format, open_video
 from physgen.files import final_name
-from physgen.pipeline.filming import Filming
 from physgen.pipeline.packs import scene_file
-from physgen.pipeline.warm import Keep, Warm
+from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, json_text, versions
 from physgen.scene.scene import Scene
@@ -415,12 +414,12 @@ class _Take:
     """A scene simulated and about to be drawn, without any cached result."""
 
     def __init__(self, scene: Scene, device: str, progress: pipeline.Progress) -> None:
-        warm = Warm(Keep.NOTHING)
+        warm = Stages(Keep.NOTHING)
         maps = warm.maps(scene)
         compiled = warm.compile(scene, maps)
         progress("simulate", 0, 1)
         self.trajectory = warm.simulate(compiled.world, progress, cached=False)
-        self.filming = Filming(scene, compiled, maps, device, RunRecord(scene="", command=[]), warm)
+        self.filming = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm, device)
 
     def draw(self, trajectory: Trajectory | None = None) -> Iterator[Frame]:
         """The clip from its first frame on, of its own motion or another."""

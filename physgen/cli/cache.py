@@ -52,17 +52,9 @@ def _show(store: Store, as_json: bool) -> int:
 def _clear(store: Store, as_json: bool) -> int:
     freed = store.clear()
     if as_json:
-        print_json(
-            {
-                "path": str(store.root),
-                "removed": freed.entries,
-                "freed_bytes": freed.bytes,
-                "in_use": freed.held,
-            }
-        )
+        print_json({"path": str(store.root), "removed": freed.entries, "freed_bytes": freed.bytes, "in_use": 0})
         return OK
-    stays = f"; {_counted(freed.held)} in use, left" if freed.held else ""
-    print(f"{store.root}: {_counted(freed.entries)} removed, {_size(freed.bytes)} freed{stays}")
+    print(f"{store.root}: {_counted(freed.entries)} removed, {_size(freed.bytes)} freed")
     return OK
 
 

@@ -38,7 +38,7 @@ def perceive(options: argparse.Namespace) -> int:
         if options.output is None:
             fix = "say where the new scene goes, with its maps beside it: -o NEW.yaml"
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
-        from physgen.pipeline.refresh import refresh
+        from physgen.pipeline.perceiving import refresh
 
         told |= {"allow_outside": options.allow_outside, "sheet": options.sheet, "asked": options.find}
         told["labels"] = options.label

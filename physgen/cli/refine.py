@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def refine(options: argparse.Namespace) -> int:
-    from physgen.pipeline.refine_video import refine_video
+    from physgen.pipeline.refine_video import VideoJob, refine_video
     from physgen.registry import FLAG
     from physgen.scene.load import refinement
     from physgen.scene.schema import with_defaults
@@ -26,19 +26,16 @@ def refine(options: argparse.Namespace) -> int:
     given = {key: value for key in KEYS if (value := getattr(options, key)) is not None}
     bar = Bar()
     try:
-        done = refine_video(
+        job = VideoJob(
             options.video,
+            refinement(with_defaults(given, at("refine"))),
             options.masks,
             options.output,
-            refinement(with_defaults(given, at("refine"))),
-            plan,
             keep_first=options.keep_first,
             fps=options.fps,
             command=options.command_line,
-            progress=bar.show,
-            warn=print_problem,
-            keep=print_backup,
         )
+        done = refine_video(job, plan, bar.show, print_problem, print_backup)
     except InputError as error:  # what render calls --refine is --backend here
         raise InputError(
             [replace(p, place=FLAG) if p.place.file == "--refine" else p for p in error.problems]

@@ -1,4 +1,8 @@
-"""What a scene looks like before anything moves, and where the photo shows its objects."""
+"""What a scene looks like before anything moves, and where the photo shows its objects.
+
+`appearance` sets all values without effect on the first frame to constants. Sprites are cut out for its results, so
+scenes that differ in masses, coefficients, velocities or forces alone share them.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +17,6 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, Surface, World
 from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, mass_properties, rotation
 from physgen.scene.scene import Auto, Combine, Motion, Object, Play, Refine, Scene
-
-# ----------------------------------------------------------------------
-# Outlines and bodies as the photo shows them <-> as they are put at t = 0, where a scene puts them elsewhere.
 
 Array = NDArray[np.float64]
 
@@ -66,13 +67,6 @@ def body_in_photo(body: Body) -> Body:
         rest=None,
     )
 
-
-# ----------------------------------------------------------------------
-# Scene and world -> the same with all that cannot be seen before anything moves made one value.
-#
-# What is cut out of the photo is made of these, so scenes that differ in masses, coefficients, velocities or
-# forces alone
-# look the same by construction, and share it.
 
 SMOOTH = Surface(0.0, 0.0)
 NO_REFINEMENT = Refine("none", 0.5, 0, 1, 0, None, "", None, 0.0, 0.0)

@@ -19,9 +19,6 @@ from physgen.problems import InputError, Problem, Severity
 from physgen.scene import scene as model
 from physgen.scene.scene import Load, Motion, Object, Scene, Solid, View
 
-# ----------------------------------------------------------------------
-# Scene + its bodies -> pushes, joints and fields with their points in the bodies' frames, in px, s, g, rad.
-
 Array = NDArray[np.float64]
 
 MOST_PULLS = 1_000_000
@@ -94,9 +91,6 @@ def _index(bodies: Sequence[Body]) -> dict[str, int]:
     return {body.name: k for k, body in enumerate(bodies)}
 
 
-# ----------------------------------------------------------------------
-# Scene + bodies -> Problems with masses and moments that no engine can work with.
-
 FARTHEST = 1e9
 """Heaviest by lightest: a contact between the two would be solved with no more than half of a float's digits."""
 LEAST = 1e-150
@@ -140,10 +134,6 @@ def _usable(value: float) -> bool:
     """Whether products of two such numbers, and of what one divided by them is, are floats."""
     return LEAST < value < 1 / LEAST
 
-
-# ----------------------------------------------------------------------
-# Scene + label map -> World: outlines fitted, centres, masses and moments found, units turned into px, s, g,
-# rad.
 
 U16 = NDArray[np.uint16]
 
@@ -327,10 +317,6 @@ def _circle(radius: float) -> Array:
     count = int(np.clip(np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360))
     angle = np.arange(count) * (2 * np.pi / count)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-# ----------------------------------------------------------------------
-# Path of a value in a scene -> a warning about it.
 
 
 def warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Problem:

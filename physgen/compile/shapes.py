@@ -1,4 +1,8 @@
-"""Masks and written shapes of a scene: label map, fitted outlines, walls."""
+"""Masks and written shapes of a scene: label map, fitted outlines, walls.
+
+Depends on no mass, coefficient, velocity or force: scenes that differ in these alone share one result. Fitted outlines
+are moved onto the boundary that they stand on: the two are often a pixel apart, and a pile would settle at t = 0.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +37,6 @@ from physgen.scene.scene import (
     Shape,
     View,
 )
-
-# ----------------------------------------------------------------------
-# Scene + the photo's labels -> one label map whose id k + 1 is the scene's k-th object; masks of boundaries.
 
 U16 = NDArray[np.uint16]
 
@@ -113,9 +114,6 @@ def _hidden(scene: Scene, item: Object) -> Problem:
     return Problem(scene.place(path), path, item.name, "is hidden behind the masks of others", fix)
 
 
-# ----------------------------------------------------------------------
-# Scene + label maps -> the walls, and which pixels of the photo show those that are masks.
-
 Array = NDArray[np.float64]
 PixelMask = NDArray[np.bool_]
 
@@ -179,11 +177,6 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
         for k, item in enumerate(scene.boundaries)
     )
 
-
-# ----------------------------------------------------------------------
-# Scene + label map -> what its masks and shapes are: whose pixels are whose, and the outlines that fit them.
-#
-# No mass, coefficient, velocity or force counts here: scenes that differ in these alone share one result.
 
 SEEN = 0.08
 """Of a mask's size (root of its area): how far it may reach beyond the hull of its shape and still be its own.
@@ -256,13 +249,6 @@ def _missed(outline: Outline, mask: NDArray[np.bool_]) -> float:
     thick = cv2.morphologyEx(beyond_it, cv2.MORPH_OPEN, np.ones((THIN, THIN), np.uint8))
     return float(np.count_nonzero(thick) / max(len(away), 1))
 
-
-# ----------------------------------------------------------------------
-# Fitted outlines + boundaries -> outlines that touch what they stand on: neither sunk into it nor a hair
-# above.
-#
-# A mask's border and a boundary that was drawn or found by eye differ by a pixel; left so, a pile settles at
-# t = 0.
 
 BAND = 2.0
 """px between a mask's lowest points and the line that it stands on."""

@@ -20,9 +20,6 @@ from physgen.maps import Percepts
 from physgen.problems import Problem, by_place
 from physgen.scene.scene import CameraView, FieldKind, JointKind, Motion, Object, Overlay, Scene, Solid, View
 
-# ----------------------------------------------------------------------
-# Scene -> warnings about what is written and does nothing.
-
 
 def without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """What a reader would expect to change the clip, and does not."""
@@ -152,9 +149,6 @@ def _fields(scene: Scene, motion: dict[str, Motion]) -> Iterator[Problem]:
             yield warning(scene, f"{path}.{key}", f"{strength:g}", "has no effect", "write another number")
 
 
-# ----------------------------------------------------------------------
-# Scene -> warnings about a camera that cannot do what is written.
-
 AWAY = 0.5
 """px by which a view may be moved without anyone seeing it."""
 
@@ -192,9 +186,6 @@ def _still(scene: Scene, sight: CameraView, path: str) -> Iterator[Problem]:
                 scene, f"{path}.follow", sight.follow, expected, "write zoom: 1.5 or more beside it"
             )
 
-
-# ----------------------------------------------------------------------
-# Maps that were stored for a photo, and a scene's masks -> whether the maps are still those of both.
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
@@ -276,9 +267,6 @@ def _grown(mask: Mask, by: int) -> Mask:
     reach = np.ones((2 * by + 1, 2 * by + 1), np.uint8)
     return np.asarray(cv2.dilate(mask.astype(np.uint8), reach) > 0)
 
-
-# ----------------------------------------------------------------------
-# Scene + Compiled -> warnings: things that are allowed and probably not meant.
 
 Array = NDArray[np.float64]
 

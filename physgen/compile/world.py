@@ -1,4 +1,7 @@
-"""The resolved world that the engine simulates, and the coefficients of its pairs of surfaces."""
+"""The resolved world that the engine simulates: no paths, no defaults; px, s, g, rad; image axes.
+
+A body's frame has its origin at the centre of mass and is turned by 0 at t = 0.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,6 @@ from numpy.typing import NDArray
 
 from physgen.notebook_display import html
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Solid, View
-
-# ----------------------------------------------------------------------
-# What the engine needs, resolved: no paths, no defaults. px, s, g, rad; image axes.
-#
-# A body's frame has its origin at the centre of mass and is turned by 0 at t = 0.
 
 Array = NDArray[np.float64]
 
@@ -196,10 +194,6 @@ class World:
     def _repr_html_(self) -> str:
         """For notebooks."""
         return html(self)
-
-
-# ----------------------------------------------------------------------
-# Coefficients of single surfaces -> factors whose product is the pair's coefficient; and the table of pairs.
 
 
 def surface(friction: float, elasticity: float, combine: Combine) -> Surface:

@@ -18,7 +18,7 @@ from physgen.perceive import document
 from physgen.perceive.perceive import fit_objects
 from physgen.perceive.refresh import distance_to_wall, free_name, wall_distance
 from physgen.perceive.roles import BoundaryGuess, Detections, Rgb, Wall
-from physgen.pipeline.warm import Recent
+from physgen.pipeline.stages import Recent
 from physgen.scene.scene import View
 
 Data = dict[str, Any]

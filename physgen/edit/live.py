@@ -24,8 +24,7 @@ from physgen.edit.mask_tools import Finder
 from physgen.edit.panels import derived_data, problem_data, scene_data
 from physgen.maps import Percepts
 from physgen.pipeline.cache_keys import key, motion_key
-from physgen.pipeline.stages import lint
-from physgen.pipeline.warm import Keep, Recent, Warm
+from physgen.pipeline.stages import Keep, Recent, Stages, lint
 from physgen.problems import InputError, Problem, by_place
 from physgen.report.player import fields, figure, joints, pushes, touches, walls
 from physgen.scene.load import Opened
@@ -271,7 +270,7 @@ class Live:
         self.finder = Finder()
         self.layer = Layer()
         self._lock = RLock()
-        self._warm = Warm(Keep.EDITING)
+        self._warm = Stages(Keep.EDITING)
         self._opened: Recent[Opened] = Recent(6)
         self._known: Recent[_Known] = Recent(8)
         self._films: Recent[Film] = Recent(FILMS)

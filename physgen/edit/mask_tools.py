@@ -20,7 +20,7 @@ from physgen.perceive.segment.prompts import (
     segment_point,
     segmenter,
 )
-from physgen.pipeline.warm import Recent
+from physgen.pipeline.stages import Recent
 from physgen.problems import InputError
 from physgen.registry import Backends
 

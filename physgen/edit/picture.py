@@ -12,8 +12,7 @@ import numpy as np
 from physgen.compile.appearance import photo_poses
 from physgen.compile.world import World
 from physgen.edit.live import Live, Sight
-from physgen.pipeline.stages import stage
-from physgen.pipeline.warm import Recent
+from physgen.pipeline.stages import Recent, stage
 from physgen.render.stage import Stage
 from physgen.report.player import plate, shadows, sprites
 from physgen.simulate.trajectory import Trajectory

@@ -1,4 +1,10 @@
-"""Circle fitting: one mask, or several circles together so that neighbours touch."""
+"""Circle fitting: one mask, or several circles together so that neighbours touch.
+
+A single circle maximises the intersection over union with its mask; beyond the photo it is neither right nor wrong.
+Circles of touching objects are then fitted together by damped Gauss-Newton least squares over all centres and radii:
+each to its mask's border, contacts as stiff springs, hidden borders with little weight. Touching circles of about one
+size share one radius, so a rack of billiard balls is a true lattice; radii are reduced by what overlap is left.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Disc, Region, cross
-
-# ----------------------------------------------------------------------
-# Mask -> the circle that fits it best, and its intersection over union with the mask.
-#
-# What lies beyond the photo is unknown: there the circle is neither right nor wrong.
 
 _GRID = 160
 """Larger masks are searched on a grid of about this many samples a side; the score is always taken at full size."""
@@ -109,15 +110,6 @@ class _Score:
         shared = float(np.minimum(inside, self._mask).sum())
         return shared / max(self._area + float(inside.sum()) - shared, 1e-9)
 
-
-# ----------------------------------------------------------------------
-# Circles fitted one by one -> circles fitted together: neighbours touch and none overlap another or a region.
-#
-# Least squares over all centres and radii (Gauss and Newton, damped): each circle to its own mask's border,
-# contacts as
-# stiff springs. Borders that another object hides count little. Touching circles of about one size share one
-# radius: a
-# rack of billiard balls then is a true lattice. What overlap is left, the radii give way to.
 
 EQUAL = 0.06
 """Touching circles whose radii are within this share of their median are taken for one size."""

@@ -1,4 +1,7 @@
-"""Convex pieces of regions, convex hulls, and the penetration depth of two outlines."""
+"""Convex pieces of regions, convex hulls, and the penetration depth of two outlines.
+
+Regions are cut into ear-cut triangles, which are merged across their longest edges (Hertel and Mehlhorn 1983).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross, polygon_moments
-
-# ----------------------------------------------------------------------
-# Region -> convex pieces: ear-cut triangles, flipped towards Delaunay, merged by Hertel and Mehlhorn (1983).
 
 SLIVER = 1e-3
 """px²: smaller pieces are left out; an engine makes nothing of them."""
@@ -198,10 +198,6 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
             del edges[edge], edges[edge[1], edge[0]]
     return [face for face in faces if face]
 
-
-# ----------------------------------------------------------------------
-# Two outlines -> how deep they overlap, px: the length of the shortest move that would part their deepest
-# pieces.
 
 _ROUNDING = 1e-9
 """px: less is none."""

@@ -1,4 +1,7 @@
-"""Outlines of one mask or of all masks of a label map: discs where circles fit, regions otherwise."""
+"""Outlines of one mask or of all masks of a label map: discs where circles fit, regions otherwise.
+
+Objects that touch in the photo touch in their outlines, and no outlines overlap.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,6 @@ from physgen.geometry.circles import RoughDisc, fit_circle, fit_discs
 from physgen.geometry.polygon import Array, Disc, Outline, Region, polygon_moments
 from physgen.geometry.raster import coverage
 from physgen.geometry.regions import close_gaps, fit_regions, trace_borders
-
-# ----------------------------------------------------------------------
-# Mask -> outline: a disc where a circle fits (the paper's rule), else the contour as a region of rings.
 
 CIRCLE_IOU = 0.85
 """A circle that covers a mask at least this well stands for it (the paper, supplement, primitive fitting)."""
@@ -111,9 +111,6 @@ def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
-
-# ----------------------------------------------------------------------
-# Label map -> all outlines together: what touches in the photo touches in its shapes, and nothing overlaps.
 
 TOUCH = 2
 """px between two masks that still count as touching."""

@@ -1,4 +1,8 @@
-"""Frames of reference, polygons, and outlines of discs and regions with their area, centre of mass and moments."""
+"""Frames of reference, polygons, and outlines of discs and regions with their area, centre of mass and moments.
+
+Image axes: origin at the top-left pixel's centre, +x right, +y down; a positive angle turns +x towards +y.
+Pixel (column i, row j) covers [i - 0.5, i + 0.5] x [j - 0.5, j + 0.5]. Lengths are px.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-# ----------------------------------------------------------------------
-# Frames of reference and polygons; numpy only.
-#
-# Image axes: origin at the top-left pixel's centre, +x right, +y down; a positive angle turns +x towards +y.
-# Pixel (column i, row j) covers [i - 0.5, i + 0.5] x [j - 0.5, j + 0.5].
 
 Array = NDArray[np.float64]
 
@@ -80,12 +78,6 @@ def polygon_moments(points: Array) -> Moments:
     centroid = ((a + b) * c[:, None]).sum(axis=0) / (6 * area)
     about_origin = float((c * ((a * a).sum(1) + (a * b).sum(1) + (b * b).sum(1))).sum() / 12)
     return Moments(area, centroid + origin, about_origin - area * float(centroid @ centroid))
-
-
-# ----------------------------------------------------------------------
-# Points -> outline: a disc or a region of rings, and its area, centre of mass and second moment.
-#
-# The centre computed here is the one that shape, pixels and motion share. All lengths px, image axes.
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,9 @@
-"""Label map to regions: borders between labels are traced once and shared by neighbours."""
+"""Label map to regions: borders between labels are traced once and shared by neighbours.
+
+A border runs along pixel edges, so a ring's area is its count of pixels. Pixels of one label that meet at a corner only
+are separate, unless they part two objects. Every border is simplified once, so neighbours touch without overlap. Where
+three borders meet, the junction moves to where the straight borders around it agree, those between two objects first.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +16,6 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Region, Ring, polygon_moments
 from physgen.geometry.simplify import crossings, end_lines, simplify
-
-# ----------------------------------------------------------------------
-# Label map -> the borders between its labels, each traced once, and each label's rings made of them.
-#
-# A border runs along pixel edges, so that a ring's area is its count of pixels; two neighbours share the very
-# same one.
-# Pixels of one label that meet at a corner only are apart, unless they part two objects.
 
 Labels = NDArray[np.int64]
 
@@ -185,14 +183,6 @@ def _sides(padded: Labels, row: int, column: int, direction: int) -> tuple[int, 
     sw, se = int(padded[row + 1, column]), int(padded[row + 1, column + 1])
     return ((nw, ne), (ne, se), (se, sw), (sw, nw))[direction]
 
-
-# ----------------------------------------------------------------------
-# Label map -> a region for each label; neighbours share one line where they meet, so they touch without
-# overlap.
-#
-# Every border between two labels is simplified once. Where three meet, the junction moves to where the
-# straight borders
-# around it agree, the one between two objects first: blocks rest on flat faces.
 
 TOLERANCE = 0.75
 """px that an outline may stand off its mask's half-level line (Hausdorff distance)."""

@@ -1,4 +1,10 @@
-"""Cast shadows of a silhouette on a floor, an upright wall or a table, under one distant light."""
+"""Cast shadows of a silhouette on a floor, an upright wall or a table, under one distant light of some width.
+
+A surface that gets the share d of its light directly, of which v is blocked, and of whose sky the part a is hidden,
+keeps (1 - d v) (1 - (1 - d) a) of it. Negative logarithms of such shares ("darkness") add up over objects. A point of
+a floor is dark where its ray to the light meets the object: a ball, or a silhouette that reaches evenly through the
+plane of motion; the higher it meets it, the softer the shadow.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import DistantLight
-
-# ----------------------------------------------------------------------
-# What throws a shadow, and where; and what floor, wall and table have in common.
 
 F32 = NDArray[np.float32]
 PixelBox = tuple[int, int, int, int]
@@ -155,13 +158,6 @@ def blocked_by_ball(radius: float, setting: ShadowSetting, x: F32, y: F32 | floa
     away = (apart - np.maximum(np.float32(radius), disc)) / (0.28 * small)
     return np.asarray((small / disc) ** 2 / (1 + np.exp(np.clip(away, -30, 30))) * (along > 0), np.float32)
 
-
-# ----------------------------------------------------------------------
-# The shadow of a thing on the floor that it stands or flies over, seen from the side.
-#
-# A point of the floor is dark where its ray to the light meets the thing: a ball, or a silhouette that
-# reaches evenly
-# through the plane of motion. The higher it meets it, the softer.
 
 LEVELS = 10
 """Heights at which an object's silhouette is looked at."""
@@ -336,10 +332,6 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
     return np.asarray(hidden, np.float32)
 
 
-# ----------------------------------------------------------------------
-# The shadow of a thing on a table seen from above.
-
-
 def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, F32] | None:
     """Box of the photo and (h, w) -log of the light that is left; None where it lies outside the photo."""
     lx, ly, lz = setting.light.direction
@@ -398,10 +390,6 @@ def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     return box, attenuation(direct, blocked, hidden)
 
 
-# ----------------------------------------------------------------------
-# The shadow of a thing on an upright wall behind the plane of motion.
-
-
 def shadow_on_wall(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, F32] | None:
     """Box of the photo and (h, w) -log of the light that is left; None where there is no wall, or no shadow on it."""
     lx, ly, lz = setting.light.direction
@@ -441,10 +429,6 @@ def shadow_on_wall(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, 
     return box, attenuation(
         setting.direct((0.0, 0.0, 1.0)), np.asarray(blocked, np.float32), np.zeros_like(blocked)
     )
-
-
-# ----------------------------------------------------------------------
-# Silhouette and setting -> what is dark on all that the light falls on.
 
 
 def shadow_darkness(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, NDArray[np.float32]] | None:

@@ -1,4 +1,10 @@
-"""The house on one page: one call a stage, top-down. Photo -> scene file -> output folder."""
+"""The stages from a photo to a scene file, and from a scene file to an output folder.
+
+>>> from physgen import pipeline
+>>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
+>>> compiled = pipeline.compile(scene, pipeline.percepts(scene))            # doctest: +SKIP
+>>> trajectory = pipeline.simulate(compiled.world)                          # doctest: +SKIP
+"""
 
 from __future__ import annotations
 
@@ -9,6 +15,7 @@ from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
+    Stages,
     chaos,
     compile,
     drawn_by,
@@ -22,30 +29,16 @@ from physgen.pipeline.stages import (
     simulate,
     stage,
 )
-from physgen.pipeline.warm import Warm
-from physgen.pipeline.watch import Keep, Progress, silent
 from physgen.problems import Warn, ignore_warning
-
-# ----------------------------------------------------------------------
-# The house on one page: one call a stage, top-down. Photo -> scene file -> output folder.
-#
-# `stages` are the steps from file to frames; `perceiving` goes before them; `filming` and `writing` make
-# frames and files
-# of them, `refining` retouches what is filmed, and `clip` is the whole line.
-#
-# >>> from physgen import pipeline
-# >>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
-# >>> compiled = pipeline.compile(scene, pipeline.percepts(scene))            # doctest: +SKIP
-# >>> trajectory = pipeline.simulate(compiled.world)                          # doctest: +SKIP
+from physgen.progress import Progress, silent
 
 __all__ = [
-    "Keep",
     "Page",
     "Progress",
     "Refiners",
     "RenderOptions",
     "SceneOrigin",
-    "Warm",
+    "Stages",
     "Warn",
     "chaos",
     "compile",

@@ -9,38 +9,34 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.pipeline.filming import Filming
-from physgen.pipeline.watch import Progress
+from physgen.pipeline.stages import Film
 from physgen.problems import InputError, Place, Problem, Severity, Warn
+from physgen.progress import Progress
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from physgen.export.formats import LabelFormat
-    from physgen.export.labels import Clip, Moment, MomentQueue, Writer
+    from physgen.export.labels import Moment
     from physgen.maps import Percepts
     from physgen.render.stage import Frame
     from physgen.report.record import RunRecord
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
 
-
-Tapped = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
-"""Hands the very same frames on."""
+Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
+"""Returns the same frames."""
 
 
 @dataclass(frozen=True)
 class Labels:
-    """What is to be told of a clip."""
+    """The formats of labels of one clip."""
 
     kinds: Sequence[LabelFormat]
     maps: Percepts | None
-    """Of the photo, where a format asks for them."""
+    """Of the photo, where a format needs them."""
 
     @classmethod
     def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
-        """Raises InputError where a format is none, or not for this scene."""
+        """Raises InputError where a format is unknown, or does not fit the scene."""
         if not formats:
             return cls((), None)
         from physgen.export.formats import check_fits, chosen_formats
@@ -50,7 +46,7 @@ class Labels:
         return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
 
     def check_kept(self, final: Path) -> None:
-        """Raises InputError where labels replace what an earlier run left in their folder and would not come again."""
+        """Raises InputError where the folder holds files of an earlier run that this one would remove."""
         from physgen.report.folders import recorded_files
         from physgen.text import listed
 
@@ -61,8 +57,8 @@ class Labels:
             fix = "name all formats at once, or choose another folder with -o"
             raise InputError.of(str(final), "", expected, fix)
 
-    def tell_gone(self, final: Path, warn: Warn) -> None:
-        """Tells of labels of an earlier run that a new clip does not have; in the same words for all clips."""
+    def warn_of_removed(self, final: Path, warn: Warn) -> None:
+        """Warn of labels of an earlier run that the new clip does not have; in the same words for all clips."""
         from physgen.export.formats import FORMATS
         from physgen.report.folders import recorded_files
         from physgen.text import listed
@@ -70,113 +66,77 @@ class Labels:
         parts = [name.split("/") for name in recorded_files(final) if "/" in name]
         had = {path[1] if path[0] == "truth" else path[0] for path in parts if path[0] != "frames"}
         had &= {kind.name for kind in FORMATS}
-        gone = sorted(had - {kind.name for kind in self.kinds})
-        if gone:
+        now = {kind.name for kind in self.kinds}
+        if gone := sorted(had - now):
             what = f"had labels that were not asked for this time, and go: {listed(gone, 'and')}"
-            fix = f"add --export {','.join(sorted(had | {kind.name for kind in self.kinds}))} to have them again"
+            fix = f"add --export {','.join(sorted(had | now))} to have them again"
             warn(Problem(Place(str(final.parent)), "", "", what, fix, Severity.WARNING))
 
     @contextmanager
-    def exported(
-        self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord
-    ) -> Iterator[Tapped]:
-        """Formats into `folder`, of the frames that go through the tap; whole when the block ends."""
+    def exported(self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord) -> Iterator[Tap]:
+        """Labels into `folder`, of the frames that go through the tap; complete when the block ends."""
         if not self.kinds:
             yield lambda frames: frames
             return
         from physgen.export.formats import open_writers
-        from physgen.export.labels import Clip
+        from physgen.export.labels import Clip, MomentQueue, starting_labels
         from physgen.export.masks import extents
+        from physgen.report.record import StageTime
 
-        shot = filming.shot(trajectory)
-        scene = filming.scene
+        shot, scene, compiled = film.shot(trajectory), film.scene, film.compiled
+        labels = None if self.maps is None else self.maps.labels
         clip = Clip(
             scene.name,
             scene,
-            filming.compiled.world,
+            compiled.world,
             trajectory,
             self.maps,
-            extents(filming.stage, filming.compiled.world),
+            extents(film.stage, compiled.world),
             scene.video_size,
             scene.render.fps,
             len(shot.order),
             shot,
             record.inputs,
-            sampled=filming.sampled,
-            stood=_stood(filming, self.maps),
+            sampled=film.sampled,
+            stood=starting_labels(compiled.labels, labels, compiled.scenery),
         )
+        queues: list[MomentQueue] = []
         with ExitStack() as held:
             with record.stage("export"):
                 writers = held.enter_context(open_writers(self.kinds, folder, clip))
-            tap = Tap(filming, trajectory, writers, clip, record)
+
+            def write(moment: Moment | None) -> None:
+                if moment is not None:
+                    for writer in writers:
+                        writer.add(moment)
+
+            def tap(frames: Iterator[Frame]) -> Iterator[Frame]:
+                fine, parts = film.exposed(trajectory)
+                samples = [sample * parts + parts - 1 for sample in shot.order]
+                for frame in frames:
+                    wall, cpu = time.perf_counter(), time.thread_time()
+                    if not queues:
+                        queues.append(MomentQueue(clip.world, fine, samples, shot))
+                    write(queues[0].put(frame))
+                    wall, cpu = time.perf_counter() - wall, time.thread_time() - cpu
+                    for stage, sign in (("export", 1), ("render", -1)):  # the caller counts it as drawing
+                        times = record.stages.setdefault(stage, StageTime())
+                        times.wall += sign * wall
+                        times.cpu += sign * cpu
+                    yield frame
+
             yield tap
             with record.stage("export"):
-                tap.finish()
+                write(queues[0].end() if queues else None)
                 held.close()
 
     def of_frames(
-        self, filming: Filming, trajectory: Trajectory, folder: Path, record: RunRecord, progress: Progress
+        self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord, progress: Progress
     ) -> None:
-        """Formats into `folder`, of frames that are drawn for nothing else."""
+        """Labels into `folder`, of frames that are drawn for nothing else."""
         if not self.kinds:
             return
-        count = len(filming.shot(trajectory).order)
-        with self.exported(filming, trajectory, folder, record) as tap:
-            for index, _ in enumerate(tap(filming.frames(trajectory))):
+        count = len(film.shot(trajectory).order)
+        with self.exported(film, trajectory, folder, record) as tap:
+            for index, _ in enumerate(tap(film.frames(trajectory))):
                 progress("export", index + 1, count)
-
-
-def _stood(filming: Filming, maps: Percepts | None) -> NDArray[np.uint16]:
-    """(H, W) of the photo: who stands where at t = 0."""
-    from physgen.export.labels import starting_labels
-
-    compiled = filming.compiled
-    return starting_labels(compiled.labels, None if maps is None else maps.labels, compiled.scenery)
-
-
-class Tap:
-    """Hands frames on, and what is true of each to the writers, one frame later."""
-
-    def __init__(
-        self,
-        filming: Filming,
-        trajectory: Trajectory,
-        writers: Sequence[Writer],
-        clip: Clip,
-        record: RunRecord,
-    ) -> None:
-        self._filming, self._trajectory, self._record = filming, trajectory, record
-        self._writers, self._world = writers, clip.world
-        self._queue: MomentQueue | None = None
-
-    def __call__(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """The very same frames."""
-        from physgen.export.labels import MomentQueue
-
-        fine, parts = self._filming.exposed(self._trajectory)
-        shot = self._filming.shot(self._trajectory)
-        samples = [sample * parts + parts - 1 for sample in shot.order]
-        for frame in frames:
-            wall, cpu = time.perf_counter(), time.thread_time()
-            self._queue = self._queue or MomentQueue(self._world, fine, samples, shot)
-            self._put(self._queue.put(frame))
-            self._took(time.perf_counter() - wall, time.thread_time() - cpu)
-            yield frame
-
-    def finish(self) -> None:
-        """The last frame was handed on."""
-        self._put(self._queue.end() if self._queue else None)
-
-    def _took(self, wall: float, cpu: float) -> None:
-        """Whoever asks for a frame counts this as drawing, which it is not."""
-        from physgen.report.record import StageTime
-
-        for stage, sign in (("export", 1), ("render", -1)):
-            times = self._record.stages.setdefault(stage, StageTime())
-            times.wall += sign * wall
-            times.cpu += sign * cpu
-
-    def _put(self, moment: Moment | None) -> None:
-        if moment is not None:
-            for writer in self._writers:
-                writer.add(moment)

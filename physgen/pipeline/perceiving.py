@@ -1,43 +1,65 @@
-"""A photo, or somebody else's files -> the scene's text, and its assets."""
+"""A photo, annotations of other programs, or a scene to be perceived again: to the scene's text and its assets."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from physgen.pipeline.watch import Keep, Progress, silent
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
+from physgen.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from physgen.perceive.roles import PerceivedScene
     from physgen.registry import Backends
+    from physgen.scene.scene import Scene
+
+Keep = Callable[[Path], None]
+"""Called with the new name of every file that stood in the way and was renamed."""
+
+
+@dataclass(frozen=True)
+class PerceiveOptions:
+    """What a caller can choose about perception."""
+
+    masks: Path | None = None
+    """A label map that shows the objects."""
+    coco: Path | None = None
+    """Annotations that name the objects."""
+    boxes: Sequence[tuple[float, float, float, float]] = ()
+    """x, y, w, h px of objects."""
+    points: Sequence[tuple[float, float]] = ()
+    """x, y px on objects."""
+    labels: Sequence[str] = ()
+    """`NAME=TEXT`."""
+    asked: Sequence[str] = ()
+    """Objects that the segment backend is to find."""
+    assets: Path | None = None
+    """Folder of the maps."""
+    side: int | None = None
+    """px: longest side of the photo, made smaller above; None: the default."""
+    sheet: Path | None = None
+    """PNG on which all that was perceived is drawn."""
+    allow_outside: bool = False
+    """Whether a scene that is perceived again may read files outside its folder."""
 
 
 def perceive(
     image: Path,
     output: Path | None = None,
+    options: PerceiveOptions | None = None,
     *,
-    masks: Path | None = None,
-    coco: Path | None = None,
-    boxes: Sequence[tuple[float, float, float, float]] = (),
-    points: Sequence[tuple[float, float]] = (),
-    labels: Sequence[str] = (),
-    assets: Path | None = None,
     crew: Backends | None = None,
-    asked: Sequence[str] = (),
-    side: int | None = None,
-    sheet: Path | None = None,
     progress: Progress = silent,
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
+    **changes: Any,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
-    Objects come from `masks` (a label map), `coco` (annotations), `boxes` (x, y, w, h px) and `points` (x, y px), or
-    from the segment backend, told to find `asked`. `labels` are `NAME=TEXT`. `crew` fills the roles, the offline one
-    unless given; it may serve photo after photo. A photo whose longer side is over `side` px (1600 unless given)
-    is made smaller, and `warn` told; masks, boxes and points are those of the photo as given. All that was perceived is
-    drawn on one `sheet`, a PNG. `keep` is told of files that stood in the way and were kept.
+    Objects come from `masks`, `coco`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
+    the offline backends unless given. `changes` are fields of PerceiveOptions.
     """
     from physgen.maps import read_labels
     from physgen.perceive.document import write_scene
@@ -49,24 +71,27 @@ def perceive(
     from physgen.registry import Backends
     from physgen.report.perception import check_sheet, write_sheet
 
+    options = replace(options or PerceiveOptions(), **changes)
+    masks, coco, boxes, points = options.masks, options.coco, options.boxes, options.points
     crew = crew or Backends()
     crew.begin(warn)
-    check_sheet(sheet, image)
+    check_sheet(options.sheet, image)
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
-        raise InputError.of("perceive", "", "was told in more than one way where the objects are", fix)
+        raise InputError.of("perceive", "", "was given the objects in more than one way", fix)
     photo = read_photo(image)
+    place = Place(str(image))
     if not photo.readable:
         fix = "save it as sRGB if its colours look wrong"
-        warn(Problem(Place(str(image)), "", "the colour profile", "cannot be used", fix, Severity.WARNING))
-    rgb = shrink_photo(photo.rgb, side or LONGEST_SIDE)
+        warn(Problem(place, "", "the colour profile", "cannot be used", fix, Severity.WARNING))
+    rgb = shrink_photo(photo.rgb, options.side or LONGEST_SIDE)
     height, width = photo.rgb.shape[:2]
     as_it_is = photo.plain and rgb is photo.rgb
     if rgb is not photo.rgb:
         was, now = f"{width} x {height} px", f"{rgb.shape[1]} x {rgb.shape[0]} px"
         fix = f"--side {max(width, height)} keeps its size"
-        warn(Problem(Place(str(image)), "", f"the photo of {was}", f"was made {now}", fix, Severity.WARNING))
-    del photo  # a large one is larger than all that comes of it
+        warn(Problem(place, "", f"the photo of {was}", f"was made {now}", fix, Severity.WARNING))
+    del photo  # a large one is larger than all maps together
     found = None
     if masks is not None:
         found = from_masks(read_labels(masks))
@@ -76,27 +101,36 @@ def perceive(
         x, y = rgb.shape[1] / width, rgb.shape[0] / height
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
-        found = from_prompts(rgb, boxes, points, segmenter(crew, asked))
+        found = from_prompts(rgb, boxes, points, segmenter(crew, options.asked))
         crew.release("segment")
         for problem in weak_prompts(found):
             warn(problem)
-    if asked and (masks or coco or "categories" not in crew.row("segment").uses):
-        fix = "choose e.g. --backend segment=grounding-dino+sam"
-        expected = "is not heard: nothing here finds what it is told to"
-        warn(Problem(Place("--find"), "", f'"{", ".join(asked)}"', expected, fix, Severity.WARNING))
-    if "categories" in crew.plan.choices and "categories" not in crew.row("segment").uses:
-        fix = "choose e.g. --backend segment=grounding-dino+sam, or leave it out"
-        found_by = f"categories={crew.plan.choices['categories']}"
-        expected = f"is not asked: segment={crew.name('segment')} finds things without"
-        warn(Problem(Place("--backend"), "", found_by, expected, fix, Severity.WARNING))
+    for problem in _unused_choices(crew, options):
+        warn(problem)
     if found is not None:
         found = shrink_detections(found, (width, height), rgb)
-    perceived = run(rgb, found, renames=labels, crew=crew, asked=asked, progress=progress)
+    perceived = run(rgb, found, renames=options.labels, crew=crew, asked=options.asked, progress=progress)
     for problem in perceived.warnings:
         warn(problem)
-    if sheet is not None:
-        write_sheet(sheet, perceived, keep)
-    return write_scene(perceived, image if as_it_is else None, image.stem, output, assets, keep)
+    if options.sheet is not None:
+        write_sheet(options.sheet, perceived, keep)
+    return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
+
+
+def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
+    """Warnings about options that the segment backend does not use."""
+    uses, found = crew.row("segment").uses, []
+    if options.asked and (options.masks or options.coco or "categories" not in uses):
+        fix = "choose e.g. --backend segment=grounding-dino+sam"
+        expected = "has no effect: no backend here finds named objects"
+        asked = f'"{", ".join(options.asked)}"'
+        found.append(Problem(Place("--find"), "", asked, expected, fix, Severity.WARNING))
+    if "categories" in crew.plan.choices and "categories" not in uses:
+        fix = "choose e.g. --backend segment=grounding-dino+sam, or leave it out"
+        chosen = f"categories={crew.plan.choices['categories']}"
+        expected = f"has no effect: segment={crew.name('segment')} needs no categories"
+        found.append(Problem(Place("--backend"), "", chosen, expected, fix, Severity.WARNING))
+    return found
 
 
 def import_physgen(
@@ -128,3 +162,178 @@ def import_coco(
     from physgen.perceive.import_coco import read_coco
 
     return perceive(image or read_coco(file).file, output, coco=file, progress=progress, keep=keep)
+
+
+def refresh(
+    path: Path,
+    output: Path,
+    options: PerceiveOptions | None = None,
+    *,
+    crew: Backends | None = None,
+    progress: Progress = silent,
+    warn: Warn = ignore_warning,
+    keep: Keep = lambda kept: None,
+    **changes: Any,
+) -> str:
+    """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
+
+    Values of the file stay, its comments do not. Objects with a `prompt` are found again; new `boxes` and `points`
+    replace what they cover, with a warning for objects inside them. Numbers that no user has set follow the labels,
+    those of the file and the new ones of the options.
+    """
+    from physgen import registry
+    from physgen.compile.compile import compile_scene
+    from physgen.maps import read_percepts
+    from physgen.perceive.document import relabel_objects, write_scene
+    from physgen.perceive.perceive import fit_objects
+    from physgen.perceive.perceive import perceive as run
+    from physgen.perceive.refresh import (
+        find_table_values,
+        layers_set_by_user,
+        merge_documents,
+        start_refresh,
+    )
+    from physgen.perceive.roles import Name
+    from physgen.perceive.scale import DEFAULT_SCALE
+    from physgen.perceive.segment.prompts import segmenter, weak_prompts
+    from physgen.photos import read_photo
+    from physgen.registry import Backends
+    from physgen.report.perception import check_sheet, write_sheet
+    from physgen.scene.load import load, raw_document
+
+    options = replace(options or PerceiveOptions(), **changes)
+    crew = crew or Backends()
+    crew.begin(warn)
+    scene = load(path, allow_outside=options.allow_outside)
+    if scene.image is None:
+        raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
+    check_sheet(options.sheet, scene.image)
+    maps = read_percepts(scene.image, scene.assets, scene.maps)
+    kept = compile_scene(scene, None if maps is None else maps.labels).labels
+    photo = read_photo(scene.image)
+    find = segmenter(crew, options.asked)
+    begun = start_refresh(photo.rgb, scene.objects, kept, options.boxes, options.points, find)
+    crew.release("segment")
+    for problem in weak_prompts(begun.found):
+        warn(problem)
+    for name in begun.gone:
+        expected = "is part of what was pointed at and has gone"
+        fix = "leave the box or point out if it should stay"
+        warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
+    old = raw_document(path, options.allow_outside)
+    objects = fit_objects(photo.rgb, begun.found)[0]
+    called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
+    named, renamed = relabel_objects(objects, options.labels, called)
+    # only values of the table can be told from those that a user wrote
+    guessed = registry.make("label")(photo.rgb, begun.found.labels, objects)
+    known = {called[item.id]: item for item in objects if item.id in called}
+    table = registry.find("physics").name
+    ours = find_table_values(old, photo.rgb, known, guessed, registry.make("physics"), table)
+    new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
+    names = {**begun.found.names, **{t.id: Name(t.label, 1.0) for t in named if t.id in renamed}}
+    layered = layers_set_by_user(old, kept, {item.name: k for k, item in enumerate(scene.objects, 1)})
+    layer_of = {i: layered[name] for i, name in called.items() if name in layered}
+    per_meter = scene.world.pixels_per_meter
+    perceived = run(
+        photo.rgb,
+        replace(begun.found, names=names, layers=layer_of),
+        crew=crew,
+        view=scene.world.view,
+        pixels_per_meter=None if ours.scale or per_meter == DEFAULT_SCALE else per_meter,
+        progress=progress,
+    )
+    document = merge_documents(old, perceived.document, begun, ours, new_labels, layered)
+    fresh = {name for name in document["objects"] if name not in {item.name for item in scene.objects}}
+    fresh |= begun.corrected
+    _follow_view(document, old, scene, perceived, kept, photo.rgb, bool(fresh or begun.gone))
+    if maps is not None:
+        # whether shadows were removed depends on the scene's own light
+        clean = None if maps.clean is None else perceived.percepts.clean
+        depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
+        perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
+    own = {f"objects.{name}.{key}" for name, keys in ours.keys.items() for key in keys}
+    own |= {f"objects.{name}.layer" for name in document["objects"] if name not in layered}
+    text = path.read_text(encoding="utf-8-sig")
+    comments = _comments(perceived, document, fresh, own, per_meter, ours.scale, text)
+    header = "Perceived again: objects with a prompt were looked for anew, all else is as it was"
+    _, *fallbacks = perceived.header.split("\n")
+    header = "\n".join([header, *fallbacks])
+    perceived = replace(perceived, document=document, comments=comments, header=header)
+    if options.sheet is not None:
+        write_sheet(options.sheet, perceived, keep)
+    image = scene.image if photo.plain else None
+    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep)
+
+
+def _follow_view(
+    document: dict[str, Any],
+    old: dict[str, Any],
+    scene: Scene,
+    perceived: PerceivedScene,
+    kept: Any,
+    rgb: Any,
+    changed: bool,
+) -> None:
+    """Replace the boundaries and the table friction that an earlier perception had guessed, where they changed."""
+    from physgen import registry
+    from physgen.perceive.perceive import fit_objects
+    from physgen.perceive.refresh import matching_guess, replace_walls, walls_of_guess
+    from physgen.perceive.roles import Detections
+    from physgen.scene.scene import View
+
+    walls = old.get("boundaries", {})
+    boundary = registry.make("boundary")
+    before = fit_objects(rgb, Detections(kept, "kept", {}, {}))[0]
+    made = matching_guess(walls, [boundary(rgb, kept, before, view) for view in View])
+    turned = made is not None and made.view is not scene.world.view
+    if made is not None and (turned or changed):
+        guessed = walls_of_guess(walls, made)
+        document["boundaries"] = replace_walls(walls, guessed, perceived.document["boundaries"])
+    if turned and (table := perceived.document["world"].get("table")):
+        document["world"] = {"table": table, **document["world"]}
+    elif turned and document["world"].get("table") == {"friction": 0}:
+        document["world"] = {key: value for key, value in document["world"].items() if key != "table"}
+
+
+def _comments(
+    perceived: PerceivedScene,
+    document: dict[str, Any],
+    fresh: set[str],
+    own: set[str],
+    per_meter: float,
+    scaled: bool,
+    text: str,
+) -> dict[str, str]:
+    """Comments of the new file: of values that perception made, by their dotted keys."""
+    from physgen.perceive.document import DOUBTFUL
+    from physgen.perceive.refresh import doubtful_lines
+    from physgen.perceive.scale import DEFAULT_SCALE
+
+    def made(key: str) -> bool:
+        if key.startswith("objects."):
+            return key.split(".")[1] in fresh or key in own
+        return _at(document, key) == _at(perceived.document, key)
+
+    comments = {key: text for key, text in perceived.comments.items() if made(key)}
+    masses = {name: item.get("mass") for name, item in perceived.document["objects"].items()}
+    if any(item.get("mass") != masses.get(name) for name, item in document["objects"].items()):
+        comments.pop("forces", None)  # the push was computed for other masses
+    scale = perceived.document["world"]["pixels_per_meter"]
+    if scaled:
+        comments["world.pixels_per_meter"] = perceived.comments["world.pixels_per_meter"]
+    elif per_meter == DEFAULT_SCALE and scale != DEFAULT_SCALE:
+        comments["world.pixels_per_meter"] = (
+            f"as it was, for what is set to move; the objects here suggest {scale:g}, which masses go by"
+        )
+    lines = doubtful_lines(text, document["objects"])
+    if lines and document["objects"]:
+        comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])
+    return comments
+
+
+def _at(document: Mapping[str, Any], key: str) -> object:
+    """The value at a dotted key, or None."""
+    value: Any = document
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physgen.pipeline.filming import Filming
-from physgen.pipeline.stages import compile, load, percepts, shot, simulate
-from physgen.pipeline.warm import Keep, Warm
-from physgen.pipeline.watch import Progress, silent
+from physgen.pipeline.stages import Film, Keep, Stages, compile, load, percepts, shot, simulate
 from physgen.problems import InputError
+from physgen.progress import Progress, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -144,16 +142,16 @@ def _reel(path: str | Path, asked: PlotRequest, progress: Progress) -> StripRow:
     from physgen.report.record import RunRecord
 
     scene = load(path, asked.overrides, asked.variant, asked.allow_outside)
-    warm = Warm(Keep.NOTHING)
-    maps = warm.maps(scene)
-    compiled = warm.compile(scene, maps)
+    stages = Stages(Keep.NOTHING)
+    maps = stages.maps(scene)
+    compiled = stages.compile(scene, maps)
     progress("simulate", 0, 1)
-    trajectory = warm.simulate(compiled.world, progress)
+    trajectory = stages.simulate(compiled.world, progress)
     order = chosen(asked.frames, len(trajectory.times))
-    filming = Filming(scene, compiled, maps, "cpu", RunRecord(scene=scene.name, command=[]), warm)
-    photo = next(filming.frames(trajectory, (0,))).rgb
+    film = Film(scene, compiled, maps, RunRecord(scene=scene.name, command=[]), stages)
+    photo = next(film.frames(trajectory, (0,))).rgb
     frames = []
-    for k, frame in enumerate(filming.annotated(filming.frames(trajectory, order), trajectory)):
+    for k, frame in enumerate(film.annotated(film.frames(trajectory, order), trajectory)):
         progress("render", k + 1, len(order))
         frames.append((frame.time, frame.rgb.copy()))
     lens = shot(scene, trajectory).affine(0.0)

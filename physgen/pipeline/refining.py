@@ -1,28 +1,26 @@
-"""A scene's clip, unrefined -> kept in the cache -> refined by a video diffusion model, or left where that fails."""
+"""Refinement of a scene's clip by a video diffusion model; unrefined frames are kept in the cache."""
 
 from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.pipeline.filming import Filming
-from physgen.pipeline.watch import Progress
-from physgen.pipeline.writing import write_video
+from physgen.pipeline.footage import Add, Footage, footage
+from physgen.pipeline.stages import Film
 from physgen.problems import InputError, Problem, Warn
+from physgen.progress import Progress
 from physgen.registry import Choice, Plan
 
 if TYPE_CHECKING:
-    from physgen.export.video import Format
-    from physgen.pipeline.footage import Footage
+    from physgen.pipeline.writing import VideoFiles
     from physgen.refine.denoiser import Denoiser
     from physgen.refine.fusion import RefineSettings
     from physgen.render.stage import Frame
@@ -31,94 +29,86 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
 
-
 U8 = NDArray[np.uint8]
 STRIP = "refinement.png"
-"""What changed, as a picture, in the folder of the clip."""
+"""Picture of the changes, in the folder of the clip."""
 
 
 class Refiners:
-    """Models that refine, by the name of their backend: made when first asked for, kept for the next clip."""
+    """Refinement models by the name of their backend: loaded when first needed, kept for the next clip."""
 
     def __init__(self, plan: Callable[[], Plan] = Plan) -> None:
-        """`plan` tells weights, device and options, and is asked when the first model is; its choice for `refine`
-        counts where a scene names that backend.
-        """
-        self._ask = plan
-        self._made: dict[str, Denoiser] = {}
+        """`plan` returns weights, device and options; its choice for `refine` holds for scenes with that backend."""
+        self._plan = plan
+        self._models: dict[str, Denoiser] = {}
 
     def model(self, name: str) -> Denoiser:
-        """Raises InputError where its libraries or weights are not here."""
+        """Raises InputError where its libraries or weights are missing."""
         from physgen import registry
 
-        if name not in self._made:
-            plan = self._ask()
-            said = plan.choices.get("refine")
-            choice = said if said is not None and said.name == name else Choice(name)
+        if name not in self._models:
+            plan = self._plan()
+            chosen = plan.choices.get("refine")
+            choice = chosen if chosen is not None and chosen.name == name else Choice(name)
             setup = replace(plan, choices={"refine": choice}).setup("refine")
-            self._made[name] = registry.make("refine", name, setup)
-        return self._made[name]
+            self._models[name] = registry.make("refine", name, setup)
+        return self._models[name]
 
     def close(self) -> None:
-        """They go."""
-        for model in self._made.values():
+        """Release all models."""
+        for model in self._models.values():
             model.close()
-        self._made.clear()
+        self._models.clear()
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How refinement went."""
+    """The result of a refinement."""
 
     faults: Sequence[Problem]
-    """What went wrong; nothing where it is empty."""
+    """Why it failed; empty where it did not."""
     retouched: RefinementStrip | None
-    """What it changed, for the page."""
+    """The changes, for the report."""
 
 
 def refine_settings(scene: Scene) -> RefineSettings:
-    """`refine:` of a scene, with the prompt that its labels make unless it has one."""
+    """`refine:` of a scene, with a prompt made of its labels unless it has one."""
     from physgen.refine.denoiser import PromptSettings
     from physgen.refine.fusion import RefineSettings, hold_frames, prompt_of
 
-    told = scene.refine
-    prompt = prompt_of(item.label for item in scene.objects) if told.prompt is None else told.prompt
+    given = scene.refine
+    prompt = prompt_of(item.label for item in scene.objects) if given.prompt is None else given.prompt
     return RefineSettings(
-        strength=told.strength,
-        stop=told.stop,
-        steps=told.steps,
-        seed=told.seed,
-        said=PromptSettings(prompt, told.negative, told.guidance),
-        lock=told.lock,
-        detail=told.detail,
+        strength=given.strength,
+        stop=given.stop,
+        steps=given.steps,
+        seed=given.seed,
+        said=PromptSettings(prompt, given.negative, given.guidance),
+        lock=given.lock,
+        detail=given.detail,
         hold=hold_frames(scene.render.fps),
     )
 
 
-@contextmanager
 def guidance_footage(
-    filming: Filming,
+    film: Film,
     record: RunRecord,
     progress: Progress,
     warn: Warn,
     cached: bool = True,
-    sound: Callable[[], bool] = lambda: True,
-) -> Iterator[Footage]:
-    """The clip as it is without refinement, a frame a sample, from the cache where it is kept; else it is made.
-
-    It is kept for the next time where it is still `sound` then: nothing that it was made of was saved meanwhile.
-    """
+    unchanged: Callable[[], bool] = lambda: True,
+) -> Footage:
+    """The clip without refinement, a frame a sample: from the cache, or drawn now and stored while `unchanged`."""
     from physgen.pipeline.cache import open_store
     from physgen.pipeline.cache_keys import guidance_key
-    from physgen.pipeline.footage import Add, footage
     from physgen.render.staging import matte_coverage
 
-    def film(add: Add) -> tuple[Trajectory, Mapping[str, Any]]:
+    def draw(add: Add) -> Trajectory:
         progress("simulate", 0, 1)
-        trajectory = filming.simulated(progress, cached, warn)
+        trajectory = film.simulated(progress, cached, warn)
         count = len(trajectory.times)
-        frames = filming.frames(trajectory, range(count))
-        mattes = filming.frames(trajectory, range(count), matte=True)
+        frames = film.frames(trajectory, range(count))
+        mattes = film.frames(trajectory, range(count), matte=True)
         for index in range(count):
             with record.stage("render"):
                 frame = next(frames)
@@ -127,115 +117,91 @@ def guidance_footage(
             with record.stage("keep"):
                 add(frame.rgb, covered, frame.ids)
             progress("render", index + 1, count)
-        return trajectory, {}
+        return trajectory
 
-    key = guidance_key(filming.scene, record.inputs, record.device)
-    with footage(open_store(warn=warn) if cached else None, key, film, sound) as kept:
-        yield kept
+    key = guidance_key(film.scene, record.inputs, record.device)
+    return footage(open_store(warn=warn) if cached else None, key, draw, unchanged)
 
 
-def refine_footage(
-    filming: Filming,
-    footage: Footage,
-    refiners: Refiners,
-    folder: Path,
-    kinds: Sequence[Format],
-    record: RunRecord,
-    progress: Progress,
-) -> Outcome:
-    """Writes the clip unrefined and, in all `kinds`, refined."""
+def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFiles) -> Outcome:
+    """Write the clip unrefined and, in all formats, refined."""
     from physgen.maps import write_png
     from physgen.refine.fusion import Refinement, backend_errors
     from physgen.report.perception import compared
     from physgen.report.refinement import RefinementChanges, refinement_strip
 
-    scene, trajectory = filming.scene, footage.trajectory
-    order = filming.shot(trajectory).order
+    scene, trajectory, record = film.scene, kept.trajectory, files.record
+    order, count = film.shot(trajectory).order, len(kept.rgb)
 
-    def write(
-        pictures: Iterator[U8], kinds: Sequence[Format], name: str, stage: str, doing: str = ""
-    ) -> list[str]:
-        frames = filming.annotated(_frames(footage, pictures, order), trajectory)
-        count = len(order)
-        return write_video(
-            frames, count, scene, folder, kinds, record, progress, name=name, stage=stage, doing=doing
-        )[0]
+    def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
+        return film.annotated(_frames(kept, pictures, order), trajectory)
 
-    record.unrefined = write(iter(footage.rgb.shown(order)), kinds[:1], "unrefined", "read")
+    unrefined = replace(files, formats=files.formats[:1])
+    shown = (kept.rgb[sample] for sample in order)
+    record.unrefined = unrefined.write(clip(shown), len(order), "unrefined", "read")[0]
     name = scene.refine.backend
     try:
         with record.stage("load model"), backend_errors("--refine", name):
             model = refiners.model(name)
-        refinement = Refinement(model, refine_settings(scene), scene.video_size, len(footage.rgb), progress)
+        refinement = Refinement(model, refine_settings(scene), scene.video_size, count, files.progress)
         step = float(trajectory.times[1] - trajectory.times[0]) if len(trajectory.times) > 1 else 1.0
-        changes = RefinementChanges(len(footage.rgb), 1 / step)
-        made = _watched(name, refinement.frames(footage.rgb, footage.coverage), footage, changes)
-        with _played(made, order, scene.video_size, len(footage.rgb), folder, record) as pictures:
-            record.frames = write(pictures, kinds, "video", "refine", "decode")
+        changes = RefinementChanges(count, 1 / step)
+        made = _measured(name, refinement.frames(kept.rgb, kept.coverage), kept, changes)
+        with _played(made, order, kept, files) as pictures:
+            record.frames = files.write(clip(pictures), len(order), "video", "refine", "decode")[0]
     except InputError as error:
-        for kind in kinds:
-            _removed(folder / kind.named("video"))
+        for kind in files.formats:
+            path = files.folder / kind.named("video")
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
     picture = changes.picture()
-    write_png(folder / STRIP, picture)
+    write_png(files.folder / STRIP, picture)
     strip = {"file": STRIP, "size": [picture.shape[1], picture.shape[0]]}
-    told = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
-    record.refine = told
-    before, after = ("as it was drawn", footage.rgb[changes.most]), ("refined", changes.refined)
-    said = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
-    return Outcome((), refinement_strip(compared("refined", "Refined", said, before, after), changes.columns))
+    record.refine = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
+    before, after = ("as it was drawn", kept.rgb[changes.most]), ("refined", changes.refined)
+    caption = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
+    return Outcome(
+        (), refinement_strip(compared("refined", "Refined", caption, before, after), changes.columns)
+    )
 
 
-def _watched(name: str, frames: Iterator[U8], footage: Footage, changes: RefinementChanges) -> Iterator[U8]:
-    """The same frames; `changes` is told of each."""
+def _measured(name: str, frames: Iterator[U8], kept: Footage, changes: RefinementChanges) -> Iterator[U8]:
+    """The same frames, added to `changes`."""
     from physgen.refine.fusion import backend_errors
 
-    for index in range(len(footage.rgb)):
+    for before, coverage in zip(kept.rgb, kept.coverage, strict=True):
         with backend_errors("--refine", name):
             rgb = next(frames)
-        changes.add(footage.rgb[index], rgb, footage.coverage[index])
+        changes.add(before, rgb, coverage)
         yield rgb
 
 
-def _frames(footage: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:
-    """Pictures in the order of play as frames of the clip."""
+def _frames(kept: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:
+    """Pictures in playing order as frames of the clip."""
     from physgen.render.stage import Frame
 
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
-        named = partial(footage.ids.__getitem__, sample)
-        yield Frame(index, float(footage.trajectory.times[sample]), rgb, named)
+        yield Frame(index, float(kept.trajectory.times[sample]), rgb, partial(kept.ids.__getitem__, sample))
 
 
 @contextmanager
 def _played(
-    frames: Iterator[U8],
-    order: Sequence[int],
-    size: tuple[int, int],
-    count: int,
-    folder: Path,
-    record: RunRecord,
+    frames: Iterator[U8], order: Sequence[int], kept: Footage, files: VideoFiles
 ) -> Iterator[Iterator[U8]]:
-    """Pictures of all samples, one after the other -> in the order of play; where they come again, from a file."""
-    if list(order) == list(range(count)):
+    """Pictures of all samples, one after the other -> in playing order; where that differs, from a temporary file."""
+    if list(order) == list(range(len(kept.rgb))):
         yield frames
         return
-    shape = (size[1], size[0], 3)
-    with tempfile.TemporaryFile(dir=folder) as file:
-        with record.stage("refine"):
+    width, height = files.scene.video_size
+    with tempfile.TemporaryFile(dir=files.folder) as file:
+        with files.record.stage("refine"):
             for rgb in frames:
                 file.write(np.ascontiguousarray(rgb).data)
 
         def read(sample: int) -> U8:
-            file.seek(sample * shape[0] * shape[1] * 3)
-            return np.frombuffer(file.read(shape[0] * shape[1] * 3), np.uint8).reshape(shape)
+            file.seek(sample * height * width * 3)
+            return np.frombuffer(file.read(height * width * 3), np.uint8).reshape(height, width, 3)
 
         yield map(read, order)
-
-
-def _removed(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)

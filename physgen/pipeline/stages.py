@@ -1,35 +1,54 @@
-"""Scene file -> Scene -> World -> Trajectory -> Frames: one call a stage, top-down."""
+"""The stages from a scene file to frames: one function per stage, top-down, and the same with memory.
+
+`Stages` keeps results in this process from one clip to the next, for as long as their inputs are the same: scenes that
+differ in a force, a mass or a light share the parsed file, the photo's maps and the sprites. Motions also outlast the
+process, in the store of `physgen.pipeline.cache`. `Film` draws the frames of one scene.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from functools import partial
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.files import Stamp, file_stamp
 from physgen.pipeline.packs import scene_file
-from physgen.pipeline.watch import Progress, silent
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Problem, Warn, ignore_warning
+from physgen.progress import Progress, silent
 
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
+    from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
     from physgen.maps import Percepts
     from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
+    from physgen.report.record import RunRecord
+    from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
     from physgen.simulate.chaos import Chaos
     from physgen.simulate.recorder import StepLog
     from physgen.simulate.trajectory import Trajectory
     from physgen.simulate.uncertainty import Ensemble
 
+T = TypeVar("T")
 
 MOST_POSES = 20_000_000
 """Samples times objects of one trajectory: about 2 GB."""
+WORTH = 0.03
+"""s that a simulation takes from which on it is stored on disk: reading one back takes a tenth of that."""
+MOST_HASHES = 20_000
+"""Files whose hashes are remembered."""
+MOST_PIXELS = 2_000_000
+"""Of a photo that stays in memory with its maps; a larger one is released once sprites are cut out of it."""
 
 
 def load(
@@ -83,7 +102,7 @@ def simulate(
 
 
 def chaos(world: World, progress: Progress = silent) -> Chaos:
-    """How long the motion can be foretold: the world run again a hair apart, with half the step, other sweeps."""
+    """How long the motion can be predicted: runs with nudged objects, half the step and other solver sweeps."""
     from physgen.simulate.chaos import chaos as compare
 
     return compare(world, progress)
@@ -97,9 +116,9 @@ def fan(
     variant: str | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
-    """The scene simulated `count` times, each with other numbers from what `from` is unsure of; see docs/fan.md.
+    """The scene simulated `count` times, uncertain values drawn anew each time; see docs/fan.md.
 
-    `variant` is the one that was applied to the scene: what it sets is certain.
+    `variant` is the one that was applied to the scene: the values that it sets are certain.
     """
     from physgen.simulate.uncertainty import simulate_ensemble as draw
 
@@ -107,9 +126,9 @@ def fan(
 
 
 def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
-    """What is drawn: the filled background and the objects cut out of the photo, or flat shapes on paper.
+    """The filled background and the objects cut out of the photo, or flat shapes on a plain background.
 
-    Flat shapes are drawn as large as `render` shows them at most. Nothing that can only be seen in motion counts.
+    Flat shapes are drawn as large as `render` shows them at most. Depends on nothing that only shows in motion.
     """
     from physgen.compile.appearance import appearance, photo_poses
     from physgen.render.camera import canvas_scale
@@ -138,9 +157,9 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
 def filled(
     maps: Percepts, labels: NDArray[np.uint16], scenery: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Coverage and background as stored; made now where the assets lack them or know less than the scene's masks.
+    """Coverage and background: stored, or computed where they are missing or made for other masks.
 
-    They are also made now where the assets took a boundary, whose pixels are `scenery`, for an object.
+    `scenery` are the pixels of boundaries, which the stored maps may have taken for objects.
     """
     from physgen.compile.warnings import maps_cover_masks
 
@@ -192,7 +211,7 @@ def render(
 
 
 def drawn_by(device: str) -> str:
-    """What draws frames on `device`, for the manifest. Raises InputError where it, or torch, is not there."""
+    """The name of the device for the manifest. Raises InputError where it, or torch, is missing."""
     if device == "cpu":
         return device
     try:
@@ -201,3 +220,265 @@ def drawn_by(device: str) -> str:
         found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
         raise InputError.of("--device", f'"{device}"', found, fix) from error
     return title(device)
+
+
+class Keep(Enum):
+    """Which results `Stages` keeps."""
+
+    RESULTS = "results"
+    """The last few of each stage."""
+    EDITING = "editing"
+    """The same, and the maps of one photo of any size, now and before an edit."""
+    NOTHING = "nothing"
+    """None, for a single clip: memory is free for drawing."""
+
+
+class Recent(Generic[T]):
+    """The last few results, by key; the oldest is released before a new one is made."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: dict[object, T] = {}
+
+    def forget(self, key: object) -> None:
+        """Drop a result."""
+        self._kept.pop(key, None)
+
+    def get(self, key: object) -> T | None:
+        """A result made before, or None."""
+        if key in self._kept:
+            self._kept[key] = self._kept.pop(key)
+        return self._kept.get(key)
+
+    def of(self, key: object, make: Callable[[], T]) -> T:
+        """A result made before, or now."""
+        if key in self._kept:
+            found = self._kept[key] = self._kept.pop(key)
+            return found
+        while len(self._kept) >= max(self._most, 1):
+            del self._kept[next(iter(self._kept))]
+        made = make()
+        if self._most:
+            self._kept[key] = made
+        return made
+
+
+@dataclass(frozen=True)
+class Maps:
+    """A photo with its maps, the key of their files, and the time stamps of the files before they were read."""
+
+    percepts: Percepts | None
+    """None for a scene without a photo."""
+    key: str
+    stamps: tuple[tuple[Path, Stamp], ...] = ()
+
+
+class Stages:
+    """The stages above, each run only where its result is not known."""
+
+    def __init__(self, keep: Keep = Keep.RESULTS) -> None:
+        few = 0 if keep is Keep.NOTHING else 4
+        self._editing = keep is Keep.EDITING
+        self._opened: Recent[Opened] = Recent(few)
+        self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
+        self._shapes: Recent[Shapes] = Recent(few)
+        self._stages: Recent[Stage] = Recent(min(few, 1))
+        self._motions: Recent[Trajectory] = Recent(few)
+        self._hashes: dict[Path, tuple[Stamp, str]] = {}
+
+    def load(
+        self,
+        path: str | Path,
+        overrides: Sequence[str],
+        variant: str | None,
+        allow_outside: bool,
+        shown: str | None = None,
+    ) -> Scene:
+        """See `load`; messages name the file, or the pack, as `shown`."""
+        from physgen.scene.load import Opened
+        from physgen.scene.pack_format import SUFFIX
+
+        packed = shown is not None and shown.endswith(SUFFIX)
+        name = str(scene_file(path, shown if packed else None))
+        shown = None if packed else shown
+        read = (os.getcwd(), name, allow_outside, shown)
+        opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
+        if opened.stale():
+            self._opened.forget(read)
+            opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
+        return opened.scene(overrides, variant)
+
+    def maps(self, scene: Scene) -> Maps:
+        """See `percepts`."""
+        key, stamps = self._files(scene)
+        width, height = scene.size
+        if width * height > MOST_PIXELS and not self._editing:
+            return Maps(percepts(scene), key, stamps)
+        return self._maps.of(key, lambda: Maps(percepts(scene), key, stamps))
+
+    def hand_over(self, scene: Scene, percepts: Percepts) -> None:
+        """Remember `percepts`, which were just written to the scene's files."""
+        key, stamps = self._files(scene)
+        self._maps.of(key, lambda: Maps(percepts, key, stamps))
+
+    def _files(self, scene: Scene) -> tuple[str, tuple[tuple[Path, Stamp], ...]]:
+        """The key of a scene's maps, and their files."""
+        from physgen.pipeline.cache_keys import key
+
+        files = [] if scene.image is None else [scene.image]
+        if scene.image is not None and scene.assets is not None:
+            files += sorted(scene.assets.glob("*.png"))
+        stamps = tuple((file, file_stamp(file)) for file in files)
+        return key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps)), stamps
+
+    def compile(self, scene: Scene, maps: Maps) -> Compiled:
+        """See `compile`."""
+        from physgen.compile.compile import check_steps, compile_shapes
+        from physgen.compile.shapes import shapes_of
+        from physgen.pipeline.cache_keys import key
+
+        check_steps(scene)
+        labels = None if maps.percepts is None else maps.percepts.labels
+        objects = [(item.mask, item.shape, item.layer) for item in scene.objects]
+        masks = [item.mask for item in scene.boundaries]
+        read = key("shapes", maps.key, scene.size, objects, masks)
+        return compile_shapes(scene, self._shapes.of(read, lambda: shapes_of(scene, labels)))
+
+    def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
+        """See `stage`."""
+        from physgen.compile.appearance import appearance, photo_poses
+        from physgen.pipeline.cache_keys import key
+
+        drawn = compiled.outlines if maps.percepts is None else ()
+        seen = appearance(scene, compiled.world)
+        read = key("stage", maps.key, *seen, compiled.labels, compiled.scenery, drawn)
+        made = self._stages.of(read, lambda: stage(scene, compiled, maps.percepts))
+        return replace(made, starts=photo_poses(compiled.world))  # objects may have been moved since
+
+    def simulate(
+        self,
+        world: World,
+        progress: Progress = silent,
+        cached: bool = True,
+        warn: Warn = ignore_warning,
+        tape: StepLog | None = None,
+    ) -> Trajectory:
+        """See `simulate`; read from the store on disk where it is `cached`. A known motion leaves the `tape` empty."""
+        from physgen.pipeline.cache import open_store
+        from physgen.pipeline.cache_keys import motion_key
+        from physgen.pipeline.footage import load_motion
+
+        read = motion_key(world)
+
+        def run() -> Trajectory:
+            store = open_store(warn=warn) if cached else None
+            if (found := load_motion(store, read)) is not None:
+                return found
+            begun = time.perf_counter()
+            made = simulate(world, progress=progress, tape=tape)
+            if store is not None and time.perf_counter() - begun > WORTH:
+                store.write(read, made.to_bytes())
+            return made
+
+        return self._motions.of(read, run)
+
+    def hash(self, file: Path) -> str:
+        """SHA-256 of a file, computed once while the file does not change. Raises OSError."""
+        from physgen.report.record import file_hash
+
+        stamp = file_stamp(file)
+        known = self._hashes.get(file)
+        if known is None or known[0] != stamp:
+            if len(self._hashes) >= MOST_HASHES:
+                self._hashes.clear()
+            known = self._hashes[file] = stamp, file_hash(file)
+        return known[1]
+
+
+class Film:
+    """Draws the frames of one scene; sprites are cut out when first needed, and the maps are then released."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        compiled: Compiled,
+        maps: Maps,
+        record: RunRecord,
+        stages: Stages,
+        device: str = "cpu",
+    ) -> None:
+        self.scene, self.compiled, self.device = scene, compiled, device
+        self._maps: Maps | None = maps
+        self._record, self._stages = record, stages
+        self._fine: tuple[Trajectory, Trajectory, int] | None = None
+        """Of a trajectory: the samples at which its frames are exposed, and how many a frame has."""
+        self._tape: StepLog | None = None
+
+    def simulated(self, progress: Progress, cached: bool, warn: Warn) -> Trajectory:
+        """The motion, a sample a frame; its steps are kept where it is run now."""
+        from physgen.simulate.recorder import StepLog
+
+        self._tape = StepLog()
+        with self._record.stage("simulate"):
+            return self._stages.simulate(self.compiled.world, progress, cached, warn, self._tape)
+
+    def sampled(self, times: NDArray[np.float64]) -> Trajectory:
+        """The same motion at other times, s: the engine's steps do not depend on its samples."""
+        from physgen.simulate.engine import simulate
+        from physgen.simulate.recorder import StepLog
+
+        found = None if self._tape is None else self._tape.read(times)
+        if found is None:
+            self._tape = StepLog()
+            found = simulate(self.compiled.world, times, tape=self._tape)
+        return found
+
+    @cached_property
+    def stage(self) -> Stage:
+        """The sprites and the background."""
+        with self._record.stage("cut out"):
+            assert self._maps is not None
+            made = self._stages.stage(self.scene, self.compiled, self._maps)
+        self._maps = None
+        return made
+
+    def shot(self, trajectory: Trajectory) -> Shot:
+        """Camera and playing order; `trajectory` has one sample a frame."""
+        return shot(self.scene, trajectory)
+
+    def frames(
+        self, trajectory: Trajectory, order: Sequence[int] | None = None, matte: bool = False
+    ) -> Iterator[Frame]:
+        """Frames in playing order, or of the samples in `order`; as a `matte`, the coverage of objects as light."""
+        from physgen.render.staging import matte_stage
+
+        through = self.shot(trajectory)
+        if order is not None:
+            through = replace(through, order=tuple(order))
+        fine, parts = self.exposed(trajectory)
+        return render(matte_stage(self.stage) if matte else self.stage, fine, parts, through, self.device)
+
+    def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
+        """Samples for motion blur, and how many a frame has."""
+        from physgen.render.camera import exposure_times
+
+        if self._fine is None or self._fine[0] is not trajectory:
+            moments, parts = exposure_times(trajectory, self.compiled.world, self.scene.render.motion_blur)
+            fine = trajectory
+            if parts > 1:
+                with self._record.stage("expose"):
+                    fine = self.sampled(moments)
+            self._fine = trajectory, fine, parts
+        return self._fine[1:]
+
+    def annotated(self, frames: Iterator[Frame], trajectory: Trajectory) -> Iterator[Frame]:
+        """Frames with the scene's overlays."""
+        kinds = self.scene.render.overlay
+        if not kinds:
+            return frames
+        from physgen.render.overlay import annotate_frames
+
+        through = self.shot(trajectory)
+        return annotate_frames(
+            frames, self.compiled.world, trajectory, kinds, lambda frame: through.affine(frame.time)
+        )

@@ -1,71 +1,67 @@
-"""Frames to the files of one video."""
+"""Frames to the files of one video, encoded while they are made."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.pipeline.watch import Progress
-
-if TYPE_CHECKING:
-    from physgen.export.video import Format
-    from physgen.render.stage import Frame
-    from physgen.report.record import RunRecord
-    from physgen.scene.scene import Scene
-
+from physgen.export.video import Format, encode_in_thread, open_video
+from physgen.progress import Progress
+from physgen.render.stage import Frame
+from physgen.report.record import RunRecord, StageTime, frame_hash
+from physgen.scene.scene import Scene
 
 U8 = NDArray[np.uint8]
 
 
-def write_video(
-    frames: Iterator[Frame],
-    count: int,
-    scene: Scene,
-    folder: Path,
-    kinds: Sequence[Format],
-    record: RunRecord,
-    progress: Progress,
-    *,
-    name: str = "video",
-    stage: str = "render",
-    doing: str = "",
-) -> tuple[list[str], U8]:
-    """Writes `count` frames into `folder` as `name`, in all `kinds`; returns their hashes, and the first.
+@dataclass(frozen=True)
+class VideoFiles:
+    """Where and how the videos of one clip are written."""
 
-    What making the frames costs is the `stage`'s, the rest encoding's; `doing` is what `progress` is told instead.
-    """
-    from physgen.export.video import encode_in_thread, open_video
-    from physgen.report.record import StageTime, frame_hash
+    scene: Scene
+    folder: Path
+    formats: Sequence[Format]
+    record: RunRecord
+    progress: Progress
 
-    clock = time.process_time if stage == "refine" else time.thread_time  # a model has threads of its own
-    hashes = []
-    making = record.stages.setdefault(stage, StageTime())
-    encoding = record.stages.setdefault("encode", StageTime())
-    started, made, encoded = time.process_time(), making.cpu, encoding.cpu
-    with ExitStack() as files:
-        with record.stage("encode"):
-            writers = [
-                files.enter_context(open_video(folder, kind, scene.video_size, scene.render.fps, name))
-                for kind in kinds
-            ]
-        with encode_in_thread(writers) as write:
-            for index in range(count):
-                with record.stage(stage, clock):
-                    frame = next(frames)
-                    hashes.append(frame_hash(frame.rgb))
-                if index == 0:
-                    first = frame.rgb.copy()  # it may be one of a batch
-                with record.stage("encode"):
-                    write(frame.rgb)
-                progress(doing or stage, index + 1, count)
-        with record.stage("encode"):
-            files.close()
-    # the encoder's own threads run on while frames are made: its share is what making them did not take
-    encoding.cpu = max(encoded, encoded + time.process_time() - started - (making.cpu - made))
-    return hashes, first
+    def write(
+        self, frames: Iterator[Frame], count: int, name: str = "video", stage: str = "render", shown: str = ""
+    ) -> tuple[list[str], U8]:
+        """Write `count` frames as `name`, in all formats; returns their hashes, and the first frame.
+
+        The time that the frames take counts as `stage`, the rest as encoding; progress is shown as `shown` or `stage`.
+        """
+        record, render = self.record, self.scene.render
+        clock = time.process_time if stage == "refine" else time.thread_time  # a model has threads of its own
+        hashes = []
+        making = record.stages.setdefault(stage, StageTime())
+        encoding = record.stages.setdefault("encode", StageTime())
+        started, made, encoded = time.process_time(), making.cpu, encoding.cpu
+        with ExitStack() as files:
+            with record.stage("encode"):
+                size = self.scene.video_size
+                writers = [
+                    files.enter_context(open_video(self.folder, kind, size, render.fps, name))
+                    for kind in self.formats
+                ]
+            with encode_in_thread(writers) as write:
+                for index in range(count):
+                    with record.stage(stage, clock):
+                        frame = next(frames)
+                        hashes.append(frame_hash(frame.rgb))
+                    if index == 0:
+                        first = frame.rgb.copy()  # it may be part of a batch
+                    with record.stage("encode"):
+                        write(frame.rgb)
+                    self.progress(shown or stage, index + 1, count)
+            with record.stage("encode"):
+                files.close()
+        # the encoder's threads run while frames are made: its share is what making them did not take
+        encoding.cpu = max(encoded, encoded + time.process_time() - started - (making.cpu - made))
+        return hashes, first

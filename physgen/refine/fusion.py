@@ -1,4 +1,26 @@
-"""Algorithm 1 of the paper: refined frames from a guidance video and the coverage of its objects."""
+"""Algorithm 1 of the paper: refined frames from a guidance video and the coverage of its objects.
+
+| paper (section 3.4 and supplement) | here | meaning |
+|---|---|---|
+| z~0 | `guidance` | latents of the relit video |
+| m | `mask` | 1 where the objects are, 0 elsewhere; here coverage in between |
+| T (line 1: nint(T s)) | `steps_run(steps, strength)` | denoising steps that run: 25 of 50 at s = 0.5 |
+| t = T .. 1 | `k = 0 .. count - 1`, k = T - t | steps run so far |
+| z_T, z~_T ~ q(z_T given z~0) (line 2) | `noised(guidance, 0)` | the guidance at the first step's noise |
+| p(z_t-1 given z_t) (lines 6, 12) | `denoised(z, k)` | one step of the model |
+| z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `noised(guidance, k + 1)` | the guidance, as noisy as the step leaves z |
+| w = (T - t) / T (line 7) | `rising(k, count)` | share of the model's own in the objects: 0, 1/T .. (T - 1)/T |
+| delta (line 4) | `stop` | the last steps, which run free |
+
+Line 4 is printed `t <= T - delta` with t counting down, which would leave the *first* delta steps free. Text and public
+code leave the *last* delta steps free, and so do we: objects are laid down in much noise, and the model then
+settles borders and light. Lines 2 and 5 draw fresh noise in every step. Blends of independent noises have less noise
+than the model expects (half its variance at w = 1/2), and objects lose texture; `noised` is therefore to add the same
+noise every time. docs/refinement.md has the figures.
+
+A frame is the guidance plus what the model changed of it, D(z) - D(z~0): the decoder loses fine texture even where the
+model changes nothing.
+"""
 
 from __future__ import annotations
 
@@ -29,43 +51,6 @@ from physgen.refine.latents import (
     window_spans,
 )
 from physgen.registry import describe_error
-
-# ----------------------------------------------------------------------
-# Latents of the guidance -> refined latents: Algorithm 1 of the paper, over NumPy arrays of any shape, or
-# numbers.
-#
-# Symbols, as the paper's Algorithm 1 has them (section 3.4 and supplement), and what they are called here:
-#
-# | paper | here | what |
-# |---|---|---|
-# | z~0 | `guidance` | latents of the relit video |
-# | m | `mask` | 1 where the objects are, 0 elsewhere; we take coverage in between |
-# | T (line 1: nint(T s)) | `steps_run(steps, strength)` | denoising steps that run: 25 of 50 at s = 0.5 |
-# | t = T .. 1 | `k = 0 .. count - 1`, k = T - t | steps run so far |
-# | z_T, z~_T ~ q(z_T given z~0) (line 2) | `noised(guidance, 0)` | the guidance at the first step's noise |
-# | p(z_t-1 given z_t) (lines 6, 12) | `denoised(z, k)` | one step of the model |
-# | z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `noised(guidance, k + 1)` | the guidance, as noisy as the step
-# leaves z |
-# | w = (T - t) / T (line 7) | `rising(k, count)` | how much of the model's own enters the objects: 0, 1/T ..
-# (T - 1)/T |
-# | delta (line 4) | `stop` | the last steps, which run free |
-#
-# Line 4 is printed `t <= T - delta` with t counting down, which would leave the *first* delta steps free. The
-# text calls
-# delta "the signal to stop the fusion", and the public code counts up and fuses while k < T - delta, so that
-# the *last*
-# delta steps are free: 20 of 25 fused at delta = 5. We follow text and code: objects are laid down while
-# there is much
-# noise, and the model then settles borders and light by itself.
-#
-# Lines 2 and 5 draw fresh noise in every step, and so does the public code. Blending w z + (1 - w) z~ of
-# independent
-# noises leaves less noise than the model is told of: at w = 1/2 half its variance; the model takes what is
-# missing for
-# smoothness, and objects lose texture. `noised` is therefore to add the same noise every time: that of z_T,
-# which a
-# deterministic sampler carries along. docs/refinement.md has the figures for data whose exact denoiser is
-# known.
 
 Latent = TypeVar("Latent")
 """An array, or a number."""
@@ -140,9 +125,6 @@ def fused(
     return z
 
 
-# ----------------------------------------------------------------------
-# Labels of a scene's objects -> what the model is told that the video shows.
-
 EMPTY_LABELS = frozenset({"", "object", "thing"})
 """Labels that are none."""
 
@@ -157,16 +139,6 @@ def prompt_of(labels: Iterable[str]) -> str:
     found = Counter(said.setdefault(label.strip().lower(), label.strip()).lower() for label in labels)
     return ", ".join(said[label] for label, _ in found.most_common() if label not in EMPTY_LABELS)
 
-
-# ----------------------------------------------------------------------
-# What the model made of a frame, and of the guidance -> the refined frame: its changes alone, where they are
-# wanted.
-#
-# The decoder cannot say all that the encoder saw: fine texture and letters are lost even where the model
-# changes
-# nothing. So it is not the decoded frame D(z) that is shown but the guidance and what the model changed of
-# it,
-# D(z) - D(z~0). Where nothing changed, that is the guidance to the last bit, at any resolution.
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -207,9 +179,6 @@ def _around(values: F32) -> tuple[slice, slice]:
     rows, columns = np.flatnonzero(values.any(axis=1)), np.flatnonzero(values.any(axis=0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
-
-# ----------------------------------------------------------------------
-# Guidance video and its objects' coverage -> refined frames, one at a time, and a record of how.
 
 Progress = Callable[[str, int, int], None]
 

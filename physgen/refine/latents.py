@@ -1,4 +1,8 @@
-"""Frames and coverage on a model's latent grid, and overlapping windows of a long clip."""
+"""Frames and coverage on a model's latent grid, and overlapping windows of a long clip.
+
+All windows take each step together, so that they agree where they overlap at every level of noise, and no joint shows
+(MultiDiffusion, Bar-Tal et al. 2023, along time).
+"""
 
 from __future__ import annotations
 
@@ -12,9 +16,6 @@ from numpy.typing import NDArray
 
 from physgen.photometry import decode, encode_u8
 from physgen.refine.denoiser import Grid
-
-# ----------------------------------------------------------------------
-# Frames and coverage of any size and number -> as a model's grid wants them, and back.
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -133,13 +134,6 @@ def hold_weights(frames: int, over: int) -> F32:
     s = np.minimum(np.arange(frames) / over, 1.0)
     return np.asarray(1 - s * s * (3 - 2 * s), np.float32)
 
-
-# ----------------------------------------------------------------------
-# A clip longer than the model sees at a time -> overlapping windows, and their predictions blended into one.
-#
-# All windows take each step together, so that they agree where they overlap at every level of noise, and no
-# joint shows
-# (MultiDiffusion, Bar-Tal et al. 2023, along time).
 
 Span = tuple[int, int]
 """First latent frame, and the one behind the last."""

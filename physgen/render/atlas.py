@@ -1,4 +1,7 @@
-"""Balls and moving shadows drawn many at a time from an atlas."""
+"""Balls and moving shadows drawn many at a time: pictures of about one size share an atlas and one warp.
+
+An atlas has two samples a pixel and four channels, which OpenCV warps several times as fast as three.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,6 @@ from physgen.render.ball import RIM, Ball
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sprites import Sprite, double_resolution
 from physgen.render.stage import Placement, Slices, SpritePose, three_channels
-
-# ----------------------------------------------------------------------
-# Pictures of about one size, side by side: one warp for all of them instead of one for each.
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -93,14 +93,6 @@ def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     """(h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
     found = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(found, np.float32)
-
-
-# ----------------------------------------------------------------------
-# Balls that moved -> their pixels, many at a time.
-#
-# Their pictures lie in an atlas, two samples a pixel as `Sprite.fine` has them; with four channels, which
-# OpenCV warps
-# several times as fast as three.
 
 
 @dataclass(frozen=True)
@@ -217,10 +209,6 @@ class _Atlas:
             own = np.s_[:tall, j * w : j * w + wide]
             found.append(DrawnBall(light[own], coverage[own], through[own]))
         return found
-
-
-# ----------------------------------------------------------------------
-# Shadows that keep their shape and move along -> how dark they make the background, many at a time.
 
 
 class ShadowSprites:

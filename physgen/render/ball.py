@@ -1,4 +1,9 @@
-"""A sphere in the photo: its colour without light, its gloss, and its shading."""
+"""A sphere in the photo: its colour without light, its gloss, and its shading.
+
+The colour turns with the ball; shading and highlights stay where the light is. The far side is the mirror image of the
+visible one: at the rim, where they meet, both agree. A ball has few paints: with each pixel's paint known, what else
+changes evenly over the ball is light; with light known, paints tell apart. Both are found in turn, in logarithms.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +18,6 @@ from numpy.typing import NDArray
 
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
-
-# ----------------------------------------------------------------------
-# A painted ball's pixels -> how its shading departs from Lambert's law: light from floor and walls, its dark
-# foot.
-#
-# A ball wears few paints. With each pixel's paint known, what else changes evenly over the ball is light;
-# with light
-# known, paints tell apart. Both are found in turn, in logarithms, where light and paint add up.
 
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -139,13 +136,6 @@ def _nearest(points: Array, centers: Array) -> Ids:
     away = np.stack([((points - c) ** 2).sum(axis=1) for c in centers])
     return np.unique(np.argmin(away, axis=0), return_inverse=True)[1].astype(np.int64).ravel()
 
-
-# ----------------------------------------------------------------------
-# A sphere's pixels -> its skin (colour without light) and its gloss; and the sphere again, turned in space.
-#
-# Skin turns with the ball; shading and highlights stay where the light is. The side that the photo does not
-# show is the
-# mirror image of the one that it does: at the rim, where they meet, both agree.
 
 RIM = 0.955
 """Of the radius: farther out pixels are mixed, and so much foreshortened that they tell little."""

@@ -1,4 +1,11 @@
-"""Camera, playing order, resampling and motion blur of a clip."""
+"""Camera, playing order, resampling and motion blur of a clip.
+
+Between two views the camera eases: after a part s of the time it has come 3 s² - 2 s³ of the way. The width of the view
+changes by equal factors and its centre moves with the width, so one point of a zoom stays still, and a view between two
+that lie in the photo lies in it too. Pictures are resampled by Lanczos with three lobes in linear light (Pillow's exact
+weights; OpenCV's warps know no finer step than 1/32 px, and a slow pan would tremble), each value held between the
+least and the greatest of the pixels under the middle lobe, against dark lines along bright edges.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +26,6 @@ from physgen.photometry import decode, encode_u8
 from physgen.render.stage import Cover, Frame
 from physgen.scene.scene import CameraView, Play, Scene
 from physgen.simulate.trajectory import Trajectory
-
-# ----------------------------------------------------------------------
-# A picture -> the same picture seen larger, smaller or shifted by any fraction of a pixel.
-#
-# Lanczos with three lobes, in linear light, widened where pixels are gathered, so that nothing finer than the
-# new pixels
-# is left to shimmer. Its overshoot would draw a dark line along every bright edge: each value is held between
-# the least
-# and the greatest of the pixels under the kernel's middle lobe. Weights are exact (Pillow's), where OpenCV's
-# warps know
-# no finer step than 1/32 px and a slow pan would tremble.
 
 U8 = NDArray[np.uint8]
 Array = NDArray[np.float64]
@@ -124,16 +120,6 @@ def _lobes(rgb: U8, matrix: Array, size: Size) -> tuple[U8, Index, Index]:
         first.append(np.clip(beyond.astype(np.int64) + 1, 0, side - 1))
     return np.ones((wide, wide), np.uint8), first[1], first[0]
 
-
-# ----------------------------------------------------------------------
-# Scene and trajectory -> how the clip is filmed and played; frames of the photo's size -> frames of the
-# video's.
-#
-# Between two views the camera eases: after a part s of the time it has come 3 s² - 2 s³ of the way, so it
-# leaves and
-# reaches each view at rest. The width of what it sees changes by equal factors, and its centre moves with the
-# width: that
-# keeps one point of a zoom still, and a view between two that lie in the photo lies in it too.
 
 STEADY = 0.2
 """s of the clip: the standard deviation of the weights with which a followed object's way is smoothed."""
@@ -314,9 +300,6 @@ def _steadied(way: Array, width: float) -> Array:
     columns: Sequence[Array] = [np.convolve(c, weights / weights.sum(), mode="valid") for c in beyond.T]
     return np.stack(columns, axis=1)
 
-
-# ----------------------------------------------------------------------
-# Motion blur: the moments of each frame's exposure, and the mean of what is seen at them.
 
 FEWEST, MOST = 4, 24
 """Moments of an exposure."""

@@ -1,4 +1,8 @@
-"""Anti-aliased lines, areas, text, arrows and other marks on a picture."""
+"""Anti-aliased lines, areas, text, arrows and other marks on a picture: light ink in a thin dark casing.
+
+Marks are drawn four times as fine, each in a box of its own, and averaged: places and widths are kept to a sixteenth of
+a pixel, so that nothing trembles as it moves.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +16,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from physgen.photometry import decode, encode_u8
-
-# ----------------------------------------------------------------------
-# Lines, areas and words -> crisp marks on a picture: light ink in a thin dark casing, at sub-pixel places.
-#
-# Everything is drawn four times as fine, each mark in a box of its own, and averaged; so places and widths
-# are kept to a
-# sixteenth of a pixel and nothing trembles as it moves. The casing keeps ink legible on light and dark ground
-# alike.
 
 Array = NDArray[np.float64]
 F32 = NDArray[np.float32]
@@ -204,9 +200,6 @@ def _fixed(points: Array, box: tuple[int, int, int, int]) -> NDArray[np.int32]:
 def _light(colour: Colour) -> F32:
     return decode(np.array(colour, np.uint8))
 
-
-# ----------------------------------------------------------------------
-# Shapes of overlays: arrows, arcs, rings, circles and plates, as outlines in px or inked on a layer.
 
 SHAFT = 1.5
 """Pens: the width of an arrow's shaft."""

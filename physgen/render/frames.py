@@ -1,4 +1,8 @@
-"""Stage and trajectory to frames, one at a time; blending and warping in linear light."""
+"""Stage and trajectory to frames, one at a time; blending and warping in linear light.
+
+Only tiles that objects or their shadows touch are composed and encoded again, over a cached background in the light of
+the objects that have not moved.
+"""
 
 from __future__ import annotations
 
@@ -39,10 +43,6 @@ from physgen.render.stage import (
 from physgen.render.stage import Slices as Slices_of_stage
 from physgen.simulate.trajectory import Trajectory
 
-# ----------------------------------------------------------------------
-# Linear light -> sRGB bytes as `photometry.encode_u8` makes them, by OpenCV's 16-bit look-up where it has one
-# (5).
-
 
 def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The nearest sRGB code of linear light, any shape (h, w, 3); the same bytes as `encode_u8`, in half the time."""
@@ -69,9 +69,6 @@ def _looks_up() -> bool:
     except cv2.error:
         return False
 
-
-# ----------------------------------------------------------------------
-# Boxes of touched pixels -> tiles -> few boxes that do not overlap and cover them.
 
 TILE = 32
 """px a side of the tiles in which touched pixels are counted."""
@@ -118,9 +115,6 @@ def boxes_of_tiles(tiles: Sequence[int], size: tuple[int, int]) -> list[Slices]:
             begun.setdefault(run, row)
     return found
 
-
-# ----------------------------------------------------------------------
-# Background in the light of the things that have not moved: what a frame shows where nothing has come.
 
 F32 = NDArray[np.float32]
 
@@ -177,11 +171,6 @@ def _take(dark: F32, box: Slices_of_stage, at: tuple[int, int, int, int], what: 
         dark[y0:y1, x0:x1] -= what[y0 - at[1] : y1 - at[1], x0 - at[0] : x1 - at[0]]
 
 
-# ----------------------------------------------------------------------
-# OpenCV's threads: pictures of single objects are so small that threads wait for each other longer than they
-# work.
-
-
 @contextmanager
 def single_threaded() -> Iterator[None]:
     """OpenCV on this thread alone, for a while; a third less CPU time, and the encoder has the other core."""
@@ -192,9 +181,6 @@ def single_threaded() -> Iterator[None]:
     finally:
         cv2.setNumThreads(threads)
 
-
-# ----------------------------------------------------------------------
-# Stage + Trajectory -> Frames, one at a time; blending and warping happen in linear light.
 
 U16 = NDArray[np.uint16]
 

@@ -1,4 +1,8 @@
-"""Silhouettes of sprites, their shadows on the background and on each other."""
+"""Silhouettes of sprites, their shadows on the background and on each other.
+
+Each object is a ball, or its silhouette with a thickness; all stand in one plane (side view) or on one table (top
+view). A point of one object loses its direct light where the way to the light meets another object.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +17,6 @@ from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import LEAST_LIGHT_HEIGHT, MOST_BLOCKED, ShadowSetting, Silhouette
 from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, SpritePose, Stage, three_channels
-
-# ----------------------------------------------------------------------
-# Objects as they stand -> how much of the light each keeps from the others' faces.
-#
-# Each thing is a ball, or its silhouette with a thickness; all stand in one plane (side view) or on one table
-# (top view).
-# A point of one thing's face loses its direct light where the way to the light meets another thing.
 
 F32 = NDArray[np.float32]
 
@@ -242,9 +239,6 @@ def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowS
     )  # a face as near as the slab's own sees the light
     return np.asarray(blocked * thin, np.float32)
 
-
-# ----------------------------------------------------------------------
-# Sprites as they stand -> their silhouettes, how dark they make the background, and each other's faces.
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Frames with outlines, arrows, trails, contacts, names and a key drawn over them."""
+"""Frames with outlines, arrows, trails, contacts, names and a key drawn over them, at the size of the output."""
 
 from __future__ import annotations
 
@@ -17,10 +17,6 @@ from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
-
-# ----------------------------------------------------------------------
-# A frame as paper for overlays: where it shows the photo's pixels, how thick a pen and how large a letter
-# are.
 
 Array = NDArray[np.float64]
 
@@ -79,9 +75,6 @@ class Sheet:
         """An empty layer of ink."""
         return Layer(self.size, 0.75 * self.pen)
 
-
-# ----------------------------------------------------------------------
-# The key of a clip's overlays: a sample of each scale with its round number, where the clip leaves room.
 
 U8 = NDArray[np.uint8]
 
@@ -181,9 +174,6 @@ def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array, wide: float) ->
         straight_arrow(layer, at, at + np.array([wide, 0.0]), sheet.pen, struck=entry.load is Load.IMPULSE)
 
 
-# ----------------------------------------------------------------------
-# Names of objects at their centres: how large, and on which line where neighbours stand close.
-
 LEAST = 0.65
 """Of a letter: as small as a name becomes on a small object."""
 LINE = 1.15
@@ -225,12 +215,6 @@ def write_name(layer: Layer, sheet: Sheet, body: Body, center: tuple[float, floa
     size = letter_size(body, sheet)
     layer.words(body.name, (center[0], center[1] + line * LINE * size), size)
 
-
-# ----------------------------------------------------------------------
-# Frames + World + Trajectory -> the same frames with outlines, arrows, trails, contacts and names drawn over
-# them.
-#
-# Drawn last, at the size of the output: `lens` says where a frame shows the photo's pixels.
 
 Lens = Callable[[Frame], Array]
 """Frame -> (2, 3): photo px (x, y, 1) -> px of the frame."""

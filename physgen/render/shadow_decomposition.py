@@ -1,4 +1,9 @@
-"""Background separated into light and the shadow of each object, and recomposed for new poses."""
+"""Background separated into light and the shadow of each object, and recomposed for new poses.
+
+Shadows are kept as negative logarithms of the share of light that is left, so those of many objects add up, and at
+t = 0 the sum is the photo's. The shadow that geometry predicts is an object's own; darkness of the photo beyond that
+belongs to the nearest object and moves with it, as long as the object stands on the floor as it did.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +19,6 @@ from numpy.typing import NDArray
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette, blurred, shadow_darkness
 from physgen.photometry import decode, luminance
-
-# ----------------------------------------------------------------------
-# Background taken apart, and poses -> the background with every shadow where its object stands now.
-#
-# All is kept as logarithms of the share of light that is left, so that shadows of many objects add up, and at
-# t = 0 the
-# sum is the photo's. How it comes apart is told in `apart.py`.
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
@@ -186,16 +184,6 @@ def shifted_picture(
     moved = cv2.warpAffine(picture, matrix, (right - left, bottom - top), borderMode=cv2.BORDER_CONSTANT)
     return (left, top, right, bottom), np.asarray(moved, np.float32)
 
-
-# ----------------------------------------------------------------------
-# Background with the objects' shadows in it -> the light that it would have without, and each object's share
-# of dark.
-#
-# What simple geometry (`shadow.py`) foretells of the photo's shadows is taken for theirs; what the photo
-# shows beyond
-# that, dark or light, belongs to the object that is nearest and moves with it, as long as the object stands
-# on the floor
-# as it did.
 
 SMOOTH = 0.5
 """px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""

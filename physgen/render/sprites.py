@@ -1,4 +1,9 @@
-"""Photo, label map and background to one sprite per object, with relief shading."""
+"""Photo, label map and background to one sprite per object, with relief shading.
+
+At t = 0 the sprites laid over the background give the photo exactly: what soft borders leave unexplained is kept beside
+the object that is on top there, and fades as the object leaves its place. Relief shading follows Lambert's law (section
+3.3 of the paper); the photo's light times the ratio of two shadings is albedo times the new one.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +18,6 @@ from numpy.typing import NDArray
 
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
-
-# ----------------------------------------------------------------------
-# A picture -> the same at every half pixel, sharp, for linear interpolation.
 
 F32 = NDArray[np.float32]
 
@@ -46,12 +48,6 @@ def _halved(values: F32, axis: int) -> F32:
     np.clip(between, low, high, out=out[1::2])
     return np.ascontiguousarray(np.moveaxis(out, 0, axis))
 
-
-# ----------------------------------------------------------------------
-# An object's normals -> how its shading changes as it turns in the picture's plane (Lambert; the paper,
-# section 3.3).
-#
-# Albedo need not be known: the photo's light times the ratio of two shadings is albedo times the new one.
 
 MOST_RELIGHTING = 3.0
 """Times brighter or darker than in the photo, at most: beyond, normals or light are in error."""
@@ -117,13 +113,6 @@ def relief_of(normals: F32, known: NDArray[np.bool_], light: DistantLight) -> Re
     changes = max(float(np.abs(found.ratio(turn)[known] - 1).mean()) for turn in (0.8, 1.6, 3.1, 4.7))
     return found if changes > FACING else None
 
-
-# ----------------------------------------------------------------------
-# Photo, label map and background -> one sprite an object: its light and coverage in a box of its own.
-#
-# At t = 0 the sprites laid over the background give the photo back exactly: what soft borders leave
-# unexplained is kept
-# beside the object that is on top there, and fades as the object leaves its place.
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]

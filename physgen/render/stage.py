@@ -17,9 +17,6 @@ from physgen.render.sprites import Sprite
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.trajectory import rotation_matrices as in_space
 
-# ----------------------------------------------------------------------
-# Sprite + pose -> where on the canvas its pixels come from, and those pixels; geometry apart from pixels.
-
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 Slices = tuple[slice, slice]
@@ -184,9 +181,6 @@ def three_channels(values: F32) -> F32:
     """(h, w) -> (h, w, 3): a picture's own shape, which NumPy multiplies far faster than it broadcasts."""
     return np.asarray(cv2.merge((values, values, values)), np.float32)
 
-
-# ----------------------------------------------------------------------
-# What is drawn, and Trajectory -> how it stands at each moment: geometry alone.
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]

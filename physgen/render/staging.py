@@ -1,4 +1,8 @@
-"""Scene, world and photo to a Stage: cut-out sprites, flat shapes, or a matte."""
+"""Scene, world and photo to a Stage: cut-out sprites, flat shapes, or a matte.
+
+A matte is a Stage of white objects in the dark. It is drawn like any other, so its light is the objects' coverage with
+soft borders, supersampling, exposure, camera and size as in the frames.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +27,6 @@ from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import MARGIN, Sprite, anchored, relief_of
 from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
-
-# ----------------------------------------------------------------------
-# World without a photo -> sprites of flat shapes and a plain background with the boundaries drawn in.
-#
-# Lines are as wide as on a canvas of the scene's own size, `pen` times as wide on one that was `enlarged` so
-# many times.
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -131,14 +129,6 @@ def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: flo
     return (cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0).astype(np.float32)
 
 
-# ----------------------------------------------------------------------
-# Stage -> its matte, a Stage of white things in the dark: drawn like any other, its light is the objects'
-# coverage.
-#
-# So coverage comes by the very path by which frames do, with soft borders, supersampling, exposure, camera
-# and size, on
-# the processor and on a GPU: it is right by construction, and stays so whatever the path learns.
-
 NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
 """Even, from all around: nothing is shaded."""
 
@@ -176,9 +166,6 @@ def matte_coverage(frame: Frame) -> F32:
     """(H, W) 0..1 of all objects together: the linear light of a matte's frame."""
     return decode(frame.rgb[..., 0])
 
-
-# ----------------------------------------------------------------------
-# Scene, World and sprites -> a Stage in true light: balls with a skin that turns, and shadows that move.
 
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]

@@ -1,4 +1,9 @@
-"""Frames drawn in batches by torch, within 1 grey level of `frames`."""
+"""Frames drawn in batches by torch, within 1 grey level of `frames`.
+
+Placement and shadows are computed by NumPy and OpenCV; the pixels of a batch are drawn on the device and come back
+once, as bytes. OpenCV samples between pixels exactly from version 5 on; older ones round to 1/32 px, and edges may then
+differ by more.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +25,6 @@ from physgen.render.occlusion import add_shadow, occlusion_factors, remove_photo
 from physgen.render.sprites import MOST_RELIGHTING, Sprite, double_resolution
 from physgen.render.stage import Cover, Frame, Placement, SpritePose, Stage, sprite_coverage, sprite_poses
 from physgen.simulate.trajectory import Trajectory
-
-# ----------------------------------------------------------------------
-# Sprite + where it stands in many frames -> its pixels in all of them, drawn by torch: `placing.drawn` for a
-# batch.
 
 Standing = Sequence[tuple[int, Placement]]
 """Frames of the batch, each with where the sprite is there."""
@@ -212,16 +213,6 @@ def sampled(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
     found = grid_sample(pictures, grid, mode="bilinear", padding_mode="border", align_corners=True)
     return found.permute(0, 2, 3, 1)
 
-
-# ----------------------------------------------------------------------
-# Stage + Trajectory -> Frames, many drawn at a time by torch: the arithmetic of `frames.py`, within 1 grey
-# level.
-#
-# Where things are, and how dark their shadows, is worked out as there, by NumPy and OpenCV; the pixels of a
-# batch of
-# frames are drawn on the device and come back once, as bytes. OpenCV samples between pixels exactly from
-# version 5 on;
-# older ones round to 1/32 px, and edges may then differ by more.
 
 F32 = NDArray[np.float32]
 Moment = tuple[float, list[SpritePose]]

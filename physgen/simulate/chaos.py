@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
+from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion
-from physgen.simulate.engine import Progress, silent, simulate
+from physgen.simulate.engine import simulate
 
 Array = NDArray[np.float64]
 

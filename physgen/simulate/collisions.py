@@ -1,22 +1,27 @@
-"""Impacts: contact points that close, and the velocities after them."""
+"""Impacts: contact points that close, and the velocities after them.
+
+Newton's elasticity and Coulomb's friction at each point. Points that close at the same instant are solved together;
+then the next points that close, so that an impact travels on through what touches: the last of a row of balls takes
+all, whether their gaps are 0, a hair, or a hair of overlap, and a symmetric rack stays symmetric. Few points close at a
+time, so the rounds use plain numbers, and only bodies that an impact has moved are looked at again.
+"""
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from math import hypot, isnan
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.simulate.contacts import ContactProperties, Point, Points, point_at_closing
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.space import Touching
-
-# ----------------------------------------------------------------------
-# Points that close together -> impulses: Newton's elasticity, Coulomb's friction, no pull, no gain of energy.
 
 Array = NDArray[np.float64]
+
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 SWEEPS, FEW = 300, 30
 """Passes over points that close together, at most; few in a heap of hundreds."""
@@ -106,190 +111,6 @@ def _swept(
             break
     return np.array(impulse)
 
-
-# ----------------------------------------------------------------------
-# Pairs of shapes that touch -> single contact points, how fast and when they close, with what levers.
-
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Points:
-    """P contact points of the K pairs of shapes that touch at a step's end."""
-
-    row: Index
-    """(P,): its pair."""
-    first: Index
-    second: Index
-    normal: Array
-    """(P, 2): from the first to the second."""
-    on_first: Array
-    """(P, 2) px."""
-    on_second: Array
-    depth: Array
-    closing: Array
-    """(P,) px/s at which they close, by velocities before contacts."""
-
-    def sorted(self) -> Points:
-        """By things, pairs of shapes and place."""
-        place = self.on_first
-        order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
-        return Points(*(getattr(self, field.name)[order] for field in fields(self)))
-
-    def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
-        """(P,) s before the step's end at which each closed; `own` (P,) do, `touched` (K,) pairs did a step ago.
-
-        What touched before closes when a blow makes it.
-        """
-        row = self.row
-        depth = np.maximum(self.depth, 0.0)
-        earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(self.closing, 1e-300), h), 0.0)
-        # two points of one pair close together: what lands flat stays flat
-        pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
-        pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
-        earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
-        return earlier
-
-
-@dataclass(frozen=True)
-class ContactProperties:
-    """What the N bodies and walls bring to a blow; the mass and moment of whatever is not dynamic is infinite."""
-
-    lightness: list[float]
-    """1/g."""
-    ease: list[float]
-    """1/(g·px²)."""
-    friction: list[float]
-    """Factors; a pair's coefficient is their product."""
-    elasticity: list[float]
-    radius: list[float]
-    """px; NaN where it is not a circle."""
-
-
-@dataclass(slots=True)
-class Point:
-    """One contact point, when it closed."""
-
-    a: int
-    b: int
-    nx: float
-    ny: float
-    """From a to b; (-ny, nx) is along the surface."""
-    earlier: float
-    own: bool
-    """Whether it closed by the motion before all blows."""
-    ma: float
-    mb: float
-    ea: float
-    eb: float
-    na: float
-    nb: float
-    """Levers of the normal and of the tangent about both centres."""
-    ta: float
-    tb: float
-    nn: float
-    nt: float
-    tt: float
-    """Change of closing and sliding speed by a unit of impulse."""
-    elasticity: float
-    friction: float
-
-    def leaving(self, va: list[float], vb: list[float]) -> float:
-        """px/s at which b leaves a, by their velocities; negative: it closes."""
-        return self.nx * (vb[0] - va[0]) + self.ny * (vb[1] - va[1]) + self.nb * vb[2] - self.na * va[2]
-
-    def motion(self, va: list[float], vb: list[float]) -> tuple[float, float]:
-        """px/s at which b leaves a, and slides along it."""
-        slides = self.nx * (vb[1] - va[1]) - self.ny * (vb[0] - va[0]) + self.tb * vb[2] - self.ta * va[2]
-        return self.leaving(va, vb), slides
-
-    def first_speed(self, v: list[float]) -> tuple[float, float]:
-        """px/s, along the normal and the surface, of a's point."""
-        return self.nx * v[0] + self.ny * v[1] + self.na * v[2], self.nx * v[1] - self.ny * v[
-            0
-        ] + self.ta * v[2]
-
-    def second_speed(self, v: list[float]) -> tuple[float, float]:
-        """px/s, along the normal and the surface, of b's point."""
-        return self.nx * v[0] + self.ny * v[1] + self.nb * v[2], self.nx * v[1] - self.ny * v[
-            0
-        ] + self.tb * v[2]
-
-
-def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
-    """One row a point; pose and velocity (N, 3) of all things."""
-    use = np.arange(2) < touching.count[:, None]
-    row = np.repeat(np.arange(len(use)), touching.count)
-    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
-    on1, on2 = touching.on_first[use], touching.on_second[use]
-    apart = _at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)
-    closing = apart[:, 0] * normal[:, 0] + apart[:, 1] * normal[:, 1]
-    return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
-
-
-def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
-    """(P, 2) px/s of points on bodies."""
-    v, arm = velocity[things], points - pose[things, :2]
-    out = v[:, :2].copy()
-    out[:, 0] -= v[:, 2] * arm[:, 1]
-    out[:, 1] += v[:, 2] * arm[:, 0]
-    return out
-
-
-def point_at_closing(
-    things: ContactProperties, found: Points, k: int, pose: Array, velocity: Array, earlier: Array, own: Flags
-) -> Point:
-    """Point `k` as it was `earlier` s (P,) before the poses (N, 3); velocity (N, 3) on the way; own (P,).
-
-    Levers go from both centres to one common point: angular momentum is kept to the last digit.
-    """
-    back = float(earlier[k])
-    a, b = int(found.first[k]), int(found.second[k])
-    nx, ny = found.normal[k].tolist()
-    places, centers = [], []
-    for body, on in ((a, found.on_first), (b, found.on_second)):
-        x, y, _ = pose[body].tolist()
-        vx, vy, spin = velocity[body].tolist()
-        px, py = on[k].tolist()
-        centers.append((x - back * vx, y - back * vy))
-        places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
-    (ax, ay), (bx, by) = centers
-    px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
-    # a circle touches where its normal leaves it, however it turns
-    ra, rb = things.radius[a], things.radius[b]
-    if not (isnan(ra) or isnan(rb)):
-        distance = max(hypot(bx - ax, by - ay), 1e-12)
-        nx, ny = (bx - ax) / distance, (by - ay) / distance
-        px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
-    elif not isnan(ra):
-        px, py = ax + ra * nx, ay + ra * ny
-    elif not isnan(rb):
-        px, py = bx - rb * nx, by - rb * ny
-    ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
-    na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
-    ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
-    return Point(
-        a, b, nx, ny, back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
-        ma + mb + ea * na * na + eb * nb * nb,
-        ea * na * ta + eb * nb * tb,
-        ma + mb + ea * ta * ta + eb * tb * tb,
-        things.elasticity[a] * things.elasticity[b],
-        things.friction[a] * things.friction[b],
-    )  # fmt: skip
-
-
-# ----------------------------------------------------------------------
-# Contacts that close -> velocities after the blows, resolved one after the other, and when within the step
-# they fell.
-#
-# Newton's elasticity and Coulomb's friction at each point. Points that close at the same instant are solved
-# together; the
-# blow then travels on through whatever touches: each round takes the points that close now. So the last of a
-# row of balls
-# takes all, whether their gaps are 0, a hair, or a hair of overlap; and a symmetric rack stays symmetric. Few
-# points
-# close at a time, so the rounds are plain numbers, and only what a blow has moved is looked at again.
 
 ROUNDS = 400
 """Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""

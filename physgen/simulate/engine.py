@@ -1,48 +1,97 @@
-"""World -> Trajectory: a leapfrog on Chipmunk's contacts, with blows of our own and steps divided where they must
-be.
+"""World to Trajectory: a leapfrog on Chipmunk's contacts, with impacts of our own and steps divided where needed.
 
 Positions are those of whole steps, velocities those of the middles between them (Störmer and Verlet): a half step is
-taken first, so that free fall is exact. Steps never depend on the samples: both lie on their own grids.
+taken first, so that free fall is exact. Steps never depend on the samples: both lie on their own grids. `Space` is the
+only use of pymunk: Chipmunk finds contacts and solves normal forces, friction and joints. Bounces are computed in
+`collisions`: its shapes have no elasticity, because it solves all contacts of a step at once, which sends the first of
+a row of balls back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import ceil
+from dataclasses import replace
+from itertools import pairwise
+from math import ceil, nan
 
 import numpy as np
+import pymunk
+import pymunk.batch as batch
 from numpy.typing import NDArray
+from pymunk.batch import ArbiterFields, BodyFields
 
-from physgen.compile.world import World
+from physgen.compile.world import Body, Joint, Wall, World
 from physgen.problems import InputError, Problem
+from physgen.progress import Progress, silent
+from physgen.scene.scene import JointKind, Motion
+from physgen.simulate.collisions import Impacts, resolve_impacts
+from physgen.simulate.contacts import (
+    CONTACT_BYTES,
+    NUMBERS,
+    WORDS,
+    ContactProperties,
+    Touching,
+    contact_places,
+    contact_points,
+    contacts_jumped,
+    touching,
+)
 from physgen.simulate.forces import (
     EnergyEvent,
+    EnergyFlow,
     ForceFields,
+    Forces,
     Impulses,
     ScriptedMotion,
     StepForces,
     stiffest_spring,
 )
-from physgen.simulate.recorder import DIVERGED_FIX, UNKNOWN_PLACE, Recorder, StepLog, recorded_trajectory
-from physgen.simulate.space import CONTACT_BYTES, Space
+from physgen.simulate.friction import Pair
+from physgen.simulate.joints import Assemblies
+from physgen.simulate.recorder import (
+    DIVERGED_FIX,
+    UNKNOWN_PLACE,
+    Recorder,
+    Step,
+    StepLog,
+    recorded_trajectory,
+)
 from physgen.simulate.step_control import Governor, StepDivider
-from physgen.simulate.stepper import Stepper
 from physgen.simulate.trajectory import Effort, Trajectory
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 PHASE = 0.1
 """rad that the stiffest spring, or a pass by an attractor, may turn in a step."""
 MOST_PARTS = 1024
 """Of a step that springs or attractors divide."""
+ATTEMPTS = 8
+"""Times that a step is taken again because blows changed what it does."""
+NOTHING = EnergyFlow(0.0, 0.0, None)
+SLOP = 0.005
+"""px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
+SEAM = 0.5
+"""px between the ends of two walls that make one smooth line."""
+STRAIGHT = 0.999
+"""Cosine of the angle up to which two walls that meet make one smooth line."""
 
-Progress = Callable[[str, int, int], None]
-"""Told the stage, samples done and samples in all."""
-
-
-def silent(stage: str, done: int, total: int) -> None:
-    """Progress that nobody watches."""
+_STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
+_LOAD = BodyFields.FORCE | BodyFields.TORQUE
+_CONTACT = (
+    ArbiterFields.BODY_A_ID
+    | ArbiterFields.BODY_B_ID
+    | ArbiterFields.TOTAL_IMPULSE
+    | ArbiterFields.NORMAL
+    | ArbiterFields.CONTACT_COUNT
+    | ArbiterFields.POINT_A_1
+    | ArbiterFields.POINT_B_1
+    | ArbiterFields.DISTANCE_1
+    | ArbiterFields.POINT_A_2
+    | ArbiterFields.POINT_B_2
+    | ArbiterFields.DISTANCE_2
+)
 
 
 def never() -> bool:
@@ -152,8 +201,8 @@ class _Run:
         self._space = Space(world)
         self._governor = Governor(world, iterations)
         loads, self._scripts = ForceFields(world), ScriptedMotion(world)
-        self._lasting = StepForces(world, self._space, loads)
-        self.ledger = Recorder(world, self._space, loads, self._scripts, times)
+        self._lasting = StepForces(world, self._space.moving, loads)
+        self.ledger = Recorder(world, self._space.moving, loads, self._scripts, times)
         moving = self._space.moving
         self._row = {int(body): row for row, body in enumerate(moving)}
         self._stepper = Stepper(world, self._space, self._lasting, self._governor)
@@ -301,3 +350,374 @@ class _Run:
             state[:, :3] -= change * since
         self._stepper.suspicious = self._stepper.stirred = True
         return given
+
+
+class Stepper:
+    """Takes one step after the other."""
+
+    def __init__(self, world: World, space: Space, lasting: StepForces, governor: Governor) -> None:
+        bodies, walls = world.bodies, world.walls
+        self._space, self._lasting, self._governor = space, lasting, governor
+        self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
+        nothing = [0.0] * len(walls)
+        surfaces = [surface for _, surface in world.surfaces]
+        self._things = ContactProperties(
+            lightness=[1 / b.mass if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
+            ease=[1 / b.moment if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
+            friction=[surface.friction for surface in surfaces],
+            elasticity=[surface.elasticity for surface in surfaces],
+            radius=[b.radius if b.radius is not None else nan for b in bodies] + [nan] * len(walls),
+        )
+        self._joined = Assemblies(world)
+        self._held = self._joined.held()
+        light, ease = (
+            np.array(values[: len(bodies)]) for values in (self._things.lightness, self._things.ease)
+        )
+        self._inverse = np.stack([light, light, ease], axis=1)
+        self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
+        wide = np.zeros((len(bodies) + len(walls), 3))
+        wide[: len(bodies)] = self._center
+        self._wide, self._fast = wide, np.zeros_like(wide)
+        self._cornered = any(b.radius is None for b in bodies)
+        self._words, self._places, self._states = b"", contact_places(b""), b""
+        self._calm = True
+        self.pull = np.zeros((len(space.moving), 3))
+        """(M, 3): change of the velocities in the last step."""
+        self.suspicious = self.stirred = True
+        """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
+        self.steps = self.impacts = 0
+        """Steps taken, and points struck."""
+
+    def state(self) -> Array:
+        """(M, 6) of the bodies that move, read-only."""
+        return np.frombuffer(self._states, np.float64).reshape(-1, 6)
+
+    def fit(self, pose: Array, velocity: Array) -> tuple[Array, float]:
+        """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
+        if not self._joined.busy:
+            return velocity, 0.0
+        allowed, _ = self._joined.hold(pose, velocity, self._inverse, 1.0, None)
+        weight = 1 / self._inverse[self._dynamic]
+        return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
+
+    def take(
+        self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
+    ) -> Step:
+        """Step to the time `end`; again, with other velocities, where blows fall. state (M, 6): as placed."""
+        self.steps += 1
+        M = len(self._space.moving)
+        before = None if state is None else state[:, 3:].copy()
+        original: Array | None = None
+        blows: list[Impacts] = []
+        self._lasting.begin()
+        probing = self._governor.crowded and not self._calm
+        if probing and state is None:
+            state = self.state().copy()
+        sweeps = self._governor.sweeps
+        self._space.iterations = 1 if probing else sweeps
+        for attempt in range(ATTEMPTS):
+            load: Forces | None = None
+            if self._lasting.pushes:
+                placed = self.state() if state is None else state
+                load = self._lasting.push(placed, end, h, first)
+                self._space.push(load.total if len(load.total) == M else load.total[self._space.moving])
+            for pair, torque in self._lasting.torques.items():
+                self._space.brake(pair, torque)
+            states, words, numbers = self._space.step(h)
+            blow = None
+            leap = self._cornered and contacts_jumped(contact_places(numbers), self._places)
+            surprise = self.suspicious or leap
+            # the last try is taken as it comes: what still closes then does not bounce
+            if attempt < ATTEMPTS - 1 and (surprise or words != self._words):
+                if state is None:
+                    state = self.state().copy()
+                after = np.frombuffer(states, np.float64).reshape(M, 6)
+                blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, surprise, first, load)
+            if blow is None and not probing:
+                break
+            assert state is not None
+            if blow is not None:
+                if original is None:
+                    original = state[:, 3:].copy()
+                blows.append(blow)
+                self.impacts += len(blow.first)
+                moving = self._space.moving
+                state[:, 3:] = blow.velocity[moving]
+                before = state[:, 3:].copy()
+                state[:, :3] = after[:, :3] + blow.shift[moving] - before * h
+            self._space.iterations = self._governor.sweeps if blow is None else self._governor.after_blows
+            probing = False
+            self._space.place(state)
+        self._calm = original is None
+        driven = 0.0
+        if self._joined.busy or (state is not None and not self._calm):
+            exact = np.frombuffer(states, np.float64).reshape(M, 6).copy()
+            if state is not None and not self._calm:
+                # the first try pushed overlaps apart that the blows have undone
+                exact[:, :3] = state[:, :3] + state[:, 3:] * h
+            if self._joined.busy:
+                exact[:, 3:], driven = self._hold(exact, h, 0.5 if first else 1.0)
+            self._space.place(exact)
+            states = exact.tobytes()
+        self.stirred |= not self._calm
+        self._words, self.suspicious = words, False
+        if self._cornered:
+            self._places = contact_places(numbers)
+        velocity = np.frombuffer(states, np.float64).reshape(M, 6)
+        used = before if before is not None else self.state()[:, 3:]
+        self.pull = velocity[:, 3:] - used
+        settled = NOTHING
+        if self._lasting.accounts:
+            braked = self._space.braked()
+            settled = self._lasting.settle(load, used, velocity, (words, numbers), braked, h)
+        if driven:
+            settled = replace(settled, work=settled.work + driven)
+        self._states = states
+        return Step(end, states, words, numbers, before, original, blows, settled, kicks)
+
+    def _hold(self, state: Array, h: float, strength: float) -> tuple[Array, float]:
+        """Velocities (M, 3) that keep all joints, and the motors' work; motors act with a part of their strength."""
+        moving = self._space.moving
+        pose, velocity = self._center.copy(), np.zeros_like(self._center)
+        pose[moving], velocity[moving] = state[:, :3], state[:, 3:]
+        velocity, work = self._joined.hold(pose, velocity, self._inverse, h, strength)
+        return velocity[moving], work
+
+    def _strike(
+        self,
+        pose: Array,
+        velocity: Array,
+        words: bytes,
+        numbers: bytes,
+        h: float,
+        surprise: bool,
+        first: bool,
+        load: Forces | None,
+    ) -> Impacts | None:
+        """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way.
+
+        What touched before closes by what the solver left undone, and does not bounce, but for a `surprise`.
+        """
+        touch = touching(words, numbers)
+        threshold = self._governor.threshold(h)
+        wide, fast = self._wide, self._fast
+        wide[self._space.moving], fast[self._space.moving] = pose, velocity
+        points = contact_points(touch, wide, fast)
+        if not (points.closing > threshold).any():
+            return None
+        things = len(wide)
+        was = touch if first else touching(self._words, None)
+        before = set(_pairs(was, things))
+        touched = np.array([pair in before for pair in _pairs(touch, things)], bool)
+        points = replace(points, closing=np.where(surprise | ~touched[points.row], points.closing, 0.0))
+        if not (points.closing > threshold).any():
+            return None
+        drift = np.zeros((things, 2))
+        drift[: len(self._dynamic)] = self._lasting.drift(load)
+        drift[was.first] = drift[was.second] = 0.0
+        drift[self._held] = 0.0
+        return resolve_impacts(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
+
+
+def _pairs(touch: Touching, things: int) -> list[tuple[int, int]]:
+    """Each contact's partners, in one order, and its number of points."""
+    low, high = np.minimum(touch.first, touch.second), np.maximum(touch.first, touch.second)
+    return list(zip((low * things + high).tolist(), touch.count.tolist(), strict=True))
+
+
+class Space:
+    """One space in motion; states are (M, 6): x, y, angle, vx, vy, spin of the bodies that are not static."""
+
+    def __init__(self, world: World) -> None:
+        space = pymunk.Space()
+        space.gravity = tuple(world.gravity.tolist())
+        space.collision_slop = SLOP
+        space.collision_persistence = 1  # else the batch reader still lists contacts that have parted
+        self._space, self._gravity = space, world.gravity
+        bodies = [_add_body(space, body) for body in world.bodies]
+        smooth = _neighbours(world.walls)
+        walls = [_add_wall(space, wall, smooth) for wall in world.walls]
+        self._bodies = bodies
+        self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
+        space.add(self._anchor)
+        _add_joints(space, world.joints, bodies, self._anchor)
+        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
+        self._by_id = np.argsort(ids)
+        self._ids = ids[self._by_id]
+        self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
+        """(M,): bodies that the state lists, in order."""
+        M = len(self.moving)
+        self._states, self._contacts = batch.Buffer(), batch.Buffer()
+        # the batch functions go through the bodies that move in the order they were added, then the static ones
+        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
+            len(walls) + 1
+        )
+        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((M + len(still), 3))
+        self._placing[M:, :2] = np.array(still).reshape(-1, 2)
+        self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
+        if M:
+            self._place_buffer.set_float_buf(self._placing)
+            self._push_buffer.set_float_buf(self._pushing)
+        self._brakes: dict[Pair, pymunk.SimpleMotor] = {}
+
+    @property
+    def iterations(self) -> int:
+        """Sweeps of the contact solver a step."""
+        return int(self._space.iterations)
+
+    @iterations.setter
+    def iterations(self, count: int) -> None:
+        self._space.iterations = count
+
+    def step(self, h: float) -> tuple[bytes, bytes, bytes]:
+        """Move by the velocities, then find contacts and change the velocities; states, contact words and numbers."""
+        self._space.step(h)
+        self._states.clear()
+        batch.get_space_bodies(self._space, _STATE, self._states)
+        self._contacts.clear()
+        batch.get_space_arbiters(self._space, _CONTACT, self._contacts)
+        return (bytes(self._states.float_buf()[: 48 * len(self.moving)]), *self._in_order())
+
+    def _in_order(self) -> tuple[bytes, bytes]:
+        """Contacts by things and places; the engine's names of bodies, and its order, are those of memory addresses."""
+        words = np.array(self._contacts.int_buf()).view(np.int64).reshape(-1, WORDS)
+        words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
+        rows = np.frombuffer(self._contacts.float_buf()).reshape(-1, NUMBERS)
+        if len(words) < 2:
+            return words.tobytes(), rows.tobytes()
+        pair = words[:, 0] << 32 | words[:, 1]
+        order = np.argsort(pair)
+        if len(set(pair.tolist())) < len(pair):
+            # several pieces or segments, of which some touch at one and the same corner
+            order = np.lexsort((*rows.T[[3, 2, 1, 0, 10, 9, 5, 4]], pair))
+        return words[order].tobytes(), rows[order].tobytes()
+
+    def weaken(self, part: float) -> None:
+        """Let gravity act with a part of its strength."""
+        self._space.gravity = tuple((self._gravity * part).tolist())
+
+    def place(self, state: Array) -> None:
+        """Set positions and velocities, (M, 6)."""
+        self._placing[: len(state)] = state
+        if len(state):
+            batch.set_space_bodies(self._space, _STATE, self._place_buffer)
+
+    def push(self, load: Array) -> None:
+        """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
+        self._pushing[: len(load)] = load
+        if len(load):
+            batch.set_space_bodies(self._space, _LOAD, self._push_buffer)
+
+    def brake(self, key: Pair, torque: float) -> None:
+        """Let a torque of at most so much resist the turning of one body against another or the world."""
+        first, second = key
+        if key not in self._brakes:
+            other = self._anchor if second < 0 else self._bodies[second]
+            motor = pymunk.SimpleMotor(self._bodies[first], other, 0.0)
+            self._space.add(motor)
+            self._brakes[key] = motor
+        self._brakes[key].max_force = torque
+
+    def braked(self) -> dict[Pair, float]:
+        """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
+        return {key: float(motor.impulse) for key, motor in self._brakes.items()}
+
+
+def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
+    if model.motion is Motion.DYNAMIC:
+        body = pymunk.Body(model.mass, model.moment)
+    elif model.motion is Motion.STATIC:
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+    else:
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    body.position = tuple(model.center.tolist())
+    space.add(body)
+    if model.radius is not None:
+        shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
+    else:
+        shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
+    for shape in shapes:
+        shape.friction = model.surface.friction
+        space.add(shape)
+    return body
+
+
+def _add_wall(space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]) -> pymunk.Body:
+    """A body of its own, so that contacts know which wall they touch."""
+    body = pymunk.Body(body_type=pymunk.Body.STATIC)
+    space.add(body)
+    for chain in wall.chains:
+        for a, b in pairwise(chain.tolist()):
+            segment = pymunk.Segment(body, a, b, 0.0)
+            segment.friction = wall.surface.friction
+            before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
+            if before is not None or after is not None:
+                # without a neighbour, a point on the segment's own line lets its end be hit from outside only
+                segment.set_neighbors(tuple(before or a), tuple(after or b))
+            space.add(segment)
+    return body
+
+
+def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]:
+    """(near end, far end) of a segment -> far end of the one that carries on from its near end in a straight line.
+
+    Told of its neighbours, a segment's end no longer trips what slides over the seam.
+    """
+    ends = [
+        (np.array(near), np.array(far))
+        for wall in walls
+        for chain in wall.chains
+        for a, b in pairwise(chain.tolist())
+        for near, far in ((a, b), (b, a))
+    ]
+    found: dict[tuple[float, ...], list[float]] = {}
+    if not ends:
+        return found
+    nears = np.array([near for near, _ in ends])
+    away = np.array([far - near for near, far in ends])
+    away /= np.maximum(np.hypot(*away.T), 1e-12)[:, None]
+    order = np.argsort(nears[:, 0], kind="stable")
+    sorted_x = nears[order, 0]
+    for k in range(len(ends)):
+        low, high = np.searchsorted(sorted_x, [nears[k, 0] - SEAM, nears[k, 0] + SEAM])
+        others = order[low:high]
+        meets = np.hypot(*(nears[others] - nears[k]).T) <= SEAM
+        straight = away[others] @ away[k] <= -STRAIGHT
+        for other in others[meets & straight].tolist():
+            if other // 2 != k // 2:
+                key = (*ends[k][0].tolist(), *ends[k][1].tolist())
+                found.setdefault(key, ends[other][1].tolist())
+    return found
+
+
+def _add_joints(
+    space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body], world: pymunk.Body
+) -> None:
+    """Pins and welds, so that contacts are solved with them. They keep velocities only: where joints are, and motors,
+    is for joined.py, which solves them exactly after each step; springs are loads.
+
+    Where a weld sits does not matter; between the two centres it turns by the shortest levers.
+    """
+    for joint in joints:
+        if joint.kind is JointKind.SPRING:
+            continue
+        a = bodies[joint.first]
+        b = world if joint.second is None else bodies[joint.second]
+        first, second = joint.first_at, joint.second_at
+        if joint.kind is JointKind.WELD:
+            one, two = np.array(a.position), np.array(b.position)
+            middle = (
+                one
+                if joint.second is None
+                else (a.mass * one + b.mass * two) / (a.mass + b.mass)
+                if a.mass + b.mass < np.inf
+                else two
+            )
+            first, second = middle - one, middle - two
+        parts: list[pymunk.Constraint] = [pymunk.PivotJoint(a, b, first.tolist(), second.tolist())]
+        if joint.kind is JointKind.WELD:
+            parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
+        for part in parts:
+            part.error_bias = 1.0
+            part.collide_bodies = joint.collide
+            space.add(part)

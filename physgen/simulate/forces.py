@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
 
@@ -11,11 +12,8 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, Joint, World
 from physgen.geometry.polygon import polygon_moments
 from physgen.scene.scene import FieldKind, JointKind, Load, Motion
-from physgen.simulate.friction import Resistance, Table
-from physgen.simulate.space import Space
-
-# ----------------------------------------------------------------------
-# World -> how fast its springs make bodies swing: what a step of the engine must resolve.
+from physgen.simulate.contacts import touching
+from physgen.simulate.friction import Pair, Resistance, Table
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -46,9 +44,6 @@ def stiffest_spring(world: World) -> tuple[float, str]:
                 pulls[index] = pulls.get(index, 0.0) + pull
     return max(pulls.values(), default=0.0) ** 0.5, name
 
-
-# ----------------------------------------------------------------------
-# Impulses of a world -> changes of velocity at their times.
 
 Array = NDArray[np.float64]
 
@@ -95,10 +90,6 @@ class Impulses:
         work += body.moment * change[2] * (v[2] + change[2] / 2)
         velocity[push.body] += change
         return EnergyEvent(push.start, 0.0, float(work))
-
-
-# ----------------------------------------------------------------------
-# Forces that last -> force and torque on each body at one time: pushes, springs, wind, attractors.
 
 
 @dataclass(frozen=True)
@@ -243,11 +234,6 @@ def _turned(at: Array, angle: float) -> Array:
     return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
 
 
-# ----------------------------------------------------------------------
-# What lasts longer than a blow -> forces for a step, and afterwards the energy that they spent and the work
-# done.
-
-
 @dataclass(frozen=True)
 class Forces:
     """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
@@ -274,9 +260,9 @@ class EnergyFlow:
 class StepForces:
     """Pushes, springs, fields, the table, rolling resistance and motors of a world."""
 
-    def __init__(self, world: World, space: Space, loads: ForceFields) -> None:
+    def __init__(self, world: World, moving: NDArray[np.int64], loads: ForceFields) -> None:
         bodies = world.bodies
-        self._space, self._loads, self._table = space, loads, Table(world)
+        self._moving, self._loads, self._table = moving, loads, Table(world)
         self._resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
@@ -294,15 +280,15 @@ class StepForces:
         """Whether forces are to be set before a step."""
         self.accounts = self.pushes or self._resistance.busy
         """Whether a step has to be settled."""
-        self.brakes = self._resistance.busy
 
     def begin(self) -> None:
         """A new step: a step that is taken again starts from here."""
         self._roll_before = self.roll
 
-    def press(self) -> None:
-        """Set the brakes of rolling resistance by the normal forces of the last step."""
-        self._resistance.press(self._space)
+    @property
+    def torques(self) -> dict[Pair, float]:
+        """Of the brakes of rolling resistance in the next step, g·px²/s²."""
+        return self._resistance.torques
 
     def drift(self, load: Forces | None) -> Array:
         """(N, 2) px/s²: acceleration of each body while nothing touches it."""
@@ -330,8 +316,6 @@ class StepForces:
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
             load = Forces(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
-        every = len(self._space.moving) == len(load.total)
-        self._space.push(load.total if every else load.total[self._space.moving])
         return load
 
     def _spread(self, rows: Array, others: Array) -> Array:
@@ -339,11 +323,17 @@ class StepForces:
         if len(rows) == len(others):
             return rows
         out = others.copy()
-        out[self._space.moving] = rows
+        out[self._moving] = rows
         return out
 
     def settle(
-        self, load: Forces | None, used: Array, state: Array, words: bytes, numbers: bytes, h: float
+        self,
+        load: Forces | None,
+        used: Array,
+        state: Array,
+        contacts: tuple[bytes, bytes],
+        braked: Mapping[Pair, float],
+        h: float,
     ) -> EnergyFlow:
         """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
         mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
@@ -359,13 +349,8 @@ class StepForces:
                 lost -= float(self._moment @ (load.rolled * half).sum(axis=1))
                 self.roll = self._roll_before + load.rolled
         if self._resistance.busy:
-            touch = self._space.touching(words, numbers)
-            lost += self._resistance.settle(self._space, touch, mean, h)
+            lost += self._resistance.settle(braked, touching(*contacts), mean, h)
         return EnergyFlow(lost, work, self.roll if self._table.busy else None)
-
-
-# ----------------------------------------------------------------------
-# Scripted bodies: where their paths have them, and the velocity that brings them to the next place.
 
 
 class ScriptedMotion:

@@ -1,7 +1,12 @@
-"""Friction on a table seen from above, and rolling resistance seen from the side."""
+"""Friction on a table seen from above, and rolling resistance seen from the side.
+
+A disc's sliding and spinning share one friction: both end together (Farkas, Bartels, Unger, Wolf, Phys. Rev. Lett. 90,
+248302, 2003). A sphere touches the table at one point: it slides until that point stands still, then rolls.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
@@ -9,13 +14,11 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.scene import Motion, Solid
-from physgen.simulate.space import Space, Touching
-
-# ----------------------------------------------------------------------
-# Rolling resistance seen from the side: a moment of c x normal force x radius against turning where two
-# touch.
+from physgen.simulate.contacts import Touching
 
 Array = NDArray[np.float64]
+Pair = tuple[int, int]
+"""Two bodies; -1 for the world."""
 
 
 class Resistance:
@@ -32,20 +35,19 @@ class Resistance:
         self._bodies = len(world.bodies)
         self._static = [b.motion is Motion.STATIC for b in world.bodies] + [True] * len(world.walls)
         self.busy = bool(self._lever.any()) and world.press == 0
-        self._force: dict[tuple[int, int], float] = {}
+        self.torques: dict[Pair, float] = {}
+        """Of the brakes in the next step, by the normal forces of the last one, g·px²/s²."""
 
-    def press(self, space: Space) -> None:
-        """Set the brakes by the normal forces of the last step."""
-        for (first, second), torque in self._force.items():
-            space.brake(first, None if second < 0 else second, torque)
+    def settle(self, braked: Mapping[Pair, float], touch: Touching, mean: Array, h: float) -> float:
+        """Energy that the brakes took in a step of mean velocities (N, 3), g·px²/s²; sets the next torques.
 
-    def settle(self, space: Space, touch: Touching, mean: Array, h: float) -> float:
-        """Energy that the brakes took in a step of mean velocities (N, 3), g·px²/s²; note its normal forces."""
+        `braked`: the size of the angular impulse that each brake gave, g·px²/s.
+        """
         lost = 0.0
-        for (first, second), impulse in space.braked().items():
+        for (first, second), impulse in braked.items():
             against = mean[second, 2] if second >= 0 else 0.0
             lost += impulse * abs(float(mean[first, 2] - against))
-        self._force = dict.fromkeys(self._force, 0.0)
+        self.torques = dict.fromkeys(self.torques, 0.0)
         normal = np.abs((touch.impulse * touch.normal).sum(axis=1))
         order = np.lexsort((normal, touch.second, touch.first))
         for k in order.tolist():
@@ -57,16 +59,9 @@ class Resistance:
                 if self._lever[a] > 0 and b < self._bodies and self._lever[b] > 0:
                     a, b = min(a, b), max(a, b)
                 key = (a, -1 if self._static[b] else b)
-                self._force[key] = self._force.get(key, 0.0) + lever * float(normal[k]) / h
+                self.torques[key] = self.torques.get(key, 0.0) + lever * float(normal[k]) / h
         return lost
 
-
-# ----------------------------------------------------------------------
-# A table seen from above: friction under what slides, spins and rolls.
-#
-# A disc's sliding and spinning share one friction: both end together (Farkas, Bartels, Unger, Wolf, Phys.
-# Rev. Lett. 90,
-# 248302, 2003). A sphere touches at one point: it slides until that point stands still, then rolls.
 
 NODES = 1024
 """Of the tables of friction by the ratio of sliding to spinning."""

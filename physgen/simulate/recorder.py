@@ -1,4 +1,7 @@
-"""Steps of a run to samples: poses, contacts and the energy balance at exact times."""
+"""Steps of a run to samples: poses, contacts and the energy balance at exact times.
+
+Steps are read a block at a time. `StepLog` keeps them, to be sampled at other times without running again.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,8 @@ from physgen.compile.world import World
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts
+from physgen.simulate.contacts import CONTACT_BYTES, touching
 from physgen.simulate.forces import EnergyEvent, EnergyFlow, ForceFields, ScriptedMotion
-from physgen.simulate.space import CONTACT_BYTES, Space
 from physgen.simulate.trajectory import (
     Contacts,
     Effort,
@@ -24,9 +27,6 @@ from physgen.simulate.trajectory import (
     quaternions_from_vectors,
 )
 from physgen.simulate.trajectory import compose_quaternions as then
-
-# ----------------------------------------------------------------------
-# Contact impulses of many steps -> touches with begin and end, and impulse sums a sample.
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -144,9 +144,6 @@ class ContactLog:
         )
 
 
-# ----------------------------------------------------------------------
-# What every step did -> samples at exact times, contacts and the books of energy; a block of steps at a time.
-
 BLOCK = 256
 """Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
 UNKNOWN_PLACE = Place("scene")
@@ -180,7 +177,8 @@ class Recorder:
     """Books of a run."""
 
     world: World
-    space: Space
+    moving: Index
+    """(M,): bodies that states list."""
     loads: ForceFields
     scripts: ScriptedMotion
     times: Array
@@ -227,7 +225,7 @@ class Recorder:
         """The half step to t = 0: pose (N, 3), velocity (N, 3), roll (N, 2) at t = 0 as the scene has them."""
         self._pose, self._mean, self._roll = pose, velocity, roll
         self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
-        self._after = np.zeros((len(self.space.moving), 3))
+        self._after = np.zeros((len(self.moving), 3))
         self._write(step)
         self.flush()
 
@@ -257,7 +255,7 @@ class Recorder:
         steps, self._steps = self._steps, []
         if not steps:
             return
-        M = len(self.space.moving)
+        M = len(self.moving)
         self._rolling |= steps[0].settled.roll is not None
         states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
         after = states[:, :, 3:]
@@ -300,7 +298,7 @@ class Recorder:
         """(S, M, 3) of moving bodies -> (S, N, 3) of all bodies."""
         S, N = len(moving), len(self.world.bodies)
         out = np.zeros((S, N, 3)) if still is None else np.tile(still, (S, 1, 1))
-        out[:, self.space.moving] = moving
+        out[:, self.moving] = moving
         return out
 
     def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
@@ -309,9 +307,7 @@ class Recorder:
         ends = np.array([step.time for step in steps])
         counts = [len(step.words) // CONTACT_BYTES for step in steps]
         row = np.repeat(np.arange(S), counts)
-        touch = self.space.touching(
-            b"".join(step.words for step in steps), b"".join(step.numbers for step in steps)
-        )
+        touch = touching(b"".join(step.words for step in steps), b"".join(step.numbers for step in steps))
         first, second, impulse, count = touch.first, touch.second, touch.impulse, touch.count
         points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
 
@@ -429,7 +425,7 @@ class Recorder:
         assert step.original is not None
         assert step.before is not None
         changed = np.flatnonzero((step.original != step.before).any(axis=1))
-        bodies = self.space.moving[changed]
+        bodies = self.moving[changed]
         at = max(float(b.earlier.max()) for b in step.blows if len(b.earlier))
         if time < step.time - at:
             v[bodies] = step.original[changed]
@@ -466,9 +462,6 @@ def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) 
         path = f"objects.{world.bodies[wrong[0]].name}"
         raise InputError([Problem(UNKNOWN_PLACE, path, "", expected, DIVERGED_FIX)])
 
-
-# ----------------------------------------------------------------------
-# The steps of a run as the engine took them -> the same motion at other times, without running it again.
 
 MOST = 64_000_000
 """Bytes of steps that are kept; a longer run is not."""

@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.scene.scene import JointKind, Load, Motion
 
-# ----------------------------------------------------------------------
-# How far bodies move in a step -> into how many parts it must be divided, so that nothing passes through
-# anything.
-
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -89,10 +85,6 @@ class StepDivider:
                 parts = max(parts, min(MOST_PARTS_OF_FAST, ceil(ratio[k])))
         return parts
 
-
-# ----------------------------------------------------------------------
-# How accurate the last steps were -> how much work the next ones do: sweeps of the solver, and what still
-# bounces.
 
 FEWEST, MANY, MOST = 12, 60, 120
 """Sweeps of the contact solver a step: at least; where shapes overlap, blows fell or joints hold; at most."""

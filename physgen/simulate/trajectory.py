@@ -1,4 +1,7 @@
-"""The result of a simulation: poses, velocities, contacts and energy at sample times; its file and rest times."""
+"""The result of a simulation: poses, velocities, contacts and energy at sample times; its file and rest times.
+
+Quaternions are (w, x, y, z), unit, of the turn since t = 0 about the image axes, +z into the photo (right hand).
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,6 @@ from numpy.typing import NDArray
 from physgen.files import write_atomic
 from physgen.geometry.polygon import Pose
 from physgen.notebook_display import html
-
-# ----------------------------------------------------------------------
-# What a simulation gives: poses, velocities, contacts and energy at exact sample times; and its file.
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -129,9 +129,13 @@ class Trajectory:
     def save(self, path: Path) -> None:
         """Write a NumPy archive (no pickles) under its final name when it is whole; the same bytes every time."""
         path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, self.to_bytes())
+
+    def to_bytes(self) -> bytes:
+        """The archive that `save` writes."""
         buffer = io.BytesIO()
         np.savez_compressed(buffer, allow_pickle=False, **self.as_arrays())
-        write_atomic(path, buffer.getvalue())
+        return buffer.getvalue()
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Flat names of the archive's arrays."""
@@ -183,7 +187,7 @@ def is_trajectory(path: Path) -> bool:
     )
 
 
-def read_trajectory(path: Path) -> Trajectory:
+def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
     """The inverse of `Trajectory.save`; nothing is unpickled."""
     with np.load(path, allow_pickle=False) as file:
         parts = {
@@ -207,12 +211,6 @@ def read_trajectory(path: Path) -> Trajectory:
             effort=Effort(**{name: value.item() for name, value in parts["effort"].items()}),
         )
 
-
-# ----------------------------------------------------------------------
-# Trajectory -> when each body comes to rest, and which touches are new: what tables, events and sentences
-# mean by it.
-#
-# All that is told of rest is as fine as the samples; touches the engine times itself.
 
 REST_SPEED = 1.0
 """px/s: what is slower is at rest, if it turns slower than `STILL_TURN` too."""
@@ -252,13 +250,6 @@ def new_touches(trajectory: Trajectory) -> NDArray[np.bool_]:
     early = contacts.touch_times[:, 0] < START_TIME
     old = {pair for pair, soon in zip(pairs, early.tolist(), strict=True) if soon}
     return np.array([pair not in old for pair in pairs], bool)
-
-
-# ----------------------------------------------------------------------
-# How spheres on a table have turned in space: rotation vectors of many steps -> quaternions after each.
-#
-# Quaternions are (w, x, y, z), unit, of the turn since t = 0 about the image axes, +z into the photo (right
-# hand).
 
 
 def quaternions_from_vectors(vector: Array) -> Array:

@@ -17,8 +17,9 @@ from physgen.compile.compile import Compiled, compile_shapes
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import polygon_moments
 from physgen.problems import InputError, Problem
+from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion, Scene, View
-from physgen.simulate.engine import Progress, silent, simulate
+from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.uncertain_values import (
     UncertainLight,

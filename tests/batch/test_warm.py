@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.pipeline import Warm, stages, warm
+from physgen.pipeline import Stages, stages
 
 EDITS = (
     (),
@@ -56,11 +56,11 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
 
 def clip(
-    scene: Path, edits: tuple[str, ...], at_hand: Warm | None, cached: bool = False
+    scene: Path, edits: tuple[str, ...], at_hand: Stages | None, cached: bool = False
 ) -> dict[str, object]:
     out = scene.parent / "out"
     folder = pipeline.render_scene(
-        scene, out, overrides=edits, warm=at_hand, cached=cached, page=pipeline.Page.NONE
+        scene, out, overrides=edits, stages=at_hand, cached=cached, page=pipeline.Page.NONE
     )
     told: dict[str, object] = json.loads((folder / "manifest.json").read_text())
     return told
@@ -69,7 +69,7 @@ def clip(
 @pytest.mark.parametrize("kind", ["pictured", "lesson"])
 def test_every_clip_is_what_it_would_be_on_its_own(kind: str, request: pytest.FixtureRequest) -> None:
     scene: Path = request.getfixturevalue(kind)
-    at_hand = Warm()
+    at_hand = Stages()
     only = ("light", "world.tilt", "objects.ball.shape")
     fitting = [e for e in EDITS if kind == "pictured" or not any(edit.startswith(only) for edit in e)]
     seen = set()
@@ -82,7 +82,7 @@ def test_every_clip_is_what_it_would_be_on_its_own(kind: str, request: pytest.Fi
 
 
 def test_a_light_does_not_simulate_and_a_force_does_not_cut_out(pictured: Path, ran: Counter[str]) -> None:
-    at_hand = Warm()
+    at_hand = Stages()
     clip(pictured, (), at_hand)
     assert ran == {"percepts": 1, "stage": 1, "simulate": 1}
     clip(pictured, ("light.intensity=0.2",), at_hand)
@@ -102,27 +102,27 @@ def test_a_light_does_not_simulate_and_a_force_does_not_cut_out(pictured: Path, 
 def test_a_light_does_not_simulate_in_another_process_either(
     pictured: Path, ran: Counter[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(warm, "WORTH", 0.0)
-    first = clip(pictured, (), Warm(), cached=True)
-    other = clip(pictured, ("light.intensity=0.2",), Warm(), cached=True)
+    monkeypatch.setattr(stages, "WORTH", 0.0)
+    first = clip(pictured, (), Stages(), cached=True)
+    other = clip(pictured, ("light.intensity=0.2",), Stages(), cached=True)
     assert ran["simulate"] == 1
     assert other["samples"] == first["samples"]
     assert other["frames"] != first["frames"]
-    clip(pictured, ("light.intensity=0.2",), Warm(), cached=False)
+    clip(pictured, ("light.intensity=0.2",), Stages(), cached=False)
     assert ran["simulate"] == 2
-    clip(pictured, ("objects.ball.mass=5",), Warm(), cached=True)
+    clip(pictured, ("objects.ball.mass=5",), Stages(), cached=True)
     assert ran["simulate"] == 3
 
 
 def test_what_takes_no_time_is_not_kept_on_disk(pictured: Path, ran: Counter[str], monkeypatch) -> None:
-    monkeypatch.setattr(warm, "WORTH", 1e9)
-    clip(pictured, (), Warm(), cached=True)
-    clip(pictured, (), Warm(), cached=True)
+    monkeypatch.setattr(stages, "WORTH", 1e9)
+    clip(pictured, (), Stages(), cached=True)
+    clip(pictured, (), Stages(), cached=True)
     assert ran["simulate"] == 2
 
 
 def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]) -> None:
-    at_hand = Warm()
+    at_hand = Stages()
     before = clip(pictured, (), at_hand)
     photo = pictured.with_name("photo.png")
     brighter = np.clip(cv2.imread(str(photo)).astype(int) + 30, 0, 255).astype(np.uint8)
@@ -162,7 +162,7 @@ def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]
 def test_a_file_with_a_mistake_is_told_each_time_and_mended_in_between(lesson: Path) -> None:
     from physgen.problems import InputError
 
-    at_hand = Warm()
+    at_hand = Stages()
     right = lesson.read_text()
     lesson.write_text(right.replace("mass: 200", "mass: heavy"))
     for _ in range(2):

@@ -470,7 +470,7 @@ def test_a_picture_too_large_for_the_format_is_refused_before_the_model_runs(tmp
 def test_the_same_work_can_be_asked_for_from_python(
     frames: Path, masks: Path, tmp_path: Path, capsys
 ) -> None:
-    from physgen.pipeline.refine_video import refine_video
+    from physgen.pipeline.refine_video import VideoJob, refine_video
     from physgen.registry import Plan, choices
     from physgen.scene.load import refinement
     from physgen.scene.schema import with_defaults
@@ -478,7 +478,7 @@ def test_the_same_work_can_be_asked_for_from_python(
     settings = refinement(with_defaults({"strength": 0.2}, at("refine")))
     said: list[str] = []
     done = refine_video(
-        frames, masks, tmp_path / "a.mp4", settings, Plan(choices(["refine=exact"])),
+        VideoJob(frames, settings, masks, tmp_path / "a.mp4"), Plan(choices(["refine=exact"])),
         progress=lambda stage, k, n: said.append(stage),
     )  # fmt: skip
     assert (done.output, done.record_path) == (tmp_path / "a.mp4", tmp_path / "a.json")
@@ -486,13 +486,13 @@ def test_the_same_work_can_be_asked_for_from_python(
     assert list(dict.fromkeys(said)) == ["read", "read masks", "refine", "write"]
     assert capsys.readouterr() == ("", "")
     with pytest.raises(InputError, match="leaves none of 50 steps"):
-        refine_video(frames, masks, None, replace(settings, strength=0.0), Plan(choices(["refine=exact"])))
+        refine_video(VideoJob(frames, replace(settings, strength=0.0), masks), Plan(choices(["refine=exact"])))
 
 
 def test_a_crew_keeps_its_model_for_the_next_video_and_a_plan_lets_it_go(
     frames: Path, tmp_path: Path
 ) -> None:
-    from physgen.pipeline.refine_video import refine_video
+    from physgen.pipeline.refine_video import VideoJob, refine_video
     from physgen.registry import Backends, Plan, choices
     from physgen.scene.load import refinement
     from physgen.scene.schema import with_defaults
@@ -501,7 +501,7 @@ def test_a_crew_keeps_its_model_for_the_next_video_and_a_plan_lets_it_go(
     crew = Backends(Plan(choices(["refine=exact"])))
     model = crew.get("refine")
     for name in ("a.mp4", "b.mp4"):
-        refine_video(frames, None, tmp_path / name, settings, crew)
+        refine_video(VideoJob(frames, settings, output=tmp_path / name), crew)
     assert sha(tmp_path / "a.mp4") == sha(tmp_path / "b.mp4")
     assert crew.get("refine") is model
     assert not model.closed

@@ -13,8 +13,7 @@ import numpy as np
 from pycocotools.coco import COCO
 
 from physgen import pipeline
-from physgen.pipeline.filming import Filming
-from physgen.pipeline.warm import Keep, Warm
+from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.report.record import RunRecord
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,11 +44,11 @@ class Labelled:
     folder: Path
 
     @cached_property
-    def filming(self) -> Filming:
-        record, warm = RunRecord(scene="again", command=[]), Warm(Keep.NOTHING)
+    def filming(self) -> Film:
+        record, warm = RunRecord(scene="again", command=[]), Stages(Keep.NOTHING)
         scene = warm.load(self.scene, self.edits, None, True)
         maps = warm.maps(scene)
-        return Filming(scene, warm.compile(scene, maps), maps, "cpu", record, warm)
+        return Film(scene, warm.compile(scene, maps), maps, record, warm)
 
     @cached_property
     def trajectory(self):

@@ -9,7 +9,7 @@ from users import ONE, TABLE, Said, another_library
 
 from physgen.batch.golden import checked
 from physgen.batch.tolerances import GoldenOptions
-from physgen.pipeline import Warm
+from physgen.pipeline import Stages
 
 
 @pytest.fixture(scope="session")
@@ -17,11 +17,11 @@ def _imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """All that a check imports: what an inner run imports is forgotten after it, and NumPy bears no second import."""
     folder = tmp_path_factory.mktemp("imported")
     (folder / "scene.yaml").write_text(TABLE)
-    check = checked(folder / "scene.yaml", "scene", "test", GoldenOptions(), Warm())
+    check = checked(folder / "scene.yaml", "scene", "test", GoldenOptions(), Stages())
     check.write(folder / "a.npz")
     with pytest.MonkeyPatch.context() as patch:
         another_library(patch, 1.0)
-        other = checked(folder / "scene.yaml", "scene", "test", GoldenOptions(), Warm())
+        other = checked(folder / "scene.yaml", "scene", "test", GoldenOptions(), Stages())
     assert other.differs(folder / "a.npz", folder / "a.webp", folder)[0]
 
 

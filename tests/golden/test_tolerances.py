@@ -22,7 +22,7 @@ from physgen.batch.golden import (
 )
 from physgen.batch.golden_files import KeptMotion, Still, Units, read
 from physgen.batch.tolerances import SIDE, GoldenOptions, Motion, Pixels
-from physgen.pipeline import Warm
+from physgen.pipeline import Stages
 from physgen.simulate.trajectory import Trajectory
 
 G, SPIN = 600.0, 90.0
@@ -40,7 +40,7 @@ objects:
 def fall(tmp_path_factory: pytest.TempPathFactory) -> Check:
     path = tmp_path_factory.mktemp("fall") / "scene.yaml"
     path.write_text(FALL)
-    return checked(path, "scene.yaml", "test", GoldenOptions(motion=Motion(px_per_s=1.0)), Warm())
+    return checked(path, "scene.yaml", "test", GoldenOptions(motion=Motion(px_per_s=1.0)), Stages())
 
 
 def compared(then: Trajectory, now: Trajectory, allowed: Motion, until: float | None = None) -> MotionResult:

@@ -10,7 +10,7 @@ from browser import FALL, PHONE, opened
 
 from physgen.batch.golden import checked
 from physgen.batch.tolerances import GoldenOptions
-from physgen.pipeline import Warm
+from physgen.pipeline import Stages
 
 LABEL = "<script>window.broken = 1</script>"
 
@@ -23,7 +23,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     said = ""
     for overrides in ([], ["world.gravity=[0, 560]", f'objects.ball.label="{LABEL}"']):
         check = checked(
-            folder / "fall.yaml", "fall.yaml", f"test_{LABEL}.py::test", GoldenOptions(overrides), Warm()
+            folder / "fall.yaml", "fall.yaml", f"test_{LABEL}.py::test", GoldenOptions(overrides), Stages()
         )
         if not overrides:
             check.write(folder / "fall.npz")

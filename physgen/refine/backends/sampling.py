@@ -1,4 +1,8 @@
-"""Loading, options, schedules, guidance and memory shared by the diffusion backends."""
+"""Loading, options, schedules, guidance and memory shared by the diffusion backends.
+
+Schedulers of diffusers count their own steps. Here every step is given by number, so that windows, trials and repeated
+steps cannot disturb one another.
+"""
 
 from __future__ import annotations
 
@@ -39,10 +43,6 @@ from physgen.problems import InputError, Problem
 from physgen.refine.denoiser import Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
 from physgen.registry import Setup, find, hub_cache
-
-# ----------------------------------------------------------------------
-# Names of weights -> what their configurations say, where they came from, and a pipeline that is in its
-# place.
 
 REFINE = Flag("--refine", "NAME:PATH")
 NAMES = {"AnimateDiff": "animatediff", "Wan": "wan", "CogVideoX": "cogvideox"}
@@ -166,14 +166,6 @@ def _bytes(pipe: Any) -> int:
     return sum(p.numel() * p.element_size() for part in parts for p in part.parameters())
 
 
-# ----------------------------------------------------------------------
-# A scheduler and a count of steps -> levels of noise and steps between them, by number, on the processor in
-# float32.
-#
-# Schedulers of diffusers count for themselves where a run stands. Here every step says where it is, so that
-# windows,
-# trials and repeated steps cannot disturb one another.
-
 F32 = NDArray[np.float32]
 
 
@@ -243,10 +235,6 @@ def euler(scheduler: Any, steps: int, count: int) -> Schedule:
 
     return Schedule(type(scheduler).__name__, times, noised, stepped)
 
-
-# ----------------------------------------------------------------------
-# A kind of model and a setup -> a `refine.roles.Denoiser`: loading, options, guidance by words, memory, the
-# record.
 
 U8 = NDArray[np.uint8]
 OPTIONS: dict[str, Option] = {

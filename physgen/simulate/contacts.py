@@ -1,0 +1,232 @@
+"""Contacts of shapes: as the engine reports them, and as single points with their levers at the time of closing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import hypot, isnan
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+LEAP = 2.0
+"""px in a step by which no contact creeps."""
+WORDS, NUMBERS = 3, 14
+"""Integers and floats of one contact."""
+CONTACT_BYTES = 8 * WORDS
+"""Of the integers."""
+_ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
+
+
+@dataclass(frozen=True)
+class Touching:
+    """K pairs of shapes that touch; things count the bodies first, then the walls."""
+
+    first: Index
+    """(K,)."""
+    second: Index
+    count: Index
+    """(K,): 1 or 2 points."""
+    impulse: Array
+    """(K, 2) g·px/s that the second gave the first in the last step."""
+    normal: Array
+    """(K, 2): from the first to the second."""
+    on_first: Array
+    """(K, 2, 2) px: the points, on the first's surface; those beyond `count` are zeros."""
+    on_second: Array
+    depth: Array
+    """(K, 2) px of overlap."""
+
+
+def touching(words: bytes, numbers: bytes | None) -> Touching:
+    """Contacts of one or more steps, in their order; without numbers, only the partners and counts."""
+    ints = np.frombuffer(words, np.int64).reshape(-1, WORDS)
+    rows = np.zeros((len(ints), NUMBERS)) if numbers is None else np.frombuffer(numbers).reshape(-1, NUMBERS)
+    return Touching(
+        first=ints[:, 0],
+        second=ints[:, 1],
+        count=ints[:, 2],
+        impulse=rows[:, :2],
+        normal=rows[:, 2:4],
+        on_first=rows[:, _ON_FIRST].reshape(-1, 2, 2),
+        on_second=rows[:, _ON_SECOND].reshape(-1, 2, 2),
+        depth=-rows[:, _DISTANCE],
+    )
+
+
+def contact_places(numbers: bytes) -> Array:
+    """(K, 9) px: where contacts are, on both partners."""
+    return np.frombuffer(numbers).reshape(-1, NUMBERS)[:, 4:13]
+
+
+def contacts_jumped(now: Array, before: Array) -> bool:
+    """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down."""
+    return len(now) == len(before) > 0 and float(np.abs(now - before).max()) > LEAP
+
+
+@dataclass(frozen=True)
+class Points:
+    """P contact points of the K pairs of shapes that touch at a step's end."""
+
+    row: Index
+    """(P,): its pair."""
+    first: Index
+    second: Index
+    normal: Array
+    """(P, 2): from the first to the second."""
+    on_first: Array
+    """(P, 2) px."""
+    on_second: Array
+    depth: Array
+    closing: Array
+    """(P,) px/s at which they close, by velocities before contacts."""
+
+    def sorted(self) -> Points:
+        """By things, pairs of shapes and place."""
+        place = self.on_first
+        order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
+        return Points(*(getattr(self, field.name)[order] for field in fields(self)))
+
+    def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
+        """(P,) s before the step's end at which each closed; `own` (P,) do, `touched` (K,) pairs did a step ago.
+
+        What touched before closes when a blow makes it.
+        """
+        row = self.row
+        depth = np.maximum(self.depth, 0.0)
+        earlier = np.where(own & ~touched[row], np.minimum(depth / np.maximum(self.closing, 1e-300), h), 0.0)
+        # two points of one pair close together: what lands flat stays flat
+        pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
+        pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
+        earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
+        return earlier
+
+
+@dataclass(frozen=True)
+class ContactProperties:
+    """What the N bodies and walls bring to a blow; the mass and moment of whatever is not dynamic is infinite."""
+
+    lightness: list[float]
+    """1/g."""
+    ease: list[float]
+    """1/(g·px²)."""
+    friction: list[float]
+    """Factors; a pair's coefficient is their product."""
+    elasticity: list[float]
+    radius: list[float]
+    """px; NaN where it is not a circle."""
+
+
+@dataclass(slots=True)
+class Point:
+    """One contact point, when it closed."""
+
+    a: int
+    b: int
+    nx: float
+    ny: float
+    """From a to b; (-ny, nx) is along the surface."""
+    earlier: float
+    own: bool
+    """Whether it closed by the motion before all blows."""
+    ma: float
+    mb: float
+    ea: float
+    eb: float
+    na: float
+    nb: float
+    """Levers of the normal and of the tangent about both centres."""
+    ta: float
+    tb: float
+    nn: float
+    nt: float
+    tt: float
+    """Change of closing and sliding speed by a unit of impulse."""
+    elasticity: float
+    friction: float
+
+    def leaving(self, va: list[float], vb: list[float]) -> float:
+        """px/s at which b leaves a, by their velocities; negative: it closes."""
+        return self.nx * (vb[0] - va[0]) + self.ny * (vb[1] - va[1]) + self.nb * vb[2] - self.na * va[2]
+
+    def motion(self, va: list[float], vb: list[float]) -> tuple[float, float]:
+        """px/s at which b leaves a, and slides along it."""
+        slides = self.nx * (vb[1] - va[1]) - self.ny * (vb[0] - va[0]) + self.tb * vb[2] - self.ta * va[2]
+        return self.leaving(va, vb), slides
+
+    def first_speed(self, v: list[float]) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of a's point."""
+        return self.nx * v[0] + self.ny * v[1] + self.na * v[2], self.nx * v[1] - self.ny * v[
+            0
+        ] + self.ta * v[2]
+
+    def second_speed(self, v: list[float]) -> tuple[float, float]:
+        """px/s, along the normal and the surface, of b's point."""
+        return self.nx * v[0] + self.ny * v[1] + self.nb * v[2], self.nx * v[1] - self.ny * v[
+            0
+        ] + self.tb * v[2]
+
+
+def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
+    """One row a point; pose and velocity (N, 3) of all things."""
+    use = np.arange(2) < touching.count[:, None]
+    row = np.repeat(np.arange(len(use)), touching.count)
+    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
+    on1, on2 = touching.on_first[use], touching.on_second[use]
+    apart = _at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)
+    closing = apart[:, 0] * normal[:, 0] + apart[:, 1] * normal[:, 1]
+    return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
+
+
+def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
+    """(P, 2) px/s of points on bodies."""
+    v, arm = velocity[things], points - pose[things, :2]
+    out = v[:, :2].copy()
+    out[:, 0] -= v[:, 2] * arm[:, 1]
+    out[:, 1] += v[:, 2] * arm[:, 0]
+    return out
+
+
+def point_at_closing(
+    things: ContactProperties, found: Points, k: int, pose: Array, velocity: Array, earlier: Array, own: Flags
+) -> Point:
+    """Point `k` as it was `earlier` s (P,) before the poses (N, 3); velocity (N, 3) on the way; own (P,).
+
+    Levers go from both centres to one common point: angular momentum is kept to the last digit.
+    """
+    back = float(earlier[k])
+    a, b = int(found.first[k]), int(found.second[k])
+    nx, ny = found.normal[k].tolist()
+    places, centers = [], []
+    for body, on in ((a, found.on_first), (b, found.on_second)):
+        x, y, _ = pose[body].tolist()
+        vx, vy, spin = velocity[body].tolist()
+        px, py = on[k].tolist()
+        centers.append((x - back * vx, y - back * vy))
+        places.append((px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x))))
+    (ax, ay), (bx, by) = centers
+    px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
+    # a circle touches where its normal leaves it, however it turns
+    ra, rb = things.radius[a], things.radius[b]
+    if not (isnan(ra) or isnan(rb)):
+        distance = max(hypot(bx - ax, by - ay), 1e-12)
+        nx, ny = (bx - ax) / distance, (by - ay) / distance
+        px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
+    elif not isnan(ra):
+        px, py = ax + ra * nx, ay + ra * ny
+    elif not isnan(rb):
+        px, py = bx - rb * nx, by - rb * ny
+    ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
+    na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
+    ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
+    return Point(
+        a, b, nx, ny, back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
+        ma + mb + ea * na * na + eb * nb * nb,
+        ea * na * ta + eb * nb * tb,
+        ma + mb + ea * ta * ta + eb * tb * tb,
+        things.elasticity[a] * things.elasticity[b],
+        things.friction[a] * things.friction[b],
+    )  # fmt: skip
