@@ -274,7 +274,7 @@ def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand
 def test_comments_stay_where_what_they_tell_of_is_as_it_was(scene: Path) -> None:
     refreshed(scene)
     text = scene.with_name("again.yaml").read_text()
-    assert "to set something going" in text
+    assert "to set an object going" in text
     assert "side or top:" in text
     assert "the photo's border" in text
 

@@ -68,7 +68,7 @@ def test_a_photo_without_objects_becomes_an_empty_scene(tmp_path: Path) -> None:
     made = perceive(rgb, Detections(np.zeros((96, 128), np.uint16), "learned", {}, {}))
     out = tmp_path / "empty.yaml"
     said = write_scene(made, None, "empty", out)
-    assert "nothing in the photo looks like" in said
+    assert "no region of the photo looks like" in said
     scene = pipeline.load(out, ["render.frames=2"])
     assert not scene.objects
     folder = pipeline.render_scene(out, tmp_path / "out", overrides=["render.frames=2", "world.duration=0.1"])

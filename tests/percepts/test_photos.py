@@ -546,7 +546,7 @@ def test_photos_too_small_for_an_object(
     Image.new("RGB", (side, side), "red").save(tmp_path / "p.png")
     assert main(["perceive", str(tmp_path / "p.png"), "-o", str(tmp_path / "s.yaml")]) == 0
     assert not capsys.readouterr().err
-    assert "nothing in the photo looks like" in (tmp_path / "s.yaml").read_text()
+    assert "no region of the photo looks like" in (tmp_path / "s.yaml").read_text()
     assert main(["check", str(tmp_path / "s.yaml")]) == 0
 
 

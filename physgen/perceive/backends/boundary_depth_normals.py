@@ -90,7 +90,7 @@ def _depth_normals(
     if view is None:
         found, sure, reason = _guess_view(rgb, labels, objects, groups, even, facing)
     else:
-        found, sure, reason = view, 1.0, "as told"
+        found, sure, reason = view, 1.0, "as given"
     border = photo_frame(labels, found)
     if not len(objects) or not (labels > 0).any():
         return BoundaryGuess(found, sure, reason, (border,))

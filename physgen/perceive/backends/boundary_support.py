@@ -59,7 +59,7 @@ def _support(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: Vie
         alone, upright = view_evidence(objects, groups)
         found, sure, reason = guess_view(rgb, labels, run_network(rgb).normals, alone, upright)
     else:
-        found, sure, reason = view, 1.0, "as told"
+        found, sure, reason = view, 1.0, "as given"
     if found is View.TOP:
         return BoundaryGuess(found, sure, reason, (photo_frame(labels, found),))
     stood = lay_floors(rgb, labels, objects, groups)

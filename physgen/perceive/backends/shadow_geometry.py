@@ -63,23 +63,25 @@ def _geometry(
 ) -> Shadows:
     if boundaries.view is View.SIDE:
         return side_view_shadows(background, coverage, labels, objects, matter, boundaries, light)
-    silhouettes = partial(object_silhouettes, labels, objects, matter, boundaries)
+    at = partial(object_silhouettes, labels, objects, matter, boundaries)
     nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
-    things = silhouettes(scale)
-    if not things:
+    silhouettes = at(scale)
+    if not silhouettes:
         return nothing
-    setting, score, factor = _search(_coarse_picture(background, coverage, things, scale), light)
+    setting, score, factor = _search(_coarse_picture(background, coverage, silhouettes, scale), light)
     if score < SURE or factor < 0.15:
-        shade = find_ambient_shade(background, coverage, silhouettes, from_above=True)
+        shade = find_ambient_shade(background, coverage, at, from_above=True)
         if shade is None:
             return nothing
-        return _remove_ambient(background, coverage, shade, silhouettes(1.0), light.light)
+        return _remove_ambient(background, coverage, shade, at(1.0), light.light)
     setting = replace(_matched(setting, factor), size=(labels.shape[1], labels.shape[0]))
-    things = silhouettes(1.0)
-    dark = _seen_darkness(background, coverage, things, setting)
+    silhouettes = at(1.0)
+    dark = _seen_darkness(background, coverage, silhouettes, setting)
     clean = encode_u8(decode(background) * np.exp(dark)[..., None])
-    casts = [(what.id, *found) for what in things if (found := shadow_darkness(what, setting)) is not None]
+    casts = [
+        (what.id, *found) for what in silhouettes if (found := shadow_darkness(what, setting)) is not None
+    ]
     owners = shadow_owners(background, clean, coverage, casts)
     reason = f"where the objects' shadows lie (correlation {score:.2f})"
     sure = round(min(0.9, score), 2)
@@ -87,11 +89,15 @@ def _geometry(
 
 
 def _remove_ambient(
-    background: Rgb, coverage: F32, shade: AmbientShade, things: Sequence[Silhouette], light: DistantLight
+    background: Rgb,
+    coverage: F32,
+    shade: AmbientShade,
+    silhouettes: Sequence[Silhouette],
+    light: DistantLight,
 ) -> Shadows:
     """The shade of soft light about rims is too faint, and too near, to be seen but on the whole."""
     found = [
-        (what.id, *cast) for what in things if (cast := shadow_darkness(what, shade.setting)) is not None
+        (what.id, *cast) for what in silhouettes if (cast := shadow_darkness(what, shade.setting)) is not None
     ]
     casts = [(who, box, np.asarray(shade.factor * dark, np.float32)) for who, box, dark in found]
     dark = np.zeros(coverage.shape, np.float32)
@@ -128,20 +134,22 @@ class _Picture:
         return both / max((square * seen) ** 0.5, 1e-9), both / max(square, 1e-9)
 
 
-def _coarse_picture(background: Rgb, coverage: F32, things: Sequence[Silhouette], scale: float) -> _Picture:
+def _coarse_picture(
+    background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], scale: float
+) -> _Picture:
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
     light = np.log(luminance(decode(background)) + DARKEST)
     open_ = away_from_objects(coverage).astype(np.float32)
     known = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     small = np.where(known > 0.05, small / np.maximum(known, 0.05), 0).astype(np.float32)
-    size = typical_size(things)
+    size = typical_size(silhouettes)
     sigma = 1.2 * size
     sums = cv2.GaussianBlur(small * known, (0, 0), sigma)
     around = np.asarray(sums / np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), 1e-3), np.float32)
     dark = np.clip(around - small, -0.3, 1.2)
     weight = known * (known > 0.5)
-    return _Picture(np.asarray(dark, np.float32), np.asarray(weight, np.float32), things, size)
+    return _Picture(np.asarray(dark, np.float32), np.asarray(weight, np.float32), silhouettes, size)
 
 
 def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float, float]:
@@ -201,11 +209,11 @@ def _matched(setting: ShadowSetting, factor: float) -> ShadowSetting:
 
 
 def _seen_darkness(
-    background: Rgb, coverage: F32, things: Sequence[Silhouette], setting: ShadowSetting
+    background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], setting: ShadowSetting
 ) -> F32:
     """(H, W) -log of the light that the photo misses, within reach of what geometry predicts."""
-    model = predicted_darkness(things, setting)
-    size = typical_size(things)
+    model = predicted_darkness(silhouettes, setting)
+    size = typical_size(silhouettes)
     side = 2 * max(1, round(0.2 * size)) + 1
     wide = cv2.dilate(model, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
     reach = blurred(np.asarray(wide, np.float32), max(2.0, 0.15 * size))

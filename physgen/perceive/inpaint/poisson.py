@@ -81,15 +81,6 @@ def _disc(radius: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
 
 
-def bounding_slices(mask: Mask, margin: int) -> tuple[slice, slice]:
-    """Rows and columns that hold every True pixel of `mask` and `margin` px around, within the picture."""
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    return (
-        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin + 1),
-        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin + 1),
-    )
-
-
 def hole_pieces(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
     """The connected pieces of `hole` (H, W): each as rows and columns with 1 px around, and its mask in there."""
     count, ids, stats, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=4)

@@ -160,7 +160,7 @@ def _directions(count: int, whole: bool = False) -> F32:
 
 
 def pixel_pairs(linear: F32, labels: Labels, balls: dict[int, bool], normals: F32) -> PixelPairs | None:
-    """Pairs in the objects of `balls`, which tells the spheres among them; drawn at random, the same each time."""
+    """Pairs in the objects of `balls`, True for spheres; drawn at random, the same each time."""
     random = np.random.default_rng(0)
     level = np.log(luminance(linear) + np.float32(2e-3))
     small = linear + np.float32(4e-3)

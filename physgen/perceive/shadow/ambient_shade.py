@@ -97,26 +97,26 @@ class AmbientShade:
 def find_ambient_shade(
     background: Rgb,
     coverage: F32,
-    silhouettes: Callable[[float], Sequence[Silhouette]],
+    at: Callable[[float], Sequence[Silhouette]],
     *,
     from_above: bool,
 ) -> AmbientShade | None:
-    """`silhouettes` gives them on a picture so many times smaller. None where no shade is seen."""
+    """`at` gives the silhouettes on a picture so many times smaller. None where no shade is seen."""
     H, W = coverage.shape
     scale = max(max(H, W) / TUNING.longest, 1.0)
-    things = silhouettes(scale)
-    if not things:
+    silhouettes = at(scale)
+    if not silhouettes:
         return None
     w, h = max(1, round(W / scale)), max(1, round(H / scale))
     picture = np.asarray(cv2.resize(background, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
     near = (~away_from_objects(coverage, MARGIN)).astype(np.float32)
     free = np.asarray(cv2.resize(near, (w, h), interpolation=cv2.INTER_AREA) == 0)
-    size = typical_size(things)
+    size = typical_size(silhouettes)
     reach = TUNING.beside_top if from_above else TUNING.beside_side
     wide = tuple(2 * int(part * size) + 1 for part in reach)
     best: AmbientShade | None = None
     for direct, down in TUNING.skies:
-        model = predicted_darkness(things, _sky(direct, down, (w, h), from_above))
+        model = predicted_darkness(silhouettes, _sky(direct, down, (w, h), from_above))
         seen = model[free & (model > TUNING.faint)]
         if not seen.size:
             continue

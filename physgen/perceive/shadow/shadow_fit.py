@@ -145,12 +145,12 @@ class LightGradients:
 
 
 def light_gradients(
-    background: Rgb, coverage: F32, longest: int, silhouettes: Callable[[float], Sequence[Silhouette]]
+    background: Rgb, coverage: F32, longest: int, at: Callable[[float], Sequence[Silhouette]]
 ) -> LightGradients | None:
-    """The photo at a scale; `silhouettes` gives the objects' at it. None where there are none."""
+    """The photo at a scale; `at` gives the silhouettes at it. None where there are none."""
     scale = max(max(background.shape[:2]) / longest, 1.0)
-    things = silhouettes(scale)
-    if not things:
+    silhouettes = at(scale)
+    if not silhouettes:
         return None
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
     light = np.log(luminance(decode(background)) + DARKEST)
@@ -161,11 +161,11 @@ def light_gradients(
     known = np.asarray(share * (share > 0.5), np.float32)
     slopes = []
     for part in TUNING.widths:
-        width = max(part * typical_size(things), 1.0)
+        width = max(part * typical_size(silhouettes), 1.0)
         near = np.asarray(cv2.GaussianBlur(known, (0, 0), width), np.float32)
         down, right = np.gradient(cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05))
         slopes.append((width, near, np.asarray(right, np.float32), np.asarray(down, np.float32)))
-    return LightGradients(scale, (w, h), known, slopes, things, join_silhouettes(things))
+    return LightGradients(scale, (w, h), known, slopes, silhouettes, join_silhouettes(silhouettes))
 
 
 @dataclass(frozen=True)
@@ -219,11 +219,11 @@ def search_light(
 
 
 def _rated(
-    gradients: LightGradients, things: Sequence[Silhouette], setting: ShadowSetting, guess: LightGuess
+    gradients: LightGradients, silhouettes: Sequence[Silhouette], setting: ShadowSetting, guess: LightGuess
 ) -> LightFit:
     if (penalty := deviation_penalty(setting.light, guess)) == inf:
         return LightFit(setting, -inf, 0.0)
-    likeness, factor = gradients.agreement(predicted_darkness(things, setting))
+    likeness, factor = gradients.agreement(predicted_darkness(silhouettes, setting))
     return LightFit(setting, likeness - (_oddness(setting, factor) + penalty), factor)
 
 
@@ -439,11 +439,11 @@ def cast_on_wall(what: Silhouette, shadow: WallShadow, scale: float, size: tuple
 
 
 def wall_coverage(
-    things: Sequence[Silhouette], shadow: WallShadow, scale: float, size: tuple[int, int]
+    silhouettes: Sequence[Silhouette], shadow: WallShadow, scale: float, size: tuple[int, int]
 ) -> F32:
     """(h, w) coverage of the wall by all shadows, with sharp edges."""
     total = np.zeros(size[::-1], np.float32)
-    for what in things:
+    for what in silhouettes:
         np.maximum(total, cast_on_wall(what, shadow, scale, size), out=total)
     return total
 

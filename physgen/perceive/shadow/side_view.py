@@ -100,8 +100,8 @@ class _Photo:
 
     def gradients(self, longest: int, floor: float | None = None) -> LightGradients | None:
         if (longest, floor) not in self.made:
-            silhouettes = partial(self.silhouettes, floor=floor)
-            made = light_gradients(self.background, self.coverage, longest, silhouettes)
+            at = partial(self.silhouettes, floor=floor)
+            made = light_gradients(self.background, self.coverage, longest, at)
             self.made[longest, floor] = made
         return self.made[longest, floor]
 
@@ -123,15 +123,15 @@ def side_view_shadows(
         return nothing
     wall = _wall_shadow(photo)
     fits, floor = _floor_fits(photo, given, guess, search_walls=wall is None)
-    things = photo.silhouettes(1.0, floor)
+    silhouettes = photo.silhouettes(1.0, floor)
     for fit in (*fits, None):
         if fit is None and wall is None:
             break
-        dark = _predicted(things, fit, wall, photo.size)
-        clean = remove_shadows(background, coverage, dark, typical_size(things))
+        dark = _predicted(silhouettes, fit, wall, photo.size)
+        clean = remove_shadows(background, coverage, dark, typical_size(silhouettes))
         ratio = edge_ratio(background, clean, coverage)
         if ratio <= LIMITS.seen and (ratio <= LIMITS.calm or nothing.owners is None):
-            casts = _casts(things, fit, wall, photo.size)
+            casts = _casts(silhouettes, fit, wall, photo.size)
             nothing = replace(nothing, owners=shadow_owners(background, clean, coverage, casts))
         if ratio <= LIMITS.calm:
             setting, sure, reason = _light(fit, wall, guess, photo.size)
@@ -147,21 +147,21 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     bottom = max(bounds(item.outline)[3] for item in photo.objects)
     if bottom >= photo.size[1] - 1:
         return None
-    silhouettes = partial(photo.silhouettes, floor=bottom)
-    shade = find_ambient_shade(photo.background, photo.coverage, silhouettes, from_above=False)
+    at = partial(photo.silhouettes, floor=bottom)
+    shade = find_ambient_shade(photo.background, photo.coverage, at, from_above=False)
     if shade is None:
         return None
     fit = LightFit(shade.setting, 0.0, shade.factor, shade.factor)
-    things = photo.silhouettes(1.0, bottom)
-    dark = _predicted(things, fit, None, photo.size)
+    silhouettes = photo.silhouettes(1.0, bottom)
+    dark = _predicted(silhouettes, fit, None, photo.size)
     # a surface where shade is predicted, and that is no darker there, lies in none
     there = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
     predicted = np.asarray(dark * there, np.float32)
-    clean = remove_shadows(photo.background, photo.coverage, predicted, typical_size(things))
+    clean = remove_shadows(photo.background, photo.coverage, predicted, typical_size(silhouettes))
     if edge_ratio(photo.background, clean, photo.coverage) > LIMITS.seen:
         return None
     seen = np.where(dark > PREDICTED, shade.missing, 0).astype(np.float32)
-    owners = shadow_owners_by_model(photo.coverage, _casts(things, fit, None, photo.size), seen)
+    owners = shadow_owners_by_model(photo.coverage, _casts(silhouettes, fit, None, photo.size), seen)
     tilt = round(degrees(atan(shade.setting.tilt)), 1)
     return Shadows(
         clean, owners, guess.light, shade.setting.softness, tilt, None, shade.confidence, shade.reason
@@ -169,15 +169,15 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
 
 
 def _predicted(
-    things: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
+    silhouettes: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
 ) -> F32:
     """(H, W) -log of the light that the objects leave, on floor and wall."""
     dark = np.zeros(size[::-1], np.float32)
     if fit is not None:
-        joined = predicted_darkness(join_silhouettes(things), fit.setting, _shifts(fit, things))
+        joined = predicted_darkness(join_silhouettes(silhouettes), fit.setting, _shifts(fit, silhouettes))
         dark += np.float32(fit.factor) * joined
     if wall is not None:
-        dark += np.float32(wall.factor) * _softened(wall_coverage(things, wall, 1.0, size), wall)
+        dark += np.float32(wall.factor) * _softened(wall_coverage(silhouettes, wall, 1.0, size), wall)
     return np.minimum(dark, LIMITS.darkest)
 
 
@@ -186,23 +186,23 @@ def _softened(coverage: F32, wall: WallShadow) -> F32:
 
 
 def _casts(
-    things: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
+    silhouettes: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
 ) -> Casts:
     """Shadows of each object on floor and wall."""
     if fit is not None:
-        for group, shift in zip(group_silhouettes(things), _shifts(fit, things), strict=True):
+        for group, shift in zip(group_silhouettes(silhouettes), _shifts(fit, silhouettes), strict=True):
             for what in group:
                 if (found := shifted_darkness(what, fit.setting, shift)) is not None:
                     yield what.id, found[0], np.float32(fit.factor) * found[1]
     if wall is not None:
-        for what in things:
+        for what in silhouettes:
             soft = _softened(cast_on_wall(what, wall, 1.0, size), wall)
             yield what.id, (0, 0, *size), np.asarray(np.float32(wall.factor) * soft, np.float32)
 
 
-def _shifts(fit: LightFit, things: Sequence[Silhouette]) -> list[Shift]:
+def _shifts(fit: LightFit, silhouettes: Sequence[Silhouette]) -> list[Shift]:
     """The shift of the shadow of each group, px of the photo; other scales may group otherwise."""
-    return [fit.moved.get(group[0].id, (0, 0)) for group in group_silhouettes(things)]
+    return [fit.moved.get(group[0].id, (0, 0)) for group in group_silhouettes(silhouettes)]
 
 
 def _floor_fits(

@@ -72,11 +72,11 @@ def object_silhouettes(
     return found
 
 
-def group_silhouettes(things: Sequence[Silhouette]) -> list[list[Silhouette]]:
+def group_silhouettes(silhouettes: Sequence[Silhouette]) -> list[list[Silhouette]]:
     """Each ball alone; then all others, those of one floor and like thickness together."""
-    balls = [[what] for what in things if what.radius is not None]
+    balls = [[what] for what in silhouettes if what.radius is not None]
     groups: list[list[Silhouette]] = []
-    for what in sorted((w for w in things if w.radius is None), key=lambda w: w.thick):
+    for what in sorted((w for w in silhouettes if w.radius is None), key=lambda w: w.thick):
         for group in groups:
             if _alike(group[0], what):
                 group.append(what)
@@ -86,9 +86,11 @@ def group_silhouettes(things: Sequence[Silhouette]) -> list[list[Silhouette]]:
     return balls + groups
 
 
-def join_silhouettes(things: Sequence[Silhouette]) -> list[Silhouette]:
+def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
     """One for each group: the shadows of objects that stand side by side are one too."""
-    return [group[0] if group[0].radius is not None else _union(group) for group in group_silhouettes(things)]
+    return [
+        group[0] if group[0].radius is not None else _union(group) for group in group_silhouettes(silhouettes)
+    ]
 
 
 def _union(group: Sequence[Silhouette]) -> Silhouette:
@@ -130,9 +132,9 @@ def _row_below(grounds: Sequence[tuple[Array, Array]], x: float, bottom: float) 
     return min((row for row in rows if row >= bottom - SUNK), default=None)
 
 
-def typical_size(things: Sequence[Silhouette]) -> float:
+def typical_size(silhouettes: Sequence[Silhouette]) -> float:
     """px of a typical object: the root of its area."""
-    areas = [float((s.coverage > 0.5).sum()) for s in things]
+    areas = [float((s.coverage > 0.5).sum()) for s in silhouettes]
     return float(np.median([area**0.5 for area in areas])) + 1 if areas else inf
 
 
@@ -143,12 +145,12 @@ def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:
 
 
 def predicted_darkness(
-    things: Sequence[Silhouette], setting: ShadowSetting, shifts: Sequence[Shift] = ()
+    silhouettes: Sequence[Silhouette], setting: ShadowSetting, shifts: Sequence[Shift] = ()
 ) -> F32:
     """(h, w) -log of the light that objects leave; `shifts`: by how much each one's shadow lies elsewhere."""
     w, h = setting.size
     model = np.zeros((h, w), np.float32)
-    for k, what in enumerate(things):
+    for k, what in enumerate(silhouettes):
         if (found := shifted_darkness(what, setting, shifts[k] if shifts else (0, 0))) is not None:
             (x0, y0, x1, y1), values = found
             model[y0:y1, x0:x1] += values

@@ -72,7 +72,7 @@ def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contac
 
 
 def wall_contacts(outlines: Sequence[Outline], boxes: Array, wall: Array) -> list[Contact]:
-    """Contacts of outlines, whose `bounds` are `boxes` (N, 4), with one wall `(K, 2)` px."""
+    """Contacts of outlines, with their `bounds` in `boxes` (N, 4), with one wall `(K, 2)` px."""
     found: list[Contact] = []
     for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
         found += _face_ends(i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center))

@@ -228,7 +228,7 @@ def _pairs(points: Array) -> NDArray[np.int64]:
 def _largest_pairs(
     points: Array, slopes: Array, pairs: NDArray[np.int64], tolerance: float
 ) -> NDArray[np.int64]:
-    """Those pairs, in their order, whose lines take most feet, as `_line_through` counts."""
+    """Those pairs, in their order, with the most feet on their lines, as `_line_through` counts."""
     (x0, y0), (x1, y1) = points[pairs[:, 0]].T, points[pairs[:, 1]].T
     apart = np.abs(x1 - x0) > 1
     slope = np.where(apart, (y1 - y0) / np.where(apart, x1 - x0, 1.0), 0.0)

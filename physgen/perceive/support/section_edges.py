@@ -92,7 +92,7 @@ class Edge:
 
 
 def section_edges(section: Section, normals: F32) -> list[Edge]:
-    """Straight parts of the border of the solid that are seen and whose solid side is a plane."""
+    """Straight parts of the border of the solid that are seen and with a plane on their solid side."""
     size = max(section.solid.shape)
     contours, _ = cv2.findContours(section.solid.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     found = []

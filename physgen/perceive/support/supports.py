@@ -172,7 +172,7 @@ def make_wedge(
 ) -> Chain | None:
     """The first wedge beside a round object that fits in and with which it stands.
 
-    `free` cuts off the parts of a chain that lie in other objects; `stands` tells whether a wall helps.
+    `free` cuts off the parts of a chain that lie in other objects; `stands(wall)`: whether that wall helps.
     """
     outline = item.outline
     if not isinstance(outline, Disc):

@@ -59,7 +59,7 @@ def guess_view(rgb: Rgb, labels: Labels, normals: F32, aloft: int, stands: int) 
     side = total >= 0
     agreeing = sorted((k for k in odds if (odds[k] > 0) == side and odds[k]), key=lambda k: -abs(odds[k]))
     reasons = [CUES[k].side if side else CUES[k].top for k in agreeing]
-    reason = " and ".join([text for text in reasons if text][:2]) or "there is little to tell by"
+    reason = " and ".join([text for text in reasons if text][:2]) or "there are few cues"
     # the cues are not independent: half the odds
     sure = round(min(1 / (1 + exp(-abs(total) / 2)), 0.98), 2)
     return (View.SIDE if side else View.TOP), sure, reason
