@@ -1,6 +1,6 @@
 document.querySelectorAll("[data-copy]").forEach((box) => {
   const button = box.querySelector("button");
-  const said = button.textContent;
+  const label = button.textContent;
   button.hidden = false;
   button.addEventListener("click", async () => {
     const text = box.querySelector("code").textContent;
@@ -16,6 +16,6 @@ document.querySelectorAll("[data-copy]").forEach((box) => {
     }
     button.textContent = done ? "Copied" : "Press Ctrl+C";
     box.querySelector("[role=status]").textContent = done ? "Copied" : "";
-    setTimeout(() => { button.textContent = said; }, 1800);
+    setTimeout(() => { button.textContent = label; }, 1800);
   });
 });

@@ -201,7 +201,7 @@ def _card(
         "why": " ".join(clip.problems),
         "made": bool(clip.document),
         "warned": bool(clip.warnings),
-        "said": [*clip.overrides, *clip.warnings, *clip.problems],
+        "notes": [*clip.overrides, *clip.warnings, *clip.problems],
     }
     shown = [
         (key.name, format_value(value), key.unit, key.path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import degrees
 from typing import Any
 
@@ -18,130 +17,90 @@ from physgen.simulate.uncertain_values import UncertainValue
 from physgen.simulate.uncertainty import Ensemble, Fate
 from physgen.simulate.uncertainty_summary import VERBS, ShadowSpread, Verdict, headline, percent
 
-# ----------------------------------------------------------------------
-# Numbers that are drawn -> one sentence's worth of which, with their values, and whose guesses they are.
-
-MOST_GUESSES = 6
-"""Numbers that are named as guesses above the picture; the table has all."""
-
-
-def guesses(doubts: Sequence[UncertainValue]) -> str:
-    """Which numbers are drawn; those that are alike once. No file tells which was edited since it was guessed."""
-    said: dict[tuple[object, ...], list[UncertainValue]] = {}
-    for doubt in doubts:
-        kind = (doubt.label or doubt.thing, doubt.parameter, doubt.value, doubt.source)
-        said.setdefault(kind, []).append(doubt)
-    named = []
-    for first, *others in said.values():
-        whose = f"of all {1 + len(others)} called “{first.label}”" if others else f"of {first.thing}"
-        sure = f", {percent(first.source.sure)} sure" if first.source.sure is not None else ""
-        named.append(f"{first.parameter} {whose}, {first.value:.4g} ({first.source.text}{sure})")
-    shown, more = named[:MOST_GUESSES], len(named) - MOST_GUESSES
-    return "; ".join([*shown, f"{more} more" if more > 0 else ""]).removesuffix("; ")
-
-
-# ----------------------------------------------------------------------
-# Fan -> the section of the report: ways and ends drawn over the photo, shares, sentences, tables.
-
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
-WIDEST = 1000
-"""px of the picture below."""
-QUALITY = 80
-"""Of its JPEG."""
-MOST_WAYS = 64
-"""Draws whose ways are drawn."""
-MOST_POINTS = 100_000
-"""Of all ways together, before those that nobody sees are left out; then fewer draws are shown."""
-MOST_ENDS = 1500
-"""Outlines at the end; then fewer draws show theirs."""
-MOST_TOLD = 24
-"""Different things that are said of bodies; the tables have all."""
-FINE = 0.25
-"""px of a canvas 640 px wide by which a drawn way may be off."""
-TELLING = 0.01
-"""Of the canvas's longer side: what moves less than that has no way that could be seen."""
+WIDEST, QUALITY = 1000, 80
+"""px of the photo below the paths, and of its JPEG."""
+MOST_DRAWS, MOST_POINTS, MOST_ENDS = 64, 100_000, 1500
+"""Draws whose paths are drawn, points of all paths, and outlines at the end; further draws are left out."""
+MOST_GROUPS, MOST_GUESSES = 24, 6
+"""Groups of objects with sentences, and guesses named in the text; the tables have all."""
+PATH_ERROR = 0.25
+"""px of a canvas 640 px wide by which a drawn path may deviate."""
+VISIBLE = 0.01
+"""Of the canvas's longer side: shorter paths are not drawn."""
 Z90 = 1.6448536269514722
 """Of the normal distribution: 9 of 10 draws are within."""
 PLURAL = {Fate.STAYS: "stay", Fate.MOVES: "move", Fate.LEAVES: "leave the photo", Fate.FALLS: "fall"}
+STICK, BALL = 46.0, 50.0
+"""Units of the light's picture: height of the stick that casts shadows, and radius of the ball beside it."""
+LONGEST_SHADOW = 3.4
+"""Of the stick's height, as drawn."""
 
-
-@dataclass(frozen=True)
-class UncertaintySection:
-    """What the template shows."""
-
-    headline: str
-    facts: str
-    guesses: str
-    """Which numbers count as guesses, and as whose."""
-    ways: Sequence[dict[str, Any]]
-    """`fate`, `d`: of one body in one draw."""
-    ends: Sequence[dict[str, Any]]
-    """`fate`, `body`, `x`, `y`, `turn` degrees."""
-    outlines: Sequence[dict[str, Any]]
-    """`id`, `d`: of the bodies that `ends` show, in their own frames."""
-    own: Sequence[str]
-    """Ways in the clip, as path data."""
-    marks: Sequence[dict[str, Any]]
-    """`number`, `x`, `y`: of bodies of which there are sentences."""
-    faint: float
-    """Opacity of a way."""
-    fill: float
-    """Opacity of what an outline holds."""
-    shown: int
-    """Draws that are drawn."""
-    fates: Sequence[tuple[str, str]]
-    """Class and word of every fate that has a colour here."""
-    told: Sequence[dict[str, Any]]
-    """`number`, `names`, `bar`, `lines`: of bodies that the same is said of."""
-    alike: Sequence[tuple[str, Sequence[str]]]
-    """What many are decided to do, and who they are."""
-    rows: Sequence[dict[str, Any]]
-    """Of the table of outcomes."""
-    drawn: Sequence[dict[str, Any]]
-    """Of the table of distributions."""
-    light: dict[str, Any] | None
-    failures: Sequence[str]
+UncertaintySection = dict[str, Any]
+"""Variables of `fan.html.j2`."""
 
 
 def uncertainty_section(
     fan: Ensemble, found: Sequence[Verdict], lights: ShadowSpread | None, world: World
 ) -> UncertaintySection:
-    """`found` are the fan's verdicts, `lights` what is told of its light."""
-    shown = _shown(fan)
-    ways, ends = _ways(fan, shown, world), _ends(fan, shown)
-    used = sorted({end["body"] for end in ends})
-    told, alike = _told(found)
-    fates = {way["fate"] for way in ways} | {part["fate"] for one in told for part in one["bar"]["parts"]}
-    return UncertaintySection(
-        headline=headline(fan, found),
-        facts=_facts(fan),
-        guesses=guesses(fan.doubts),
-        ways=ways,
-        ends=ends,
-        outlines=[{"id": b, "d": _rings(world, b)} for b in used],
-        own=[d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],
-        marks=[_mark(fan, one["number"], fan.names.index(name)) for one in told for name in one["names"]],
-        faint=round(float(np.clip(2.4 / np.sqrt(max(len(shown), 1)), 0.28, 0.85)), 2),
-        fill=round(min(0.5 / max(len(shown), 1), 0.1), 3),
-        shown=len(shown),
-        fates=[
-            (fate.name.lower(), VERBS[fate])
-            for fate in sorted(Fate, reverse=True)
-            if fate.name.lower() in fates
+    """`found` are the ensemble's verdicts, `lights` the spread of its shadows.
+
+    `ways` are paths of bodies in draws, `ends` their final outlines, `own` the paths in the clip, `groups` bodies
+    with equal sentences, `alike` those with a certain outcome, `rows` and `drawn` the tables.
+    """
+    shown = fan.whole[: max(2, min(MOST_DRAWS, MOST_POINTS // (len(fan.times) * max(len(fan.names), 1))))]
+    ways, ends = _paths(fan, shown, world), _ends(fan, shown)
+    groups, alike = _groups(found)
+    fates = {way["fate"] for way in ways} | {part["fate"] for one in groups for part in one["bar"]["parts"]}
+    marks = []
+    for one in groups:
+        for name in one["names"]:
+            x, y, _ = fan.own_poses[0, fan.names.index(name)].tolist()
+            marks.append({"number": one["number"], "x": f"{x:.1f}", "y": f"{y:.1f}"})
+    return {
+        "headline": headline(fan, found),
+        "facts": _facts(fan),
+        "guesses": guesses(fan.doubts),
+        "ways": ways,
+        "ends": ends,
+        "outlines": [
+            {"id": b, "d": " ".join(_path_data(ring) + "Z" for ring in world.bodies[b].rings)}
+            for b in sorted({end["body"] for end in ends})
         ],
-        told=told,
-        alike=alike,
-        rows=[_row(v) for v in found],
-        drawn=[_distribution(doubt) for doubt in fan.doubts],
-        light=None if lights is None else _light(lights),
-        failures=[str(problem) for problem in fan.failures],
-    )
+        "own": [d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],
+        "marks": marks,
+        "faint": round(float(np.clip(2.4 / np.sqrt(max(len(shown), 1)), 0.28, 0.85)), 2),
+        "fill": round(min(0.5 / max(len(shown), 1), 0.1), 3),
+        "shown": len(shown),
+        "fates": [(f.name.lower(), VERBS[f]) for f in sorted(Fate, reverse=True) if f.name.lower() in fates],
+        "groups": groups,
+        "alike": alike,
+        "rows": [_row(verdict) for verdict in found],
+        "drawn": [_distribution(doubt) for doubt in fan.doubts],
+        "light": None if lights is None else _light(lights),
+        "failures": [str(problem) for problem in fan.failures],
+    }
+
+
+def guesses(doubts: Sequence[UncertainValue]) -> str:
+    """Which numbers are drawn, equal ones once; the file does not record which were edited since."""
+    alike: dict[tuple[object, ...], list[UncertainValue]] = {}
+    for doubt in doubts:
+        kind = (doubt.label or doubt.thing, doubt.parameter, doubt.value, doubt.source)
+        alike.setdefault(kind, []).append(doubt)
+    named = []
+    for first, *others in alike.values():
+        owner = f"of all {1 + len(others)} called “{first.label}”" if others else f"of {first.thing}"
+        sure = f", {percent(first.source.sure)} sure" if first.source.sure is not None else ""
+        named.append(f"{first.parameter} {owner}, {first.value:.4g} ({first.source.text}{sure})")
+    shown, more = named[:MOST_GUESSES], len(named) - MOST_GUESSES
+    return "; ".join([*shown, f"{more} more" if more > 0 else ""]).removesuffix("; ")
 
 
 def dimmed_photo(rgb: U8) -> str:
-    """A picture `(H, W, 3)` sRGB that others are drawn over, no wider than it is shown, as a data URI."""
+    """The photo `(H, W, 3)` sRGB below the paths, as a data URI."""
     less = min(1.0, WIDEST / max(rgb.shape[:2]))
     shrunk = cv2.resize(rgb, None, fx=less, fy=less, interpolation=cv2.INTER_AREA)
     return jpeg(rgb if less == 1 else np.asarray(shrunk, np.uint8), QUALITY)
@@ -155,18 +114,12 @@ def _facts(fan: Ensemble) -> str:
     failed = f"; {lost} could not be simulated" if lost else ""
     return (
         f"{draws} draws (seed {fan.seed}) of {drawn}, each as wide as its source is unsure, each simulated{failed}. "
-        "All else is kept as it is, velocities and pushes too. Where no number is said to matter most, none stands out."
+        "All other numbers are kept, velocities and pushes included."
     )
 
 
-def _shown(fan: Ensemble) -> list[int]:
-    """Draws that are drawn: the first of those that could be simulated."""
-    bodies = max(len(fan.names), 1)
-    return fan.whole[: max(2, min(MOST_WAYS, MOST_POINTS // (len(fan.times) * bodies)))]
-
-
-def _ways(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, Any]]:
-    """Fates that are rarer than others last, so that nothing hides them."""
+def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, Any]]:
+    """Paths of rare fates last, so that they stay visible."""
     found = []
     for k in shown:
         one = fan.outcomes[k]
@@ -174,12 +127,12 @@ def _ways(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, A
         for b in range(len(fan.names)):
             if d := _path(fan.poses[k, :, b, :2], world):
                 found.append({"fate": Fate(int(one.fates[b])).name.lower(), "d": d})
-    often = Counter(way["fate"] for way in found)
-    return sorted(found, key=lambda way: -often[way["fate"]])
+    count = Counter(way["fate"] for way in found)
+    return sorted(found, key=lambda way: -count[way["fate"]])
 
 
 def _ends(fan: Ensemble, shown: Sequence[int]) -> list[dict[str, Any]]:
-    """Where bodies are at the end, of draws in which they do not stay."""
+    """Final poses of bodies that move or fall."""
     fates = np.array([one.fates for k in shown if (one := fan.outcomes[k]) is not None])
     moved = np.flatnonzero((fates != Fate.STAYS).any(axis=0)).tolist() if len(fates) else []
     found = []
@@ -194,30 +147,20 @@ def _ends(fan: Ensemble, shown: Sequence[int]) -> list[dict[str, Any]]:
 
 
 def _path(points: Array, world: World) -> str:
-    """Path data of a way, with no more corners than can be seen; "" where it goes nowhere."""
-    if np.hypot(*np.ptp(points, axis=0)) < TELLING * max(world.size):
+    """Path data with no more corners than are visible; empty where the body hardly moves."""
+    if np.hypot(*np.ptp(points, axis=0)) < VISIBLE * max(world.size):
         return ""
-    fine = FINE * max(world.size) / 640
-    kept = cv2.approxPolyDP(np.ascontiguousarray(points, np.float32)[:, None], fine, False)[:, 0]
-    if len(kept) < 2:
-        kept = points[[0, -1]]
-    return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in kept.tolist())
+    error = PATH_ERROR * max(world.size) / 640
+    kept = cv2.approxPolyDP(np.ascontiguousarray(points, np.float32)[:, None], error, False)[:, 0]
+    return _path_data(kept if len(kept) > 1 else points[[0, -1]])
 
 
-def _rings(world: World, b: int) -> str:
-    return " ".join(
-        "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in ring) + "Z" for ring in world.bodies[b].rings
-    )
+def _path_data(points: NDArray[np.floating[Any]]) -> str:
+    return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in points.tolist())
 
 
-def _mark(fan: Ensemble, number: int, b: int) -> dict[str, Any]:
-    """A body's number, where it stands at the start."""
-    x, y, _ = fan.own_poses[0, b].tolist()
-    return {"number": number, "x": f"{x:.1f}", "y": f"{y:.1f}"}
-
-
-def _told(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[str, Sequence[str]]]]:
-    """What is open first, then what is decided of things that move; those that are decided alike in one line."""
+def _groups(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[str, Sequence[str]]]]:
+    """Uncertain bodies first, then certain ones, equal outcomes in one line."""
     apart = [v for v in found if not (v.decided and v.placed)]
     apart.sort(key=lambda v: (v.decided, abs(v.share - 0.5), -v.radius / v.size))
     groups: dict[Fate, list[str]] = {}
@@ -227,22 +170,22 @@ def _told(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[st
     same: dict[tuple[str, ...], list[Verdict]] = {}
     for v in apart:
         same.setdefault(tuple(v.sentences()), []).append(v)
-    told: list[dict[str, Any]] = [
+    found_groups: list[dict[str, Any]] = [
         {"number": n, "names": [v.name for v in found if v in those], "bar": _bar(those[0]), "lines": lines}
-        for n, (lines, those) in enumerate(list(same.items())[:MOST_TOLD], 1)
+        for n, (lines, those) in enumerate(list(same.items())[:MOST_GROUPS], 1)
     ]
     alike: list[tuple[str, Sequence[str]]] = []
     for fate in sorted(groups, reverse=True):
         names = groups[fate]
         total = found[0].total
         verb = PLURAL[fate] if len(names) > 1 else VERBS[fate]
-        place = "" if fate is Fate.STAYS else ", and where is decided, too"
+        place = "" if fate is Fate.STAYS else ", with a certain final place"
         alike.append((f"{verb} in all {total} draws{place}", names))
-    return told, alike
+    return found_groups, alike
 
 
 def _bar(v: Verdict) -> dict[str, Any]:
-    """Shares as parts of a bar, the counted event first, with its interval."""
+    """Shares of fates as parts of a bar, with the interval of the counted one."""
     order = sorted((fate for fate in Fate if v.counts[fate]), key=lambda fate: -fate)
     parts = [
         {
@@ -288,34 +231,26 @@ def _distribution(doubt: UncertainValue) -> dict[str, Any]:
     }
 
 
-STICK = 46.0
-"""Units high of the thing that throws shadows in the picture of the light."""
-LONGEST = 3.4
-"""Times its height that a shadow is drawn, at most."""
-BALL = 50.0
-"""Units: radius of the ball beside it."""
-
-
 def _light(lights: ShadowSpread) -> dict[str, Any]:
-    """Shadows of an upright thing, and where a ball is brightest, in each draw."""
+    """Shadows of an upright stick, and the brightest point of a ball, in each draw."""
 
     def tip(reach: Array) -> tuple[str, str]:
         long = float(np.hypot(*reach))
-        x, y = reach * STICK * min(1.0, LONGEST / max(long, 1e-9))
+        x, y = reach * STICK * min(1.0, LONGEST_SHADOW / max(long, 1e-9))
         return f"{x:.1f}", f"{y:.1f}"
 
     def spot(light: Array) -> dict[str, Any]:
         x, y, z = light.tolist()
         return {"x": f"{BALL * x:.1f}", "y": f"{BALL * y:.1f}", "behind": z < 0}
 
-    drawn = lights.drawn[:MOST_WAYS]
+    drawn = lights.drawn[:MOST_DRAWS]
     return {
         "lines": lights.sentences(),
         "stick": STICK,
         "ball": BALL,
         "tips": [tip(reach) for reach in drawn],
         "own": tip(lights.own),
-        "spots": [spot(light) for light in lights.lights[:MOST_WAYS]],
+        "spots": [spot(light) for light in lights.lights[:MOST_DRAWS]],
         "own_spot": spot(lights.own_light),
         "faint": round(float(np.clip(2.2 / np.sqrt(len(drawn)), 0.25, 0.8)), 2),
     }

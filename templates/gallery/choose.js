@@ -1,8 +1,8 @@
 // State and clips -> which are shown, in which order.
 const plain = text => text.normalize("NFKD").replace(/\p{M}/gu, "").toLowerCase();
 const texts = []; // of each clip what is searched, once it was asked for
-const textOf = n => (texts[n] ??= plain([clips[n].name, clips[n].variant ?? "", clips[n].where, ...clips[n].labels, ...clips[n].said].join("\n")));
-const told = keys.map(key => new Map(key.values.map((value, k) => [value, key.texts[k]])));
+const textOf = n => (texts[n] ??= plain([clips[n].name, clips[n].variant ?? "", clips[n].where, ...clips[n].labels, ...clips[n].notes].join("\n")));
+const textsOf = keys.map(key => new Map(key.values.map((value, k) => [value, key.texts[k]])));
 const number = new Intl.Collator(undefined, { numeric: true, sensitivity: "base" });
 
 /* the values of an axis or of an order, one a clip: of a key, of an outcome, or of what every clip has */
@@ -22,7 +22,7 @@ function fits(n) {
     && (!state.variant.size || state.variant.has(clip.variant ?? ""))
     && keys.every((key, k) => {
       const value = clip.values[k], chosen = state.picks.get(key.path), range = state.ranges.get(key.path);
-      return (!chosen?.size || (value !== null && chosen.has(told[k].get(value))))
+      return (!chosen?.size || (value !== null && chosen.has(textsOf[k].get(value))))
         && (!range || (value !== null && value >= range[0] && value <= range[1]));
     });
 }

@@ -14,7 +14,7 @@ function look(found) {
     inside.replaceChildren(list);
   } else {
     const film = clip.kind === "video/mp4" ? make("video", { controls: true, loop: true, muted: true, playsInline: true, src: filmOf(found[0]) }) : make("img", { alt: "", src: clip.kind ? filmOf(found[0]) : poster(found[0])?.src ?? "" });
-    inside.replaceChildren(film, make("ul", {}, clip.said.map(text => make("li", { text }))));
+    inside.replaceChildren(film, make("ul", {}, clip.notes.map(text => make("li", { text }))));
     if (!still.matches) film.play?.().catch(() => {});
   }
   if (!dialog.open) dialog.showModal();

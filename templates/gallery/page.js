@@ -7,7 +7,7 @@ function redraw() {
   const shown = chosen(), here = new Set(shown);
   const narrowed = state.q || asked();
   const lost = shown.filter(n => clips[n].failed).length, of = narrowed ? ` of ${clips.length}` : "";
-  part("told").replaceChildren(`${shown.length}${of} clip${clips.length === 1 ? "" : "s"}`, ...(lost ? [", ", make("span", { className: "bad", text: `${lost} failed` })] : []));
+  part("status").replaceChildren(`${shown.length}${of} clip${clips.length === 1 ? "" : "s"}`, ...(lost ? [", ", make("span", { className: "bad", text: `${lost} failed` })] : []));
   part("nothing").hidden = shown.length > 0;
   part("filters").hidden = !asked();
   part("filters").textContent = asked();

@@ -26,7 +26,7 @@ function places(axis, shown) {
     const edge = k => String(Number((low + k * step).toPrecision(3)));
     return { texts: Array.from({ length: BINS }, (_, k) => `${edge(k)} to ${edge(k + 1)}`), of: new Map(have.map(n => [n, at(n)])) };
   }
-  const text = n => (axis.k < 0 ? values[n] || "as it is" : told[axis.k].get(values[n]));
+  const text = n => (axis.k < 0 ? values[n] || "as it is" : textsOf[axis.k].get(values[n]));
   have.sort((a, b) => (axis.numeric ? values[a] - values[b] : number.compare(text(a), text(b))));
   const found = [...new Set(have.map(text))];
   return { texts: found, of: new Map(have.map(n => [n, found.indexOf(text(n))])) };
@@ -63,11 +63,11 @@ function drawSheet(shown) {
   ])));
   const placed = [...cells.values()].flat().length, most = Math.max(0, ...[...cells.values()].map(cell => cell.length));
   const others = AXES.filter(axis => axis !== x && axis !== y && !axis.follows && axis.k >= 0).map(axis => axis.name);
-  const said = [
+  const notes = [
     placed < shown.length ? `${shown.length - placed} of ${shown.length} clips have no such value and are not here.` : "",
     most > 1 ? `Some cells hold several clips${others.length ? `, since ${others.slice(0, 3).join(", ")} differ${others.length === 1 ? "s" : ""}, too` : ""}; a cell opens to show them.` : "",
   ].filter(Boolean).join(" ");
-  const caption = make("caption", said ? { text: said } : { className: "unseen", text: `Clips by ${x.name}${y ? ` and ${y.name}` : ""}` });
+  const caption = make("caption", notes ? { text: notes } : { className: "unseen", text: `Clips by ${x.name}${y ? ` and ${y.name}` : ""}` });
   sheet.append(make("table", {}, [caption, head, body]));
   sheet.style.setProperty("--columns", across.texts.length);
   sheet.classList.toggle("dense", across.texts.length > 8);
@@ -76,7 +76,7 @@ function drawSheet(shown) {
 function cell(found) {
   const n = found[0], clip = clips[n], several = found.length > 1;
   const link = clip.href && !several && !clip.failed;
-  const values = keys.map((key, k) => (clip.values[k] === null ? "" : `${key.name} ${told[k].get(clip.values[k])}`)).filter(Boolean);
+  const values = keys.map((key, k) => (clip.values[k] === null ? "" : `${key.name} ${textsOf[k].get(clip.values[k])}`)).filter(Boolean);
   const label = several ? `${found.length} clips, the first: ${clip.name}` : [clip.name, ...values].join(", ");
   const box = clip.poster || data.single ? make("div", { className: "shot" }) : null;
   const inside = clip.failed && !clip.strip

@@ -8,34 +8,34 @@ const SETS = ["is", "label", "variant"];
 const state = { q: "", sort: "", desc: false, view: START, x: "", y: "", time: null, is: new Set(), label: new Set(), variant: new Set(), picks: new Map(), ranges: new Map() };
 
 function readState() {
-  const said = new URLSearchParams(location.hash.slice(1));
-  for (const name of ["q", "sort", "x", "y"]) state[name] = said.get(name) ?? "";
-  state.desc = said.has("desc");
-  state.view = ["cards", "grid"].includes(said.get("view")) ? said.get("view") : START;
-  const time = parseFloat(said.get("t"));
+  const params = new URLSearchParams(location.hash.slice(1));
+  for (const name of ["q", "sort", "x", "y"]) state[name] = params.get(name) ?? "";
+  state.desc = params.has("desc");
+  state.view = ["cards", "grid"].includes(params.get("view")) ? params.get("view") : START;
+  const time = parseFloat(params.get("t"));
   state.time = time >= 0 ? time : null;
-  for (const name of SETS) state[name] = new Set(said.getAll(name));
+  for (const name of SETS) state[name] = new Set(params.getAll(name));
   state.picks.clear();
   state.ranges.clear();
   for (const { path } of keys) {
-    for (const told of said.getAll(`v.${path}`)) {
-      const ends = told.match(/^(.+)\.\.(.+)$/)?.slice(1).map(Number);
+    for (const text of params.getAll(`v.${path}`)) {
+      const ends = text.match(/^(.+)\.\.(.+)$/)?.slice(1).map(Number);
       if (ends && ends.every(Number.isFinite)) state.ranges.set(path, ends);
-      else state.picks.set(path, (state.picks.get(path) ?? new Set()).add(told));
+      else state.picks.set(path, (state.picks.get(path) ?? new Set()).add(text));
     }
   }
 }
 
 function writeState() {
-  const said = new URLSearchParams();
-  for (const name of ["q", "sort", "x", "y"]) if (state[name]) said.set(name, state[name]);
-  if (state.desc) said.set("desc", "");
-  if (state.view !== START) said.set("view", state.view);
-  for (const name of SETS) for (const value of state[name]) said.append(name, value);
-  for (const [path, chosen] of state.picks) for (const value of chosen) said.append(`v.${path}`, value);
-  for (const [path, [low, high]] of state.ranges) said.set(`v.${path}`, `${low}..${high}`);
-  if (state.time !== null) said.set("t", state.time.toFixed(3));
-  const hash = said.toString();
+  const params = new URLSearchParams();
+  for (const name of ["q", "sort", "x", "y"]) if (state[name]) params.set(name, state[name]);
+  if (state.desc) params.set("desc", "");
+  if (state.view !== START) params.set("view", state.view);
+  for (const name of SETS) for (const value of state[name]) params.append(name, value);
+  for (const [path, chosen] of state.picks) for (const value of chosen) params.append(`v.${path}`, value);
+  for (const [path, [low, high]] of state.ranges) params.set(`v.${path}`, `${low}..${high}`);
+  if (state.time !== null) params.set("t", state.time.toFixed(3));
+  const hash = params.toString();
   if (hash !== location.hash.slice(1)) history.replaceState(null, "", `#${hash}`);
 }
 

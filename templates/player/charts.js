@@ -35,7 +35,7 @@ function markers() {
   };
 }
 
-// Hovering a plot reads the time that `at` tells of an event; pressing or dragging goes there.
+// Hovering a plot reads the time that `at` returns for an event; pressing or dragging seeks it.
 function pointed(plot, at, hovering, seek) {
   plot.addEventListener("pointermove", (event) => { hovering(at(event)); if (event.buttons & 1) seek(at(event)); });
   plot.addEventListener("pointerdown", (event) => { plot.setPointerCapture(event.pointerId); seek(at(event)); });
@@ -117,11 +117,11 @@ function makeChart(what, data, motion, units, seek, hovering) {
       return { row, value, name: tag("dt", {}, swatch, tag("bdi", { dir: "auto" }, row.name)) };
     });
     list.replaceChildren(...rows.map(({ name, value }) => tag("div", {}, name, value)));
-    const said = series.slice(0, 6).map((row) => {
+    const described = series.slice(0, 6).map((row) => {
       const ends = [row.values[0], row.values[row.values.length - 1]].map((v) => digits(v / scale.per));
       return `${row.name} from ${ends[0]} to ${ends[1]}`;
     });
-    plot.setAttribute("aria-label", `${what.title}, ${scale.unit}, over ${digits(motion.end)} s. ${said.join("; ") || what.empty}`);
+    plot.setAttribute("aria-label", `${what.title}, ${scale.unit}, over ${digits(motion.end)} s. ${described.join("; ") || what.empty}`);
   }
 
   const at = (event) => timeAt(event.clientX - plot.getBoundingClientRect().left);
@@ -148,8 +148,8 @@ function makeChart(what, data, motion, units, seek, hovering) {
 function makeLane(data, motion, units, seek, hovering, nameOf) {
   const TALL = 58, REACH = 7;
   const plot = shape("svg", { role: "img", class: "plot lane" });
-  const said = tag("p", { class: "note now" });
-  const side = tag("div", { class: "side" }, tag("h3", {}, "Contacts"), said);
+  const current = tag("p", { class: "note now" });
+  const side = tag("div", { class: "side" }, tag("h3", {}, "Contacts"), current);
   const lines = markers();
   const element = tag("div", { class: "chart" }, side, tag("div", { class: "plot-frame" }, plot, ...lines.elements));
   const strongest = Math.max(1e-300, ...data.blows.map((blow) => blow[3]));
@@ -202,7 +202,7 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
       const parts = [`${lasting.length} touching now`];
       if (struck) parts.push(`${nameOf(struck[4])} and ${nameOf(struck[5])}: ${units.worded("impulse", struck[3])}`);
       else if (lasting.length) parts.push(lasting.slice(0, 2).map(([a, b]) => `${nameOf(a)} and ${nameOf(b)}`).join(", ") + (lasting.length > 2 ? ", …" : ""));
-      said.textContent = parts.join(" · ");
+      current.textContent = parts.join(" · ");
     },
   };
 }

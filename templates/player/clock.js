@@ -1,4 +1,4 @@
-// Time that runs, is stepped and sought; whoever asks is told of each change. c: seconds of the clip.
+// Playback time: runs, steps and seeks; listeners are called at each change. c: seconds of the clip.
 
 function makeClock(clip, changed) {
   let c = 0, time = clip.timeAt(0), playing = false, rate = clip.pace, loop = true, before = null;

@@ -161,7 +161,7 @@ function makeLayers(data, motion, clip, units, ranks) {
     }
   }
 
-  // a dot wherever things touch, a ring where a blow fell a moment ago; its area tells the impulse
+  // a dot at each contact, a ring at each recent impact; its area is the impulse
   function contacts(pen, now) {
     const time = now.time + 1e-9, dots = new Path2D();
     for (const [first, second, begin, end] of data.touches) {
@@ -192,7 +192,7 @@ function makeLayers(data, motion, clip, units, ranks) {
     }
   }
 
-  // samples at which a thing has gone on by a pixel
+  // samples at which an object has moved by a pixel
   const steps = bodies.map((body) => {
     const kept = [0];
     for (let i = 1; i < motion.times.length; i += 1) {

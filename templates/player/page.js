@@ -57,7 +57,7 @@ function start(root, physics, data) {
   }
 
   // ---- words and sliders
-  const seek = $("seek"), time = $("time"), frame = $("frame"), said = $("said");
+  const seek = $("seek"), time = $("time"), frame = $("frame"), announce = $("announce");
   seek.max = motion.end || 0;
   seek.disabled = clip.count < 2;
   const words = () => `${clock.time.toFixed(3)} s, frame ${Math.round(clip.frameAt(clock.time)) + 1} of ${clip.count}`;
@@ -78,8 +78,8 @@ function start(root, physics, data) {
     $("rate").value = String(clock.rate);
     if (stopped || (sought && !clock.playing)) {
       clearTimeout(spoken);
-      spoken = setTimeout(() => { said.textContent = words(); }, 400);
-    } else if (started) { clearTimeout(spoken); said.textContent = "Playing"; }
+      spoken = setTimeout(() => { announce.textContent = words(); }, 400);
+    } else if (started) { clearTimeout(spoken); announce.textContent = "Playing"; }
   }
 
   // ---- controls
@@ -87,11 +87,11 @@ function start(root, physics, data) {
   const pace = +clip.pace.toPrecision(6);
   const named = (r) => (r >= 1 ? `${+r.toPrecision(3)}×` : Number.isInteger(+(1 / r).toFixed(3)) ? `1/${Math.round(1 / r)}×` : `${+r.toPrecision(2)}×`);
   for (const r of rates) {
-    const told = [named(r), ...(r === 1 ? ["real time"] : []), ...(r === pace && pace !== 1 ? ["as the video"] : [])];
-    $("rate").append(tag("option", { value: String(r) }, told.join(" · ")));
+    const parts = [named(r), ...(r === 1 ? ["real time"] : []), ...(r === pace && pace !== 1 ? ["as the video"] : [])];
+    $("rate").append(tag("option", { value: String(r) }, parts.join(" · ")));
   }
   clock.rate = pace;
-  const faster = (by) => { clock.rate = rates[clamp(rates.indexOf(clock.rate) - by, 0, rates.length - 1)]; said.textContent = `Speed ${named(clock.rate)}`; };
+  const faster = (by) => { clock.rate = rates[clamp(rates.indexOf(clock.rate) - by, 0, rates.length - 1)]; announce.textContent = `Speed ${named(clock.rate)}`; };
   const go = (to) => { clock.seek(to); };
   const commands = {
     play: clock.toggle, back: () => clock.step(-1), next: () => clock.step(1),
@@ -192,7 +192,7 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
   const some = (values) => () => quantities.objects.filter((o) => chosen.has(o.k)).map((o) => (
     { name: o.name, colour: colours(o.k), dash: rank[o.k] >= 10, values: values(o.k) }));
   const { energy, momentum } = quantities;
-  let over = null, told = 0;
+  let over = null, lastRead = 0;
   const hovering = (time) => { over = time; for (const chart of charts) chart.hover(time); read(); };
   const chart = (what) => makeChart(what, data, motion, units, go, hovering);
   const none = "choose an object above";
@@ -251,7 +251,7 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
   function move(time) {
     for (const c of charts) c.move(time);
     const now = performance.now();
-    if (over === null && (!clock.playing || now - told > 90)) { told = now; read(); } // eyes read no faster
+    if (over === null && (!clock.playing || now - lastRead > 90)) { lastRead = now; read(); } // eyes read no faster
   }
   const width = () => charts[0].element.querySelector(".plot-frame").clientWidth;
   return { move, read, resize: () => { const w = width(); if (w > 0) for (const c of charts) c.resize(w); } };

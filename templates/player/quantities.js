@@ -8,7 +8,7 @@ function readQuantities(data, motion) {
     (name) => [name, summed(data.energy[name], data.energy.step)]));
   const momentum = (column) => filled((k) => dynamic.reduce((sum, body) => sum + body.mass * body[column][k], 0));
   const [gx, gy] = data.gravity, pull = Math.hypot(gx, gy), [w, h] = data.size;
-  // heights are over the picture's lowest corner, against gravity; without it, a thing's way from where it began
+  // heights are over the picture's lowest corner, against gravity; without it, an object's distance from its start
   const corners = [[-0.5, -0.5], [w - 0.5, -0.5], [-0.5, h - 0.5], [w - 0.5, h - 0.5]];
   const lowest = pull ? Math.max(...corners.map(([x, y]) => (x * gx + y * gy) / pull)) : 0;
   const height = (body, k) => (pull

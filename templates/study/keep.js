@@ -1,9 +1,9 @@
-// What raters have said <-> what the browser keeps of it, so that a page that was closed goes on.
+// Answers of raters <-> the browser's storage, so that a closed page can continue.
 const data = JSON.parse(document.getElementById("data").textContent);
 const part = name => document.querySelector(`[data-part=${name}]`);
 const NAME = `physgen-study-${data.study}`;
 let keeps = true; // whether this browser keeps anything for this page
-let book = { current: null, raters: {} }; // who rates now, and what each has said
+let book = { current: null, raters: {} }; // the current rater, and the answers of each
 
 function readBook() {
   try {
@@ -30,7 +30,7 @@ const own = () => book.raters[book.current];
 const whole = name => data.questions.every(({ key }) => own().answers[name]?.[key]);
 const rated = () => own().order.filter(whole).length;
 
-/* somebody begins, or comes back */
+/* a rater begins, or returns */
 function enter(rater) {
   const called = Object.keys(book.raters).find(name => name.toLowerCase() === rater.toLowerCase()) ?? rater;
   book.raters[called] ??= { rater, session: digits(), started: new Date().toISOString(), order: shuffled(data.clips.map(clip => clip.name), `${data.study}/${rater.toLowerCase()}`), at: 0, answers: {}, left: [] };

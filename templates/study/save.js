@@ -1,8 +1,8 @@
-// What a rater has said -> the file that physgen reads.
+// Answers of a rater -> the file that physgen reads.
 function record() {
   const { rater, session, started, order, answers, left } = own();
-  const said = Object.fromEntries(order.filter(name => answers[name] && data.questions.some(({ key }) => answers[name][key])).map(name => [name, answers[name]]));
-  return JSON.stringify({ [data.form]: data.version, study: data.study, rater, session, started, saved: new Date().toISOString(), order, left_out: left, answers: said }, null, 1);
+  const answered = Object.fromEntries(order.filter(name => answers[name] && data.questions.some(({ key }) => answers[name][key])).map(name => [name, answers[name]]));
+  return JSON.stringify({ [data.form]: data.version, study: data.study, rater, session, started, saved: new Date().toISOString(), order, left_out: left, answers: answered }, null, 1);
 }
 
 function save() {

@@ -104,7 +104,7 @@ def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
         guesses = section.locator(".guesses").inner_text()
         assert "rolling of ball, 0.12 (table, 40 % sure); friction of block" in guesses
         assert guesses.endswith(
-            "If you have set one of them since, take its entry out of from: then it is certain."
+            "A number that you have set yourself becomes certain when its entry in from is removed."
         )
         assert f"in {counts['falls']} of {DRAWS} draws" in section.inner_text().replace("\u00a0", " ")
         assert "block" in section.locator(".alike").inner_text()

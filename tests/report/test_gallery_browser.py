@@ -140,7 +140,7 @@ def test_a_clip_that_failed_is_a_card_with_its_message(browser: Any, mixed: Path
         card = seen.page.locator(".clip.failed")
         assert '"<b>heavy</b>" is not a number' in card.inner_text()
         assert card.locator("a").count() == 0
-        assert "1 failed" in seen.page.inner_text("[data-part=told]")
+        assert "1 failed" in seen.page.inner_text("[data-part=status]")
 
 
 # ---- what is asked for -----------------------------------------------------------------------------------------------
@@ -161,7 +161,7 @@ def test_search(browser: Any, mixed: Path, words: str, names: list[str]) -> None
     with ready(browser, mixed) as seen:
         seen.page.type("[data-part=search]", words)
         assert shown(seen) == names
-        assert f"{len(names)} of 5 clips" in seen.page.inner_text("[data-part=told]")
+        assert f"{len(names)} of 5 clips" in seen.page.inner_text("[data-part=status]")
         assert seen.page.is_visible("[data-part=nothing]") == (not names)
         seen.page.evaluate("() => document.querySelector('[data-part=reset]').click()")
         assert len(shown(seen)) == 5

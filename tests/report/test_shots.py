@@ -25,7 +25,7 @@ REPORT = (
     "h1", "header .facts", "nav", ".screen", ".controls", ".chart", "main > section", "main > details",
     ".perceived figure", ".compare", ".parameters", ".copied", ".repeat", "footer",
 )  # fmt: skip
-GALLERY = ("h1", ".tools", ".facets", ".told", ".clip", ".sheet table", ".sheet .cell", "footer")
+GALLERY = ("h1", ".tools", ".facets", ".status", ".clip", ".sheet table", ".sheet .cell", "footer")
 FAILED = ("h1", "section", ".faults li", ".copied", ".listing", "footer")
 SHOTS = {
     "report-desk": ("report", {}),
