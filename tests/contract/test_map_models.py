@@ -22,6 +22,8 @@ from physgen.registry import Plan as Chosen
 from tests.contract.test_backends_contract import photo
 from tests.contract.tiny_maps import MODELS, stable_diffusion
 
+pytestmark = pytest.mark.slow
+
 ROWS = list(MODELS)
 IDS = ["-".join(row) for row in ROWS]
 

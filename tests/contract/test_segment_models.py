@@ -18,6 +18,8 @@ from physgen.perceive.segment.prompts import from_prompts
 from physgen.problems import InputError
 from physgen.registry import Setup
 
+pytestmark = pytest.mark.slow
+
 GROUNDED = "grounding-dino+sam", "grounding-dino+sam2"
 KINDS = [Category("wall", False), Category("Red Ball", True), Category("domino", True), Category("cup", True)]
 SIZES = [(384, 512), (512, 384), (101, 67)]

@@ -15,6 +15,8 @@ from physgen.perceive.backends import models
 from physgen.problems import InputError
 from physgen.registry import Setup
 
+pytestmark = pytest.mark.slow
+
 
 def photo(height, width):
     return np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)

@@ -19,6 +19,8 @@ from physgen.perceive.roles import PhotoObject
 from physgen.problems import InputError
 from physgen.registry import Setup
 
+pytestmark = pytest.mark.slow
+
 TEMPLATE = (
     "{% for m in messages %}{{ m['role'] }}: {% for c in m['content'] %}{% if c['type'] == 'image' %}<image>"
     "{% else %}{{ c['text'] }}{% endif %}{% endfor %}\n{% endfor %}"

@@ -1,0 +1,374 @@
+"""The registry: the table, the choice from files and flags, what is refused, fallbacks, and the listing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physgen import registry
+from physgen.perceive.roles import PromptedMask
+from physgen.perceive.segment.prompts import from_prompts, segmenter
+from physgen.problems import InputError
+from physgen.registry import (
+    Backend,
+    Backends,
+    Choice,
+    Plan,
+    Weights,
+    choices,
+    listing,
+    listing_lines,
+    load_plan,
+)
+
+RGB = np.zeros((8, 8, 3), np.uint8)
+
+
+@pytest.fixture(autouse=True)
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No configuration but the test's own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+
+
+def write(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def chosen(plan: Plan) -> dict[str, str]:
+    return {role: str(choice) for role, choice in plan.choices.items()}
+
+
+def add_rows(monkeypatch: pytest.MonkeyPatch, *rows: Backend) -> None:
+    monkeypatch.setattr(registry, "BACKENDS", (*registry.BACKENDS, *rows))
+
+
+def test_rows_are_unique_and_every_default_is_part_of_the_core():
+    keys = [(row.role, row.name) for row in registry.BACKENDS]
+    assert len(keys) == len(set(keys))
+    assert all(registry.find(role).extra is None for role in registry.roles())
+    assert load_plan() == Plan()
+    assert all(Plan().row(role).name == registry.names(role)[0] for role in registry.roles())
+
+
+def test_listing_imports_nothing():
+    code = "import sys, physgen.registry as r; r.listing(); sys.exit('numpy' in sys.modules or 'cv2' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("role", "name", "message"),
+    [
+        ("inpant", None, '--backend: "inpant" is not a role; did you mean inpaint? choose from'),
+        ("inpaint", "fil", '--backend: inpaint="fil" is not a backend; did you mean fill? choose from fill'),
+    ],
+)
+def test_unknown_names_are_refused(role: str, name: str | None, message: str):
+    with pytest.raises(InputError) as error:
+        registry.make(role, name)
+    assert str(error.value).startswith(message)
+
+
+def test_choices_report_every_mistake():
+    assert choices(["inpaint=fill", "matte=edge"]) == {"inpaint": Choice("fill"), "matte": Choice("edge")}
+    with pytest.raises(InputError) as error:
+        choices(["inpaint", "mate=edge", "matte=edg"])
+    assert len(error.value.problems) == 3
+
+
+def test_flags_override_the_folder_and_the_folder_overrides_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write(
+        tmp_path / "home/physgen/physgen.toml",
+        'device = "cuda:1"\nkeep = true\n[backend]\nsegment = "classical"\ninpaint = "lama:/models/big-lama.pt"\n',
+    )
+    write(tmp_path / "physgen.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n')
+    below = tmp_path / "photos/new"
+    below.mkdir(parents=True)
+    monkeypatch.chdir(below)
+    plan = load_plan(["physics=table"], device="cpu")
+    assert chosen(plan) == {"segment": "sam3", "inpaint": "lama:/models/big-lama.pt", "physics": "table"}
+    assert (plan.device, plan.keep, plan.fallback) == ("cpu", True, False)
+
+
+def test_profiles_replace_the_choices_before_them(tmp_path: Path):
+    write(
+        tmp_path / "physgen.toml",
+        'profile = "mine"\n[backend]\nsegment = "classical"\n'
+        '[profiles.mine]\nsegment = "sam3"\nnormals = "marigold"\n[vlm]\nsamples = 3\n',
+    )
+    assert chosen(load_plan()) == {"segment": "classical", "normals": "marigold"}
+    assert chosen(load_plan(profile="mine")) == {"segment": "sam3", "normals": "marigold"}
+    assert chosen(load_plan(["segment=learned"], profile="mine"))["segment"] == "learned"
+    assert load_plan(["physics=vlm"]).setup("physics").options == {"samples": 3}
+    assert load_plan(profile="models").row("segment").name == "grounding-dino+sam"
+    write(tmp_path / "home/physgen/physgen.toml", 'keep = true\n[backend]\nsegment = "sam3"\n')
+    write(tmp_path / "physgen.toml", 'profile = "offline"\nkeep = false\n')
+    assert chosen(load_plan()) == {}
+    assert not load_plan(otherwise={"keep": True}).keep
+    write(tmp_path / "physgen.toml", 'device = "cpu"\n\nprofile = "offlne"\n')
+    with pytest.raises(InputError, match=r'physgen.toml:3:1: "offlne" is no profile; did you mean offline'):
+        load_plan()
+
+
+def test_paths_in_a_file_are_relative_to_it(tmp_path: Path):
+    text = '[backend]\nnormals = "file:maps/n.npy"\nsegment = "sam3:facebook/sam3"\n'
+    file = write(tmp_path / "set/up.toml", text)
+    write(tmp_path / "set/maps/n.npy", "")
+    found = chosen(load_plan(config=file))
+    assert found == {"normals": f"file:{tmp_path / 'set/maps/n.npy'}", "segment": "sam3:facebook/sam3"}
+
+
+def test_every_mistake_in_a_file_is_reported_with_its_line(tmp_path: Path):
+    file = write(
+        tmp_path / "physgen.toml",
+        'device = "gpu"\nkeep = "yes"\n[backend]\nsegmnt = "sam3"\nsegment = "sam4"\n  inpaint = "fill:x"\n'
+        '[profiles.a]\ndepth = 3\n[vln]\nurl = "x"\n',
+    )
+    with pytest.raises(InputError) as error:
+        load_plan()
+    lines = sorted(str(problem).removeprefix(f"{file}:") for problem in error.value.problems)
+    expected = [
+        '1:1: "gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
+        "2:1: keep: 'yes' is not true or false; write true or false",
+        '4:1: "segmnt" is not a role; did you mean segment?',
+        '5:1: segment="sam4" is not a backend; did you mean sam3?',
+        '6:3: "inpaint=fill:x" names weights for what has none; write inpaint=fill',
+        '8:1: depth: 3 is not text; write e.g. "sam3"',
+        '9:1: vln: "vln" means nothing here; did you mean vlm?',
+    ]
+    assert all(line.startswith(start) for line, start in zip(lines, expected, strict=True)), lines
+
+
+@pytest.mark.parametrize(
+    ("settings", "switches", "message"),
+    [
+        (["segment=sam3:"], {}, 'segment=sam3:" names nothing after the colon; write segment=sam3:PATH'),
+        (
+            ["segment=learned:x"],
+            {},
+            'segment=learned:x" names weights for what has none; write segment=learned',
+        ),
+        ([], {"profile": "modls"}, '--profile: "modls" is no profile; did you mean models?'),
+        ([], {"device": "tpu"}, '--device: "tpu" is no device'),
+        ([], {"dtype": "float8"}, '--dtype: "float8" is no number format; did you mean float'),
+        ([], {"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read (No such file or directory)"),
+    ],
+)
+def test_wrong_flags_are_refused(settings: list[str], switches: dict, message: str):
+    with pytest.raises(InputError) as error:
+        load_plan(settings, **switches)
+    assert message in str(error.value)
+
+
+def test_a_folder_names_neither_programs_nor_servers(tmp_path: Path):
+    text = '[backend]\ninpaint = "lama:evil.pt"\nphysics = "vlm"\n[vlm]\nurl = "http://evil.example/v1"\n'
+    file = write(tmp_path / "physgen.toml", text)
+    with pytest.raises(InputError) as error:
+        load_plan()
+    message = str(error.value)
+    assert "physgen.toml:2:1: inpaint:" in message
+    assert (
+        "is a program that a folder's file may not run; say it on the command line, with --config" in message
+    )
+    assert "physgen.toml:5:1: vlm.url:" in message
+    assert chosen(load_plan(config=file))["inpaint"] == "lama:evil.pt"  # named by the user
+    write(file, '[vlm]\nurl = "http://127.0.0.1:8000/v1"\n')
+    assert load_plan().options["vlm"] == {"url": "http://127.0.0.1:8000/v1"}
+
+
+class Odd:
+    """A segmenter that counts its instances."""
+
+    made = closed = 0
+    fails = False
+
+    def __init__(self, setup) -> None:
+        Odd.made += 1
+        self.setup = setup
+
+    def __call__(self, rgb, categories=None):
+        if Odd.fails:
+            raise RuntimeError("out of memory\nat 0x123")
+        return categories
+
+    def note(self):
+        return {"weights": self.setup.weights}
+
+    def close(self) -> None:
+        Odd.closed += 1
+
+
+@pytest.fixture
+def odd(monkeypatch: pytest.MonkeyPatch) -> type[Odd]:
+    weights = (Weights("a/b", "", ""),)
+    add_rows(
+        monkeypatch,
+        Backend("segment", "odd", f"{__name__}:Odd", "", weights=weights, uses=("categories",)),
+    )
+    monkeypatch.setitem(sys.modules, __name__, sys.modules[Odd.__module__])
+    Odd.made = Odd.closed = 0
+    Odd.fails = False
+    return Odd
+
+
+def test_models_are_freed_after_their_role_unless_kept(odd: type[Odd]):
+    for keep, instances in ((False, 3), (True, 1)):
+        odd.made = odd.closed = 0
+        backends = Backends(Plan(choices(["segment=odd"]), keep=keep))
+        for _ in range(3):
+            backends.begin()
+            assert backends.call("segment", RGB, categories=[1], depth=2) == [1]  # only what the row uses
+            backends.release("segment")
+        assert (odd.made, odd.closed) == (instances, 0 if keep else instances)
+        backends.close()
+        assert odd.closed == instances
+        assert [(step["backend"], step["weights"]) for step in backends.record()] == [("odd", "a/b")]
+
+
+def test_a_failure_is_an_error_unless_a_fallback_is_allowed(odd: type[Odd]):
+    odd.fails = True
+    failed = r"segment=odd:c/d failed .RuntimeError: out of memory.; see what failed"
+    with pytest.raises(InputError, match=failed):
+        Backends(Plan(choices(["segment=odd:c/d"]))).call("segment", RGB, categories=[])
+    warnings = []
+    backends = Backends(Plan(choices(["segment=odd:c/d"]), fallback=True), warnings.append)
+    backends.call("segment", RGB, categories=[])
+    assert backends.name("segment") == "learned"
+    (step,) = backends.record()
+    found = step["backend"], step["instead_of"], step["because"]
+    assert found == ("learned", "odd:c/d", "RuntimeError: out of memory")
+    assert "segment=odd:c/d failed (RuntimeError: out of memory); learned took over" in str(warnings[0])
+    assert not backends.all_default()
+
+
+def test_a_backend_that_failed_is_tried_again_on_the_next_photo(odd: type[Odd]):
+    for keep in (False, True):
+        backends = Backends(Plan(choices(["segment=odd"]), keep=keep, fallback=True))
+        odd.fails = True
+        photo = np.zeros((64, 64, 3), np.uint8)
+        assert backends.call("segment", photo, categories=[1]).labels.shape == (64, 64)
+        odd.fails = False
+        backends.begin()
+        assert backends.name("segment") == "odd"
+        assert backends.call("segment", RGB, categories=[1]) == [1]
+        assert [step.backend for step in backends.steps] == ["odd"]
+        assert not backends.fallbacks()
+
+
+def test_a_plan_of_some_roles_checks_nothing_of_others(odd: type[Odd]):
+    plan = load_plan(["segment=odd", "refine=wan:nobody/no-such-weights"])
+    with pytest.raises(InputError, match="nobody/no-such-weights"):
+        Backends(plan)
+    odd.made = 0
+    assert Backends(plan.of(["segment", "label"])).name("segment") == "odd"
+    assert odd.made == 1
+    assert plan.of(["refine"]).setup("refine").weights == "nobody/no-such-weights"
+
+
+def test_boxes_and_points_have_a_fallback_too(odd: type[Odd], monkeypatch: pytest.MonkeyPatch):
+    def meant(self, rgb, boxes, points):
+        if odd.fails:
+            raise RuntimeError("no memory")
+        return [PromptedMask(np.ones(rgb.shape[:2], bool), 0.9) for _ in (*boxes, *points)]
+
+    monkeypatch.setattr(Odd, "meant", meant, raising=False)
+    rgb = np.full((64, 64, 3), 90, np.uint8)
+    rgb[20:44, 20:44] = 200
+    for fails in (False, True):
+        odd.fails = fails
+        backends = Backends(Plan(choices(["segment=odd"]), fallback=True))
+        found = from_prompts(rgb, [(16, 16, 32, 32)], [], segmenter(backends, ["cup"]))
+        assert ((found.labels == 1).sum() == 64 * 64) == (not fails)  # else the object in the box
+        assert len(backends.record()) == 1
+        assert bool(backends.fallbacks()) == fails
+
+
+def test_boundaries_that_need_depth_are_refused_without_it():
+    with pytest.raises(InputError, match=r"boundary=depth-normals.* needs depth; choose one for depth, too"):
+        Backends(load_plan(["boundary=depth-normals"]))
+
+
+def test_missing_libraries_are_reported_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
+    rows = [
+        Backend(role, "far", "nowhere:far", "", extra="models", needs=("no_such_module",))
+        for role in ("segment", "depth")
+    ]
+    add_rows(monkeypatch, *rows)
+    with pytest.raises(InputError) as error:
+        Backends(Plan(choices(["segment=far", "depth=far"])))
+    assert len(error.value.problems) == 2
+    assert 'needs no_such_module, which is not installed; pip install "physgen[models]"' in str(error.value)
+    backends = Backends(Plan(choices(["depth=far"]), fallback=True))
+    assert not backends.call("depth", RGB).any()
+    assert backends.name("depth") == "none"
+    assert (listing()[-1]["installed"], listing()[-1]["missing"]) == (False, ["no_such_module"])
+
+
+def listed(setting: str) -> tuple[dict, list[str]]:
+    """The row that a choice takes, and the lines below it."""
+    rows = listing(Plan(choices([setting])))
+    (row,) = (row for row in rows if row["chosen"] and row["role"] == setting.partition("=")[0])
+    return dict(row), [line.strip() for line in list(listing_lines([row]))[2:]]
+
+
+def test_weights_that_a_choice_leaves_out_are_the_rows_own(tmp_path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path / "hub"))
+    (tmp_path / "SAM").touch()
+    row, lines = listed(f"segment=grounding-dino+sam:,{tmp_path}/SAM")
+    assert [one["here"] for one in row["weights"]] == [False, True]
+    lacks = "[lacks IDEA-Research/grounding-dino-tiny (0.7 GB, Apache-2.0): hf download"
+    assert lines[-2].startswith(lacks)
+    assert lines[-1] == f"{tmp_path}/SAM, here"
+    row, lines = listed(f"segment=grounding-dino+sam:{tmp_path}/SAM")
+    assert [one["id"] for one in row["weights"]] == [f"{tmp_path}/SAM", "facebook/sam-vit-huge"]
+    write(tmp_path / "hub/models--IDEA-Research--grounding-dino-tiny/snapshots/1/config.json", "")
+    row, _ = listed(f"segment=grounding-dino+sam:, {tmp_path}/SAM")
+    assert all(one["here"] for one in row["weights"])
+    (tmp_path / "a,b").mkdir()
+    row, _ = listed(f"depth=depth-anything:{tmp_path}/a,b")
+    assert [(one["id"], one["here"]) for one in row["weights"]] == [(f"{tmp_path}/a,b", True)]
+
+
+def test_rows_that_read_a_map_are_ready_once_one_is_named(tmp_path):
+    for row in (row for row in listing() if row["name"] == "file"):
+        assert not row["ready"]
+        assert list(listing_lines([row]))[-1].strip() == f"[write {row['role']}=file:PATH]"
+    for missing in (tmp_path / "nowhere.png", tmp_path):  # a folder is no picture
+        row, lines = listed(f"inpaint=file:{missing}")
+        assert not row["ready"]
+        assert lines == [f"[lacks {missing}]"]
+    (tmp_path / "a,b.png").touch()
+    row, lines = listed(f"inpaint=file:{tmp_path}/a,b.png")
+    assert row["ready"]
+    assert lines == [f"{tmp_path}/a,b.png, here"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "variables",
+    [
+        {},
+        {"XDG_CACHE_HOME": "/a"},
+        {"XDG_CACHE_HOME": "/a", "HF_HOME": "~/b"},
+        {"HF_HOME": "/b", "HUGGINGFACE_HUB_CACHE": "$HOME/c"},
+        {"HUGGINGFACE_HUB_CACHE": "/c", "HF_HUB_CACHE": "/d"},
+    ],
+)
+def test_the_hubs_cache_is_that_of_its_own_library(variables: dict[str, str]):
+    code = (
+        "from physgen.registry import hub_cache\n"
+        "from huggingface_hub import constants\n"
+        "assert str(hub_cache()) == constants.HF_HUB_CACHE, (hub_cache(), constants.HF_HUB_CACHE)"
+    )
+    names = ("XDG_CACHE_HOME", "HF_HOME", "HUGGINGFACE_HUB_CACHE", "HF_HUB_CACHE")
+    rest = {key: value for key, value in os.environ.items() if key not in names}
+    subprocess.run([sys.executable, "-c", code], env=rest | variables, check=True)
