@@ -19,7 +19,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
 from starlette.responses import FileResponse, JSONResponse, Response
 
 from physgen.edit.errors import EditError, Why
-from physgen.edit.events import Turns, Windows, overtaken
+from physgen.edit.events import Windows, overtaken
 from physgen.edit.guard import TOKEN, Keys
 from physgen.edit.operations import MAX_KEY, MAX_STEPS
 from physgen.edit.render_job import RenderJob
@@ -51,7 +51,6 @@ class Services:
     rendering: RenderJob
     keys: Keys
     token: str
-    turns: Turns
 
 
 def services_of(request: Request) -> Services:
@@ -405,11 +404,9 @@ def edit(served: Served, body: Operations) -> Response:
 
 @api.post("/api/preview", response_model=Preview)
 def preview(served: Served, body: Operations, window: Window = "") -> Response:
-    """The motion that operations would give; of one window's requests only the newest is worked out."""
-    turn = served.turns.take(window)
+    """The motion that operations would give."""
     try:
-        work = lambda: served.session.preview(body.request(), body.plain())  # noqa: E731
-        return JsonAnswer(served.turns.when_newest(window, turn, work))
+        return JsonAnswer(served.session.preview(body.request(), body.plain()))
     except EditError as error:
         if error.why is not Why.STALE or not window:
             raise

@@ -25,7 +25,7 @@ from physgen import __version__
 from physgen.edit.api import ERRORS, JsonAnswer, Served, Services, api, with_addresses
 from physgen.edit.draft import running_at
 from physgen.edit.errors import EditError, Why
-from physgen.edit.events import Turns, Windows
+from physgen.edit.events import Windows
 from physgen.edit.guard import TOKEN, Guard, Keys
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import Session
@@ -226,7 +226,7 @@ class Editor:
         return f"http://{shown}:{self.port}/?token={self.token}"
 
     def _made(self, place: Place) -> uvicorn.Server:
-        services = Services(self.session, self.windows, self.rendering, self.keys, self.token, Turns())
+        services = Services(self.session, self.windows, self.rendering, self.keys, self.token)
         app = Guard(application(services), self.token, place.host, self.port)
         config = uvicorn.Config(
             app,

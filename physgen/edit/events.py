@@ -1,4 +1,4 @@
-"""Events for the open windows of the editor, and which preview of a window is its newest.
+"""Events for the open windows of the editor.
 
 Windows ask again and again rather than hold a stream open: a browser opens six connections to a server, so that with
 as many streams a seventh window would wait for ever.
@@ -11,11 +11,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 from physgen.edit.errors import EditError, Why
-
-T = TypeVar("T")
 
 KEPT = 1000
 """Events that wait for the windows."""
@@ -91,30 +89,6 @@ class Windows:
         self._next += 1
 
 
-class Turns:
-    """Which preview of a window is its newest; one that was overtaken is not computed."""
-
-    def __init__(self) -> None:
-        self._newest: dict[str, int] = {}
-        self._lock = threading.Lock()
-        self._working = threading.Lock()
-
-    def take(self, window: str) -> int:
-        """The number of a new request."""
-        with self._lock:
-            while window not in self._newest and len(self._newest) > 100:
-                del self._newest[next(iter(self._newest))]
-            self._newest[window] = turn = self._newest.get(window, 0) + 1
-            return turn
-
-    def when_newest(self, window: str, turn: int, work: Callable[[], T]) -> T:
-        """The result of the work. Raises EditError where a newer request has come in."""
-        with self._working:
-            if self._newest.get(window) != turn:
-                raise overtaken()
-            return work()
-
-
 def overtaken() -> EditError:
-    """The error of a request that a newer one of the same window replaced."""
+    """The error of a request about something that a newer one replaced."""
     return EditError(Why.STALE, "a newer request overtook this one", "wait for that one", {"overtaken": True})

@@ -20,82 +20,45 @@ from physgen.edit.yaml_edit import without_guess_comments
 from physgen.edit.yaml_tree import marked
 from physgen.files import Stamp, file_stamp
 
-# ----------------------------------------------------------------------
-# A file -> told when another program wrote it, removed it or brought it back.
-
 _log = logging.getLogger(__name__)
 
-LOOK = 0.1
-"""s between looks; a file that was written is read when it stayed the same for one."""
-
-
-class Watch(threading.Thread):
-    """Looks at one file until it is ended; `changed` is called in this thread, after each change.
-
-    Where `changed` raises, that is told once on stderr, and the same change is looked at again until it is taken.
-    """
-
-    def __init__(self, path: Path, changed: Callable[[], None]) -> None:
-        super().__init__(name="watch", daemon=True)
-        self._path, self._changed = path, changed
-        self._ended = threading.Event()
-        self._seen = file_stamp(path)
-
-    def run(self) -> None:
-        """Until `end`."""
-        before: Stamp = self._seen
-        failed = False
-        while not self._ended.wait(LOOK):
-            now = file_stamp(self._path)
-            if now != self._seen and now == before:
-                try:
-                    self._changed()
-                except Exception as error:  # a full disk, say
-                    if not failed:
-                        _log.warning("%s: was changed, and could not be taken in: %s", self._path, error)
-                    failed = True
-                else:
-                    self._seen, failed = now, False
-            before = now
-
-    def end(self) -> None:
-        """No further call once this returns."""
-        self._ended.set()
-        if self.is_alive() and threading.current_thread() is not self:
-            self.join()
-
-
-# ----------------------------------------------------------------------
-# The doors of the page: each answers for the one scene that is edited, one edit at a time, from any thread.
+WATCH_INTERVAL = 0.1
+"""s between looks at the file; a change is read when the file stayed the same for one."""
 
 Data = dict[str, Any]
-Tell = Callable[[Data], None]
-"""Hears what every window is to be told: `{"type": "version", ...}`."""
+Send = Callable[[Data], None]
+"""Sends an event to all windows: `{"type": "version", ...}`."""
 
 
 @dataclass(frozen=True)
 class EditRequest:
-    """A request for an edit: of which version, in which variant, and what it is called in the history."""
+    """A request for an edit: the version and the variant it is about, and its name in the history."""
 
     version: int
     variant: str | None = None
     what: str = ""
     tag: str | None = None
     id: str | None = None
-    """Its own; one that is sent again, as its answer was lost, is not made twice."""
+    """Of the request: one that is sent again, as its answer was lost, is not carried out twice."""
+
+
+LOOK_KEYS = ("problems", "todo", "scene", "derived", "motion", "picture")
 
 
 class Session:
-    """Edits one file. Raises InputError where it cannot be opened, BusyError where another editor has it."""
+    """Edits one file, one edit at a time.
 
-    def __init__(self, path: Path, allow_outside: bool = False, tell: Tell = lambda event: None) -> None:
+    Raises InputError where the file cannot be opened, BusyError where another editor has it.
+    """
+
+    def __init__(self, path: Path, allow_outside: bool = False, send: Send = lambda event: None) -> None:
         self.path, self.allow_outside = path, allow_outside
-        self._tell = tell
+        self._send = send
         self._edits = threading.RLock()
         self._windows = 0
         self._names: list[str] = []
         self._unread = False
-        """Whether another program changed the file, and that could not be taken in yet."""
+        """Whether another program changed the file, and that could not be read yet."""
         self.document = Document(path, allow_outside)
         self.live = Live(path, allow_outside)
         self.pictures = Pictures(self.live)
@@ -104,53 +67,40 @@ class Session:
 
     @property
     def recovered(self) -> bool:
-        """Whether it goes on with what an editor left that ended before it was saved."""
+        """Whether it continues a draft that was not saved."""
         return self.document.recovered
 
     def close(self) -> Path | None:
-        """End; the draft's folder where something in it is not saved."""
+        """End. Returns the draft's folder where something is not saved."""
         self._watch.end()
         with self._edits:
             return self.document.close()
 
-    # What there is
-
     def state(self, variant: str | None = None) -> Data:
-        """The State of the interface."""
+        """What the page shows; see `api.State`."""
         with self._edits:
-            now, told = self.document.now, self._told(variant)
-            maps = self.document.maps(now)
+            document, history = self.document, self.document.history
+            now, maps = document.now, document.maps(document.now)
+            known: Data = {
+                "version": history.version,
+                "id": document.ids[-1] if document.ids else None,
+                "file": {
+                    "name": self.path.name,
+                    "folder": str(self.path.absolute().parent),
+                    "saved": document.is_saved,
+                    "outside": "unread" if self._unread else document.outside,
+                    "recovered": document.recovered,
+                },
+                "windows": self._windows,
+                "text": now.text,
+                "variant": variant,
+                "variants": self.variants(),
+                "undo": history.undo,
+                "redo": history.redo,
+                "made": None,
+            }
         look = self.live.look(now.text, maps, variant)
-        return told | {
-            "problems": look.problems,
-            "todo": look.todo,
-            "scene": look.scene,
-            "derived": look.derived,
-            "motion": look.motion,
-            "picture": look.picture,
-            "made": None,
-        }
-
-    def _told(self, variant: str | None) -> Data:
-        """The part of a State that needs no look at the scene."""
-        history = self.document.history
-        return {
-            "version": history.version,
-            "id": self.document.ids[-1] if self.document.ids else None,
-            "file": {
-                "name": self.path.name,
-                "folder": str(self.path.absolute().parent),
-                "saved": self.document.is_saved,
-                "outside": "unread" if self._unread else self.document.outside,
-                "recovered": self.document.recovered,
-            },
-            "windows": self._windows,
-            "text": history.now.text,
-            "variant": variant,
-            "variants": self.variants(),
-            "undo": history.undo,
-            "redo": history.redo,
-        }
+        return known | {name: getattr(look, name) for name in LOOK_KEYS}
 
     def variants(self) -> list[str]:
         """Names of the variants; of a text with errors, those that it had before."""
@@ -177,49 +127,44 @@ class Session:
         with self._edits:
             return self.document.now.text, self.document.maps(self.document.now)
 
-    # Edits
-
-    def edit(self, asked: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
-        """Operations, all or none. Raises EditError."""
+    def edit(self, request: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
+        """Make operations, all or none. Raises EditError."""
         with self._edits:
-            if self._is_new(asked):
-                now = self._current(asked)
-                made = edited(now.text, ops, asked.variant, self.path, self.allow_outside)
-                text = (
-                    made.text
-                    if asked.variant
-                    else without_guess_comments(made.text, [op.get("set", ()) for op in ops])
-                )
-                self._push(asked, State(text, now.maps, asked.what or made.what))
-        return self._answer(asked)
+            if self._is_new(request):
+                now = self._current(request)
+                made = edited(now.text, ops, request.variant, self.path, self.allow_outside)
+                text = made.text
+                if not request.variant:
+                    text = without_guess_comments(text, [op.get("set", ()) for op in ops])
+                self._push(request, State(text, now.maps, request.what or made.what))
+        return self.state(request.variant)
 
-    def preview(self, asked: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
-        """The motion that operations would give; nothing is kept. Raises EditError."""
+    def preview(self, request: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
+        """The motion that operations would give, without making them. Raises EditError."""
         with self._edits:
-            now = self._current(asked)
+            now = self._current(request)
             maps = self.document.maps(now)
-        made = edited(now.text, ops, asked.variant, self.path, self.allow_outside)
-        look = self.live.preview(made.text, maps, asked.variant)
+        made = edited(now.text, ops, request.variant, self.path, self.allow_outside)
+        look = self.live.preview(made.text, maps, request.variant)
         return {"motion": look.motion, "problems": look.problems}
 
-    def write(self, asked: EditRequest, text: str) -> Data:
-        """Another text, right or wrong. Raises EditError."""
+    def write(self, request: EditRequest, text: str) -> Data:
+        """Replace the text, by a valid one or not. Raises EditError."""
         with self._edits:
-            if self._is_new(asked):
-                now = self._current(asked)
-                self._push(
-                    asked, State(self.document.with_line_ends(text), now.maps, asked.what or "edit the YAML")
-                )
-        return self._answer(asked)
+            if self._is_new(request):
+                now = self._current(request)
+                text = self.document.with_line_ends(text)
+                self._push(request, State(text, now.maps, request.what or "edit the YAML"))
+        return self.state(request.variant)
 
-    def correct(self, asked: EditRequest, op: Mapping[str, Any]) -> Data:
-        """A mask made right, and what follows of it. Raises EditError."""
+    def correct(self, request: EditRequest, op: Mapping[str, Any]) -> Data:
+        """Correct a mask, and what follows from it. Raises EditError."""
         from physgen.edit.corrections import correct
 
         with self._edits:
-            if not self._is_new(asked):
-                return self._answer(asked)
-            self._current(asked)
+            if not self._is_new(request):
+                return self.state(request.variant)
+            self._current(request)
             self.document.restore_draft()
             now, draft = self.document.now, self.document.draft
             self.document.note_maps()
@@ -229,40 +174,40 @@ class Session:
             made = correct(self.live, now.text, maps, dict(op), out)  # which may take seconds
         except Exception:
             with self._edits:
-                self._current(asked)  # of a state that is gone the maps may be, too
+                self._current(request)  # the maps of a state that is gone may be gone, too
             raise
         with self._edits:
             try:
-                self._current(asked)
+                self._current(request)
                 if draft.is_gone():
                     raise EditError(Why.STALE, "the draft was removed meanwhile", "do it again")
                 if out.is_dir():
                     draft.keep_maps(out)
                 kept = number if out.is_dir() else now.maps
-                self._push(asked, State(made.text, kept, asked.what or made.what))
+                self._push(request, State(made.text, kept, request.what or made.what))
             except BaseException:
                 shutil.rmtree(out, ignore_errors=True)
                 raise
-        return self._answer(asked) | {"made": made.made}
+        return self.state(request.variant) | {"made": made.made}
 
-    def step(self, asked: EditRequest, by: int) -> Data:
+    def step(self, request: EditRequest, by: int) -> Data:
         """Undo (-1) or redo (1). Raises EditError."""
         with self._edits:
-            if self._is_new(asked):
-                self._current(asked)
-                self.document.step(by, asked.id)
+            if self._is_new(request):
+                self._current(request)
+                self.document.step(by, request.id)
                 self._changed()
-        return self._answer(asked)
+        return self.state(request.variant)
 
-    def save(self, asked: EditRequest, resolve: str | None = None) -> Data:
-        """Write the file. Raises EditError where another program wrote it, too, and `resolve` does not settle it."""
+    def save(self, request: EditRequest, resolve: str | None = None) -> Data:
+        """Write the file; `resolve` says whose text stands where another program changed it, too. Raises EditError."""
         with self._edits:
-            self._current(asked)
+            self._current(request)
             self._save(resolve)
-        return self._answer(asked)
+        return self.state(request.variant)
 
     def save_for_rendering(self, version: int | None) -> None:
-        """What is rendered is what is seen: the file is written first. Raises EditError."""
+        """Write the file, so that what is rendered is what the page shows. Raises EditError."""
         with self._edits:
             if version is not None:
                 self._current(EditRequest(version))
@@ -275,37 +220,31 @@ class Session:
         finally:
             self._changed()  # what another program wrote may be taken in though the file is not written
 
-    def _answer(self, asked: EditRequest) -> Data:
-        """The state after an edit, given out when the edit is on the disk. Raises OSError."""
-        return self.state(asked.variant)
+    def _is_new(self, request: EditRequest) -> bool:
+        return request.id is None or request.id not in self.document.ids
 
-    def _is_new(self, asked: EditRequest) -> bool:
-        return asked.id is None or asked.id not in self.document.ids
-
-    def _current(self, asked: EditRequest) -> State:
+    def _current(self, request: EditRequest) -> State:
         version = self.document.history.version
-        if asked.version != version:
-            message = f"version {asked.version} is not the present one, {version}"
+        if request.version != version:
+            message = f"version {request.version} is not the present one, {version}"
             fix = "ask for the state and edit again"
             raise EditError(Why.STALE, message, fix, {"version": version})
         return self.document.now
 
-    def _push(self, asked: EditRequest, state: State) -> None:
+    def _push(self, request: EditRequest, state: State) -> None:
         now = self.document.now
         if (state.text, state.maps) != (now.text, now.maps):
-            tag = None if asked.tag is None else f"{asked.variant or ''} {asked.tag}"
-            self.document.push(State(state.text, state.maps, state.what, tag, asked.id))
+            tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
+            self.document.push(State(state.text, state.maps, state.what, tag, request.id))
             self._changed()
 
-    # What happens
-
     def count_windows(self, count: int) -> None:
-        """How many windows look."""
+        """Note the number of open windows."""
         self._windows = count
 
     def _changed(self) -> None:
         saved = self.document.is_saved
-        self._tell({"type": "version", "version": self.document.history.version, "saved": saved})
+        self._send({"type": "version", "version": self.document.history.version, "saved": saved})
 
     def _look_outside(self) -> None:
         with self._edits:
@@ -315,9 +254,45 @@ class Session:
                 outcome = self.document.look_outside()
             except Exception:
                 if not before:
-                    self._tell({"type": "file", "outcome": "failed", "version": version})
+                    self._send({"type": "file", "outcome": "failed", "version": version})
                 raise
             self._unread = False
             version = self.document.history.version
         if outcome is not None or before:
-            self._tell({"type": "file", "outcome": outcome or "read", "version": version})
+            self._send({"type": "file", "outcome": outcome or "read", "version": version})
+
+
+class Watch(threading.Thread):
+    """Watches one file until `end`; `changed` is called in this thread, after each change.
+
+    Where `changed` raises, that is logged once, and it is called again for the same change until it succeeds.
+    """
+
+    def __init__(self, path: Path, changed: Callable[[], None]) -> None:
+        super().__init__(name="watch", daemon=True)
+        self._path, self._changed = path, changed
+        self._ended = threading.Event()
+        self._seen = file_stamp(path)
+
+    def run(self) -> None:
+        """Until `end`."""
+        before: Stamp = self._seen
+        failed = False
+        while not self._ended.wait(WATCH_INTERVAL):
+            now = file_stamp(self._path)
+            if now != self._seen and now == before:
+                try:
+                    self._changed()
+                except Exception as error:  # a full disk, say
+                    if not failed:
+                        _log.warning("%s: was changed, and could not be taken in: %s", self._path, error)
+                    failed = True
+                else:
+                    self._seen, failed = now, False
+            before = now
+
+    def end(self) -> None:
+        """No further call once this returns."""
+        self._ended.set()
+        if self.is_alive() and threading.current_thread() is not self:
+            self.join()

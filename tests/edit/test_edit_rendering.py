@@ -36,7 +36,7 @@ def test_it_makes_what_its_command_makes(copied: Copy, tmp_path: Path) -> None:
     """The line that it shows is typed by hand, into another folder: the same frames by their hashes."""
     path = short(copied("wall-ball"))
     events: list[dict[str, Any]] = []
-    job = RenderJob(path, tmp_path / "out put", tell=events.append)
+    job = RenderJob(path, tmp_path / "out put", send=events.append)
     name = job.start([None, "beach-ball"])
     with pytest.raises(EditError, match="under way"):
         job.start()
