@@ -146,7 +146,7 @@ def played(desk: Desk, film: Film, words: str) -> None:
     if film is silent:
         return
     desk.page.wait_for_timeout(600)
-    desk.page.evaluate("() => { document.querySelector('[data-part=said]').textContent = ''; }")
+    desk.page.evaluate("() => { document.querySelector('[data-part=status]').textContent = ''; }")
     for k in range(16):
         desk.page.evaluate("t => { window.editor.player.pause(); window.editor.player.seek(t); }", k / 10)
         desk.drawn()
@@ -242,7 +242,7 @@ def pictures(desk: Desk, folder: Path) -> None:
 def taken(desk: Desk, path: Path) -> None:
     """The page as a small PNG."""
     desk.page.mouse.move(560, 560)
-    desk.page.evaluate("() => { document.querySelector('[data-part=said]').textContent = ''; }")
+    desk.page.evaluate("() => { document.querySelector('[data-part=status]').textContent = ''; }")
     desk.page.wait_for_timeout(600)
     shot = Image.open(io.BytesIO(desk.page.screenshot())).convert("RGB")
     shot.quantize(palette=palette_of([shot]), dither=Image.Dither.NONE).save(path, optimize=True)

@@ -199,36 +199,13 @@ class Message(BaseModel):
     fix: str
 
 
-class Clash(BaseModel):
-    line: int
-    base: str
-    mine: str
-    theirs: str
-
-
-class Conflict(BaseModel):
-    theirs: str
-    merged: str | None
-    clashes: list[Clash]
-
-
 class Error(BaseModel):
     error: Message
     problems: list[Data]
     version: int | None = None
     overtaken: bool | None = None
     maps: bool | None = None
-    conflict: Conflict | None = None
-
-
-class ProblemRow(BaseModel):
-    severity: Literal["error", "warning"]
-    message: str
-    fix: str
-    path: str
-    line: int | None = None
-    column: int | None = None
-    object: str | None = None
+    conflict: Data | None = None
 
 
 class Motion(BaseModel):
@@ -238,29 +215,21 @@ class Motion(BaseModel):
     total: int
     done: bool
     bodies: list[Data]
-    problems: list[ProblemRow]
+    problems: list[Data]
     took_ms: float
-
-
-class FileState(BaseModel):
-    name: str
-    folder: str
-    saved: bool
-    outside: Literal["changed", "gone", "unread"] | None
-    recovered: bool
 
 
 class State(BaseModel):
     version: int
     id: str | None
-    file: FileState
+    file: Data
     windows: int
     text: str
     variant: str | None
     variants: list[str]
     undo: str | None
     redo: str | None
-    problems: list[ProblemRow]
+    problems: list[Data]
     todo: list[Data]
     scene: Data | None
     derived: Data | None
@@ -271,7 +240,7 @@ class State(BaseModel):
 
 class Preview(BaseModel):
     motion: Motion | None
-    problems: list[ProblemRow]
+    problems: list[Data]
     overtaken: bool = False
 
 
@@ -286,24 +255,6 @@ class Rendering(BaseModel):
     error: Data | None
     result: list[Data] | None
     command: str
-
-
-class Events(BaseModel):
-    run: str
-    next: int
-    events: list[Data]
-
-
-class Job(BaseModel):
-    job: str
-
-
-class Command(BaseModel):
-    command: str
-
-
-class Key(BaseModel):
-    key: str
 
 
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": {}}}}
@@ -383,7 +334,7 @@ def _present(found: Mapping[str, Any] | None) -> Response:
     return JsonAnswer(found)
 
 
-@api.get("/api/events", response_model=Events)
+@api.get("/api/events", response_model=dict[str, Any])
 def events(served: Served, query: Annotated[Since, Query()], window: Window = "") -> Response:
     """What happened since an event of a run of the server. A window that asks is counted until it leaves."""
     name = (query.window or window)[:80]
@@ -447,7 +398,7 @@ def correct(served: Served, body: MaskEdit) -> Response:
 # Rendering
 
 
-@api.post("/api/render", response_model=Job)
+@api.post("/api/render", response_model=dict[str, Any])
 def render(served: Served, body: Render) -> Response:
     """Save, and start to render."""
     served.session.save_for_rendering(body.version)
@@ -468,14 +419,14 @@ def stop(served: Served, body: Nothing) -> Response:
     return JsonAnswer(with_addresses(served.rendering.status()))
 
 
-@api.get("/api/command", response_model=Command)
+@api.get("/api/command", response_model=dict[str, Any])
 def command(served: Served, query: Annotated[OfCommand, Query()]) -> Response:
     """The command line that renders the same."""
     line = served.rendering.command(query.variant or None, query.format, query.refine == "true")
     return JsonAnswer({"command": line})
 
 
-@api.post("/api/once", response_model=Key)
+@api.post("/api/once", response_model=dict[str, Any])
 def once(served: Served, body: Nothing) -> Response:
     """A key that opens the page one time: `/?once=KEY`."""
     return JsonAnswer({"key": served.keys.new()})

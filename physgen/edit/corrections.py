@@ -190,7 +190,7 @@ def _photo_objects(work: Work, painted: Painted, ground: Ground) -> list[PhotoOb
     outlines = tuple(ground.outlines.get(i, fits[i]) for i in ids)
     placed = snapped_to_boundaries(replace(work.scene, boundaries=walls), outlines, [True] * len(ids))
     return [
-        object_entries.thing(i, outline, _label(work, name), work.scene.size)
+        object_entries.photo_object(i, outline, _label(work, name), work.scene.size)
         for i, name, outline in zip(ids, painted.corrected, placed, strict=True)
     ]
 

@@ -144,7 +144,7 @@ class Document:
         return None
 
     def note_maps(self) -> None:
-        """The scene's own maps are known as they are: what is made now is made of them."""
+        """Note the present state of the scene's own maps, of which the next correction is made."""
         if self.now.maps == self.saved.maps:
             self._stamps = stamps(self._own(self.now.text))
 
@@ -177,7 +177,7 @@ class Document:
     # The file
 
     def save(self, resolve: str | None) -> None:
-        """Write what there is; where another program wrote since, as `resolve` says. Raises EditError, OSError."""
+        """Write the file; where another program changed it, as `resolve` says. Raises EditError, OSError."""
         try:
             theirs = self._theirs()
         except EditError:
@@ -194,7 +194,7 @@ class Document:
         self._write(theirs, over=resolve == "mine" and not differs)
 
     def look_outside(self) -> str | None:
-        """What another program did, taken in where it can be: `taken`, `merged`, `clash`, `gone`, None for nothing."""
+        """Take over what another program wrote: returns `taken`, `merged`, `clash`, `gone`, or None for no change."""
         try:
             theirs = self._theirs()
         except EditError:
@@ -216,13 +216,13 @@ class Document:
         return "clash"
 
     def close(self) -> Path | None:
-        """Let go; the draft's folder where something in it is not saved."""
+        """Release the draft; returns its folder where something in it is not saved."""
         keep = not self.is_saved
         self.draft.close(keep)
         return self.draft.folder if keep else None
 
     def _take(self, theirs: str | None) -> None:
-        """What is on the disk is the newest state. Raises EditError."""
+        """Make the text on the disk the newest state. Raises EditError."""
         if theirs is None:
             raise EditError(Why.IMPOSSIBLE, "the file is gone", "save, and it is there again")
         if (theirs, self.saved.maps) != (self.now.text, self.now.maps):
@@ -230,17 +230,16 @@ class Document:
         self._set_saved(State(theirs, self.saved.maps))
 
     def _settle(self, theirs: str, resolve: str | None) -> bool:
-        """Take in what another program wrote. True where nothing is left to be written. Raises EditError."""
+        """Merge with what another program wrote. Returns whether nothing is left to be written. Raises EditError."""
         if self._nothing_made and resolve is None:
             self._take(theirs)
             return True
         mine, made = self.now, self._merge(theirs)
-        if resolve == "mine":  # theirs stays within reach: one step back
+        if resolve == "mine":  # theirs is one undo away
             self.push(State(theirs, mine.maps, BY_OTHERS))
             self.push(State(mine.text, mine.maps, "keep mine over another program's"))
         elif made.text is None:
-            clashes = [clash.as_dict() for clash in made.clashes]
-            conflict = {"theirs": theirs, "merged": None, "clashes": clashes}
+            conflict = {"theirs": theirs, "merged": None, "clashes": list(made.clashes)}
             message = "another program changed the same lines of the file"
             self.outside = "changed"
             raise EditError(Why.STALE, message, "choose mine or theirs", {"conflict": conflict})
@@ -250,7 +249,7 @@ class Document:
         return False
 
     def _merge(self, theirs: str) -> Merged:
-        """Both changes; where what comes of it is no YAML and both were, they clash after all."""
+        """Both changes; they also clash where two valid texts merge to an invalid one."""
         made = merged(self.saved.text, self.now.text, theirs)
         if made.text is None or not readable(self.now.text) or not readable(theirs) or readable(made.text):
             return made
@@ -265,7 +264,7 @@ class Document:
         self.note_maps()
 
     def _write(self, theirs: str | None, over: bool) -> None:
-        """Maps first, then the text that names them; both or neither. `over`: also over another program's maps."""
+        """Write maps and text, both or neither. `over`: also over maps that another program wrote."""
         if self.now.maps == self.saved.maps:
             self._write_text(theirs)
         else:
@@ -280,7 +279,7 @@ class Document:
             write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())
 
     def _write_maps(self, folder: Path, theirs: str | None, over: bool) -> None:
-        """What was there is kept aside, for an undo, and is put back where not all could be written."""
+        """The old maps are copied to the draft for an undo, and restored where not all could be written."""
         own, kept = self._own(self.saved.text), self.draft.maps(self.saved.maps)
         if folder != own and has_maps(folder):
             fix = "name a folder that is not there yet, or that which the scene had"
@@ -289,10 +288,10 @@ class Document:
             message = "another program changed the scene's maps since yours were made"
             fix = "choose mine to write yours over them; theirs stay one step back"
             raise EditError(Why.STALE, message, fix, {"maps": True})
-        set_aside(own, kept)
-        if own is not None and not same_maps(kept, own):  # painted by another program: within reach, too
+        copy_maps(own, kept)
+        if own is not None and not same_maps(kept, own):  # painted by another program: one undo away, too
             number, mine = self.draft.new_maps(), self.now
-            set_aside(own, self.draft.maps(number))
+            copy_maps(own, self.draft.maps(number))
             kept = self.draft.maps(number)
             self.push(State(mine.text, number, BY_OTHERS))
             self.push(State(mine.text, mine.maps, "keep my maps over another program's"))
@@ -311,7 +310,7 @@ class Document:
     def _read_first(self) -> str:
         """The file's text, at the beginning. Raises InputError."""
         gone = not self.real.exists() and (draft_folder(self.path) / "draft.json").is_file()
-        data = b"" if gone else scene_bytes(self.path, str(self.path))  # what is gone, the draft still holds
+        data = b"" if gone else scene_bytes(self.path, str(self.path))  # the draft still holds it
         text = decode(data, str(self.path))
         self._bom, self._crlf = data.startswith(codecs.BOM_UTF8), "\r\n" in text
         return text
@@ -322,7 +321,7 @@ class Document:
         return text.replace("\n", "\r\n") if self._crlf and "\r" not in text else text
 
     def _theirs(self) -> str | None:
-        """What the file holds; None where it is gone. Raises EditError where it is no text."""
+        """The text of the file; None where it is gone. Raises EditError where it is not text."""
         try:
             with open(self.real, "rb") as stream:
                 return decode(stream.read(MAX_BYTES + 1), str(self.path))
@@ -337,38 +336,25 @@ class Document:
 
 
 @dataclass(frozen=True)
-class Clash:
-    """Lines that both changed, each in its own way; `line` counts from 1 in mine."""
-
-    line: int
-    base: str
-    mine: str
-    theirs: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        return {"line": self.line, "base": self.base, "mine": self.mine, "theirs": self.theirs}
-
-
-@dataclass(frozen=True)
 class Merged:
     """The text with both changes, None where they clash."""
 
     text: str | None
-    clashes: tuple[Clash, ...] = ()
+    clashes: tuple[dict[str, Any], ...] = ()
+    """Lines that both changed, as `base`, `mine` and `theirs`; `line` counts from 1 in mine."""
 
 
 def merged(base: str, mine: str, theirs: str) -> Merged:
-    """By lines, as diff3 does: what both left alone parts the changes.
+    """Merge by lines, as diff3 does: lines that both left alone separate the changes.
 
     >>> merged("a\\nb\\nc\\n", "A\\nb\\nc\\n", "a\\nb\\nC\\n").text
     'A\\nb\\nC\\n'
-    >>> merged("a\\n", "b\\n", "c\\n").clashes[0].theirs
+    >>> merged("a\\n", "b\\n", "c\\n").clashes[0]["theirs"]
     'c\\n'
     """
     old, one, two = (_lines(text) for text in (base, mine, theirs))
     made: list[str] = []
-    clashes: list[Clash] = []
+    clashes: list[dict[str, Any]] = []
     at = a = b = 0
     for begin, end, first, second in [*_shared(old, one, two), (len(old), len(old), len(one), len(two))]:
         was, ours, others = old[at:begin], one[a:first], two[b:second]
@@ -377,21 +363,22 @@ def merged(base: str, mine: str, theirs: str) -> Merged:
         elif ours == was:
             made += others
         else:
-            clashes.append(Clash(a + 1, "".join(was), "".join(ours), "".join(others)))
+            parts = {"base": was, "mine": ours, "theirs": others}
+            clashes.append({"line": a + 1} | {name: "".join(lines) for name, lines in parts.items()})
         made += old[begin:end]
         at, a, b = end, first + end - begin, second + end - begin
     return Merged(None if clashes else "".join(made), tuple(clashes))
 
 
 def _lines(text: str) -> list[str]:
-    """With their ends; of line feeds alone, as editors count."""
+    """Lines with their ends, split at line feeds alone, as editors count them."""
     return [line + "\n" for line in text.split("\n")[:-1]] + (
         [text.rpartition("\n")[2]] if text[-1:] != "\n" else []
     )
 
 
 def _shared(old: list[str], one: list[str], two: list[str]) -> Iterator[tuple[int, int, int, int]]:
-    """Runs of lines that neither changed: where they begin and end in the old, and begin in the others."""
+    """Runs of lines that neither changed: start and end in the old text, start in the two others."""
     left, right = _kept(old, one), _kept(old, two)
     i = j = 0
     while i < len(left) and j < len(right):
@@ -417,7 +404,7 @@ def _kept(old: list[str], new: list[str]) -> list[tuple[int, int, int]]:
 
 
 def folder_of(text: str, home: Path, allow_outside: bool) -> Path | None:
-    """The folder that a text names for its maps. Raises EditError where no scene may read there."""
+    """The folder that a text names for its maps. Raises EditError where a scene may not read there."""
     node = marked(text).child("assets")
     if node is None or not isinstance(node.value, str):
         return None
@@ -434,20 +421,20 @@ def folder_of(text: str, home: Path, allow_outside: bool) -> Path | None:
 
 
 def stamps(folder: Path | None) -> dict[str, tuple[int, int, int]]:
-    """What tells that one of its maps was written: time, size and number; a link to it changes none of them."""
+    """Time, size and inode of each map, which change when it is written, and not when it is linked."""
     if folder is None:
         return {}
-    told = {name: file_stamp(folder / f"{name}.png") for name in MAPS}
-    return {name: (time, size, number) for name, (time, _, size, number) in told.items()}
+    found = {name: file_stamp(folder / f"{name}.png") for name in MAPS}
+    return {name: (time, size, number) for name, (time, _, size, number) in found.items()}
 
 
 def has_maps(folder: Path) -> bool:
-    """Whether there are any."""
+    """Whether a folder holds maps."""
     return any(os.path.lexists(folder / f"{name}.png") for name in MAPS)
 
 
-def set_aside(folder: Path | None, into: Path) -> None:
-    """A copy of the maps, whole or not at all; one that is there stays."""
+def copy_maps(folder: Path | None, into: Path) -> None:
+    """Copy the maps, completely or not at all, unless there is a copy."""
     if into.is_dir():
         return
     beside = into.with_name(f"{into.name}.part")
@@ -464,7 +451,7 @@ def set_aside(folder: Path | None, into: Path) -> None:
 
 
 def install(source: Path, folder: Path) -> None:
-    """The maps of `source` and no others in `folder`, each whole. Raises OSError."""
+    """Put the maps of `source`, and no others, into `folder`, each completely. Raises OSError."""
     folder.mkdir(exist_ok=True)
     for name in MAPS:
         made, file = source / f"{name}.png", folder / f"{name}.png"
@@ -476,11 +463,11 @@ def install(source: Path, folder: Path) -> None:
             file.unlink()
 
 
-def same_maps(one: Path, other: Path | None) -> bool:
+def same_maps(one: Path, other: Path) -> bool:
     """Whether two folders hold the same maps."""
-    for name in MAPS:
-        files = [folder / f"{name}.png" for folder in (one, other) if folder is not None]
-        held = [file.read_bytes() if file.is_file() else None for file in files]
-        if len({*held, *([None] if other is None else [])}) > 1:
-            return False
-    return True
+    pairs = [(one / f"{name}.png", other / f"{name}.png") for name in MAPS]
+    return all(_bytes(file) == _bytes(mate) for file, mate in pairs)
+
+
+def _bytes(file: Path) -> bytes | None:
+    return file.read_bytes() if file.is_file() else None

@@ -34,8 +34,8 @@ class EditError(Exception):
 
     def body(self) -> dict[str, Any]:
         """The answer as JSON has it."""
-        told = {"message": self.message, "fix": self.fix}
-        return {"error": told, "problems": [], **self.more}
+        error = {"message": self.message, "fix": self.fix}
+        return {"error": error, "problems": [], **self.more}
 
 
 def impossible(message: str, fix: str) -> EditError:

@@ -43,7 +43,7 @@ class Ground:
     moved: Mapping[int, tuple[Outline, Outline]] = field(default_factory=dict)
     """Things with other outlines than before, for what holds them is another."""
     grip: Mapping[int, float] = field(default_factory=dict)
-    """The least friction of things that lie still on a slope."""
+    """The least friction of objects at rest on a slope."""
     held: frozenset[int] = frozenset()
     """Things that nothing seen keeps from falling now, and that something did before, or that are new."""
     freed: frozenset[int] = frozenset()
@@ -52,7 +52,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class _Laid:
-    """The role's answer, and the outlines that things have then."""
+    """The role's answer, and the outlines that objects have with it."""
 
     setting: BoundaryGuess
     outlines: Mapping[int, Outline]
@@ -101,9 +101,9 @@ class Layer:
         read = blake2b(rgb.tobytes() + labels.tobytes()).digest(), view
 
         def lay() -> _Laid:
-            things, _ = fit_objects(rgb, Detections(labels, "kept", {}, {}))
-            setting: BoundaryGuess = registry.make("boundary")(rgb, labels, things, view)
-            return _Laid(setting, {one.id: setting.outlines.get(one.id, one.outline) for one in things})
+            objects, _ = fit_objects(rgb, Detections(labels, "kept", {}, {}))
+            setting: BoundaryGuess = registry.make("boundary")(rgb, labels, objects, view)
+            return _Laid(setting, {one.id: setting.outlines.get(one.id, one.outline) for one in objects})
 
         with self._lock:
             return self._laid.of(read, lay)
@@ -145,12 +145,12 @@ def _ops(
     taken = set(walls)
     own = [wall for name, wall in walls.items() if name not in files.values()]
     for wall in new:
-        said = document.wall_entry(wall)
-        if wall in pairs.values() or any(distance_to_wall(one or {}, said) <= ITSELF for one in own):
+        entry = document.wall_entry(wall)
+        if wall in pairs.values() or any(distance_to_wall(one or {}, entry) <= ITSELF for one in own):
             continue
         free = free_name(wall.name, taken)
         taken.add(free)
-        ops.append({"add": ["boundaries", free], "value": said})
+        ops.append({"add": ["boundaries", free], "value": entry})
         remarks[free] = "", wall.reason
     return ops, remarks
 

@@ -32,76 +32,65 @@ from physgen.scene.scene import Scene, View
 from physgen.simulate.engine import Running
 from physgen.simulate.trajectory import Trajectory
 
-# ----------------------------------------------------------------------
-# A world -> its motion as the page reads it, in parts: what is simulated by now, and more whenever the page
-# asks.
-#
-# Numbers are float64 as the engine has them, little-endian, base64: at the frames, those of `physgen
-# simulate`. No step
-# is taken twice, and none that nobody asks for.
-
 Array = NDArray[np.float64]
 Data = dict[str, Any]
 
-FINER = 4
-"""Samples a frame: what bounces within one is seen to."""
-FEW = 100_000
-"""Samples times objects up to which there are so many."""
-MOST = 200_000
-"""Samples times objects of one part: about 15 MB of JSON."""
+SUBSAMPLES = 4
+"""Samples of a frame, so that a bounce within one shows."""
+MAX_SUBSAMPLED = 100_000
+"""Samples times objects up to which frames have so many samples."""
+MAX_PART = 200_000
+"""Samples times objects of one part of a motion: about 15 MB of JSON."""
+FIRST, MORE = 0.045, 0.08
+"""s that a look, and a part of a motion after its first, simulate."""
+SLICE = 0.03
+"""s for which a motion that is simulated to its end keeps others waiting."""
+FILMS = 6
+"""Motions that are kept: of the tabs, and of before and after an undo."""
+ENERGY = ("kinetic", "potential", "dissipated", "work")
 COLUMNS = ("x", "y", "a", "vx", "vy", "w")
 
 
 class Film:
-    """The motion of one world, as far as it is known."""
+    """The motion of one world, simulated in parts as the page asks for them.
+
+    Numbers are little-endian float64 in base64: at the frames those of `physgen simulate`. No step is simulated twice.
+    """
 
     def __init__(self, key: str, scene: Scene, world: World) -> None:
         self.key = key
-        self._scene, self.world = scene, world
+        self.scene, self.world = scene, world
         N, frames = max(len(world.bodies), 1), world.times
-        finer = FINER if len(frames) * FINER * N <= FEW else 1
+        finer = SUBSAMPLES if len(frames) * SUBSAMPLES * N <= MAX_SUBSAMPLED else 1
         times = frames
         if finer > 1 and len(frames) > 1:
             between = frames[:-1, None] + np.diff(frames)[:, None] * (np.arange(finer) / finer)
             times = np.unique(np.concatenate([between.ravel(), frames]))
         self._frames = np.searchsorted(times, frames)
         self._running = Running(world, times)
-        self._problems: list[Problem] = []
-
-    def show(self, scene: Scene) -> None:
-        """The same motion, of a scene that differs in what does not move: labels, the clip's rate, order."""
-        self._scene = scene
+        self.problems: list[Problem] = []
+        """Why the motion ends early."""
 
     @property
     def total(self) -> int:
-        """Samples in all."""
         return len(self._running.times)
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to be simulated."""
-        return bool(self._problems) or self._running.done >= self.total
+        return bool(self.problems) or self._running.done >= self.total
 
     def trajectory(self) -> Trajectory:
-        """What is known; samples from `upto` on are zeros until they are simulated."""
+        """The motion; samples that are not simulated yet are zeros."""
         return self._running.told()
 
-    @property
-    def upto(self) -> int:
-        """Samples that are simulated."""
-        return self._running.done
-
     def part(self, start: int, deadline: float) -> Data:
-        """Samples from `start` on; what is missing is simulated until `deadline`, of `time.perf_counter`.
-
-        There is one sample more than before at least, unless the motion has ended.
-        """
+        """Samples from `start` on, at least one; simulated until `deadline`, a time of `time.perf_counter`."""
         begun = time.perf_counter()
         start = max(0, min(start, self.total))
-        self._simulate(start + 1, deadline)
+        self.simulate(start + 1, deadline)
         run, N = self._running, max(len(self.world.bodies), 1)
-        upto = max(start, min(run.done, start + max(1, MOST // N)))
-        told = run.told()
+        upto = max(start, min(run.done, start + max(1, MAX_PART // N)))
+        known = run.told()
         found: Data = {
             "key": self.key,
             "id": self.key,
@@ -111,42 +100,28 @@ class Film:
             "done": self.done and upto == run.done,
             "problems": [],
         }
-        turning = told.turns.shape[1] > 0
+        turning = known.turns.shape[1] > 0
         found["bodies"] = [
             {
                 "name": body.name,
-                **{name: packed(told.poses[start:upto, k, c]) for c, name in enumerate(COLUMNS[:3])},
-                **{name: packed(told.velocities[start:upto, k, c]) for c, name in enumerate(COLUMNS[3:])},
-                "q": [packed(part) for part in told.turns[start:upto, k].T] if turning else None,
+                **{name: packed(known.poses[start:upto, k, c]) for c, name in enumerate(COLUMNS[:3])},
+                **{name: packed(known.velocities[start:upto, k, c]) for c, name in enumerate(COLUMNS[3:])},
+                "q": [packed(part) for part in known.turns[start:upto, k].T] if turning else None,
             }
             for k, body in enumerate(self.world.bodies)
         ]
         found["contacts"] = found["energy"] = None
-        if found["done"] and not self._problems:
-            e = told.energy
-            rows = {
-                "kinetic": e.kinetic,
-                "potential": e.potential,
-                "dissipated": e.dissipated,
-                "work": e.work,
-            }
-            found["energy"] = {name: packed(values) for name, values in rows.items()}
-            found["contacts"] = {"surfaces": list(told.contacts.surfaces), "touches": touches(told)}
+        if found["done"] and not self.problems:
+            energy = known.energy
+            found["energy"] = {name: packed(getattr(energy, name)) for name in ENERGY}
+            found["contacts"] = {"surfaces": list(known.contacts.surfaces), "touches": touches(known)}
         if start == 0:
             self._begin(found)
         found["took_ms"] = round(1000 * (time.perf_counter() - begun), 1)
         return found
 
-    def problems(self) -> list[Problem]:
-        """Why the motion ends early."""
-        return self._problems
-
-    def on(self, deadline: float) -> None:
-        """Simulate what is left until the deadline."""
-        self._simulate(0, deadline)
-
-    def _simulate(self, least: int, deadline: float) -> None:
-        """Until the deadline, and until at least so many samples are taken."""
+    def simulate(self, least: int, deadline: float) -> None:
+        """Simulate until the deadline, and until at least so many samples are taken."""
         run = self._running
         if self.done:
             return
@@ -158,11 +133,11 @@ class Film:
                     break
                 deadline = max(deadline, time.perf_counter() + 0.01)
         except InputError as error:
-            self._problems = error.problems
+            self.problems = error.problems
 
     def _begin(self, found: Data) -> None:
-        """What only the first part tells: all that does not change with time."""
-        scene, world = self._scene, self.world
+        """Add what only the first part has: all that does not change with time."""
+        scene, world = self.scene, self.world
         for k, body in enumerate(world.bodies):
             found["bodies"][k] |= figure(scene, k, body)
         found |= {
@@ -196,7 +171,7 @@ def packed(values: Array) -> str:
 
 
 def unpacked(text: str) -> Array:
-    """The numbers again.
+    """The numbers of `packed`.
 
     >>> unpacked('AAAAAAAA8D8=').tolist()
     [1.0]
@@ -204,39 +179,25 @@ def unpacked(text: str) -> Array:
     return np.frombuffer(b64decode(text), "<f8").astype(np.float64)
 
 
-# ----------------------------------------------------------------------
-# A scene's text -> what is wrong with it, what it means, and its motion, soon enough to be watched while it
-# changes.
-#
-# What an edit leaves as it was stays at hand: the photo and its maps, the outlines, motions that were begun.
-
-FIRST, MORE = 0.045, 0.08
-"""s that a look, and a part of a motion after its first, simulate."""
-SLICE = 0.03
-"""s for which a motion that is simulated to its end holds up others."""
-FILMS = 6
-"""Motions that are kept: of the tabs, and of before and after an undo."""
-
-
 @dataclass(frozen=True)
 class Look:
-    """One state of the text, seen. Where the text is wrong, `problems` say so and the rest is None."""
+    """A state of the text for the page. Where the text is wrong, only `problems` and `todo` are set."""
 
     problems: tuple[Data, ...] = ()
     """Errors, then lints."""
     scene: Data | None = None
     derived: Data | None = None
     motion: Data | None = None
-    """Its first part; see `motion.Film`."""
+    """The first part of its motion; see `Film`."""
     picture: str | None = None
-    """Key of what is drawn of the photo."""
+    """Key of the picture."""
     todo: tuple[Data, ...] = ()
     variants: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What a picture is made of."""
+    """A scene that is compiled, with its photo and maps."""
 
     scene: Scene
     compiled: Compiled
@@ -246,24 +207,28 @@ class Sight:
 
     @property
     def percepts(self) -> Percepts | None:
-        """The photo and its maps, which are at hand as long as they are the newest."""
+        """The photo and its maps, None for a scene without a photo."""
         return self.read(self.scene)
 
 
 @dataclass(frozen=True)
 class _Known:
-    """A text that means something; it holds no maps, as many texts may be known of one large photo."""
+    """A valid text; without its maps, as many texts of one large photo may be kept."""
 
     scene: Scene
     compiled: Compiled
     key: str
     picture: str
     lints: list[tuple[Problem, ...]] = field(default_factory=list)
-    """None or one: they are looked for when somebody wants them."""
+    """Empty until they are computed."""
 
 
 class Live:
-    """One scene file while it is edited. Its methods may be called from any thread; they wait for each other."""
+    """One scene file while it is edited: problems, values and motion of its text.
+
+    What an edit leaves as it was is kept: the photo and its maps, outlines, and motions. The methods may be called from
+    any thread; they wait for each other.
+    """
 
     def __init__(self, path: Path, allow_outside: bool = False) -> None:
         self.path, self.allow_outside = path, allow_outside
@@ -280,7 +245,7 @@ class Live:
     def look(
         self, text: str, maps: Path | None = None, variant: str | None = None, overrides: Sequence[str] = ()
     ) -> Look:
-        """Problems, lints and doubts, the scene and the first part of its motion. `maps` stand in for its assets."""
+        """All that the page shows of a text. `maps` stand in for the scene's assets."""
         from physgen.edit.panels import todo
 
         with self._lock:
@@ -294,26 +259,26 @@ class Live:
                     problems = error.problems
             variants = opened.variants if opened is not None else ()
             if known is None:
-                told = self._wrong(problems, opened)
-                return Look(told, todo=tuple(todo(text, None, None, told)), variants=variants)
+                rows = self._wrong(problems, opened)
+                return Look(rows, todo=tuple(todo(text, None, None, rows)), variants=variants)
             film, motion = self._motion(known, begun)
             if not known.lints:
                 known.lints.append(tuple(self._lints(known)))
-            told = tuple(self._told(p, known.scene) for p in (*film.problems(), *known.lints[0]))
+            rows = tuple(self._row(p, known.scene) for p in (*film.problems, *known.lints[0]))
             return Look(
-                told,
+                rows,
                 scene_data(known.scene),
                 derived_data(known.scene, known.compiled),
                 motion,
                 known.picture,
-                tuple(todo(text, known.scene, known.compiled, told)),
+                tuple(todo(text, known.scene, known.compiled, rows)),
                 variants,
             )
 
     def preview(
         self, text: str, maps: Path | None = None, variant: str | None = None, overrides: Sequence[str] = ()
     ) -> Look:
-        """The motion and errors alone, while something is being dragged."""
+        """The motion and its problems alone, while the user drags something."""
         with self._lock:
             begun = time.perf_counter()
             opened, problems = self._open(text, maps)
@@ -324,32 +289,32 @@ class Live:
             except InputError as error:
                 return Look(self._wrong(error.problems, opened))
             film, motion = self._motion(known, begun)
-            return Look(tuple(self._told(p, known.scene) for p in film.problems()), motion=motion)
+            return Look(tuple(self._row(p, known.scene) for p in film.problems), motion=motion)
 
     def more(self, key: str, start: int) -> Data | None:
-        """The next part of a motion, from a sample on; None where others have taken its place."""
+        """The next part of a motion, from a sample on; None where it is not kept any more."""
         with self._lock:
             film = self._films.at_hand(key)
             if film is None:
                 return None
             part = film.part(start, time.perf_counter() + MORE)
-            part["problems"] = [self._told(problem) for problem in film.problems()]
+            part["problems"] = [self._row(problem) for problem in film.problems]
             return part
 
     def whole(self, key: str) -> tuple[Trajectory, World] | None:
-        """A motion that was begun, to its end, and what moves; None where it is gone, or cannot go on."""
+        """A motion simulated to its end, and its world; None where it is not kept, or cannot be simulated."""
         while True:
             with self._lock:
                 film = self._films.at_hand(key)
-                if film is None or film.problems():
+                if film is None or film.problems:
                     return None
                 if film.done:
                     return film.trajectory(), film.world
-                film.on(time.perf_counter() + SLICE)
-            time.sleep(0)  # who waits for a look goes first
+                film.simulate(0, time.perf_counter() + SLICE)
+            time.sleep(0)  # lets waiting looks go first
 
     def sight(self, key: str) -> Sight | None:
-        """What the picture of this key is made of."""
+        """The scene of a picture's key."""
         with self._lock:
             return self._sights.at_hand(key)
 
@@ -376,7 +341,7 @@ class Live:
         read = (text, maps)
         try:
             opened = self._opened.of(read, lambda: self._read(text, maps))
-            if opened.stale():  # what it extends was written
+            if opened.stale():  # a file that it extends was written
                 self._opened.forget(read)
                 opened = self._opened.of(read, lambda: self._read(text, maps))
         except InputError as error:
@@ -387,7 +352,7 @@ class Live:
         return Opened(self.path, self.allow_outside, text=text, assets=maps)
 
     def _mean(self, opened: Opened, variant: str | None, overrides: Sequence[str]) -> _Known:
-        """What a text means. Raises InputError."""
+        """The scene of a text, compiled. Raises InputError."""
         scene = opened.scene(overrides, variant)
         seen = self._warm.maps(scene)
         read = (opened, variant, tuple(overrides), seen.key)
@@ -408,12 +373,12 @@ class Live:
             return self._warm.maps(scene).percepts
 
     def hand_over(self, scene: Scene, percepts: Percepts) -> None:
-        """Maps that were just written for a scene, so that they need not be read."""
+        """Keep maps that were just written for a scene, so that they need not be read."""
         with self._lock:
             self._warm.hand_over(scene, percepts)
 
     def _lints(self, known: _Known) -> list[Problem]:
-        """Those of the photo are looked for once for all texts that have the same masks."""
+        """Warnings; those about the photo are computed once for all texts with the same masks."""
         scene, compiled = known.scene, known.compiled
         read = (known.key, compiled.shapes)
 
@@ -428,22 +393,22 @@ class Live:
         world = known.compiled.world
         name = motion_key(world)
         film = self._films.of(name, lambda: Film(name, known.scene, world))
-        film.show(known.scene)
+        film.scene = known.scene  # which may differ in labels or the frame rate
         part = film.part(0, max(begun + FIRST, time.perf_counter() + FIRST / 3))
-        part["problems"] = [self._told(problem, known.scene) for problem in film.problems()]
+        part["problems"] = [self._row(problem, known.scene) for problem in film.problems]
         return film, part
 
     def _wrong(self, problems: Sequence[Problem], opened: Opened | None) -> tuple[Data, ...]:
-        """Problems of a text that means nothing."""
+        """Problems of an invalid text."""
         document = {} if opened is None else opened.document()
         names = list(document["objects"]) if isinstance(document.get("objects"), dict) else []
         name = os.fspath(self.path)
         return tuple(problem_data(problem, name, names, document) for problem in problems)
 
-    def _told(self, problem: Problem, scene: Scene | None = None) -> Data:
+    def _row(self, problem: Problem, scene: Scene | None = None) -> Data:
         name = os.fspath(self.path)
         if scene is None:
             return problem_data(problem, name)
-        if not problem.place.line and problem.path:  # it only showed in the running
+        if not problem.place.line and problem.path:  # found while simulating
             problem = replace(problem, place=scene.place(problem.path))
         return problem_data(problem, name, [item.name for item in scene.objects], scene.document)

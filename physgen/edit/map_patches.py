@@ -77,7 +77,7 @@ SOFT = 10
 PATCHED_AROUND = 6
 """px around a mask that its border may have coloured: the fill behind is made anew up to there."""
 DARK = 2e-3
-"""Of linear light: less tells nothing of how much light a shadow leaves."""
+"""Of linear light: with less, the share of light that a shadow leaves is not known."""
 LARGE = 4_000_000
 """px of a photo whose maps are packed less tightly, in a third of the time."""
 
@@ -92,17 +92,17 @@ class Change:
     touched: Mask
     """(H, W): what the objects that were corrected covered, or cover now."""
     union: Mask
-    """(H, W): all that objects and left-out things cover now."""
+    """(H, W): all that objects, also left-out ones, cover now."""
     was: Mask
     """(H, W): likewise before."""
 
 
 def write_patched(
-    maps: Percepts, folder: Path, change: Change, things: Sequence[PhotoObject], labels: U16, view: View
+    maps: Percepts, folder: Path, change: Change, objects: Sequence[PhotoObject], labels: U16, view: View
 ) -> Percepts:
     """Write into `folder` those maps that change, and return all of them; it holds them as they were, perhaps as links.
 
-    `things` are the corrected objects, their ids those of `labels` (H, W).
+    `objects` are the corrected objects, their ids those of `labels` (H, W).
     """
     result = replace(maps, labels=change.after)
     if (change.before != change.after).any() or not (folder / "masks.png").is_file():
@@ -127,9 +127,9 @@ def write_patched(
             )
             if maps.clean is not None and clean is not None:
                 result = replace(result, clean=_paste(folder / "clean.png", maps.clean, part, clean))
-    if maps.normals is not None and things:
+    if maps.normals is not None and objects:
         by = -corner(part)
-        there = [replace(thing, outline=translated_outline(thing.outline, by)) for thing in things]
+        there = [replace(one, outline=translated_outline(one.outline, by)) for one in objects]
         result = replace(result, normals=_normals(maps, folder, near, there, labels[part], view, part))
     return result
 
@@ -178,7 +178,7 @@ def _near(change: Change) -> Mask:
 
 
 def _coverage(maps: Percepts, change: Change) -> F32:
-    """(H, W): as the role `matte` tells near what changed, as it was elsewhere."""
+    """(H, W): from the role `matte` near what changed, as before elsewhere."""
     assert maps.coverage is not None
     made = registry.make("matte")(np.ascontiguousarray(maps.rgb), change.union.astype(np.uint16))
     return np.where(_near(change), made, maps.coverage).astype(np.float32)
@@ -230,7 +230,7 @@ def _normals(
     maps: Percepts,
     folder: Path,
     change: Change,
-    things: Sequence[PhotoObject],
+    objects: Sequence[PhotoObject],
     labels: U16,
     view: View,
     part: Window,
@@ -240,9 +240,9 @@ def _normals(
     path = folder / "normals.png"
     rgb = np.ascontiguousarray(maps.rgb[part])
     made = registry.make("normals")(
-        rgb, np.ascontiguousarray(labels), things, BoundaryGuess(view, 0.0, "", ())
+        rgb, np.ascontiguousarray(labels), objects, BoundaryGuess(view, 0.0, "", ())
     )
-    where = np.isin(labels, [thing.id for thing in things]) | (change.touched & (labels == 0))
+    where = np.isin(labels, [one.id for one in objects]) | (change.touched & (labels == 0))
     stored = read_channels(path)[:, :, :3]
     middle = (np.iinfo(stored.dtype).max + 1) // 2
     new = np.clip(np.rint(made * (middle - 1)) + middle, 0, np.iinfo(stored.dtype).max).astype(stored.dtype)

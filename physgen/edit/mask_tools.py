@@ -48,7 +48,7 @@ class Finder:
             return answers.get(0) or segment_box(rgb, (x, y, width, height))
 
     def point(self, rgb: Rgb, key: str, point: Point) -> PromptedMask:
-        """The object at a point. Raises EditError; `key` tells photos apart."""
+        """The object at a point. Raises EditError; `key` identifies the photo."""
         with self._lock, _edit_errors():
             segment = segmenter(Backends())
             answers = prompted_answers(rgb, [], [point], segment)

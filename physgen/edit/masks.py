@@ -220,8 +220,8 @@ def _new(work: Work, mask: Mask, found: tuple[float, Data] | None = None) -> str
     id_, size = len(work.scene.objects) + 1, work.scene.size
     labels = np.where(mask, np.uint16(id_), work.sight.compiled.labels)
     outline = fitted(labels, [id_])[id_]
-    called = object_entries.named(work.known, labels, object_entries.thing(id_, outline, "", size))
-    one = object_entries.thing(id_, outline, called.label, size)
+    called = object_entries.named(work.known, labels, object_entries.photo_object(id_, outline, "", size))
+    one = object_entries.photo_object(id_, outline, called.label, size)
     name = object_names([one], {k + 1: item.name for k, item in enumerate(work.scene.objects)})[id_]
     drawn = Detections(labels, "drawn", {}, {})
     work.entries[name] = object_entries.entry(work.known, labels, one, name, called, drawn)
@@ -262,7 +262,7 @@ def _split(work: Work, op: SplitOp) -> str:
 def _relabel(work: Work, op: RelabelOp) -> str:
     label = op.label.strip()
     work.index(op.object)
-    old = work.known.thing(op.object)
+    old = work.known.photo_object(op.object)
     one = PhotoObject(old.id, old.outline, label, old.cut)
     made = object_entries.changed(work.known, op.object, one, work.sight.compiled.labels, label)
     work.ops += written(work, op.object, {**made, "label": label})

@@ -23,7 +23,7 @@ Data = dict[str, Any]
 U16 = NDArray[np.uint16]
 
 SOLID = 1.5
-"""Power of its area with which a thing's volume grows."""
+"""Power of the area with which the volume of an object grows."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Before:
     """(H, W): id k + 1 is the k-th object."""
     outlines: Sequence[Outline]
     ours: TableValues
-    """What the table gave, and nobody set."""
+    """Values of the table that no user has set."""
     reasons: dict[str, str] = field(default_factory=dict)
     """Dotted path -> what perception says of the number there; of those that were worked out anew."""
 
@@ -46,50 +46,50 @@ class Before:
         """The entry of an object as it is written."""
         return dict(self.document["objects"][name])
 
-    def thing(self, name: str) -> PhotoObject:
+    def photo_object(self, name: str) -> PhotoObject:
         """The object as perception knows it."""
         k = [item.name for item in self.scene.objects].index(name)
-        return thing(k + 1, self.outlines[k], self.scene.objects[k].label, self.scene.size)
+        return photo_object(k + 1, self.outlines[k], self.scene.objects[k].label, self.scene.size)
 
 
 def before(scene: Scene, document: Mapping[str, Any], compiled: Compiled, rgb: Rgb) -> Before:
     """What the table gave is reckoned again; see `perceive.derived`."""
-    things = {
-        item.name: thing(k + 1, compiled.shapes.outlines[k], item.label, scene.size)
+    objects = {
+        item.name: photo_object(k + 1, compiled.shapes.outlines[k], item.label, scene.size)
         for k, item in enumerate(scene.objects)
         if item.name in (document.get("objects") or {})
     }
-    guessed: Mapping[int, Name] = registry.make("label")(rgb, compiled.labels, list(things.values()))
+    guessed: Mapping[int, Name] = registry.make("label")(rgb, compiled.labels, list(objects.values()))
     table = registry.find("physics").name
-    plain = {**document, "objects": {name: dict(document["objects"][name] or {}) for name in things}}
-    ours = find_table_values(plain, rgb, things, guessed, registry.make("physics"), table)
+    plain = {**document, "objects": {name: dict(document["objects"][name] or {}) for name in objects}}
+    ours = find_table_values(plain, rgb, objects, guessed, registry.make("physics"), table)
     return Before(scene, plain, rgb, compiled.labels, compiled.shapes.outlines, ours)
 
 
-def thing(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
+def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
     """With whether the photo's border cuts it off."""
     x0, y0, x1, y1 = bounds(outline)
     cut = min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1
     return PhotoObject(id_, outline, label, cut)
 
 
-def matter_of(known: Before, things: Sequence[PhotoObject]) -> Mapping[int, Matter]:
-    """What the table says of things, at the scene's scale, or at the one that its objects tell."""
+def matter_of(known: Before, objects: Sequence[PhotoObject]) -> Mapping[int, Matter]:
+    """The table's values of objects, at the scene's scale or at that which its objects have."""
     stated = known.scene.world.pixels_per_meter
     measured: float | None = None if stated == DEFAULT_SCALE else stated
     if known.ours.scale:
-        new = {one.id for one in things}
-        rest = [known.thing(item.name) for item in known.scene.objects]
-        every = [*things, *(one for one in rest if one.id not in new)]
-        told = photo_scale(every, {one.id: kind(one.label) for one in every}, None)
-        if told is not None and told.confidence >= MIN_SCALE_CONFIDENCE:
-            measured = told.pixels_per_meter
-    found: Mapping[int, Matter] = registry.make("physics")(known.rgb, things, measured)
+        new = {one.id for one in objects}
+        rest = [known.photo_object(item.name) for item in known.scene.objects]
+        every = [*objects, *(one for one in rest if one.id not in new)]
+        scale = photo_scale(every, {one.id: kind(one.label) for one in every}, None)
+        if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
+            measured = scale.pixels_per_meter
+    found: Mapping[int, Matter] = registry.make("physics")(known.rgb, objects, measured)
     return found
 
 
 def named(known: Before, labels: U16, one: PhotoObject) -> Name:
-    """What a new thing looks like."""
+    """The name that a new object gets by its looks."""
     found: Mapping[int, Name] = registry.make("label")(known.rgb, labels, [one])
     return found[one.id]
 
@@ -122,7 +122,7 @@ def changed(known: Before, name: str, one: PhotoObject, labels: U16, label: str 
     The table's numbers are worked out anew. What another guessed of the mass grows with the volume, a density or a mass
     that a person set stays.
     """
-    was, old = known.was(name), known.thing(name)
+    was, old = known.was(name), known.photo_object(name)
     ours = known.ours.keys.get(name, frozenset())
     fresh = entry(known, labels, one, name, None, Detections(labels, "", {}, {}))
     result = with_new_values(was, fresh, ours, label)
@@ -164,11 +164,11 @@ def shared(known: Before, source: str, name: str, part: float, one: PhotoObject,
     )
     if "mass" in was and "mass" not in ours:
         _weighed(known, name, result, was["mass"] * part, "g: its share of the whole, by area")
-    return reshaped(known, source, result, one, known.thing(source))
+    return reshaped(known, source, result, one, known.photo_object(source))
 
 
 def _weighed(known: Before, name: str, made: Data, mass: float, reason: str) -> None:
-    """A mass that is not the table's, and so not told as the table's."""
+    """Set a mass that is not the table's."""
     made["mass"] = short(mass)
     known.reasons[f"objects.{name}.mass"] = reason
 
@@ -181,9 +181,9 @@ def joined(known: Before, kept: str, other: str, one: PhotoObject, labels: U16) 
         was, entry(known, labels, one, kept, None, Detections(labels, "", {}, {})), ours, None
     )
     if "mass" in was and "mass" not in ours:
-        mass = more.get("mass", float(more.get("density", 1.0)) * _area(known.thing(other)))
+        mass = more.get("mass", float(more.get("density", 1.0)) * _area(known.photo_object(other)))
         _weighed(known, kept, result, was["mass"] + mass, "g: of both that it was made of")
-    return reshaped(known, kept, result, one, known.thing(kept))
+    return reshaped(known, kept, result, one, known.photo_object(kept))
 
 
 def short(value: float) -> float:

@@ -17,9 +17,6 @@ from physgen.scene.document import Source, plain, read
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import MaskId, Scene, Solid
 
-# ----------------------------------------------------------------------
-# Scene, world and problems -> what the panels of the page show, as plain data.
-
 Data = dict[str, Any]
 
 SECTIONS = ("world", "objects", "boundaries", "forces", "joints", "fields", "light", "render", "refine")
@@ -137,15 +134,8 @@ def _points(values: Any) -> list[list[float]]:
     return [[round(x, 3), round(y, 3)] for x, y in values.tolist()]
 
 
-# ----------------------------------------------------------------------
-# A scene, its text and its problems -> what a person should look at: errors, then what is doubtful, then what
-# is odd.
-#
-# Each row says what is the matter, at which object and line, and, where that is plain, the operations that
-# settle it.
-
 SURE = 0.6
-"""From which on nobody is asked."""
+"""Confidence from which the user is not asked."""
 COVERED = 0.5
 """Share of something doubtful that objects cover by now: then it is taken in already."""
 MOST = 300
@@ -189,28 +179,28 @@ def _row(
 
 
 def _unsure(scene: Scene) -> Iterator[tuple[float, Data]]:
-    """Guesses of single things that nobody has set since, by how sure they are."""
-    said = Provenance(scene, None)
+    """Guesses about objects and boundaries that no user has confirmed, with their confidence."""
+    provenance = Provenance(scene, None)
     for item in scene.objects:
-        yield from _of_one(scene, said, ("objects", item.name), item.provenance, item.name)
+        yield from _of_one(scene, provenance, ("objects", item.name), item.provenance, item.name)
     document = scene.document.get("boundaries") or {}
     for wall in scene.boundaries:
-        told = document.get(wall.name, {}).get("from")
-        if isinstance(told, str):
-            yield from _of_one(scene, said, ("boundaries", wall.name), {"": told}, None)
+        guess = document.get(wall.name, {}).get("from")
+        if isinstance(guess, str):
+            yield from _of_one(scene, provenance, ("boundaries", wall.name), {"": guess}, None)
     if scene.light is not None and scene.light.provenance:
-        yield from _of_one(scene, said, ("light",), {"": scene.light.provenance}, None)
+        yield from _of_one(scene, provenance, ("light",), {"": scene.light.provenance}, None)
 
 
 def _of_one(
-    scene: Scene, said: Provenance, path: Sequence[str], told: Mapping[str, str], name: str | None
+    scene: Scene, provenance: Provenance, path: Sequence[str], sources: Mapping[str, str], name: str | None
 ) -> Iterator[tuple[float, Data]]:
     where = ".".join(path)
     found: list[tuple[float, str, str]] = []
-    for key, who in told.items():
+    for key, who in sources.items():
         sure = source(who).sure
         value = f"{where}.{key}" if key else where
-        if sure is None or sure >= SURE or said.of(value, who, told=f"{where}.from").kind != "guess":
+        if sure is None or sure >= SURE or provenance.of(value, who, told=f"{where}.from").kind != "guess":
             continue
         found.append((sure, key, f"{who.rpartition(' ')[0]}, {sure:.0%}"))
     if not found:
@@ -226,7 +216,7 @@ def _of_one(
         value = f"{where}.{first}" if first else where
         at = {"object": name, "path": value, "line": _line(scene, value) or _line(scene, where)}
         ops: list[Data] = [{"unset": [*path, "from", key] if key else [*path, "from"]} for _, key, _ in group]
-        if len(group) == len(told):
+        if len(group) == len(sources):
             ops = [{"unset": [*path, "from"]}]
         yield group[0][0], _row("doubt", at, what, "it is right as it is", ops)
 
@@ -249,13 +239,13 @@ def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float,
             continue
         sure = source(who).sure
         at = {"object": None, "path": f"objects.{match['name']}", "line": number}
-        told = f"perhaps an object, too ({sure:.0%} sure)" if sure is not None else "perhaps an object, too"
+        words = f"perhaps an object, too ({sure:.0%} sure)" if sure is not None else "perhaps an object, too"
         mask = {"kind": "polygon", "polygon": [list(point) for point in points], "object": None}
-        yield (sure if sure is not None else SURE), _row("doubt", at, told, "add it", None, mask)
+        yield (sure if sure is not None else SURE), _row("doubt", at, words, "add it", None, mask)
 
 
 def _settles(problem: Data, scene: Scene | None) -> list[Data] | None:
-    """Operations that do what a lint's fix says, where it says one thing."""
+    """Operations that do what a lint's fix says, where that is plain."""
     path, fix = steps(problem["path"]), problem["fix"]
     if scene is None or not path:
         return None

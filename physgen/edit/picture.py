@@ -48,7 +48,7 @@ class Pictures:
         return {"key": key, "motion": motion, **rows}
 
     def _stage(self, key: str, sight: Sight) -> Stage:
-        """With the poses in which things were cut out; where they are put since is the motion's business."""
+        """With the poses in which objects were cut out of the photo."""
         return self._stages.of(key, lambda: stage(sight.scene, sight.compiled, sight.percepts))
 
     def _look(self, key: str, sight: Sight) -> Data:

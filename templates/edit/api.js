@@ -1,4 +1,4 @@
-// What the page asks of the server, with the token that the address brought; and what the server tells by itself.
+// What the page asks of the server, with the token that the address brought; and its events.
 
 const KEPT = "physgen-token";
 const address = new URL(location.href);
@@ -48,12 +48,12 @@ export async function picture(path) {
 const EVERY = 300, HIDDEN = 2000; // ms
 const news = (run, since) => ask("GET", `/api/events?run=${run}&since=${since}${document.visibilityState === "hidden" ? "&hidden=true" : ""}`);
 
-// Where the news begin: what comes after this is told to the listener that it gives, what came before is in the state.
+// Where the news begin: what comes after this goes to the listener that it returns, what came before is in the state.
 export async function beginning() {
   let { run, next: since, events } = await news("", 0), there = true;
   addEventListener("pagehide", () => fetch("/api/events?leaves=true", { headers, keepalive: true }).catch(() => {}));
-  return async function listen(told) {
-    events.forEach(told);
+  return async function listen(hear) {
+    events.forEach(hear);
     for (;;) {
       await new Promise((done) => {
         const soon = setTimeout(done, document.visibilityState === "hidden" ? HIDDEN : EVERY);
@@ -61,14 +61,14 @@ export async function beginning() {
       });
       try {
         const found = await news(run, since), anew = found.run !== run;
-        if (there && anew) told({ type: "lost" }); // another server, whose events before this nobody heard
-        if (!there || anew) told({ type: "found" });
+        if (there && anew) hear({ type: "lost" }); // another server, whose earlier events were not received
+        if (!there || anew) hear({ type: "found" });
         [there, run, since] = [true, found.run, found.next];
-        found.events.forEach(told);
+        found.events.forEach(hear);
       } catch (refused) {
-        if (refused.status === 401) { told({ type: "stranger", message: refused.message }); return; }
+        if (refused.status === 401) { hear({ type: "stranger", message: refused.message }); return; }
         if (refused.status === undefined) throw refused;
-        if (there) { there = false; told({ type: "lost" }); }
+        if (there) { there = false; hear({ type: "lost" }); }
       }
     }
   };

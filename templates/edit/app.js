@@ -61,8 +61,8 @@ export const editor = {
   maskOp(op) { return queued("/api/mask", { op }); },
   // a text, or what gives it when its turn has come
   putText(text) { return queued("/api/text", { text }); },
-  async undo() { return editor.state?.undo || editor.pending ? told("Undone: ", "redo", queued("/api/undo", {})) : editor.say("Nothing to undo"); },
-  async redo() { return editor.state?.redo || editor.pending ? told("Done again: ", "undo", queued("/api/redo", {})) : editor.say("Nothing to redo"); },
+  async undo() { return editor.state?.undo || editor.pending ? announced("Undone: ", "redo", queued("/api/undo", {})) : editor.say("Nothing to undo"); },
+  async redo() { return editor.state?.redo || editor.pending ? announced("Done again: ", "undo", queued("/api/redo", {})) : editor.say("Nothing to redo"); },
   save(resolve = null) { return queued("/api/save", { resolve }); },
   // all that waits is answered
   async idle() { while (editor.pending) await queue; },
@@ -77,10 +77,10 @@ export const editor = {
   },
 
   select(name) { editor.choose(name === null ? null : { kind: "object", name }); },
-  choose(thing) {
-    if (same(editor.selected, thing)) return;
-    editor.selected = thing;
-    editor.emit("select", thing);
+  choose(entry) {
+    if (same(editor.selected, entry)) return;
+    editor.selected = entry;
+    editor.emit("select", entry);
   },
 
   registerTool(tool) {
@@ -128,10 +128,10 @@ export const editor = {
 
   // one line for eyes and for screen readers; kind: "note" or "error"
   say(text, kind = "note") {
-    const [line, other] = kind === "error" ? [part("alarm"), part("said")] : [part("said"), part("alarm")];
+    const [line, other] = kind === "error" ? [part("alarm"), part("status")] : [part("status"), part("alarm")];
     other.textContent = "";
     line.textContent = text;
-    document.body.style.setProperty("--said", `${overStage()}px`);
+    document.body.style.setProperty("--status", `${overStage()}px`);
     clearTimeout(line.timer);
     line.timer = setTimeout(() => { line.textContent = ""; }, kind === "error" ? 12000 : 4000);
     editor.emit("say", { text, kind });
@@ -151,17 +151,17 @@ function overStage() {
 const inVariant = () => (editor.variant ? `?variant=${encodeURIComponent(editor.variant)}` : "");
 export const same = (one, other) => one?.kind === other?.kind && one?.name === other?.name;
 
-// a thing of the scene, by kind and name -> what the file has of it
+// an object of the scene, by kind and name -> what the file has of it
 const PLACES = { object: "objects", boundary: "boundaries", joint: "joints", field: "fields", force: "forces" };
 export function named({ kind, name }) {
   const { scene } = editor.state || {};
   if (!scene) return null;
   return kind === "light" ? scene.light : scene[PLACES[kind]]?.[name] ?? null;
 }
-// a thing that an edit on its way gives another name stays chosen, whichever answer tells of it first
-function renamed(thing) {
-  const { to } = editor.waiting.flatMap(({ body }) => body.ops || []).find((op) => `${op.rename}` === `${pathOf(thing)}`) || {};
-  const now = { ...thing, name: to };
+// an object that an edit on its way gives another name stays chosen, whichever answer has it first
+function renamed(entry) {
+  const { to } = editor.waiting.flatMap(({ body }) => body.ops || []).find((op) => `${op.rename}` === `${pathOf(entry)}`) || {};
+  const now = { ...entry, name: to };
   return to !== undefined && named(now) ? now : null;
 }
 export const pathOf = ({ kind, name }) => (kind === "light" ? ["light"] : [PLACES[kind], name]);
@@ -174,7 +174,7 @@ function link(up) {
   if (up) anew = true; // a server that began anew may count from the beginning
   editor.emit("link", { up });
 }
-// the server answers again, and has told its state
+// the server answers again, and has sent its state
 async function found() {
   while (!linked || anew) {
     if (linked && await editor.refresh().catch(() => null)) return;
@@ -242,7 +242,7 @@ function sent({ id, path, variant, body }) {
 }
 
 // the answer knows what was undone: it could be done again now
-async function told(before, way, done) {
+async function announced(before, way, done) {
   const state = await done.catch(() => null);
   if (state) editor.say(before + state[way]);
   return state;

@@ -76,7 +76,7 @@ export function start(editor) {
           const vector = tip ? [to[0] + tip[0] - anchor[0], to[1] + tip[1] - anchor[1]] : [to[0] - point[0], to[1] - point[1]];
           return pushed(kind, name, anchor, vector, arrow?.index);
         },
-        said: () => `${KINDS.find((k) => k.kind === shown.kind).name} of ${name}: ${shown.text}`,
+        describe: () => `${KINDS.find((k) => k.kind === shown.kind).name} of ${name}: ${shown.text}`,
         done: () => {
           shown = null;
           editor.player.once();
@@ -142,7 +142,7 @@ export function start(editor) {
           if (known >= 0) return value ? [{ set: ["forces", known, "torque"], value }] : [{ remove: ["forces", known] }];
           return value ? [{ add: ["forces"], value: { object: name, torque: value, duration: LASTS } }] : null;
         },
-        said: () => `${torque ? "Torque" : "Spin"} of ${name}: ${shown.text}`,
+        describe: () => `${torque ? "Torque" : "Spin"} of ${name}: ${shown.text}`,
         done: () => {
           shown = null;
           editor.player.once();
@@ -313,20 +313,20 @@ export function start(editor) {
     },
     // arrow keys: a step of the chosen push, or of the object's velocity
     nudge([dx, dy], { shiftKey, altKey }) {
-      const thing = editor.selected,
+      const entry = editor.selected,
         large = shiftKey ? 25 : 5;
-      if (thing?.kind === "force") {
-        const item = scene().forces[thing.name],
+      if (entry?.kind === "force") {
+        const item = scene().forces[entry.name],
           kind = item.impulse ? "impulse" : item.force ? "force" : null;
         if (!kind) return false;
         const by = step(kind === "impulse" ? mass(item.object) : mass(item.object) / lasts(item)) * large;
-        return repeated(`force ${thing.name} ${large}`, [dx, dy], (v) => {
-          const value = scene().forces[thing.name][kind].map((was, k) => rounded(was + v[k] * by, by));
-          return changed([{ set: ["forces", thing.name, kind], value }], `${kind} on ${item.object}: ${value.join(", ")}`, `nudge ${thing.name}`);
+        return repeated(`force ${entry.name} ${large}`, [dx, dy], (v) => {
+          const value = scene().forces[entry.name][kind].map((was, k) => rounded(was + v[k] * by, by));
+          return changed([{ set: ["forces", entry.name, kind], value }], `${kind} on ${item.object}: ${value.join(", ")}`, `nudge ${entry.name}`);
         });
       }
-      if (thing?.kind !== "object" || pinned(thing.name) || altKey) return false;
-      const { name } = thing,
+      if (entry?.kind !== "object" || pinned(entry.name) || altKey) return false;
+      const { name } = entry,
         by = step(1) * large;
       return repeated(`velocity ${name} ${large}`, [dx, dy], (v) => {
         const value = (object(name).velocity || [0, 0]).map((was, k) => rounded(was + v[k] * by, by));

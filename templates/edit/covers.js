@@ -1,4 +1,4 @@
-// The pixels of one thing while they are painted: a mask of the photo's size, its crisp border as a path, its tint.
+// The pixels of one object while they are painted: a mask of the photo's size, its crisp border as a path, its tint.
 
 // The middle of pixel (i, j) is the point (i, j).
 export function makeCover(width, height) {

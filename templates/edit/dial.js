@@ -9,7 +9,7 @@ const drawn = (name, attributes) => {
   return made;
 };
 
-// `gravity` tells the scene's, px/s²; `meter` px
+// `gravity` returns the scene's, px/s²; `meter` px
 export function makeGravity(editor, gravity, meter) {
   const repeated = makeRepeated(editor);
   function gravityOps([x, y]) {

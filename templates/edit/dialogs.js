@@ -12,7 +12,7 @@ export function ask(question) {
   return answer;
 }
 
-// For something that is to be told and needs no choice.
+// For a message that needs no choice.
 export const tell = (title, body) => ask({ title, body, choices: [{ value: true, label: "Close", main: true }] });
 
 function shown({ title, body, choices, input, wide }) {
@@ -35,10 +35,10 @@ function shown({ title, body, choices, input, wide }) {
     const close = (value) => { answer = value; dialog.close(); };
     const choose = (choice) => {
       if (!field || choice.value === null) return close(choice.value);
-      const said = input.check?.(field.value.trim()) ?? null;
-      wrong.textContent = said ?? "";
-      field.setAttribute("aria-invalid", String(Boolean(said)));
-      if (said) return field.focus();
+      const reason = input.check?.(field.value.trim()) ?? null;
+      wrong.textContent = reason ?? "";
+      field.setAttribute("aria-invalid", String(Boolean(reason)));
+      if (reason) return field.focus();
       return close({ value: choice.value, text: field.value.trim() });
     };
     choices.forEach((choice, k) => buttons[k].addEventListener("click", () => choose(choice)));

@@ -16,7 +16,7 @@ export const pixel = (editor) => Math.min(roundAbove(editor.stage.unit / 2), 1);
 
 export const written = (editor, path) => editor.state?.scene?.written?.includes(path.join(".").replace(/\.(\d+)(?=\.|$)/g, "[$1]"));
 
-// to set a value by hand: what `from` said of it is no longer so
+// to set a value by hand: its `from` no longer holds
 export function setting(editor, path, value) {
   const ops = [{ set: path, value }],
     [section, name, key] = path;
@@ -32,7 +32,7 @@ export function setting(editor, path, value) {
   return ops;
 }
 
-// drags are {to(point, event) -> ops or null, said() -> what the edit is, click()?, done()?}
+// drags are {to(point, event) -> ops or null, describe() -> what the edit is, click()?, done()?}
 export function makeDragging(editor) {
   let drag = null,
     from = null,
@@ -74,7 +74,7 @@ export function makeDragging(editor) {
         editor.preview(null);
         return;
       }
-      const what = done.said();
+      const what = done.describe();
       try {
         await editor.edit(made, what);
         editor.say(what);

@@ -1,4 +1,4 @@
-// Rows of the panels: one key of the scene each, with its unit, its range from the schema, who said it, and a way back.
+// Rows of the panels: one key of the scene each, with its unit, its range from the schema, its source, and a way back.
 
 import { element, icon } from "./elements.js";
 import { PAUSE, roundAbove, setting, written } from "./dragging.js";
@@ -53,7 +53,7 @@ export function makeRow(editor, path, name, options = {}) {
   const scene = () => editor.state?.scene;
   const get = () => valueAt(scene(), path);
   const ops = (value) => (options.edits ? options.edits(value) : value === null ? [{ unset: path }] : setting(editor, path, value));
-  const told = options.told || path.filter((key) => !["objects", "boundaries", "joints", "fields", "world"].includes(key)).join(" ");
+  const called = options.called || path.filter((key) => !["objects", "boundaries", "joints", "fields", "world"].includes(key)).join(" ");
   let gesture = 0,
     pressed = -Infinity;
   const note = element("p.note", { id: `${id}-note`, hidden: true });
@@ -176,7 +176,7 @@ export function makeRow(editor, path, name, options = {}) {
     editor
       .edit(
         ops(value),
-        `${told}: ${value === null ? "back to the default" : Array.isArray(value) ? value.map(short).join(", ") : short(value)}${unit && value !== null ? ` ${unit}` : ""}`,
+        `${called}: ${value === null ? "back to the default" : Array.isArray(value) ? value.map(short).join(", ") : short(value)}${unit && value !== null ? ` ${unit}` : ""}`,
         tag,
       )
       .catch(() => fill(true));

@@ -5,8 +5,8 @@ import { element, part } from "./elements.js";
 const KEPT = "physgen-edit-hint";
 const YEARS = 10 * 365 * 86400; // s
 const STEPS = [
-  ["Push", "Drag from a thing: the arrow is its velocity, and its true motion shows at once."],
-  ["Put right", "To do tells what the photo left in doubt. Click a thing to change what it is made of; Mask corrects its pixels."],
+  ["Push", "Drag from an object: the arrow is its velocity, and its true motion shows at once."],
+  ["Put right", "To do lists what the photo left in doubt. Click an object to change what it is made of; Mask corrects its pixels."],
   ["Keep", "Undo takes back anything. Save writes the YAML file that you see beside the picture; Render makes the video."],
 ];
 

@@ -40,10 +40,10 @@ export function makeHits(editor, view) {
       ]),
     ];
   }
-  function centreOf(thing) {
-    const rings = thing.kind === "object" ? null : pointsOf(thing).flat();
-    if (thing.kind === "object") {
-      const pose = poseOf(thing.name);
+  function centreOf(entry) {
+    const rings = entry.kind === "object" ? null : pointsOf(entry).flat();
+    if (entry.kind === "object") {
+      const pose = poseOf(entry.name);
       return pose && [pose.x, pose.y];
     }
     return rings.length ? [0, 1].map((c) => rings.reduce((sum, p) => sum + p[c], 0) / rings.length) : null;
@@ -61,13 +61,13 @@ export function makeHits(editor, view) {
     if (kind === "force") return item.at ? [[item.at]] : [[centreOf({ kind: "object", name: item.object })].filter(Boolean)];
     return [];
   }
-  function outline(thing) {
-    if (thing.kind === "object") {
+  function outline(entry) {
+    if (entry.kind === "object") {
       const { run } = editor.player || {},
-        k = run?.index.get(thing.name);
+        k = run?.index.get(entry.name);
       return k === undefined ? null : pathOf(run, k, editor.player.now().poses[k]);
     }
-    const chains = pointsOf(thing);
+    const chains = pointsOf(entry);
     if (!chains.length) return null;
     const path = new Path2D();
     for (const chain of chains) {

@@ -3,7 +3,7 @@
 import { button, element, isolated } from "./elements.js";
 import { named, pathOf, same } from "./app.js";
 import { loadSchema, makeRow } from "./fields.js";
-import { HOLDS, makePanels } from "./things.js";
+import { HOLDS, makePanels } from "./entries.js";
 
 export function start(editor) {
   const body = element("div.sheet", {});
@@ -15,18 +15,18 @@ export function start(editor) {
   const meter = () => editor.state?.derived?.pixels_per_meter;
   const si = (value, unit) => (Number.isFinite(value) ? `${+value.toPrecision(3)} ${unit}`.replace("-", "−") : "");
 
-  // what a rebuilt panel depends on: which thing, and which keys it has
-  const form = (thing) => {
-    const item = thing && named(thing);
+  // what a rebuilt panel depends on: which entry, and which keys it has
+  const form = (entry) => {
+    const item = entry && named(entry);
     if (!item)
       return `list ${JSON.stringify(scene() && [Object.entries(scene().objects || {}).map(([n, o]) => [n, o.label, o.motion]), Object.keys(scene().boundaries || {}), (scene().forces || []).map((f) => Object.keys(f).concat(f.object)), Object.keys(scene().joints || {}), Object.keys(scene().fields || {})])}`;
     const pushes =
-      thing.kind === "object" ? (scene().forces || []).map((f, k) => (f.object === thing.name ? `${k}${Object.keys(f)}` : "")).join() : "";
-    return `${thing.kind} ${thing.name} ${item.label ?? ""} ${Object.keys(item).filter((key) => [...HOLDS, "impulse", "force", "torque", "wind", "attractor", "segment", "polyline", "mask"].includes(key) && item[key] != null)} ${JSON.stringify(item.motion)} ${scene().world?.view} ${pushes} ${editor.materials.length} ${Object.keys(scene().objects || {})} ${thing.kind === "object" ? oddities(thing.name) : ""}`;
+      entry.kind === "object" ? (scene().forces || []).map((f, k) => (f.object === entry.name ? `${k}${Object.keys(f)}` : "")).join() : "";
+    return `${entry.kind} ${entry.name} ${item.label ?? ""} ${Object.keys(item).filter((key) => [...HOLDS, "impulse", "force", "torque", "wind", "attractor", "segment", "polyline", "mask"].includes(key) && item[key] != null)} ${JSON.stringify(item.motion)} ${scene().world?.view} ${pushes} ${editor.materials.length} ${Object.keys(scene().objects || {})} ${entry.kind === "object" ? oddities(entry.name) : ""}`;
   };
   function show() {
-    const thing = editor.selected && named(editor.selected) ? editor.selected : null,
-      now = form(thing);
+    const entry = editor.selected && named(editor.selected) ? editor.selected : null,
+      now = form(entry);
     if (now === shown) {
       rows.forEach((row) => row.fill());
       return;
@@ -38,8 +38,8 @@ export function start(editor) {
     body.replaceChildren(
       ...(!scene()
         ? [element("p.empty", {}, "The scene cannot be read as it stands: see To do or YAML for what is wrong.")]
-        : thing
-          ? panels[thing.kind](thing)
+        : entry
+          ? panels[entry.kind](entry)
           : list()),
     );
     if (inside && focused) body.querySelector(`[data-row="${CSS.escape(focused)}"] :is(input, select)`)?.focus();
@@ -52,16 +52,16 @@ export function start(editor) {
   const title = (kind, name, about) => [element("h2", {}, isolated(name)), element("p.about", {}, about || kind)];
   const heading = (text) => element("h3", {}, text);
   const deeds = (...all) => element("div.deeds", {}, ...all);
-  const erase = (thing) => button("Delete", () => editor.acts.erase(thing), { class: "act bad", title: "Delete" });
+  const erase = (entry) => button("Delete", () => editor.acts.erase(entry), { class: "act bad", title: "Delete" });
 
-  const renamed = (thing) =>
-    row([...pathOf(thing), "(name)"], "name", {
+  const renamed = (entry) =>
+    row([...pathOf(entry), "(name)"], "name", {
       spec: { type: "string", maxLength: 64 },
       kind: "text",
       required: true,
-      get: () => thing.name,
-      told: thing.name,
-      edits: (value) => [{ rename: pathOf(thing), to: value }],
+      get: () => entry.name,
+      called: entry.name,
+      edits: (value) => [{ rename: pathOf(entry), to: value }],
     });
 
   const oddities = (name) =>
@@ -108,7 +108,7 @@ export function start(editor) {
               "ul.list",
               {},
               ...names.map((name) => {
-                const thing = { kind, name };
+                const entry = { kind, name };
                 return element(
                   "li",
                   {},
@@ -116,12 +116,12 @@ export function start(editor) {
                     "button",
                     {
                       type: "button",
-                      "aria-pressed": same(editor.selected, thing),
+                      "aria-pressed": same(editor.selected, entry),
                       on: {
-                        click: () => editor.choose(thing),
-                        pointerenter: () => editor.stage.hover(thing),
+                        click: () => editor.choose(entry),
+                        pointerenter: () => editor.stage.hover(entry),
                         pointerleave: () => editor.stage.hover(null),
-                        focus: () => editor.stage.hover(thing),
+                        focus: () => editor.stage.hover(entry),
                         blur: () => editor.stage.hover(null),
                       },
                     },
@@ -135,7 +135,7 @@ export function start(editor) {
         : [];
     const all = scene();
     return [
-      element("p.about", {}, "Choose a thing on the photo or here. Drag from an object to push it."),
+      element("p.about", {}, "Choose an object on the photo or here. Drag from an object to push it."),
       ...group("object", Object.keys(all.objects || {}), (n) => all.objects[n].label),
       ...group("boundary", Object.keys(all.boundaries || {}), (n) =>
         all.boundaries[n].segment ? "one wall" : all.boundaries[n].polyline ? "chain" : "mask",
@@ -162,8 +162,8 @@ export function start(editor) {
       ),
     ];
   }
-  editor.on("select", (thing) => {
-    if (thing && editor.panel === "world") editor.showPanel("object");
+  editor.on("select", (entry) => {
+    if (entry && editor.panel === "world") editor.showPanel("object");
   });
   loadSchema().then(() => {
     for (const event of ["state", "select"]) editor.on(event, show);

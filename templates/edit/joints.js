@@ -1,4 +1,4 @@
-// Pins, springs, welds and motors between things, or between a thing and the world; winds and points that attract.
+// Pins, springs, welds and motors between objects, or between an object and the world; winds and points that attract.
 
 import { element, part } from "./elements.js";
 import { INKS } from "./stage.js";
@@ -56,7 +56,7 @@ export function start(editor) {
               click: () => {
                 choose(value);
                 for (const made of strip.querySelectorAll("button")) made.setAttribute("aria-pressed", made.dataset.value === value);
-                told();
+                describe();
               },
             },
           },
@@ -82,14 +82,14 @@ export function start(editor) {
       field = value;
     },
   );
-  function told() {
+  function describe() {
     held.hidden = editor.tool?.name !== "joint";
     blown.hidden = editor.tool?.name !== "field";
     held.querySelector("p").textContent =
-      hold === "spring" ? "Drag from a thing to where the spring ends." : "Click where it holds: two things there, or one and the world.";
+      hold === "spring" ? "Drag from an object to where the spring ends." : "Click where it holds: two objects there, or one and the world.";
     blown.querySelector("p").textContent = field === "wind" ? "Drag the way it blows." : "Click where it pulls to.";
   }
-  editor.on("tool", told);
+  editor.on("tool", describe);
 
   async function made(kind, wanted, value) {
     const name = editor.freeName(kind, wanted);
@@ -162,7 +162,7 @@ export function start(editor) {
       }
       if (hold === "spring") {
         if (Math.hypot(to[0] - from[0], to[1] - from[1]) < 6 * stage().unit) {
-          editor.say("Drag from a thing to where the spring ends");
+          editor.say("Drag from an object to where the spring ends");
           return;
         }
         const second = under(to, first),
@@ -203,7 +203,7 @@ export function start(editor) {
         editor.say("Drag the way the wind blows");
         return;
       }
-      // as far as a fall of that height is fast; and so strong that it pushes a middling thing with its weight
+      // as far as a fall of that height is fast; and so strong that it pushes a middling object with its weight
       const speed = Math.sqrt(2 * g * far),
         by = roundAbove(speed / 40),
         wind = vector.map((v) => rounded((v / far) * speed, by));

@@ -15,7 +15,7 @@ export function start(editor) {
   const save = part("save"), saved = part("saved"), banners = new Map();
   const closed = new Set();
   let up = true, stranger = false, asking = false;
-  saved.removeAttribute("role"); // it changes with each edit: what matters is said once, by banners and by saving
+  saved.removeAttribute("role"); // it changes with each edit: what matters is announced once, by banners and by saving
 
   // ---- banners: one a matter
   function banner(id, words, acts = [], { kind = "note", closes = true } = {}) {
@@ -32,7 +32,7 @@ export function start(editor) {
   }
 
   // ---- saved, or only kept
-  function told() {
+  function showSaved() {
     const { file } = editor.state ?? {};
     if (!file) return;
     const [kind, words] = !up ? ["lost", editor.pending ? `${edits(editor.pending)} waiting` : "no server"]
@@ -103,11 +103,11 @@ export function start(editor) {
     const { file } = editor.state;
     if (file.outside === "changed") banner("outside", `Another program changed ${file.name} where you changed it, too.`, [["Look at both …", () => saving()]], { kind: "warn", closes: false });
     else if (file.outside === "gone") banner("outside", `${file.name} is no longer in its folder. What you see is kept; Save writes the file again.`, [["Save", () => saving()]], { kind: "warn", closes: false });
-    else if (file.outside === "unread") banner("outside", `Another program changed ${file.name}, and that could not be taken in: the disk is full, or refuses. It is tried again and again; where physgen edit runs, the reason is told.`, [], { kind: "bad", closes: false });
+    else if (file.outside === "unread") banner("outside", `Another program changed ${file.name}, and that could not be taken in: the disk is full, or refuses. It is tried again and again; where physgen edit runs, the reason is printed.`, [], { kind: "bad", closes: false });
     else banner("outside", null);
   };
 
-  // ---- what the server tells
+  // ---- events of the server
   editor.on("server", (event) => {
     if (event.type === "windows") windows(event.windows ?? event.count ?? 1);
     if (event.type === "file") {
@@ -133,9 +133,9 @@ export function start(editor) {
       resend();
     } else if (state.file.saved) banner("recovered", null);
     outside();
-    setTimeout(() => { told(); store(); }); // once the edit that brought it counts as answered
+    setTimeout(() => { showSaved(); store(); }); // once the edit that brought it counts as answered
   });
-  setInterval(told, 250);
+  setInterval(showSaved, 250);
 
   // ---- a server that went away: what is done meanwhile waits here, and in the browser's store if the page is closed
   editor.on("link", ({ up: now }) => {
@@ -147,7 +147,7 @@ export function start(editor) {
       if (!waited) editor.refresh().catch(() => {});
     }
     lost();
-    told();
+    showSaved();
   });
   function lost() {
     if (up || !editor.state) return;
@@ -203,7 +203,7 @@ export function start(editor) {
       const notMade = ({ jobs: all }) => all.slice(1 + all.findIndex(({ id }) => id === editor.state.id));
       const jobs = [...new Map(kept.flatMap(notMade).map((job) => [job.id, job])).values()];
       const make = jobs.length > 0 && await ask({ title: `${edits(jobs.length)} waited in a window that was closed`, body: "The server was gone when they were made. Make them now?", choices: [{ value: true, label: "Make them", main: true }, { value: false, label: "Leave them out" }] });
-      if (make) await Promise.allSettled(jobs.map(editor.again)); // one that is refused is told by the editor; the next may still fit
+      if (make) await Promise.allSettled(jobs.map(editor.again)); // one that is refused is reported by the editor; the next may still fit
       if (make !== null) for (const key of shelves) localStorage.removeItem(key);
     } catch { /* nothing kept */ }
   }

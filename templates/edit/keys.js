@@ -1,14 +1,14 @@
-// Keys for everything, and the sheet that tells them.
+// Keys for everything, and the sheet that lists them.
 
 import { button, element, part } from "./elements.js";
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const SHEET = [
   [
-    "Things",
+    "Objects",
     [
-      ["Tab", "from thing to thing; Enter chooses"],
-      ["← ↑ → ↓", "change the chosen push, or move the chosen thing"],
+      ["Tab", "from object to object; Enter chooses"],
+      ["← ↑ → ↓", "change the chosen push, or move the chosen object"],
       ["Shift ←", "in larger steps"],
       ["[ ]", "spin or turn it"],
       ["x", "pin it, or let it go"],
@@ -40,7 +40,7 @@ const SHEET = [
   [
     "Masks",
     [
-      ["1 8", "box to new thing"],
+      ["1 8", "box to new object"],
       ["[ ]", "size of the brush"],
       ["← ↑ → ↓", "a cursor; with Shift faster"],
       ["space", "press there, let go"],

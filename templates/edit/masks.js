@@ -1,4 +1,4 @@
-// Which pixels are a thing: box, point, brush, eraser, outline, cut, join, a new thing, its label. One tool with a strip of ways
+// Which pixels are an object: box, point, brush, eraser, outline, cut, join, a new entry, its label. One tool with a strip of ways
 // over the photo; each way works with a mouse, a finger or the keyboard (arrows move a cursor, space presses).
 
 import { picture } from "./api.js";
@@ -6,14 +6,14 @@ import { element, icon, isolated, part } from "./elements.js";
 import { makeCover } from "./covers.js";
 
 const WAYS = [
-  { name: "box", label: "Box", icon: "M3 5h4v2H5v2H3zm14 0h4v4h-2V7h-2zM3 15h2v2h2v2H3zm16 0h2v4h-4v-2h2zM9 5h6v2H9zm0 12h6v2H9zM3 10.5h2v3H3zm16 0h2v3h-2z", hint: (name) => (name ? "Draw a box around the whole of it" : "Draw a box around a thing"), one: false },
-  { name: "point", label: "Point", icon: "M11 2h2v5h-2zm0 15h2v5h-2zM2 11h5v2H2zm15 0h5v2h-5zM12 9.5a2.5 2.5 0 1 1 0 5 2.5 2.5 0 0 1 0-5", hint: (name) => (name ? "Click in the middle of it" : "Click on a thing"), one: false },
+  { name: "box", label: "Box", icon: "M3 5h4v2H5v2H3zm14 0h4v4h-2V7h-2zM3 15h2v2h2v2H3zm16 0h2v4h-4v-2h2zM9 5h6v2H9zm0 12h6v2H9zM3 10.5h2v3H3zm16 0h2v3h-2z", hint: (name) => (name ? "Draw a box around the whole of it" : "Draw a box around an object"), one: false },
+  { name: "point", label: "Point", icon: "M11 2h2v5h-2zm0 15h2v5h-2zM2 11h5v2H2zm15 0h5v2h-5zM12 9.5a2.5 2.5 0 1 1 0 5 2.5 2.5 0 0 1 0-5", hint: (name) => (name ? "Click in the middle of it" : "Click on an object"), one: false },
   { name: "brush", label: "Brush", icon: "M20.7 3.3a1.5 1.5 0 0 0-2.1 0L9.5 12.4l2.1 2.1 9.1-9.1a1.5 1.5 0 0 0 0-2.1M8.2 13.5A3.5 3.5 0 0 0 4.7 17c0 1.2-.9 2-1.9 2.2.9 1.1 2.5 1.8 4 1.8a4 4 0 0 0 4-4 3.5 3.5 0 0 0-2.6-3.5", hint: () => "Paint what belongs to it", one: true },
   { name: "eraser", label: "Eraser", icon: "M15.1 3.6 3.6 15.1a2 2 0 0 0 0 2.8L6.7 21H21v-2h-8.3l7.7-7.7a2 2 0 0 0 0-2.8l-4.3-4.9a.7.7 0 0 0-1 0M9.5 12l4.5 4.5L10.5 19H7.5L5 16.5z", hint: () => "Wipe away what does not belong to it", one: true },
-  { name: "polygon", label: "Outline", icon: "M12 2.5 21.5 9 18 20.5H6L2.5 9zm0 2.4L4.8 9.8l2.7 8.7h9l2.7-8.7z", hint: (name) => `Click its corners, then Enter or the first again${name ? "" : ": a new thing"}`, one: false },
-  { name: "split", label: "Cut", icon: "M5.5 3.5 20 18l-1.5 1.5L4 5zM6 14a3 3 0 1 1 0 6 3 3 0 0 1 0-6M18 4a3 3 0 1 1 0 6 3 3 0 0 1 0-6", hint: () => "Draw a line across it: two things come of it", one: true },
+  { name: "polygon", label: "Outline", icon: "M12 2.5 21.5 9 18 20.5H6L2.5 9zm0 2.4L4.8 9.8l2.7 8.7h9l2.7-8.7z", hint: (name) => `Click its corners, then Enter or the first again${name ? "" : ": a new object"}`, one: false },
+  { name: "split", label: "Cut", icon: "M5.5 3.5 20 18l-1.5 1.5L4 5zM6 14a3 3 0 1 1 0 6 3 3 0 0 1 0-6M18 4a3 3 0 1 1 0 6 3 3 0 0 1 0-6", hint: () => "Draw a line across it: two objects come of it", one: true },
   { name: "merge", label: "Join", icon: "M8 5a7 7 0 0 1 4 1.3A7 7 0 1 1 12 17.7 7 7 0 1 1 8 5m4 3.9a5 5 0 0 0 0 6.2 5 5 0 0 0 0-6.2", hint: () => "Click what belongs to it, too", one: true },
-  { name: "new", label: "New thing", icon: "M11 5h2v6h6v2h-6v6h-2v-6H5v-2h6z", hint: () => "Draw a box around a thing that was not found", one: false },
+  { name: "new", label: "New object", icon: "M11 5h2v6h6v2h-6v6h-2v-6H5v-2h6z", hint: () => "Draw a box around an object that was not found", one: false },
 ];
 const TINT = [64, 150, 255, 105], LINE = "rgb(255 255 255)", AIM = "rgb(255 220 90)";
 const SMALLEST = 1, LARGEST = 200;
@@ -74,7 +74,7 @@ export function start(editor) {
     close.hidden = way.name !== "polygon" || corners.length < 3;
     strip.classList.toggle("busy", busy > 0);
     words.replaceChildren(...(busy ? [busy > 1 ? `The picture follows, ${busy} to go …` : "The picture follows …"] : !editor.state?.scene ? ["Mend the file first: see YAML"]
-      : way.one && !name ? ["Choose a thing first: click it"]
+      : way.one && !name ? ["Choose an object first: click it"]
       : [...(name && way.name !== "new" ? [element("b", {}, isolated(name)), ": "] : []), way.hint(name)]));
   }
 
@@ -118,7 +118,7 @@ export function start(editor) {
       const found = state?.made ?? Object.keys(state?.scene?.objects ?? {}).find((name) => !before.has(name));
       if (found && op.kind !== "relabel") { editor.select(found); editor.say(`${found} is new: say what it is`); }
       else editor.say(typeof then === "function" ? then(state) : then ?? "Corrected");
-    } catch { /* told by the editor */ } finally {
+    } catch { /* reported by the editor */ } finally {
       busy -= 1;
     }
     drawn();
@@ -219,7 +219,7 @@ export function start(editor) {
   editor.registerTool({
     name: "mask", label: "Correct masks", short: "Mask", key: "m", cursor: "crosshair",
     icon: "M12 3a9 9 0 0 0-9 9 9 9 0 0 0 9 9zm0 2v14a7 7 0 0 1-7-7 7 7 0 0 1 7-7m2-1.8V5.2A7 7 0 0 1 19 12a7 7 0 0 1-5 6.7v2.1A9 9 0 0 0 21 12a9 9 0 0 0-7-8.8",
-    photo: true, // masks are those of the photo, wherever a thing is put
+    photo: true, // masks are those of the photo, wherever an object is put
     down: press, move: (point) => travel(point), up: (point) => release(point), cancel, draw,
   });
 
@@ -297,6 +297,6 @@ export function start(editor) {
 
 // the table of materials, in whatever shape it comes -> names
 function labelled(table) {
-  const rows = Array.isArray(table) ? table : [...(table?.things ?? []), ...(table?.materials ?? [])];
+  const rows = Array.isArray(table) ? table : [...(table?.objects ?? []), ...(table?.materials ?? [])];
   return rows.map((row) => (typeof row === "string" ? row : row.name ?? row.label)).filter(Boolean);
 }

@@ -22,7 +22,7 @@ export function start(editor) {
   const strip = element("div.strip", { hidden: true }, words, number, unit, done);
   part("beside").append(strip);
   const long = () => (line ? Math.hypot(line[1][0] - line[0][0], line[1][1] - line[0][1]) : 0);
-  function told() {
+  function describe() {
     strip.hidden = editor.tool?.name !== "measure";
     for (const made of [number, unit, done]) made.hidden = long() < 3 || drawing;
     words.textContent = long() < 3 ? "Drag along something whose length you know." : `${long().toFixed(1)} px are`;
@@ -39,13 +39,13 @@ export function start(editor) {
     await editor.edit(setting(editor, ["world", "pixels_per_meter"], value), `scale: ${value} px are 1 m`).catch(() => {});
     editor.say(`${value} px are 1 m`);
     line = null;
-    told();
+    describe();
     editor.redraw();
   }
   number.addEventListener("keydown", (event) => {
     if (event.key === "Enter") set();
   });
-  editor.on("tool", told);
+  editor.on("tool", describe);
   editor.registerTool({
     name: "measure",
     label: "Draw a known length",
@@ -56,18 +56,18 @@ export function start(editor) {
     down(point) {
       line = [point, point];
       drawing = true;
-      told();
+      describe();
     },
     move(point) {
       if (drawing) {
         line = [line[0], point2(point, pixel(editor))];
-        told();
+        describe();
         editor.redraw();
       }
     },
     up() {
       drawing = false;
-      told();
+      describe();
       if (long() >= 3) {
         number.focus();
         number.select();
@@ -77,7 +77,7 @@ export function start(editor) {
       const had = line;
       line = null;
       drawing = false;
-      told();
+      describe();
       editor.redraw();
       return Boolean(had);
     },

@@ -18,7 +18,7 @@ export function start(editor) {
   const begun = (name) => stage().poseOf(name, 0);
   const reach = (name) => editor.state?.derived?.objects?.[name]?.reach || 20;
 
-  // the things that joints hold to it, itself first; what is pinned holds like the world
+  // the objects that joints hold to it, itself first; what is pinned holds like the world
   function held(name) {
     const found = [name];
     for (const one of found)
@@ -52,7 +52,7 @@ export function start(editor) {
     shown = { name, text: turn ? `${rounded(turn, 0.5)}°` : `${to.map((v) => rounded(v, 0.01)).join(", ")} px`, also: members.length - 1 };
     return ops;
   }
-  // where one thing is written: its shape, or its place where the photo shows it
+  // where one object is written: its shape, or its place where the photo shows it
   function placed(name, to, turn, moved) {
     const item = object(name),
       { masked } = editor.state.derived.objects[name],
@@ -89,7 +89,7 @@ export function start(editor) {
           editor.player.rewind();
         },
         to: (to, event) => put(name, level(to[0] - point[0]), level(to[1] - point[1]), 0, event.altKey),
-        said: () => `${name} put at ${shown.text}${shown.also ? `, with ${shown.also} held to it` : ""}`,
+        describe: () => `${name} put at ${shown.text}${shown.also ? `, with ${shown.also} held to it` : ""}`,
         done: () => {
           shown = null;
         },
@@ -115,7 +115,7 @@ export function start(editor) {
           this.turned = (turn * Math.PI) / 180;
           return put(name, 0, 0, turn);
         },
-        said: () => `${name} turned by ${shown.text}`,
+        describe: () => `${name} turned by ${shown.text}`,
         done: () => {
           shown = null;
         },
@@ -194,13 +194,13 @@ export function start(editor) {
         pen.words(shown.text, begun(name).x, begun(name).y - reach(name) - 46 * pen.unit, "#fff", { size: 13 });
     },
     nudge([dx, dy], { shiftKey }) {
-      const thing = editor.selected,
+      const entry = editor.selected,
         by = pixel(editor) * (shiftKey ? 10 : 1);
-      if (!thing) return false;
-      return repeated(`${thing.kind} ${thing.name} ${by}`, [dx, dy], ([x, y]) => {
+      if (!entry) return false;
+      return repeated(`${entry.kind} ${entry.name} ${by}`, [dx, dy], ([x, y]) => {
         editor.player.rewind();
-        const ops = thing.kind === "object" ? put(thing.name, x * by, y * by) : editor.grips?.shifted(thing, x * by, y * by);
-        return ops && { ops, what: `${thing.name} moved`, tag: `move ${thing.kind} ${thing.name}` };
+        const ops = entry.kind === "object" ? put(entry.name, x * by, y * by) : editor.grips?.shifted(entry, x * by, y * by);
+        return ops && { ops, what: `${entry.name} moved`, tag: `move ${entry.kind} ${entry.name}` };
       });
     },
     turn(by) {
@@ -221,12 +221,12 @@ export function start(editor) {
         .then(() => editor.say(now ? `${name} moves again` : `${name} is pinned: it never moves`))
         .catch(() => {});
     },
-    erase(thing = editor.selected) {
-      if (!thing || thing.kind === "light" || !named(thing)) return;
-      const what = thing.kind === "force" ? `push on ${named(thing).object} erased` : `${thing.name} deleted`;
+    erase(entry = editor.selected) {
+      if (!entry || entry.kind === "light" || !named(entry)) return;
+      const what = entry.kind === "force" ? `push on ${named(entry).object} erased` : `${entry.name} deleted`;
       editor.choose(null);
       editor
-        .edit([{ remove: pathOf(thing) }], what)
+        .edit([{ remove: pathOf(entry) }], what)
         .then(() => editor.say(`${what}; Ctrl Z brings it back`))
         .catch(() => {});
       part("over").focus({ preventScroll: true });

@@ -1,4 +1,4 @@
-// Pictures of the scene as it stands: background, things and shadows as layers, and the photo alone until they are there.
+// Pictures of the scene as it stands: background, objects and shadows as layers, and the photo alone until they are there.
 
 import { picture } from "./api.js";
 
@@ -30,13 +30,13 @@ export function makePictures(editor, changed) {
     const run = editor.player.own,
       rests = new Map(run.motion.bodies.map((body) => [body.name, [body.x[0], body.y[0], body.a[0]]]));
     const names = data.names || run.names;
-    // a photo shows a thing where it begins, unless it is put elsewhere; without one it is drawn where it was
+    // a photo shows an object where it begins, unless it is put elsewhere; without one it is drawn where it was
     const flat = !editor.state.scene?.image;
     pictures = { key, data, found, names, rests, flat, cast: pictures?.cast };
     prepare();
     shaded(editor.player.own);
   }
-  // shadows are those of one whole motion; what slides under its thing is the same in any, and what rests as it did then keeps its own
+  // shadows are those of one whole motion; what slides under its object is the same in any, and what rests as it did then keeps its own
   async function shaded(run) {
     if (!pictures || !run?.data.done || pictures.cast?.motion === run.data.key) return;
     const mine = pictures;

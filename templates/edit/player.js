@@ -106,7 +106,7 @@ export function start(editor) {
     },
     at(run, time) {
       const where = run.motion.locate(Math.min(time, run.motion.end));
-      // masks are those of the photo: while they are corrected, things are where it shows them
+      // masks are those of the photo: while they are corrected, objects are where it shows them
       const photo = editor.tool?.name === "mask";
       const pose = (body) => (photo && body.rest ? { x: body.rest[0], y: body.rest[1], a: body.rest[2] } : run.motion.pose(body, where));
       return { time, where, poses: run.motion.bodies.map(pose) };

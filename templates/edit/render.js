@@ -16,8 +16,8 @@ export function start(editor) {
   const meter = element("progress", { max: 1, value: 0, "aria-label": "Progress of the render" });
   const stage = element("p", { class: "render-stage", role: "status" });
   const running = element("div", { class: "render-running", hidden: true }, meter, stage);
-  const lines = element("pre", { class: "render-lines", tabindex: "0", "aria-label": "What the run said" });
-  const log = element("details", { class: "render-log", hidden: true }, element("summary", {}, "What the run said"), lines);
+  const lines = element("pre", { class: "render-lines", tabindex: "0", "aria-label": "Output of the run" });
+  const log = element("details", { class: "render-log", hidden: true }, element("summary", {}, "Output of the run"), lines);
   const failed = element("p", { class: "render-failed", role: "alert", hidden: true });
   const results = element("div", { class: "render-results" });
   const command = element("code", { class: "render-command", "data-part": "command" });
@@ -41,21 +41,21 @@ export function start(editor) {
     if (marked !== JSON.stringify(names)) {
       marked = JSON.stringify(names);
       which.replaceChildren(...[BASE, ...names].map((name) => element("label", { class: "render-check" },
-        element("input", { type: "checkbox", value: name, checked: had.includes(name), on: { change: told } }), " ", name === BASE ? "the scene" : isolated(name))));
+        element("input", { type: "checkbox", value: name, checked: had.includes(name), on: { change: showCommand } }), " ", name === BASE ? "the scene" : isolated(name))));
       if (!picked().length) which.querySelector("input").checked = true;
     } else if (before && (before.variant ?? null) !== (state.variant ?? null)) for (const box of which.querySelectorAll("input")) box.checked = box.value === (state.variant ?? BASE);
     const backend = state.scene?.refine?.backend ?? state.scene?.render?.refine ?? null;
     refine.disabled = !backend || backend === "none";
     refined.textContent = refine.disabled ? "The file names none: set refine.backend in it first. The command physgen backends lists them." : `By ${backend}.`;
-    told();
+    showCommand();
     if (first) { first = false; look(); }
   });
-  format.addEventListener("change", told);
-  refine.addEventListener("change", told);
-  editor.on("panel", (id) => { if (id === "render") { told(); look(); } });
+  format.addEventListener("change", showCommand);
+  refine.addEventListener("change", showCommand);
+  editor.on("panel", (id) => { if (id === "render") { showCommand(); look(); } });
 
   // the form -> whether it may be sent, and the command that does the same
-  async function told() {
+  async function showCommand() {
     const errors = editor.state?.problems?.some((problem) => problem.severity === "error");
     go.disabled = busy || ordering || errors || !picked().length;
     go.title = errors ? "Mend the errors of the file first" : picked().length ? "" : "Choose what to render";
@@ -100,7 +100,7 @@ export function start(editor) {
       if (refused.body?.conflict || refused.body?.maps) editor.saving?.(); else wrong(refused.message);
     } finally {
       ordering = false;
-      told();
+      showCommand();
     }
   }
 
@@ -116,7 +116,7 @@ export function start(editor) {
     failed.textContent = words ?? "";
   }
 
-  let asked = 0; // an answer that another question overtook tells of what was
+  let asked = 0; // an answer that another request overtook is out of date
   async function look() {
     clearTimeout(looking);
     const mine = (asked += 1);
@@ -124,7 +124,7 @@ export function start(editor) {
       const run = await editor.request("GET", "/api/render");
       if (mine !== asked) return;
       shown(run);
-    } catch { /* the banner tells of a lost server */ }
+    } catch { /* the banner reports a lost server */ }
     if (busy && mine === asked) looking = setTimeout(look, EVERY);
   }
   editor.on("server", (event) => { if (event.type === "render") look(); });
@@ -139,13 +139,13 @@ export function start(editor) {
       if (stop.disabled && was) stage.textContent = "Stopping …"; else stage.textContent = words ? `${words[0].toUpperCase()}${words.slice(1)}` : "Working …";
     } else stop.disabled = false;
     panel.badge?.(busy ? (run.total ? `${Math.floor((100 * run.done) / run.total)} %` : "…") : null);
-    const said = (run.lines ?? []).join("\n");
-    if (lines.textContent !== said) { lines.textContent = said; lines.scrollTop = lines.scrollHeight; }
-    log.hidden = !said;
+    const output = (run.lines ?? []).join("\n");
+    if (lines.textContent !== output) { lines.textContent = output; lines.scrollTop = lines.scrollHeight; }
+    log.hidden = !output;
     if (!busy && run.error) { wrong([run.error.message, run.error.fix].filter(Boolean).join("; ")); log.open = true; }
     if (!busy && run.result) came(run.result);
     if (was && !busy) editor.say(run.result?.length ? "Rendered: see the Render panel" : run.state === "stopped" ? "Stopped" : run.error?.message ?? "Stopped");
-    if (was !== busy) told();
+    if (was !== busy) showCommand();
   }
 
   // the videos, each with its report

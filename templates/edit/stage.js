@@ -58,9 +58,9 @@ export function start(editor) {
     get hovered() {
       return hovered;
     },
-    hover(thing) {
-      if (!same(thing, hovered)) {
-        hovered = thing;
+    hover(entry) {
+      if (!same(entry, hovered)) {
+        hovered = entry;
         redraw();
       }
     },
@@ -172,11 +172,11 @@ export function start(editor) {
     }
     if (run && !editor.player.playing) warnings(pen);
     for (const overlay of editor.overlays) overlay(context, pen, now);
-    for (const [thing, strong] of [
+    for (const [entry, strong] of [
       [hovered, false],
       [editor.selected, true],
     ])
-      if (thing && (strong || !same(thing, editor.selected))) mark(pen, thing, strong);
+      if (entry && (strong || !same(entry, editor.selected))) mark(pen, entry, strong);
     editor.tool?.draw?.(context, pen, now);
     over.dataset.drawn = String((+over.dataset.drawn || 0) + 1);
   }
@@ -228,7 +228,7 @@ export function start(editor) {
       pen.stroke(pathOf(run, k, a), "#e7e9ec", 1.2, 0.75, [4, 4]);
     });
   }
-  // what is odd is told at the thing that is meant
+  // warnings are shown at the object that is meant
   function warnings(pen) {
     const { run } = editor.player,
       odd = new Set((editor.state.problems || []).map((problem) => problem.object).filter(Boolean));
@@ -239,10 +239,10 @@ export function start(editor) {
       pen.words("!", x, y, "#ffd23f", { size: 13 });
     }
   }
-  function mark(pen, thing, strong) {
-    const path = outline(thing);
+  function mark(pen, entry, strong) {
+    const path = outline(entry);
     if (!path) return;
-    if (strong && thing.kind === "object") pen.fill(path, INKS.accent, 0.1);
+    if (strong && entry.kind === "object") pen.fill(path, INKS.accent, 0.1);
     pen.stroke(path, INKS.accent, strong ? 3 : 2, strong ? 1 : 0.8);
   }
 

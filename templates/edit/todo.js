@@ -20,7 +20,7 @@ export function start(editor) {
     items = state.todo ?? [];
     const focused = list.contains(document.activeElement) ? [...list.querySelectorAll("button")].indexOf(document.activeElement) : -1;
     drawn();
-    if (focused >= 0) { // the next thing to do takes the place of the one that is done
+    if (focused >= 0) { // the next row takes the place of the one that is done
       const buttons = [...list.querySelectorAll("button")];
       (buttons[Math.min(focused, buttons.length - 1)] ?? panel.tab).focus({ preventScroll: true });
     }
@@ -38,28 +38,28 @@ export function start(editor) {
   }
 
   function made(item) {
-    const thing = meant(item), perhaps = item.mask?.polygon;
-    const named = () => { if (perhaps) point(item); else if (thing) editor.choose(thing); };
+    const entry = meant(item), perhaps = item.mask?.polygon;
+    const named = () => { if (perhaps) point(item); else if (entry) editor.choose(entry); };
     const choose = () => {
       named();
-      if (item.line && (item.kind === "error" || !thing) && !perhaps) editor.goToLine?.(item.line);
+      if (item.line && (item.kind === "error" || !entry) && !perhaps) editor.goToLine?.(item.line);
     };
     const fix = async () => {
       named();
-      try { await (item.mask ? editor.maskOp(item.mask) : editor.edit(item.ops, item.fix)); } catch { /* told by the editor */ }
+      try { await (item.mask ? editor.maskOp(item.mask) : editor.edit(item.ops, item.fix)); } catch { /* reported by the editor */ }
     };
     const shows = { pointerenter: () => point(item), focusin: () => point(item), pointerleave: () => point(null), focusout: () => point(null) };
     return element("li", { class: `todo-item ${item.kind}`, "data-object": item.object ?? "", "data-key": key(item), on: perhaps ? shows : {} },
       element("button", { type: "button", class: "todo-what", on: { click: choose } },
         element("span", { class: "todo-kind" }, SAID[item.kind] ?? item.kind),
-        thing ? element("b", {}, isolated(String(thing.name))) : null,
+        entry ? element("b", {}, isolated(String(entry.name))) : null,
         element("span", { class: "todo-text" }, item.text)),
       element("div", { class: "todo-acts" },
         item.fix ? (item.ops || item.mask ? element("button", { type: "button", class: "act", on: { click: fix } }, upper(item.fix)) : element("span", { class: "todo-hint" }, upper(item.fix))) : null,
         item.line ? element("button", { type: "button", class: "link", "aria-label": `Line ${item.line} of the file`, on: { click: () => editor.goToLine?.(item.line) } }, `line ${item.line}`) : null));
   }
 
-  // where a thing is that is none yet
+  // where an object is that is not in the scene yet
   let pointed = null;
   function point(item) {
     pointed = item;

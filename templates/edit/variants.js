@@ -95,7 +95,7 @@ export function start(editor) {
     try {
       await editor.putText([...lines.slice(0, last + 1), ...copy, ...lines.slice(last + 1)].join("\n"));
       await use(answer.text);
-    } catch { /* told by the editor */ }
+    } catch { /* reported by the editor */ }
   }
   async function remove() {
     const was = editor.variant;

@@ -6,7 +6,7 @@ import { named, pathOf } from "./app.js";
 import { pixel, point2 } from "./dragging.js";
 
 const GRIP = 6;
-// keys of things that hold points, and whether they hold one point or a list
+// keys of objects that hold points, and whether they hold one point or a list
 const POINTS = {
   boundary: { segment: 2, polyline: 2 },
   joint: { spring: 2, pivot: 1, weld: 1, motor: 1 },
@@ -20,16 +20,16 @@ export function start(editor) {
     pressed = null;
   const stage = () => editor.stage;
 
-  // ---- grips: the points of the chosen thing
-  function pointed(thing) {
-    const item = thing && named(thing),
-      key = item && Object.keys(POINTS[thing.kind] || {}).find((k) => item[k]);
-    return key ? { key, list: POINTS[thing.kind][key] === 2, points: POINTS[thing.kind][key] === 2 ? item[key] : [item[key]] } : null;
+  // ---- grips: the points of the chosen object
+  function pointed(entry) {
+    const item = entry && named(entry),
+      key = item && Object.keys(POINTS[entry.kind] || {}).find((k) => item[k]);
+    return key ? { key, list: POINTS[entry.kind][key] === 2, points: POINTS[entry.kind][key] === 2 ? item[key] : [item[key]] } : null;
   }
-  const set = (thing, { key, list }, points) => {
-    const base = pathOf(thing),
+  const set = (entry, { key, list }, points) => {
+    const base = pathOf(entry),
       ops = [{ set: [...base, key], value: list ? points : points[0] }];
-    if (thing.kind === "boundary" && !editor.variant && typeof named(thing).from === "string") ops.push({ unset: [...base, "from"] });
+    if (entry.kind === "boundary" && !editor.variant && typeof named(entry).from === "string") ops.push({ unset: [...base, "from"] });
     return ops;
   };
   const closed = ({ points }) => points.length > 3 && points[0].every((v, k) => v === points.at(-1)[k]);
@@ -37,12 +37,12 @@ export function start(editor) {
     Math.abs(point[0] - x) < 5 * stage().unit ? x : point[0],
     Math.abs(point[1] - y) < 5 * stage().unit ? y : point[1],
   ];
-  const said = (thing) => (thing.kind === "force" ? "where the push acts" : thing.name);
+  const describe = (entry) => (entry.kind === "force" ? "where the push acts" : entry.name);
 
   editor.grips = {
     at(point, finger = false) {
-      const thing = editor.selected,
-        own = pointed(thing);
+      const entry = editor.selected,
+        own = pointed(entry);
       if (!own) return null;
       const near = (finger ? 3 : 1.8) * GRIP * stage().unit,
         k = own.points.findIndex(([x, y]) => Math.hypot(x - point[0], y - point[1]) < near);
@@ -54,32 +54,32 @@ export function start(editor) {
               beside = points[k - 1] || points[k + 1];
             points[k] = point2(beside ? snapped(to, beside) : to, pixel(editor));
             if (closed(own) && (k === 0 || k === points.length - 1)) points[0] = points[points.length - 1] = points[k];
-            return set(thing, own, points);
+            return set(entry, own, points);
           },
-          said: () => `${said(thing)} moved`,
+          describe: () => `${describe(entry)} moved`,
         }),
       };
     },
-    whole(thing, point) {
-      const own = pointed(thing);
+    whole(entry, point) {
+      const own = pointed(entry);
       return (
         own && {
           to: (to) =>
             set(
-              thing,
+              entry,
               own,
               own.points.map(([x, y]) => point2([x + to[0] - point[0], y + to[1] - point[1]], pixel(editor))),
             ),
-          said: () => `${said(thing)} moved`,
+          describe: () => `${describe(entry)} moved`,
         }
       );
     },
-    shifted(thing, dx, dy) {
-      const own = pointed(thing);
+    shifted(entry, dx, dy) {
+      const own = pointed(entry);
       return (
         own &&
         set(
-          thing,
+          entry,
           own,
           own.points.map(([x, y]) => point2([x + dx, y + dy], pixel(editor))),
         )
@@ -102,14 +102,14 @@ export function start(editor) {
     finish = element("button", { type: "button", class: "act main", on: { click: () => made() } }, "Finish");
   const strip = element("div", { class: "strip", hidden: true }, hint, finish);
   part("beside").append(strip);
-  function told() {
+  function describeTool() {
     strip.hidden = editor.tool?.name !== "wall";
     finish.hidden = drawn.length < 2;
     hint.textContent = drawn.length
       ? "Click on for a chain; Enter or a double click ends it, Esc leaves it."
       : "Drag for one wall, or click from point to point.";
   }
-  editor.on("tool", told);
+  editor.on("tool", describeTool);
 
   const near = (point, event) => {
     const last = drawn.at(-1),
@@ -140,7 +140,7 @@ export function start(editor) {
     const points = drawn;
     drawn = [];
     at = null;
-    told();
+    describeTool();
     if (points.length < 2) {
       editor.preview(null);
       editor.redraw();
@@ -171,7 +171,7 @@ export function start(editor) {
       pressed = to;
       at = to;
       if (drawn.length > 3 && to === drawn[0]) made();
-      told();
+      describeTool();
     },
     move(point, event) {
       if (!drawn.length) return;
@@ -200,7 +200,7 @@ export function start(editor) {
       drawn = [];
       at = null;
       editor.preview(null);
-      told();
+      describeTool();
       editor.redraw();
       return true;
     },

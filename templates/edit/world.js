@@ -69,7 +69,7 @@ export function start(editor) {
           ),
         ),
       ),
-      row(["world", "gravity"], "x, y", { get: gravity, told: "gravity", says: (v) => `${+(Math.hypot(...v) / meter()).toPrecision(3)} m/s²` }),
+      row(["world", "gravity"], "x, y", { get: gravity, called: "gravity", says: (v) => `${+(Math.hypot(...v) / meter()).toPrecision(3)} m/s²` }),
       heading("View and scale"),
       row(["world", "view"], "view", {
         kind: "choice",

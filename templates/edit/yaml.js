@@ -27,7 +27,7 @@ export function start(editor) {
   let sent = null;         // what is on its way
   let inflight = null;     // whether that is taken, once it is known
   let refused = null;      // what will not be taken as it is
-  let timer, lines = [""], blocks = {}, chosen = null, problems = [], told = 0, height = 20, pad = 8, ink = null;
+  let timer, lines = [""], blocks = {}, chosen = null, problems = [], announced = 0, height = 20, pad = 8, ink = null;
 
   const dirty = () => known !== null && field.value !== known;
   editor.typing = dirty;
@@ -38,7 +38,7 @@ export function start(editor) {
     try {
       await editor.putText(() => withEnds(raw, (sent = field.value)));
       return true;
-    } catch ({ status }) { // told by the editor; the text stays here
+    } catch ({ status }) { // reported by the editor; the text stays here
       refused = [0, 409, 507].includes(status) ? null : sent;
       return false;
     } finally {
@@ -69,7 +69,7 @@ export function start(editor) {
     raw = state.text;
     if (!dirty() && text !== sent) put(text);
     else if (text !== sent && text !== field.value) {
-      const both = joined(known, field.value, text); // somebody else changed other lines while these were typed
+      const both = joined(known, field.value, text); // another program changed other lines while these were typed
       if (both !== null) put(both);
       later();
     }
@@ -155,8 +155,8 @@ export function start(editor) {
     }));
     list.hidden = problems.length === 0;
     const first = problems.find((problem) => problem.severity === "error");
-    if (errors > told && first && panel.panel.hidden) editor.say(`Line ${first.line}: ${first.message}`);
-    told = errors;
+    if (errors > announced && first && panel.panel.hidden) editor.say(`Line ${first.line}: ${first.message}`);
+    announced = errors;
     pointed();
   }
 
@@ -195,8 +195,8 @@ export function start(editor) {
   }
 
   let own = false; // the choice was made by the caret
-  editor.on("select", (thing) => {
-    chosen = thing?.kind === "object" ? thing.name : null;
+  editor.on("select", (entry) => {
+    chosen = entry?.kind === "object" ? entry.name : null;
     if (!own && chosen && blocks[chosen] && !panel.panel.hidden && document.activeElement !== field) reveal(...blocks[chosen]);
     else paint();
   });

@@ -57,6 +57,7 @@ OPERATIONS = [(path, method) for path, ways in document()["paths"].items() for m
 BODIED = [(path, method) for path, method in OPERATIONS if "requestBody" in document()["paths"][path][method]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("path", "method"), OPERATIONS, ids=map(" ".join, OPERATIONS))
 def test_what_it_says_it_takes_is_answered_as_it_says(path, method, serving: Serve) -> None:
     served = serving("physics/05-slide")
@@ -85,6 +86,7 @@ REFUSABLE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("path", "method"), REFUSABLE, ids=map(" ".join, REFUSABLE))
 def test_what_it_says_it_does_not_take_is_refused(path, method, serving: Serve) -> None:
     served = serving("physics/05-slide")

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from desk import NARROW, Desk, seated
 
+pytestmark = pytest.mark.slow
+
 SCENE = """\
 physgen: 1
 size: [480, 320]
@@ -75,7 +77,7 @@ def held_back(desk: Desk, path: str) -> None:
     )
 
 
-def said(desk: Desk, part: str = "said") -> str:
+def said(desk: Desk, part: str = "status") -> str:
     return str(desk.page.inner_text(f"[data-part={part}]"))
 
 
@@ -185,7 +187,7 @@ def test_on_a_phone_no_tab_is_hidden_by_what_is_said(
                 desk.page.evaluate("kind => window.editor.say('Saved scene.yaml as it is', kind)", kind)
                 line, tabs, play = (
                     desk.page.locator(f"[data-part={name}]").bounding_box()
-                    for name in ("said" if kind == "note" else "alarm", "tabs", "play")
+                    for name in ("status" if kind == "note" else "alarm", "tabs", "play")
                 )
                 assert 0 <= line["y"] <= NARROW["height"] - line["height"]
                 for other in (tabs, play):

@@ -16,6 +16,8 @@ from desk import NARROW, Desk, seated
 
 from physgen.pipeline import load
 
+pytestmark = pytest.mark.slow
+
 SCENE = """\
 # a scene with remarks
 physgen: 1

@@ -64,7 +64,9 @@ def test_who_is_who_makes_no_difference(draw) -> None:
     base, mine, theirs = text(lines), text(draw.draw(edits(lines, "m"))), text(draw.draw(edits(lines, "t")))
     one, other = merged(base, mine, theirs), merged(base, theirs, mine)
     assert one.text == other.text
-    assert [(c.mine, c.theirs) for c in one.clashes] == [(c.theirs, c.mine) for c in other.clashes]
+    assert [(c["mine"], c["theirs"]) for c in one.clashes] == [
+        (c["theirs"], c["mine"]) for c in other.clashes
+    ]
     assert merged(base, mine, base).text == mine
     assert merged(base, mine, mine).text == mine
 
@@ -72,7 +74,7 @@ def test_who_is_who_makes_no_difference(draw) -> None:
 def test_a_clash_says_where_and_what() -> None:
     made = merged("a\nb\nc\nd\n", "a\nB1\nc\nd\n", "a\nB2\nc\nd\n")
     (clash,) = made.clashes
-    assert clash.as_dict() == {"line": 2, "base": "b\n", "mine": "B1\n", "theirs": "B2\n"}
+    assert clash == {"line": 2, "base": "b\n", "mine": "B1\n", "theirs": "B2\n"}
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])

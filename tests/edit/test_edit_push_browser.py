@@ -14,6 +14,8 @@ from desk import Desk, seated
 from physgen.cli.main import main
 from physgen.simulate.trajectory import read_trajectory
 
+pytestmark = pytest.mark.slow
+
 G = 400.0
 SCENE = f"""\
 # thrown by hand
@@ -208,7 +210,7 @@ def test_a_push_on_a_scene_that_cannot_be_read_says_why_nothing_happens(
         desk.settled()
         text = desk.state["text"]
         desk.drag((120, 80), (180, 60))
-        assert "mend its text first" in desk.page.inner_text("[data-part=said]")
+        assert "mend its text first" in desk.page.inner_text("[data-part=status]")
         desk.settled()
         assert desk.state["text"] == text
 

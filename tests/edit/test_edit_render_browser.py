@@ -12,6 +12,8 @@ from desk import NARROW, Desk, seated
 
 from physgen.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 SCENE = """\
 physgen: 1
 size: [160, 120]

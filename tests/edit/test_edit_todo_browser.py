@@ -6,9 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from desk import NARROW, seated
 
 from physgen.pipeline import load
+
+pytestmark = pytest.mark.slow
 
 SCENE = """\
 physgen: 1

@@ -15,6 +15,8 @@ from desk import seated
 from physgen.cli.main import main
 from physgen.pipeline import load
 
+pytestmark = pytest.mark.slow
+
 SMALL = 256
 """px of the photo's side: the trip of the recording, quicker."""
 

@@ -13,6 +13,8 @@ from desk import Desk, seated
 from physgen.cli.main import main
 from physgen.simulate.trajectory import read_trajectory
 
+pytestmark = pytest.mark.slow
+
 SCENE = """\
 physgen: 1
 size: [480, 320]

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from desk import NARROW, Desk, seated
 
+pytestmark = pytest.mark.slow
+
 SCENE = """\
 physgen: 1
 size: [480, 320]
@@ -223,7 +225,7 @@ def test_a_narrow_window_holds_it_all(browser: Any, serving: Callable[..., Any],
             assert wide <= NARROW["width"]
             small = desk.page.evaluate(
                 "() => [...document.querySelectorAll('button, select, .panel input:not([type=checkbox])')]"
-                ".filter(e => e.offsetParent && !e.closest('.things, .skip')).map(e => [e.getBoundingClientRect(), e])"
+                ".filter(e => e.offsetParent && !e.closest('.entries, .skip')).map(e => [e.getBoundingClientRect(), e])"
                 ".filter(([b]) => b.height < 39 || b.width < 24).map(([b, e]) => e.outerHTML.slice(0, 90))"
             )
             assert small == [], "\n".join(small)

@@ -11,6 +11,8 @@ from desk import NARROW, Desk, seated
 
 from physgen.pipeline import load
 
+pytestmark = pytest.mark.slow
+
 SCENE = """\
 # kept as it is
 physgen: 1
@@ -147,7 +149,7 @@ def test_what_is_saved_is_what_was_typed(browser: Any, serving: Callable[..., An
         desk.page.keyboard.press("Control+s")
         held[0].continue_()
         desk.page.wait_for_function(
-            "() => document.querySelector('[data-part=said]').textContent.startsWith('Saved')"
+            "() => document.querySelector('[data-part=status]').textContent.startsWith('Saved')"
         )
         assert scene.read_text() == desk.text == SCENE.replace("mass: 50\n", "mass: 50123\n")
         # and what is taken back while it is on its way stays taken back
@@ -185,7 +187,7 @@ def test_a_text_that_is_refused_is_not_sent_again_and_again(
         desk.page.keyboard.press("Control+s")  # somebody asks for it
         desk.page.wait_for_function("() => !window.editor.pending")
         assert len(asked) == 2
-        assert desk.page.inner_text("[data-part=said]") == ""
+        assert desk.page.inner_text("[data-part=status]") == ""
         for _ in "large":
             desk.page.keyboard.press("Backspace")
         desk.settled()

@@ -1,4 +1,4 @@
-// What the panel shows of a thing, by its kind: rows for its keys, and what can be done to it.
+// What the panel shows of an object, by its kind: rows for its keys, and what can be done to it.
 
 import { button, element } from "./elements.js";
 import { named, pathOf } from "./app.js";
@@ -16,10 +16,10 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
   const roundMass = (name, by) => +((derived(name)?.mass || 1) * by * (meter() || 100)).toPrecision(1);
 
   return {
-    object(thing) {
-      const { name } = thing,
-        path = pathOf(thing),
-        item = named(thing),
+    object(entry) {
+      const { name } = entry,
+        path = pathOf(entry),
+        item = named(entry),
         still = typeof item.motion === "string" && item.motion === "static";
       const top = scene().world?.view === "top",
         pushes = (scene().forces || []).map((f, k) => ({ ...f, k })).filter((f) => f.object === name);
@@ -28,11 +28,11 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         deeds(
           button(still ? "Unpin" : "Pin", () => editor.acts.pin(name), { "aria-pressed": still, title: "Pinned: it never moves (x)" }),
           button("Throw again", () => editor.player.again(), { title: "Play from the beginning (r)" }),
-          erase(thing),
+          erase(entry),
         ),
         odd(name),
         heading("What it is"),
-        renamed(thing),
+        renamed(entry),
         row([...path, "label"], "label"),
         editor.materials.length
           ? row([...path, "(material)"], "material", {
@@ -42,7 +42,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               none: "as the numbers say",
               get: () => current(name),
               required: true,
-              told: `${name} material`,
+              called: `${name} material`,
               edits: (value) => madeOf(name, value),
             })
           : null,
@@ -69,7 +69,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
                 kind: "choice",
                 choices: ["dynamic", "static", { value: "path", name: "along a path" }],
                 get: () => "path",
-                told: `${name} motion`,
+                called: `${name} motion`,
                 edits: (v) => (v === "path" ? [] : [{ set: [...path, "motion"], value: v }]),
               }
             : { kind: "choice", choices: ["dynamic", "static"] },
@@ -127,26 +127,26 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
             ]),
       ].filter(Boolean);
     },
-    boundary(thing) {
-      const path = pathOf(thing),
-        item = named(thing),
+    boundary(entry) {
+      const path = pathOf(entry),
+        item = named(entry),
         points = item.segment || item.polyline;
       return [
         ...title(
           "boundary",
-          thing.name,
+          entry.name,
           points ? `boundary of ${points.length} points; drag them with the tool Move` : "boundary along the outlines of a mask",
         ),
-        deeds(erase(thing)),
+        deeds(erase(entry)),
         heading("What it is"),
-        renamed(thing),
+        renamed(entry),
         ...(item.segment
           ? [0, 1].map((k) =>
               row([...path, "segment", k], k ? "to" : "from", {
                 spec: { prefixItems: [{}, {}], "x-unit": "px" },
                 required: true,
-                told: `${thing.name} end`,
-                edits: (value) => [{ set: [...path, "segment"], value: item.segment.map((p, n) => (n === k ? value : named(thing).segment[n])) }],
+                called: `${entry.name} end`,
+                edits: (value) => [{ set: [...path, "segment"], value: item.segment.map((p, n) => (n === k ? value : named(entry).segment[n])) }],
               }),
             )
           : []),
@@ -155,9 +155,9 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         row([...path, "elasticity"], "elasticity"),
       ];
     },
-    force(thing) {
-      const path = pathOf(thing),
-        item = named(thing),
+    force(entry) {
+      const path = pathOf(entry),
+        item = named(entry),
         kind = ["impulse", "force", "torque"].find((k) => item[k] != null);
       const unit = (v) =>
         kind === "torque" ? si(v / 1000 / meter() ** 2, "N·m") : si(Math.hypot(...v) / 1000 / meter(), kind === "impulse" ? "N·s" : "N");
@@ -165,7 +165,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         ...title("push", `${kind} on ${item.object}`, "push"),
         deeds(
           button("Its object", () => editor.select(item.object)),
-          erase(thing),
+          erase(entry),
         ),
         heading("What it gives"),
         row([...path, "object"], "object", { kind: "choice", choices: Object.keys(scene().objects), required: true }),
@@ -176,9 +176,9 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         kind === "impulse" ? null : row([...path, "duration"], "lasts", { step: 0.05, says: (v) => (v == null ? "to the end" : "") }),
       ].filter(Boolean);
     },
-    joint(thing) {
-      const path = pathOf(thing),
-        item = named(thing),
+    joint(entry) {
+      const path = pathOf(entry),
+        item = named(entry),
         kind = HOLDS.find((k) => item[k]),
         names = Object.keys(scene().objects);
       const at =
@@ -187,7 +187,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               row([...path, "spring", k], k ? "to" : "from", {
                 spec: { prefixItems: [{}, {}], "x-unit": "px" },
                 required: true,
-                edits: (value) => [{ set: [...path, "spring"], value: named(thing).spring.map((p, n) => (n === k ? value : p)) }],
+                edits: (value) => [{ set: [...path, "spring"], value: named(entry).spring.map((p, n) => (n === k ? value : p)) }],
               }),
             )
           : [row([...path, kind], "at", { required: true })];
@@ -198,16 +198,16 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
           choices: names,
           none: k ? "the world" : undefined,
           required: !k,
-          get: () => named(thing).objects[k] ?? null,
-          told: `${thing.name} holds`,
+          get: () => named(entry).objects[k] ?? null,
+          called: `${entry.name} holds`,
           edits: (value) => [
-            { set: [...path, "objects"], value: k ? [named(thing).objects[0], value].filter(Boolean) : [value, ...named(thing).objects.slice(1)] },
+            { set: [...path, "objects"], value: k ? [named(entry).objects[0], value].filter(Boolean) : [value, ...named(entry).objects.slice(1)] },
           ],
         });
       return [
         ...title(
           "joint",
-          thing.name,
+          entry.name,
           {
             pivot: "pin: both sides turn freely about it",
             spring: "spring with a damper",
@@ -215,9 +215,9 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
             motor: "motor: it turns the first",
           }[kind],
         ),
-        deeds(erase(thing)),
+        deeds(erase(entry)),
         heading("What it holds"),
-        renamed(thing),
+        renamed(entry),
         holds(0),
         holds(1),
         ...at,
@@ -238,14 +238,14 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         row([...path, "collide"], "bump", { spec: { type: "boolean", description: "Whether the two objects also bump into each other." } }),
       ];
     },
-    field(thing) {
-      const path = pathOf(thing),
-        item = named(thing);
+    field(entry) {
+      const path = pathOf(entry),
+        item = named(entry);
       return [
-        ...title("field", thing.name, item.wind ? "wind" : "point that attracts; negative strength repels"),
-        deeds(erase(thing)),
+        ...title("field", entry.name, item.wind ? "wind" : "point that attracts; negative strength repels"),
+        deeds(erase(entry)),
         heading("What it does"),
-        renamed(thing),
+        renamed(entry),
         ...(item.wind
           ? [
               row([...path, "wind"], "wind", { required: true, says: (v) => (v && meter() ? si(Math.hypot(...v) / meter(), "m/s") : "") }),
