@@ -1,1 +1,1 @@
-"""The editor: a scene file and a person in a browser -> the file as that person means it. See docs/editing.md."""
+"""The editor of scene files in the browser; see docs/editing.md."""

@@ -25,29 +25,29 @@ Data = dict[str, Any]
 U16 = NDArray[np.uint16]
 
 ITSELF = 4.0
-"""px between a wall of the file and the one that perception would lay there: outlines of stored masks are rounder."""
+"""px between a boundary of the file and that of perception which count as one: stored masks have rounder outlines."""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """What follows; ids are those of the masks."""
+    """Changes of the boundaries, and of objects that rest on them; by id of the masks."""
 
     ops: list[Data] = field(default_factory=list)
     """Operations on the scene's boundaries."""
     changed: frozenset[str] = frozenset()
     """Names of the scene's boundaries that go, or get other points."""
     remarks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """What perception says of each of them: before, and now."""
+    """Comments of perception on each of them, before and after."""
     outlines: Mapping[int, Outline] = field(default_factory=dict)
-    """Things that stand better than their masks tell."""
+    """Outlines that stand better than their masks."""
     moved: Mapping[int, tuple[Outline, Outline]] = field(default_factory=dict)
-    """Things with other outlines than before, for what holds them is another."""
+    """Outlines of objects, before and after, that change since their support does."""
     grip: Mapping[int, float] = field(default_factory=dict)
     """The least friction of objects at rest on a slope."""
     held: frozenset[int] = frozenset()
-    """Things that nothing seen keeps from falling now, and that something did before, or that are new."""
+    """Objects without visible support that had one before, or are new."""
     freed: frozenset[int] = frozenset()
-    """Things that something keeps from falling now, or that are no longer there."""
+    """Objects that have a support now and had none, or are gone."""
 
 
 @dataclass(frozen=True)
@@ -59,16 +59,16 @@ class _Laid:
 
 
 class Layer:
-    """Lays the ground for masks; what it laid for the newest ones is what was before the next correction."""
+    """Boundaries that perception finds for masks; those of the newest masks are kept for the next correction."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._laid: Recent[_Laid] = Recent(2)
 
     def follow(self, rgb: Rgb, was: U16, now: U16, view: View, walls: Mapping[str, Data]) -> Ground | None:
-        """`was`, `now`: (H, W) ids; `walls`: the scene's boundaries, as they are written.
+        """What follows from other masks. `was`, `now`: (H, W) ids; `walls`: the scene's boundaries as they are written.
 
-        None where the scene's ground is not perception's, or not this role's.
+        None where the scene's boundaries are not those of this backend.
         """
         ours = {name: wall for name, wall in walls.items() if isinstance((wall or {}).get("from"), str)}
         if not ours:
@@ -110,7 +110,7 @@ class Layer:
 
 
 def distance(one: Outline, other: Outline) -> float:
-    """px from one outline to the farthest corner of the other, either way; infinity for a disc and a region."""
+    """px from one outline to the farthest corner of the other, both ways; infinity for a disc and a polygon."""
     if isinstance(one, Disc) and isinstance(other, Disc):
         return float(np.hypot(*(one.center - other.center)) + abs(one.radius - other.radius))
     if isinstance(one, Disc) or isinstance(other, Disc):
@@ -128,13 +128,13 @@ def distance(one: Outline, other: Outline) -> float:
 def _ops(
     old: Sequence[Wall], new: Sequence[Wall], files: Mapping[str, str], walls: Mapping[str, Data]
 ) -> tuple[list[Data], dict[str, tuple[str, str]]]:
-    """What makes of the scene's walls those after, as far as they are the ones before; and remarks by name."""
+    """Operations that replace boundaries of perception, and comments by name; others of the user stay."""
     pairs = _mates(old, new)
     ops: list[Data] = []
     remarks: dict[str, tuple[str, str]] = {}
     for wall in old:
         name = files.get(wall.name)
-        if name is None:  # a person took it out, or moved it
+        if name is None:  # a user removed or moved it
             continue
         mate = pairs.get(wall.name)
         if mate is None:
@@ -156,10 +156,7 @@ def _ops(
 
 
 def _mates(old: Sequence[Wall], new: Sequence[Wall]) -> dict[str, Wall]:
-    """For each wall of before the one that it became: itself, else one of its kind, the nearest first.
-
-    Names tell little: ledges are counted from the lowest up, so that one more gives all above it other names.
-    """
+    """The wall that each wall became: the nearest of its kind, as one more ledge renames all above it."""
     far = sorted(
         (wall_distance(document.wall_entry(one), document.wall_entry(other)), k, n)
         for k, one in enumerate(old)
@@ -178,7 +175,7 @@ def _kind(wall: Wall) -> str:
 
 
 def _paired(ours: Mapping[str, Data], laid: Sequence[Wall]) -> dict[str, str]:
-    """For each wall that is laid, the one of the file that is it."""
+    """The boundary of the file that each wall of perception is."""
     pairs = sorted(
         (wall_distance(was, document.wall_entry(wall)), wall.name, own)
         for wall in laid
@@ -192,7 +189,7 @@ def _paired(ours: Mapping[str, Data], laid: Sequence[Wall]) -> dict[str, str]:
 
 
 def _changed(path: Sequence[str], was: Data, now: Data) -> list[Data]:
-    """Operations that make one of the other, key by key, so that comments stay."""
+    """Operations that change a boundary key by key, so that comments stay."""
     keys = ("segment", "polyline", "from")
     gone = [{"unset": [*path, key]} for key in keys if key in was and key not in now]
     return [

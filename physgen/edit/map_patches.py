@@ -1,4 +1,7 @@
-"""Maps of a photo, recomputed only where a correction changed them."""
+"""Maps of a photo, recomputed only where a correction changed them.
+
+All other pixels stay as they are stored, so that what was painted by hand or made by a model elsewhere is kept.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,6 @@ from physgen.perceive.roles import BoundaryGuess, PhotoObject
 from physgen.photometry import decode, encode_u8
 from physgen.photos import read_channels
 from physgen.scene.scene import View
-
-# ----------------------------------------------------------------------
-# What changes of a photo -> the part of it that is worked on: a correction costs what it touches.
 
 Window = tuple[slice, slice]
 """Rows and columns."""
@@ -60,14 +60,6 @@ def fitted(labels: U16, ids: Sequence[int]) -> dict[int, Outline]:
     return {i: translated_outline(outline, corner(part)) for i, outline in found.items()}
 
 
-# ----------------------------------------------------------------------
-# Maps of a photo, and objects whose pixels are others than before -> the maps that follow, changed there
-# alone.
-#
-# Every other pixel of every map stays as it is stored, so what was painted by hand or made by a model
-# elsewhere is kept.
-# Only the surroundings of what changes are worked on, however large the photo.
-
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -75,16 +67,16 @@ Mask = NDArray[np.bool_]
 SOFT = 10
 """px from a mask's border within which coverage follows it; see `matte_edge`."""
 PATCHED_AROUND = 6
-"""px around a mask that its border may have coloured: the fill behind is made anew up to there."""
+"""px around a mask that its border may have coloured: the background is filled again up to there."""
 DARK = 2e-3
 """Of linear light: with less, the share of light that a shadow leaves is not known."""
 LARGE = 4_000_000
-"""px of a photo whose maps are packed less tightly, in a third of the time."""
+"""px of a photo beyond which maps are compressed less, in a third of the time."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """Whose pixels are whose, before and after."""
+    """Label maps before and after a correction."""
 
     before: U16
     """(H, W) of masks.png; zeros where there is none."""
@@ -159,7 +151,7 @@ def _paste(path: Path, picture: U8, part: Window, new: U8) -> U8:
 
 
 def _owners(shadows: U16, change: Change) -> U16:
-    """Shadows of ids that are no more go to who has their pixels now."""
+    """Shadows of ids that are gone get the id that has their pixels now."""
     before, after = (
         np.bincount(part.reshape(-1), minlength=2**16)
         for part in (change.before[change.touched], change.after)

@@ -28,7 +28,7 @@ SOLID = 1.5
 
 @dataclass(frozen=True)
 class Before:
-    """What is known of the scene as it was."""
+    """The scene before a correction."""
 
     scene: Scene
     document: Mapping[str, Any]
@@ -40,20 +40,20 @@ class Before:
     ours: TableValues
     """Values of the table that no user has set."""
     reasons: dict[str, str] = field(default_factory=dict)
-    """Dotted path -> what perception says of the number there; of those that were worked out anew."""
+    """By dotted path, the reasons of values that were computed again."""
 
     def was(self, name: str) -> Data:
         """The entry of an object as it is written."""
         return dict(self.document["objects"][name])
 
     def photo_object(self, name: str) -> PhotoObject:
-        """The object as perception knows it."""
+        """The object as perception describes it."""
         k = [item.name for item in self.scene.objects].index(name)
         return photo_object(k + 1, self.outlines[k], self.scene.objects[k].label, self.scene.size)
 
 
 def before(scene: Scene, document: Mapping[str, Any], compiled: Compiled, rgb: Rgb) -> Before:
-    """What the table gave is reckoned again; see `perceive.derived`."""
+    """The scene before a correction, with the values that come from the table."""
     objects = {
         item.name: photo_object(k + 1, compiled.shapes.outlines[k], item.label, scene.size)
         for k, item in enumerate(scene.objects)
@@ -67,7 +67,7 @@ def before(scene: Scene, document: Mapping[str, Any], compiled: Compiled, rgb: R
 
 
 def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
-    """With whether the photo's border cuts it off."""
+    """An object, and whether the photo's border cuts it off."""
     x0, y0, x1, y1 = bounds(outline)
     cut = min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1
     return PhotoObject(id_, outline, label, cut)
@@ -97,7 +97,7 @@ def named(known: Before, labels: U16, one: PhotoObject) -> Name:
 def entry(
     known: Before, labels: U16, one: PhotoObject, name: str, called: Name | None, found: Detections
 ) -> Data:
-    """A new object as perception writes it; `called` None: a person named it, as `one.label` has it."""
+    """The entry of a new object as perception writes it; `called` None: a user named it, with `one.label`."""
     matter = matter_of(known, [one])
     source = "" if called is None else registry.find("label").name
     setting = BoundaryGuess(known.scene.world.view, 0.0, "", ())
@@ -117,77 +117,74 @@ def entry(
 
 
 def changed(known: Before, name: str, one: PhotoObject, labels: U16, label: str | None = None) -> Data:
-    """An object's entry once its outline, or what it is called, is that of `one`; its mask is not this one's business.
+    """An object's entry with the outline, or the label, of `one`; its mask is left to the caller.
 
-    The table's numbers are worked out anew. What another guessed of the mass grows with the volume, a density or a mass
-    that a person set stays.
+    Values of the table are computed again. A mass that another source guessed grows with the volume; what a user set
+    stays.
     """
-    was, old = known.was(name), known.photo_object(name)
-    ours = known.ours.keys.get(name, frozenset())
+    was, result = known.was(name), _updated(known, name, name, one, labels, label)
+    if _has_own_mass(known, name) and "mass" in was.get("from", {}):
+        grown = was["mass"] * (_area(one) / _area(known.photo_object(name))) ** SOLID
+        _set_mass(known, name, result, grown, "g: as it was guessed before, by the size of its mask now")
+    return result
+
+
+def shared(known: Before, source: str, name: str, part: float, one: PhotoObject, labels: U16) -> Data:
+    """The entry of a half with a part (0..1) of an object's area, which gets that part of a mass that was set."""
+    result = _updated(known, source, name, one, labels)
+    if _has_own_mass(known, source):
+        mass = known.was(source)["mass"] * part
+        _set_mass(known, name, result, mass, "g: its share of the whole, by area")
+    return result
+
+
+def joined(known: Before, kept: str, other: str, one: PhotoObject, labels: U16) -> Data:
+    """The entry of an object into which another is merged: masses that were set add up."""
+    result, more = _updated(known, kept, kept, one, labels), known.was(other)
+    if _has_own_mass(known, kept):
+        mass = more.get("mass", float(more.get("density", 1.0)) * _area(known.photo_object(other)))
+        total = known.was(kept)["mass"] + mass
+        _set_mass(known, kept, result, total, "g: of both that it was made of")
+    return result
+
+
+def _has_own_mass(known: Before, name: str) -> bool:
+    """Whether an object has a mass that is not the table's."""
+    return "mass" in known.was(name) and "mass" not in known.ours.keys.get(name, frozenset())
+
+
+def _set_mass(known: Before, name: str, made: Data, mass: float, reason: str) -> None:
+    made["mass"] = short(mass)
+    known.reasons[f"objects.{name}.mass"] = reason
+
+
+def _updated(
+    known: Before, source: str, name: str, one: PhotoObject, labels: U16, label: str | None = None
+) -> Data:
+    """The entry of `source` as that of `name`, with the table's values and the outline of `one`."""
     fresh = entry(known, labels, one, name, None, Detections(labels, "", {}, {}))
-    result = with_new_values(was, fresh, ours, label)
-    if "mass" in was and "mass" not in ours and "mass" in was.get("from", {}):
-        grown = was["mass"] * (_area(one) / _area(old)) ** SOLID
-        _weighed(known, name, result, grown, "g: as it was guessed before, by the size of its mask now")
-    return reshaped(known, name, result, one, old)
-
-
-def reshaped(known: Before, name: str, was: Data, one: PhotoObject, old: PhotoObject) -> Data:
-    """With the outline of `one` in place of the written one, where one is written; a scripted way moves along."""
-    result = dict(was)
+    ours = known.ours.keys.get(source, frozenset())
+    result = with_new_values(known.was(source), fresh, ours, label)
     if result.get("shape", "auto") != "auto":
         result["shape"] = shape_entry(one.outline)
     if not isinstance(one.outline, Disc):
         if result.get("solid", "plate") != "plate":
             result["solid"] = "plate"
         result.pop("roll", None)
-        if "rolling" in known.ours.keys.get(name, ()):  # only what is round rolls
+        if "rolling" in ours:  # only round objects roll
             result.pop("rolling", None)
             result["from"] = {key: who for key, who in result["from"].items() if key != "rolling"}
     path = result.get("motion")
     if isinstance(path, Mapping) and path.get("path"):
-        off = mass_properties(one.outline).center - mass_properties(old.outline).center
-        knots = [
-            [knot[0], round(knot[1] + float(off[0]), 2), round(knot[2] + float(off[1]), 2), *knot[3:]]
-            for knot in path["path"]
-        ]
+        old = known.photo_object(source)
+        dx, dy = (mass_properties(one.outline).center - mass_properties(old.outline).center).tolist()
+        knots = [[t, round(x + dx, 2), round(y + dy, 2), *rest] for t, x, y, *rest in path["path"]]
         result["motion"] = {**path, "path": knots}
     return result
 
 
-def shared(known: Before, source: str, name: str, part: float, one: PhotoObject, labels: U16) -> Data:
-    """The entry of a half that has a part (0..1) of an object's area: a mass that was set is shared out."""
-    was = known.was(source)
-    ours = known.ours.keys.get(source, frozenset())
-    result = with_new_values(
-        was, entry(known, labels, one, name, None, Detections(labels, "", {}, {})), ours, None
-    )
-    if "mass" in was and "mass" not in ours:
-        _weighed(known, name, result, was["mass"] * part, "g: its share of the whole, by area")
-    return reshaped(known, source, result, one, known.photo_object(source))
-
-
-def _weighed(known: Before, name: str, made: Data, mass: float, reason: str) -> None:
-    """Set a mass that is not the table's."""
-    made["mass"] = short(mass)
-    known.reasons[f"objects.{name}.mass"] = reason
-
-
-def joined(known: Before, kept: str, other: str, one: PhotoObject, labels: U16) -> Data:
-    """The entry of an object that takes another in: masses that were set add up."""
-    was, more = known.was(kept), known.was(other)
-    ours = known.ours.keys.get(kept, frozenset())
-    result = with_new_values(
-        was, entry(known, labels, one, kept, None, Detections(labels, "", {}, {})), ours, None
-    )
-    if "mass" in was and "mass" not in ours:
-        mass = more.get("mass", float(more.get("density", 1.0)) * _area(known.photo_object(other)))
-        _weighed(known, kept, result, was["mass"] + mass, "g: of both that it was made of")
-    return reshaped(known, kept, result, one, known.photo_object(kept))
-
-
 def short(value: float) -> float:
-    """To four digits.
+    """Rounded to four digits.
 
     >>> short(123.456)
     123.5

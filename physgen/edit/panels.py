@@ -147,7 +147,7 @@ _FASTER = re.compile(r"write world\.steps_per_second: (\d+)")
 def todo(text: str, scene: Scene | None, compiled: Compiled | None, problems: Sequence[Data]) -> list[Data]:
     """Rows as the page shows them: `kind`, `object`, `path`, `line`, `text`, `fix`, `ops`, `mask`.
 
-    `mask` is a correction of masks in place of `ops`; where both are None a person decides what to do.
+    `mask` is a correction of masks in place of `ops`; where both are None the user decides.
     """
     rows = [_row("error", p, p["message"], p["fix"]) for p in problems if p["severity"] == "error"]
     if scene is not None and compiled is not None:
@@ -222,7 +222,7 @@ def _of_one(
 
 
 def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float, Data]]:
-    """What perception left as a comment, for a person to switch on."""
+    """Objects that perception wrote as comments, which the user may add."""
     names = {item.name for item in scene.objects}
     for number, line in enumerate(text.split("\n"), 1):
         match = _MAYBE.match(line)
@@ -233,7 +233,7 @@ def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float,
             points = [(float(x), float(y)) for x, y in value["mask"]["polygon"]]
             who = str(value.get("from", {}).get("mask", ""))
         except (InputError, KeyError, TypeError, ValueError):
-            continue  # a person's own remark
+            continue  # the user's own comment
         there = fill_polygon(tuple(points), scene.size)
         if not there.any() or np.count_nonzero(compiled.labels[there]) > COVERED * np.count_nonzero(there):
             continue

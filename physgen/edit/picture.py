@@ -70,7 +70,7 @@ class Pictures:
 
 
 def photo_png(sight: Sight) -> bytes:
-    """The photo as the scene sees it; a scene without one is a sheet of paper."""
+    """PNG of the photo; a scene without one has a plain background."""
     from physgen.render.staging import flat_background
 
     maps = sight.percepts
