@@ -7,13 +7,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from studio_properties import ask_photos, with_studio
+
 from physgen import pipeline
 from physgen.environment import gpu, this_machine
 from physgen.evaluate.controllability import findings as answered
 from physgen.evaluate.controllability import sweep
 from physgen.evaluate.measure import Findings, Section, Table, markdown
 from physgen.evaluate.objects import SHIPPED, read_table
-from physgen.evaluate.properties import MASS, ORDER, Asked, ask, ask_photos
+from physgen.evaluate.properties import MASS, ORDER, Asked, ask
 from physgen.evaluate.properties import findings as weighed
 from physgen.evaluate.runtime import findings as timed
 from physgen.evaluate.runtime import measure
@@ -28,7 +30,7 @@ ABOUT = {
     "properties": """\
 Written by `python benchmarks/run.py properties` from `benchmarks/results/properties.json`; do not edit.
 
-    physgen evaluate properties                                        # 42 objects, comparisons, the studio's photos
+    physgen evaluate properties                                        # 42 objects, and published comparisons
     physgen evaluate properties --backend physics=vlm -o out/vlm       # where a model is configured; see models.md
     physgen evaluate properties mine.csv --save-answers answers.json   # a table of your own
     physgen evaluate properties mine.csv --answers answers.json        # anybody's answers; nobody is asked
@@ -108,15 +110,14 @@ SHOWN = {
 
 
 def properties(folder: Path) -> list[dict]:
-    """What the material table knows of objects, told their sizes and not; and of the studio's things."""
-    table, crew = read_table(SHIPPED), Backends()
+    """Answers of the material table, with the objects' sizes and without; and about objects on the studio's photos."""
+    table, backends = read_table(SHIPPED), Backends()
     rows = []
     for sized in (True, False):
-        kinds = ask_photos(ROOT / "studio" / "truth", crew, _quiet) if sized else []
-        asked = Asked("table", sized, False, True)
-        rows.append(
-            kept(weighed(table, ask(table, crew, sized, _quiet), kinds, asked), "properties", not sized)
-        )
+        found = weighed(table, ask(table, backends, sized, _quiet), Asked("table", sized, False, True))
+        if sized:
+            found = with_studio(found, ask_photos(ROOT / "studio" / "truth", backends, _quiet))
+        rows.append(kept(found, "properties", not sized))
     return rows
 
 

@@ -6,9 +6,8 @@ Masses as in NeRF2Physics (Zhai et al., CVPR 2024): ADE, ALDE, APE, MnRE; and th
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from math import exp, log, log10
 from pathlib import Path
@@ -158,19 +157,19 @@ def ask(table: Objects, backends: Backends, sized: bool, progress: Progress) -> 
             rgb, outline = _photo(item.photo, item.mask) if item.photo and item.mask else silhouette(item)
             one = PhotoObject(1, outline, item.label)
             known = box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
-            scale = known if sized and known else _found_scale([one])
-            found[item.name] = _answer(physics(rgb, [one], scale)[1])
+            scale = known if sized and known else found_scale([one])
+            found[item.name] = as_answer(physics(rgb, [one], scale)[1])
         return found
 
     answers: dict[str, Answer] = backends.run("physics", use)
     return answers
 
 
-def _answer(matter: Matter) -> Answer:
+def as_answer(matter: Matter) -> Answer:
     return Answer(matter.mass, matter.friction, matter.elasticity, matter.reason)
 
 
-def _found_scale(objects: Sequence[PhotoObject]) -> float | None:
+def found_scale(objects: Sequence[PhotoObject]) -> float | None:
     """px/m as `perceive` finds it, from objects of known size among them; None where none is."""
     found = photo_scale(objects, {one.id: kind_of(one.label) for one in objects})
     return found.pixels_per_meter if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE else None
@@ -203,76 +202,6 @@ def silhouette(item: Item) -> tuple[Rgb, Outline]:
     return np.repeat(rgb, 3, axis=2), outline
 
 
-@dataclass(frozen=True)
-class Kind:
-    """Objects of one scene of the studio that are alike in label and true physics."""
-
-    scene: str
-    label: str
-    count: int
-    true: Answer
-    scaled: Answer
-    """Medians of the answers where the photo's true scale is given."""
-    found: Answer
-    """The same where it is not: objects of known size give it, or nothing does."""
-
-
-def ask_photos(truth: Path, backends: Backends, progress: Progress) -> list[Kind]:
-    """Every kind of object on the photos below `truth` with known physics, cut out by the true masks.
-
-    Raises InputError where there are none.
-    """
-    files = sorted(truth.glob("*/truth.json"))
-    if not files:
-        fix = "name the folder of the studio's truth, studio/truth in physgen's repository"
-        raise InputError.of("--truth", f'"{truth}"', "holds no truth.json", fix)
-
-    def use(physics: Physics) -> list[Kind]:
-        kinds: list[Kind] = []
-        for k, file in enumerate(files):
-            progress(f"physics of {file.parent.name}", k, len(files))
-            kinds += _kinds_of(file, physics)
-        return kinds
-
-    found: list[Kind] = backends.run("physics", use)
-    return found
-
-
-def _kinds_of(file: Path, physics: Physics) -> list[Kind]:
-    folder = file.resolve().parents[3] / "scenes" / file.parent.name
-    try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-        true = {
-            one["id"]: (one["label"], Answer(one["mass_g"], one["friction"], one["elasticity"]))
-            for one in record["objects"]
-        }
-        per_meter = float(record["pixels_per_meter"])
-    except (ValueError, KeyError, TypeError) as error:
-        fix = "make it again: make studio"
-        raise InputError.of(str(file), "", f"is no truth of the studio ({error!r})", fix) from None
-    rgb = read_photo(folder / "photo.png").rgb
-    cut, _ = fit_objects(rgb, from_masks(read_labels(folder / "photo.assets" / "masks.png")))
-    objects = [replace(one, label=true[one.id][0]) for one in cut if one.id in true]
-    scaled, found = physics(rgb, objects, per_meter), physics(rgb, objects, _found_scale(objects))
-    alike: dict[Any, list[int]] = {}
-    for one in objects:
-        label, facts = true[one.id]
-        if facts.mass:
-            alike.setdefault((kind_of(label).noun or label, facts), []).append(one.id)
-
-    def median(answers: Sequence[Matter]) -> Answer:
-        numbers = {key: float(np.median([getattr(one, key) for one in answers])) for key in NUMBERS}
-        return Answer(**numbers, reason=answers[0].reason)
-
-    return [
-        Kind(
-            file.parent.name, true[ids[0]][0], len(ids), facts,
-            median([scaled[i] for i in ids]), median([found[i] for i in ids]),
-        )
-        for (_, facts), ids in alike.items()
-    ]  # fmt: skip
-
-
 # ---- report ------------------------------------------------------------------------------------------------------
 
 MASS, ORDER = "Mass", "Order of friction and elasticity"
@@ -302,35 +231,28 @@ class Asked:
     """Whether a backend answered now, rather than a file."""
 
 
-def findings(table: Objects, answers: Mapping[str, Answer], kinds: Sequence[Kind], asked: Asked) -> Findings:
+def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Findings:
     """Without plots; see `plots`."""
     every = [(item, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
     sets = {table.title: masses([pair for _, *pair in every])}  # type: ignore[misc]
     free = [(true, answer) for item, true, answer in every if not regulated(item.label)]
     if 0 < len(free) < len(every):
         sets["without regulated weights"] = masses(free)
-    for way in ("scaled", "found") if kinds else ():
-        pairs = [(one.true.mass or 0.0, getattr(one, way).mass) for one in kinds]
-        sets[f"studio's photos, scale {'told' if way == 'scaled' else 'found'}"] = masses(pairs)
     scores = {name: score for name, score in sets.items() if score is not None}
     orders = [(one, order(one.values, _values(answers, one.of))) for one in table.rankings]
     totals = {of: sum((found for one, found in orders if one.of == of), Order()) for of in COEFFICIENTS}
-    studio = {of: _ordered(kinds, of) for of in COEFFICIENTS}
     rows: list[dict[str, Any]] = [
         {"kind": "set", "set": name, **score.as_dict()} for name, score in scores.items()
     ]
     rows += [_order_row(one.of, one.about, found, one.source) for one, found in orders]
-    rows += [_order_row(of, "studio's photos", found, "") for of, found in studio.items() if found.count]
     sections = []
-    if every or kinds:
+    if every:
         cells = tuple(_cells(name, score) for name, score in scores.items())
         sections.append(Section(MASS, (), (Table(HEADS, (*cells, PAPER_MASS), note=NOTE),)))
-    if any(found.count for found in (*totals.values(), *studio.values())):
-        sections.append(_order_section(orders, totals, studio))
+    if any(found.count for found in totals.values()):
+        sections.append(_order_section(orders, totals))
     if every:
         sections.append(_object_section(table, answers))
-    if kinds:
-        sections.append(_kind_section(kinds))
     more = {
         "by": asked.who,
         "size_told": asked.sized,
@@ -338,9 +260,8 @@ def findings(table: Objects, answers: Mapping[str, Answer], kinds: Sequence[Kind
         "source": table.source,
         "paper": {"objects": 20, "ade_g": 390, "share": 0.75, "friction": [12, 13], "elasticity": [6, 7]},
         "answers": {name: {key: getattr(one, key) for key in NUMBERS} for name, one in answers.items()},
-        "studio": [_kind_row(one) for one in kinds],
     }
-    sentences = _sentences(sets[table.title], totals, asked, bool(kinds), table)
+    sentences = _sentences(sets[table.title], totals, asked, table)
     title = "Mass, friction and elasticity"
     return Findings("properties", title, tuple(sentences), tuple(sections), rows, (), more)
 
@@ -355,21 +276,7 @@ def _values(answers: Mapping[str, Answer], of: str) -> dict[str, float]:
     return {name: value for name, one in answers.items() if (value := getattr(one, of)) is not None}
 
 
-def _ordered(kinds: Sequence[Kind], of: str) -> Order:
-    """Pairs within each scene."""
-    total = Order()
-    for scene in dict.fromkeys(one.scene for one in kinds):
-        here = {f"{scene}: {one.label}, {one.true.mass:g} g": one for one in kinds if one.scene == scene}
-        total += order(
-            {name: getattr(one.true, of) for name, one in here.items()},
-            {name: getattr(one.scaled, of) for name, one in here.items()},
-        )
-    return total
-
-
-def _sentences(
-    score: Masses | None, totals: Mapping[str, Order], asked: Asked, studio: bool, table: Objects
-) -> list[str]:
+def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, table: Objects) -> list[str]:
     lines = []
     who = f"The backend {asked.who}" if asked.here else asked.who
     if score is not None:
@@ -401,11 +308,6 @@ def _sentences(
             "comparisons of friction and elasticity are independent of it. Not independent are regulated weights, "
             "such as a golf ball's: materials.yaml knows the rules."
         )
-    if studio:
-        lines.append(
-            "On the studio's photos the true masks and labels are given; the true values were set by whoever made the "
-            "scenes."
-        )
     return lines
 
 
@@ -434,9 +336,7 @@ def _grams(grams: float) -> str:
     return f"{grams:.3g} g" if grams < 1000 else f"{grams / 1000:.3g} kg"
 
 
-def _order_section(
-    orders: Sequence[tuple[Ranking, Order]], totals: Mapping[str, Order], studio: Mapping[str, Order]
-) -> Section:
+def _order_section(orders: Sequence[tuple[Ranking, Order]], totals: Mapping[str, Order]) -> Section:
     rows = []
     for of in COEFFICIENTS:
         own = [(one, found) for one, found in orders if one.of == of]
@@ -446,8 +346,6 @@ def _order_section(
             rows.append((of, one.about, *_counts(found), some + rest))
         if len(own) > 1:
             rows.append((of, "all of these", *_counts(totals[of]), ""))
-        if studio[of].count:
-            rows.append((of, "studio's photos, within each", *_counts(studio[of]), ""))
         right, count = PAPER_ORDER[of]
         rows.append((of, "the paper, GPT-4V on videos", f"{right} of {count}", "-", ""))
     heads = ("coefficient", "compared", "in order", "equal", "not in order (more > less)")
@@ -479,90 +377,41 @@ def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
     return Section("Each object, the nearest first", (), (Table(heads, rows, note=table.source),))
 
 
-def _kind_section(kinds: Sequence[Kind]) -> Section:
-    def three(grams: float | None) -> str:
-        return f"{grams or 0:.3g}" if (grams or 0) < 1000 else f"{grams:.0f}"
-
-    cells = tuple(
-        (
-            one.scene, one.label, str(one.count), f"{one.true.mass:g}", three(one.scaled.mass), three(one.found.mass),
-            f"{one.true.friction:g} / {one.scaled.friction:g}", f"{one.true.elasticity:g} / {one.scaled.elasticity:g}",
-        )
-        for one in kinds
-    )  # fmt: skip
-    heads = ("photo", "objects", "of them", "true, g", "scale given", "scale found", "friction", "elasticity")
-    note = "Masses where the photo's scale is given, and where it is not; friction and elasticity: true / answered."
-    return Section("The studio's photos", (), (Table(heads, cells, note=note),))
-
-
-def _kind_row(one: Kind) -> dict[str, Any]:
-    return {
-        "scene": one.scene,
-        "label": one.label,
-        "count": one.count,
-        **{f"true_{key}": getattr(one.true, key) for key in NUMBERS},
-        **{f"told_{key}": getattr(one.scaled, key) for key in NUMBERS},
-        "found_mass": one.found.mass,
-    }
-
-
-def plots(
-    table: Objects, answers: Mapping[str, Answer], kinds: Sequence[Kind]
-) -> dict[str, tuple[Figure, ...]]:
+def plots(table: Objects, answers: Mapping[str, Answer]) -> dict[str, tuple[Figure, ...]]:
     """For the page, by the title of their section."""
-    sets = {}
-    if table.weighed:
-        rows = [(item.name, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
-        sets["the table's objects"] = rows
-    if kinds:
-        sets["the studio's objects"] = [
-            (one.label, one.true.mass or 0, one.scaled.mass or 0) for one in kinds
-        ]
+    rows = [(item.name, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
     orders = tuple(_order_plot(one, answers) for one in table.rankings if len(one.values) > 1)
-    return {MASS: (_mass_plot(sets),) if sets else (), ORDER: orders}
+    return {MASS: (_mass_plot(rows),) if rows else (), ORDER: orders}
 
 
-def _mass_plot(sets: Mapping[str, Sequence[tuple[str, float, float]]]) -> Figure:
-    """`sets` by title: name, true g, answered g. Both axes are logarithmic; the band holds errors up to 30 %."""
+def _mass_plot(rows: Sequence[tuple[str, float, float]]) -> Figure:
+    """Of name, true g and answered g. Both axes are logarithmic; the band holds errors up to 30 %."""
 
     def draw(axes: Axes, palette: Palette) -> None:
         from matplotlib.ticker import LogLocator, NullFormatter
 
-        every = [row for rows in sets.values() for row in rows]
-        numbers = [number for _, true, answer in every for number in (true, answer)]
-        low, high = min(numbers) / 1.6, max(numbers) * 1.6
+        true, answered = (np.array([row[k] for row in rows]) for k in (1, 2))
+        low, high = min(true.min(), answered.min()) / 1.6, max(true.max(), answered.max()) * 1.6
         line = np.array([low, high])
         axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
         axes.fill_between(
             line, (1 - NEAR) * line, (1 + NEAR) * line, color=palette.faint, alpha=0.7, linewidth=0
         )
         axes.plot(line, line, color=palette.soft, linewidth=0.7)
-        for (title, rows), colour, mark in zip(
-            sets.items(), (palette.blue, palette.orange), "o^", strict=False
-        ):
-            _, x, y = zip(*rows, strict=True)
-            axes.scatter(x, y, s=11, color=colour, marker=mark, linewidths=0, label=title, zorder=3)
+        axes.scatter(true, answered, s=11, color=palette.blue, linewidths=0, zorder=3)
         named: list[tuple[float, float]] = []
-        for name, true, answer in sorted(
-            every, key=lambda row: -_factor(*row[1:])
-        ):  # the farthest off, with room
-            at = log10(true), log10(answer)
-            if len(named) < 7 and all(abs(at[0] - x) >= 0.7 or abs(at[1] - y) >= 0.1 for x, y in named):
+        for name, x, y in sorted(rows, key=lambda row: -_factor(*row[1:])):  # the farthest off, with room
+            at = log10(x), log10(y)
+            if len(named) < 7 and all(abs(at[0] - a) >= 0.7 or abs(at[1] - b) >= 0.1 for a, b in named):
                 named.append(at)
-                axes.annotate(
-                    name, (true, answer), (4, 1), textcoords="offset points", fontsize=5.5, va="center"
-                )
+                axes.annotate(name, (x, y), (4, 1), textcoords="offset points", fontsize=5.5, va="center")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(subs=(1,) if high / low > 100 else (1, 2, 5)))
             axis.set_major_formatter(lambda value, _: f"{value:g}")
             axis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="true mass (g)", ylabel="answered mass (g)")
-        axes.legend(loc="upper left")
 
-    what = " and of ".join(sets)
-    about = (
-        f"Masses of {what}, answered over true; the band is within 30 %. Some of the farthest off are named."
-    )
+    about = "Masses, answered over true; the band is within 30 %. Some of the farthest off are named."
     return plotted(draw, about, 110, 100)
 
 

@@ -254,7 +254,6 @@ def test_faults_of_answers(tmp_path: Path, name: str, text: str, wrong: str) -> 
         (["--backend", "segment=classical"], "has no part in this"),
         (["--answers", "a.json", "--hide-size"], "has no meaning beside --answers"),
         (["nothing.yaml"], "cannot be read"),
-        (["--truth", "."], "holds no truth.json"),
     ],
 )
 def test_faults_of_flags(
@@ -270,7 +269,7 @@ def test_faults_of_flags(
 
 
 def test_the_studio_is_asked_at_both_scales(bundled: Path, tmp_path: Path) -> None:
-    from physgen.evaluate.properties import ask_photos
+    from studio_properties import ask_photos
 
     truth = bundled.parent / "studio" / "truth" / "wall-ball" / "truth.json"
     home = tmp_path / "studio" / "truth" / "wall-ball"

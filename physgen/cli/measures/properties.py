@@ -37,22 +37,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hide-size", action="store_true", help="tell the name of each object alone, not its size"
     )
-    parser.add_argument(
-        "--truth",
-        metavar="DIR",
-        type=Path,
-        help="photos with true physics; default: studio/truth where it is there and no TABLE is given",
-    )
     add_output(parser)
-
-
-STUDIO = Path("studio/truth")
 
 
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
     from physgen.evaluate.objects import SHIPPED, read_answers, read_table, write_answers
-    from physgen.evaluate.properties import Asked, ask, ask_photos, findings, plots
+    from physgen.evaluate.properties import Asked, ask, findings, plots
     from physgen.registry import Backends, choices, configuration_files, load_plan
 
     _check_flags(options)
@@ -62,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
     table = read_table(options.table or SHIPPED)
     if options.answers:
-        answers, kinds = read_answers(options.answers, table), []
+        answers = read_answers(options.answers, table)
         asked = Asked(str(options.answers), False, False, False)
     else:
         if options.config is None:
@@ -71,17 +62,15 @@ def run(options: argparse.Namespace) -> int:
         backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)), print_problem)
         bar = Bar()
         answers = ask(table, backends, not options.hide_size, bar.show)
-        truth = options.truth or (STUDIO if options.table is None and STUDIO.is_dir() else None)
-        kinds = [] if truth is None else ask_photos(truth, backends, bar.show)
         bar.clear()
         backends.close()
         photos = all(item.photo is not None for item in table.items)
         asked = Asked(backends.name("physics"), not options.hide_size, photos, True)
         if options.save_answers:
             write_answers(options.save_answers, answers, backends.name("physics"))
-    found = findings(table, answers, kinds, asked)
+    found = findings(table, answers, asked)
     if options.output:
-        found = found.with_parts(plots(table, answers, kinds), first=False)
+        found = found.with_parts(plots(table, answers), first=False)
     return hand_over(found, options)
 
 
@@ -93,7 +82,6 @@ def _check_flags(options: argparse.Namespace) -> None:
         "--backend": options.backend,
         "--save-answers": options.save_answers,
         "--hide-size": options.hide_size,
-        "--truth": options.truth,
     }
     for flag, value in beside.items():
         if value:
