@@ -20,8 +20,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="FORMS",
         nargs="?",
         type=Path,
-        default=Path("benchmarks/physics"),
-        help="a Python file or package that defines ROWS, closed forms of your own scenes; default: benchmarks/physics",
+        help="a Python file or package that defines ROWS, closed forms of your own scenes; default: the engine's, "
+        "benchmarks/physics of a checkout",
     )
     parser.add_argument(
         "--rows", metavar="LIST", type=rows, default=[], help="some rows, e.g. 1,5,12; default: all"
@@ -43,10 +43,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate import physics
 
+    source = options.source or physics.ROWS
     bar = Bar()
     found = physics.evaluate(
-        options.source,
-        physics.choose(physics.load_rows(options.source), options.rows),
+        source,
+        physics.choose(physics.load_rows(source), options.rows),
         options.draws,
         () if options.no_convergence else physics.STEPS,
         options.jobs or os.cpu_count() or 1,
