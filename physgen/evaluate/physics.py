@@ -111,7 +111,7 @@ def load_rows(path: Path) -> tuple[Row, ...]:
     """`ROWS` of a Python file, or of a folder with an `__init__.py`. Raises InputError where there is none."""
     file = path / "__init__.py" if path.is_dir() else path
     if file.suffix != ".py" or not file.is_file():
-        fix = f"name a Python file that defines ROWS; the engine's are benchmarks/physics of physgen's repository"
+        fix = "name a Python file that defines ROWS; the engine's are benchmarks/physics of physgen's repository"
         raise InputError.of(str(path), "", "holds no closed forms", fix)
     name = f"_closed_forms_{abs(hash(file.resolve()))}"
     spec = importlib.util.spec_from_file_location(
