@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import hypot
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table
 from physgen.evaluate.plausibility.evidence import EVEN
-from physgen.simulate.uncertainty_summary import interval_of_mean
+from physgen.simulate.uncertainty_summary import wilson
 
 from .balls import FREE
 
@@ -208,3 +209,16 @@ def _share(hits: int, clips: int) -> str:
 
 def _part(value: float | None) -> str:
     return "-" if value is None else f"{100 * value:.1f} %"
+
+
+def interval_of_mean(first: tuple[int, int], second: tuple[int, int]) -> tuple[float, float]:
+    """The 95 % interval of the mean of two independent shares (count, total), by Wilson's of each (Newcombe 1998).
+
+    >>> [round(end, 3) for end in interval_of_mean((69, 72), (349, 366))]
+    [0.917, 0.972]
+    """
+    shares = [count / total for count, total in (first, second)]
+    (low, high), (lower, higher) = wilson(*first), wilson(*second)
+    middle = sum(shares) / 2
+    below, above = hypot(shares[0] - low, shares[1] - lower), hypot(high - shares[0], higher - shares[1])
+    return middle - below / 2, middle + above / 2

@@ -88,11 +88,11 @@ def guesses(doubts: Sequence[UncertainValue]) -> str:
     """Which numbers are drawn, equal ones once; the file does not record which were edited since."""
     alike: dict[tuple[object, ...], list[UncertainValue]] = {}
     for doubt in doubts:
-        kind = (doubt.label or doubt.thing, doubt.parameter, doubt.value, doubt.source)
+        kind = (doubt.label or doubt.name, doubt.parameter, doubt.value, doubt.source)
         alike.setdefault(kind, []).append(doubt)
     named = []
     for first, *others in alike.values():
-        owner = f"of all {1 + len(others)} called “{first.label}”" if others else f"of {first.thing}"
+        owner = f"of all {1 + len(others)} called “{first.label}”" if others else f"of {first.name}"
         sure = f", {percent(first.source.sure)} sure" if first.source.sure is not None else ""
         named.append(f"{first.parameter} {owner}, {first.value:.4g} ({first.source.text}{sure})")
     shown, more = named[:MOST_GUESSES], len(named) - MOST_GUESSES

@@ -1,14 +1,20 @@
-"""Uncertain values of a scene: their distributions and random draws."""
+"""Uncertain values of a scene: their distributions and random draws.
+
+The value of the file is the median. One standard deviation is a power of 1 / confidence: as a factor of masses and
+coefficients of friction, as a factor of the odds e / (1 - e) of elasticities; docs/fan.md says why. What a person set
+is certain. A draw depends on the seed, the path of the value and the number of the draw only, so that the k-th draw is
+the same for 8 and for 800 draws, and objects keep their draws when others are added or removed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
 from math import atan, exp, inf, log, pi, sqrt
 from statistics import NormalDist
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,150 +22,91 @@ from numpy.typing import NDArray
 from physgen.scene.provenance import Provenance, Source, source
 from physgen.scene.scene import Boundary, Motion, Object, Scene
 
-# ----------------------------------------------------------------------
-# A number and how sure somebody is of it -> the distribution that it is drawn from.
-#
-# The number of the file is the median, and one standard deviation is a power of 1 / confidence: as a factor
-# of masses
-# and coefficients of friction, as a factor of the odds e / (1 - e) of elasticities. docs/fan.md says why.
-
 Array = NDArray[np.float64]
 
 POWERS = {"mass": 1.0, "density": 1.0, "friction": 0.5, "rolling": 0.75, "elasticity": 1.0}
-"""Of 1 / confidence in one standard deviation: confidence 0.5 is a factor of 2 of a mass and of 1.4 of a friction."""
-LEAST_SURE = 0.05
-"""Confidence below which nothing gets wider."""
+"""Powers of 1 / confidence in one standard deviation: at 0.5 a mass has a factor of 2, a friction of 1.4."""
+MIN_CONFIDENCE = 0.05
+"""Lower confidences widen nothing further."""
 CONCENTRATION = 10.0
-"""Of light's directions where the confidence is 1 / e: directions are 26 degrees off, as root mean square."""
-MOST = {"mass": 1e15, "density": inf, "friction": 10.0, "rolling": 10.0}
-"""As the schema allows them."""
-EDGE = 1e-9
-"""Elasticities as near to 0 or 1 as this are meant to be just that."""
+"""Of light directions at the confidence 1 / e: directions are 26 degrees off, as root mean square."""
+MAX_VALUES = {"mass": 1e15, "density": inf, "friction": 10.0, "rolling": 10.0}
+"""As the schema allows."""
+CERTAIN_ELASTICITY = 1e-9
+"""Elasticities this close to 0 or 1 are exact."""
+OBJECT_PARAMETERS = ("mass", "density", "friction", "elasticity", "rolling")
+BOUNDARY_PARAMETERS = ("friction", "elasticity")
+AT_LEAST = "lies on a slope"
+"""Source of a friction that is at least its value: the object lies still in the photo."""
+VAGUE_LABELS = ("", "object", "thing")
+"""Objects with these labels need not be of one material."""
 NORMAL = NormalDist()
 
 
-class Spread(Protocol):
-    """A distribution on a part of the line."""
+@dataclass(frozen=True)
+class Spread:
+    """Distribution of a positive number up to `most`, or, with `logit`, of one between 0 and 1."""
+
+    median: float
+    """Before truncation."""
+    sigma: float
+    """Standard deviation of the logarithm, or of the logarithm of the odds."""
+    most: float = inf
+    at_least: bool = False
+    """Only the part above the median."""
+    logit: bool = False
 
     @property
     def name(self) -> str:
         """Of its family."""
+        if self.logit:
+            return "logit-normal"
+        return "log-normal above its median" if self.at_least else "log-normal"
 
     def at(self, z: float) -> float:
         """The value at a quantile of the standard normal distribution; rises with `z`."""
-
-    def below(self, value: float) -> float:
-        """0..1: the share of draws that are at most `value`."""
-
-
-@dataclass(frozen=True)
-class LogNormal:
-    """exp of a normal distribution, cut off above `most`."""
-
-    median: float
-    """Of the distribution without the cut."""
-    sigma: float
-    """Standard deviation of the logarithm."""
-    most: float = inf
-    name: str = "log-normal"
-
-    @property
-    def _kept(self) -> float:
-        return 1.0 if self.most == inf else NORMAL.cdf(log(self.most / self.median) / self.sigma)
-
-    def at(self, z: float) -> float:
-        """The value at a quantile of the standard normal distribution."""
-        kept = self._kept
-        return min(
-            self.median * exp(self.sigma * (z if kept == 1 else _normal(NORMAL.cdf(z) * kept))), self.most
-        )
-
-    def below(self, value: float) -> float:
-        """0..1: the share of draws that are at most `value`."""
-        if value <= 0:
-            return 0.0
-        return min(NORMAL.cdf(log(value / self.median) / self.sigma) / self._kept, 1.0)
+        if self.logit:
+            return 1 / (1 + (1 - self.median) / self.median * exp(-self.sigma * z))
+        if self.at_least or self.most < inf:
+            low = 0.5 if self.at_least else 0.0
+            high = 1.0 if self.most == inf else NORMAL.cdf(log(self.most / self.median) / self.sigma)
+            share = low + NORMAL.cdf(z) * (high - low)
+            z = NORMAL.inv_cdf(min(max(share, 1e-300), 1 - 2**-53))
+        value = self.median * exp(self.sigma * z)
+        return min(max(value, self.median) if self.at_least else value, self.most)
 
 
-@dataclass(frozen=True)
-class AtLeast:
-    """The upper half of a log-normal distribution: `least` is known to be reached, by how much more is not."""
-
-    least: float
-    sigma: float
-    most: float = inf
-    name: str = "log-normal above its median"
-
-    @property
-    def _kept(self) -> float:
-        return 1.0 if self.most == inf else 2 * NORMAL.cdf(log(self.most / self.least) / self.sigma) - 1
-
-    def at(self, z: float) -> float:
-        """The value at a quantile of the standard normal distribution."""
-        above = _normal(0.5 + NORMAL.cdf(z) * self._kept / 2)
-        return min(self.least * exp(self.sigma * max(above, 0.0)), self.most)
-
-    def below(self, value: float) -> float:
-        """0..1: the share of draws that are at most `value`."""
-        if value <= self.least:
-            return 0.0
-        return min((2 * NORMAL.cdf(log(value / self.least) / self.sigma) - 1) / self._kept, 1.0)
-
-
-@dataclass(frozen=True)
-class LogitNormal:
-    """A number between 0 and 1 whose odds are log-normal."""
-
-    median: float
-    sigma: float
-    """Standard deviation of the logarithm of the odds."""
-    name: str = "logit-normal"
-
-    def at(self, z: float) -> float:
-        """The value at a quantile of the standard normal distribution."""
-        return 1 / (1 + (1 - self.median) / self.median * exp(-self.sigma * z))
-
-    def below(self, value: float) -> float:
-        """0..1: the share of draws that are at most `value`."""
-        if not 0 < value < 1:
-            return float(value >= 1)
-        return NORMAL.cdf(log(value / (1 - value) * (1 - self.median) / self.median) / self.sigma)
-
-
-def spread(parameter: str, value: float, sure: float, at_least: bool = False) -> Spread | None:
-    """Of `value`, said with the confidence `sure`, 0..1; None where it is a point.
+def spread(parameter: str, value: float, confidence: float, at_least: bool = False) -> Spread | None:
+    """The distribution of a value with a confidence of 0..1; None where it is certain.
 
     >>> wide = spread("mass", 100.0, 0.5)
     >>> [round(wide.at(z), 9) for z in (-1, 0, 1)]
     [50.0, 100.0, 200.0]
     """
-    sigma = POWERS[parameter] * -log(min(max(sure, LEAST_SURE), 1.0))
+    sigma = POWERS[parameter] * -log(min(max(confidence, MIN_CONFIDENCE), 1.0))
     if sigma == 0:
         return None
     if parameter == "elasticity":
-        return LogitNormal(value, sigma) if EDGE < value < 1 - EDGE else None
-    most = MOST[parameter]
-    if not 0 < value < most:
-        return None
-    return AtLeast(value, sigma, most) if at_least else LogNormal(value, sigma, most)
+        certain = not CERTAIN_ELASTICITY < value < 1 - CERTAIN_ELASTICITY
+        return None if certain else Spread(value, sigma, logit=True)
+    most = MAX_VALUES[parameter]
+    return Spread(value, sigma, most, at_least) if 0 < value < most else None
 
 
 @dataclass(frozen=True)
 class Cone:
-    """Directions about one, as von Mises and Fisher have them (Fisher, Proc. R. Soc. A 217, 295, 1953)."""
+    """Directions about one: the distribution of von Mises and Fisher (Fisher, Proc. R. Soc. A 217, 295, 1953)."""
 
     direction: tuple[float, float, float]
     concentration: float
 
     def at(self, share: float, turn: float) -> Array:
-        """(3,) the unit vector as far off that `share` of all are nearer, 0..1, and `turn` of a circle about."""
-        k = self.concentration
-        c = min(max(1 + np.log1p(-share * -np.expm1(-2 * k)) / k, -1.0), 1.0)
+        """(3,) the unit vector at the quantile `share` of the angle, 0..1, and `turn` of a circle about the axis."""
+        c = self._cosine(share)
         axis = np.array(self.direction, np.float64)
         first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         first /= np.linalg.norm(first)
-        second = np.cross(axis, first)
-        about = np.cos(2 * pi * turn) * first + np.sin(2 * pi * turn) * second
+        about = np.cos(2 * pi * turn) * first + np.sin(2 * pi * turn) * np.cross(axis, first)
         return np.asarray(c * axis + sqrt(1 - c * c) * about)
 
     def within(self, angle: float) -> float:
@@ -167,188 +114,147 @@ class Cone:
         k = self.concentration
         return float(np.expm1(-k * (1 - np.cos(angle))) / np.expm1(-2 * k))
 
+    def angle(self, share: float) -> float:
+        """rad within which a share of the directions lies.
 
-def cone(direction: tuple[float, float, float], sure: float) -> Cone | None:
-    """Of a light's direction, said with the confidence `sure`; None where it is a point."""
-    vague = -log(min(max(sure, LEAST_SURE), 1.0))
+        >>> round(float(np.degrees(Cone((0, 0, 1), 100.0).angle(0.9))), 1)
+        12.3
+        """
+        c = self._cosine(share)
+        return 2 * atan(sqrt((1 - c) / (1 + c))) if c > -1 else pi
+
+    def _cosine(self, share: float) -> float:
+        k = self.concentration
+        return float(min(max(1 + np.log1p(-share * -np.expm1(-2 * k)) / k, -1.0), 1.0))
+
+
+def cone(direction: tuple[float, float, float], confidence: float) -> Cone | None:
+    """The distribution of a light's direction; None where it is certain."""
+    vague = -log(min(max(confidence, MIN_CONFIDENCE), 1.0))
     return None if vague == 0 else Cone(direction, CONCENTRATION / vague)
-
-
-def widest(concentration: float, share: float = 0.9) -> float:
-    """rad within which `share` of directions lie.
-
-    >>> round(float(np.degrees(widest(100.0))), 1)
-    12.3
-    """
-    c = 1 + np.log1p(-share * -np.expm1(-2 * concentration)) / concentration
-    return 2 * atan(sqrt((1 - c) / (1 + c))) if c > -1 else pi
-
-
-def _normal(share: float) -> float:
-    """The quantile of the standard normal distribution, for shares that floats round to 0 and 1, too."""
-    return NORMAL.inv_cdf(min(max(share, 1e-300), 1 - 2**-53))
-
-
-# ----------------------------------------------------------------------
-# Scene -> which of its numbers somebody guessed, and how each is spread; what a person set is certain.
-
-PARAMETERS = ("mass", "density", "friction", "elasticity", "rolling")
-"""Of objects, that are drawn."""
-OF_WALLS = ("friction", "elasticity")
-AT_LEAST = "lies on a slope"
-"""Who says so of a friction says that it is no smaller: the thing lies still in the photo."""
-VAGUE = ("", "object", "thing")
-"""Labels that tell nothing of what is alike."""
 
 
 @dataclass(frozen=True)
 class UncertainValue:
-    """One number that somebody guessed."""
+    """One value that was guessed."""
 
     section: str
     """`objects` or `boundaries`."""
-    thing: str
-    """Name of the object or boundary."""
+    name: str
+    """Of the object or boundary."""
     parameter: str
     value: float
-    """As the file has it."""
+    """In the file."""
     source: Source
     spread: Spread
     label: str = ""
-    """What kind of thing it is, for what is alike."""
+    """Of the object: what values of one label have in common is drawn once."""
     alike: float = 0.0
-    """0..1: how much of what is open about it is open in the same way about everything of its label."""
+    """0..1: the part of the variance that all objects of the label share."""
 
     @property
     def path(self) -> str:
-        """Where it is written."""
-        return f"{self.section}.{self.thing}.{self.parameter}"
+        """Key in the scene file."""
+        return f"{self.section}.{self.name}.{self.parameter}"
 
 
 @dataclass(frozen=True)
 class UncertainLight:
-    """A direction of light that somebody guessed."""
+    """A light direction that was guessed."""
 
     source: Source
     cone: Cone
 
 
 def uncertain_values(scene: Scene, variant: str | None = None) -> tuple[UncertainValue, ...]:
-    """Every number that is drawn, of objects, then of boundaries; `variant` is the one that was applied."""
-    said = Provenance(scene, variant)
-    of_objects = [one for item in scene.objects for one in _of_object(scene, item, said)]
-    return (*of_objects, *(one for item in scene.boundaries for one in _of_wall(scene, item, said)))
+    """Every uncertain value, of objects, then of boundaries; `variant` is the one that was applied."""
+    provenance = Provenance(scene, variant)
+    of_objects = [value for item in scene.objects for value in _of_object(scene, item, provenance)]
+    of_boundaries = [value for item in scene.boundaries for value in _of_boundary(scene, item, provenance)]
+    return (*of_objects, *of_boundaries)
 
 
 def uncertain_light(scene: Scene, variant: str | None = None) -> UncertainLight | None:
-    """How sure the light's direction is; None where it is certain, or where there is no light."""
+    """None where the light is certain, or there is none."""
     if scene.light is None or not scene.light.provenance:
         return None
-    told = Provenance(scene, variant).of("light.direction", scene.light.provenance, told="light.from")
-    found = None if told.sure is None else cone(scene.light.direction, told.sure)
-    return None if found is None else UncertainLight(told, found)
+    found = Provenance(scene, variant).of("light.direction", scene.light.provenance, told="light.from")
+    made = None if found.sure is None else cone(scene.light.direction, found.sure)
+    return None if made is None else UncertainLight(found, made)
 
 
-def _of_object(scene: Scene, item: Object, said: Provenance) -> Iterator[UncertainValue]:
+def _of_object(scene: Scene, item: Object, provenance: Provenance) -> Iterator[UncertainValue]:
     path = f"objects.{item.name}"
-    alike = _alike(scene, item, said)
-    for parameter in PARAMETERS:
+    label = item.label.strip().lower()
+    alike = 0.0
+    if label not in VAGUE_LABELS:  # as certain as the label is; 1 where a person wrote it
+        origin = item.provenance.get("label")
+        of_label = provenance.of(f"{path}.label", origin, told=f"{path}.from.label")
+        alike = 1.0 if origin is None or of_label.kind != "guess" else source(origin).sure or 0.0
+    for parameter in OBJECT_PARAMETERS:
         value = getattr(item, parameter)
-        weighs = parameter in ("mass", "density")
-        if (
-            value is None
-            or parameter not in item.provenance
-            or (weighs and item.motion is not Motion.DYNAMIC)
-        ):
+        if value is None or parameter not in item.provenance:
             continue
-        told = said.of(f"{path}.{parameter}", item.provenance[parameter], told=f"{path}.from.{parameter}")
-        if told.sure is None:
+        if parameter in ("mass", "density") and item.motion is not Motion.DYNAMIC:
             continue
-        at_least = parameter == "friction" and told.text == AT_LEAST
-        if (found := spread(parameter, value, told.sure, at_least)) is not None:
-            kind = item.label.strip().lower()
-            yield UncertainValue("objects", item.name, parameter, value, told, found, kind, alike)
+        found = provenance.of(
+            f"{path}.{parameter}", item.provenance[parameter], told=f"{path}.from.{parameter}"
+        )
+        at_least = parameter == "friction" and found.text == AT_LEAST
+        made = None if found.sure is None else spread(parameter, value, found.sure, at_least)
+        if made is not None:
+            yield UncertainValue("objects", item.name, parameter, value, found, made, label, alike)
 
 
-def _of_wall(scene: Scene, item: Boundary, said: Provenance) -> Iterator[UncertainValue]:
-    who = scene.document["boundaries"][item.name].get("from")
-    if who is None:
-        return
+def _of_boundary(scene: Scene, item: Boundary, provenance: Provenance) -> Iterator[UncertainValue]:
+    origin = scene.document["boundaries"][item.name].get("from")
     path = f"boundaries.{item.name}"
-    for parameter in OF_WALLS:
-        told = said.of(f"{path}.{parameter}", who, told=f"{path}.from")
+    for parameter in BOUNDARY_PARAMETERS if origin is not None else ():
+        found = provenance.of(f"{path}.{parameter}", origin, told=f"{path}.from")
         value = getattr(item, parameter)
-        if told.sure is not None and (found := spread(parameter, value, told.sure)) is not None:
-            yield UncertainValue("boundaries", item.name, parameter, value, told, found)
+        made = None if found.sure is None else spread(parameter, value, found.sure)
+        if made is not None:
+            yield UncertainValue("boundaries", item.name, parameter, value, found, made)
 
 
-def _alike(scene: Scene, item: Object, said: Provenance) -> float:
-    """As sure as its label is, 1 where a person said it: things of one kind are of one matter."""
-    if item.label.strip().lower() in VAGUE:
-        return 0.0
-    who = item.provenance.get("label")
-    told = said.of(f"objects.{item.name}.label", who, told=f"objects.{item.name}.from.label")
-    return 1.0 if who is None or told.kind != "guess" else source(who).sure or 0.0
-
-
-# ----------------------------------------------------------------------
-# Doubts and a seed -> draws. A draw depends on the seed, on what is drawn and on its own number, on nothing
-# else.
-#
-# So the k-th draw is the same in a fan of 8 and of 800, and things keep their draws when others are added or
-# taken away.
-
-DRAWS_MOST = 2**-54
-"""The least share that is drawn: 0 has no quantile."""
-
-
-def numbers(doubts: Sequence[UncertainValue], seed: int, count: int) -> Array:
-    """(count, P): what is drawn of each doubt.
-
-    What is open about things of one label is open in the same way, as far as they are alike: nine dominoes are of one
-    wood, whatever wood that is.
-    """
+def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Array:
+    """(count, P): draws of all values; those of objects of one label are correlated, as these are of one material."""
 
     @cache
     def normal(*key: str) -> Array:
-        return np.array(
-            [NORMAL.inv_cdf(max(share, DRAWS_MOST)) for share in shares(seed, count, *key).tolist()]
-        )
+        return np.array([NORMAL.inv_cdf(max(share, 2**-54)) for share in uniform(seed, count, *key).tolist()])
 
-    def column(doubt: UncertainValue) -> list[float]:
+    def column(value: UncertainValue) -> list[float]:
         z = np.zeros(count)
-        if doubt.alike > 0:
-            z += sqrt(doubt.alike) * normal("label", doubt.label, doubt.parameter)
-        if doubt.alike < 1:
-            z += sqrt(1 - doubt.alike) * normal(doubt.section, doubt.thing, doubt.parameter)
-        return [doubt.spread.at(value) for value in z.tolist()]
+        if value.alike > 0:
+            z += sqrt(value.alike) * normal("label", value.label, value.parameter)
+        if value.alike < 1:
+            z += sqrt(1 - value.alike) * normal(value.section, value.name, value.parameter)
+        return [value.spread.at(each) for each in z.tolist()]
 
-    return np.array([column(doubt) for doubt in doubts]).T.reshape(count, len(doubts))
+    return np.array([column(value) for value in values]).T.reshape(count, len(values))
 
 
-def directions(doubt: UncertainLight, seed: int, count: int) -> Array:
+def draw_directions(light: UncertainLight, seed: int, count: int) -> Array:
     """(count, 3) unit vectors towards the light."""
-    off, turns = shares(seed, count, "light", "off"), shares(seed, count, "light", "turn")
-    return np.array([doubt.cone.at(*pair) for pair in zip(off.tolist(), turns.tolist(), strict=True)])
+    shares, turns = uniform(seed, count, "light", "off"), uniform(seed, count, "light", "turn")
+    return np.array([light.cone.at(*pair) for pair in zip(shares.tolist(), turns.tolist(), strict=True)])
 
 
-def shares(seed: int, count: int, *key: str) -> Array:
-    """(count,) in 0..1, evenly: a stream of its own for every `key`, of which the first `count` are taken."""
-    text = "\0".join((str(seed), *key))
-    stream = np.random.Generator(
-        np.random.Philox(key=int.from_bytes(sha256(text.encode()).digest()[:16], "big"))
-    )
-    return stream.random(count)
+def uniform(seed: int, count: int, *key: str) -> Array:
+    """(count,) uniform draws in 0..1: the first ones of a stream for every `key`."""
+    digest = sha256("\0".join((str(seed), *key)).encode()).digest()
+    return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "big"))).random(count)
 
 
-def drawn(scene: Scene, doubts: Sequence[UncertainValue], values: Array) -> Scene:
-    """The scene with its doubtful numbers as one draw `(P,)` has them."""
+def with_draw(scene: Scene, values: Sequence[UncertainValue], draw: Array) -> Scene:
+    """The scene with the numbers `(P,)` of one draw."""
     edits: dict[tuple[str, str], dict[str, float]] = {}
-    for doubt, value in zip(doubts, values.tolist(), strict=True):
-        edits.setdefault((doubt.section, doubt.thing), {})[doubt.parameter] = value
+    for value, number in zip(values, draw.tolist(), strict=True):
+        edits.setdefault((value.section, value.name), {})[value.parameter] = number
 
     def edited(section: str, item: Any) -> Any:
-        changes: Mapping[str, float] = edits.get((section, item.name), {})
+        changes = edits.get((section, item.name))
         return replace(item, **changes) if changes else item
 
     return replace(

@@ -9,7 +9,13 @@ import pytest
 
 from physgen import pipeline
 from physgen.compile.compile import compile_shapes
-from physgen.simulate.uncertain_values import directions, drawn, numbers, uncertain_light, uncertain_values
+from physgen.simulate.uncertain_values import (
+    draw_directions,
+    draw_values,
+    uncertain_light,
+    uncertain_values,
+    with_draw,
+)
 
 BASE = """\
 physgen: 1
@@ -89,36 +95,36 @@ def test_draws_are_their_own(tmp_path: Path) -> None:
     scene = load(tmp_path)
     found = {
         d.path: col
-        for d, col in zip(uncertain_values(scene), numbers(uncertain_values(scene), 7, 40).T, strict=True)
+        for d, col in zip(uncertain_values(scene), draw_values(uncertain_values(scene), 7, 40).T, strict=True)
     }
-    again = numbers(uncertain_values(scene), 7, 9)
+    again = draw_values(uncertain_values(scene), 7, 9)
     assert np.array_equal(again, np.array(list(found.values())).T[:9])
     fewer = uncertain_values(load(tmp_path, BASE, ["objects.block=null", "boundaries.floor=null"]))
     assert {d.path for d in fewer} == {"objects.ball.mass", "objects.ball.friction", "objects.other.mass"}
-    for doubt, column in zip(fewer, numbers(fewer, 7, 40).T, strict=True):
+    for doubt, column in zip(fewer, draw_values(fewer, 7, 40).T, strict=True):
         assert np.array_equal(column, found[doubt.path]), doubt.path
-    other = numbers(uncertain_values(scene), 8, 40)
+    other = draw_values(uncertain_values(scene), 8, 40)
     assert not (other == np.array(list(found.values())).T).any()
     lit = uncertain_light(scene)
-    assert np.array_equal(directions(lit, 7, 40)[:5], directions(lit, 7, 5))
+    assert np.array_equal(draw_directions(lit, 7, 40)[:5], draw_directions(lit, 7, 5))
 
 
 def test_what_is_called_alike_is_alike(tmp_path: Path) -> None:
     """Of one matter, whatever that is; each as far off as its own confidence says."""
     names = {d.path: k for k, d in enumerate(uncertain_values(load(tmp_path)))}
-    values = numbers(uncertain_values(load(tmp_path)), 0, 50)
+    values = draw_values(uncertain_values(load(tmp_path)), 0, 50)
     heavy = np.log(values[:, names["objects.block.density"]] / 0.2) / np.log(1 / 0.3)
     # a density and a mass are two parameters: only equal ones go together
     other = np.log(values[:, names["objects.other.mass"]] / 40) / np.log(1 / 0.6)
     assert abs(np.corrcoef(heavy, other)[0, 1]) < 0.5
     text = BASE.replace("density: 0.2", "mass: 20").replace("density: by eye", "mass: by eye")
     found = uncertain_values(load(tmp_path, text))
-    columns = dict(zip((d.path for d in found), numbers(found, 0, 50).T, strict=True))
+    columns = dict(zip((d.path for d in found), draw_values(found, 0, 50).T, strict=True))
     heavy = np.log(columns["objects.block.mass"] / 20) / np.log(1 / 0.3)
     assert np.allclose(heavy, np.log(columns["objects.other.mass"] / 40) / np.log(1 / 0.6))
     guessed = text.replace("mask: given 0.2", "label: shape 0.0")
     found = uncertain_values(load(tmp_path, guessed))
-    columns = dict(zip((d.path for d in found), numbers(found, 0, 50).T, strict=True))
+    columns = dict(zip((d.path for d in found), draw_values(found, 0, 50).T, strict=True))
     own = np.log(columns["objects.block.mass"] / 20) / np.log(1 / 0.3)
     assert abs(np.corrcoef(own, heavy)[0, 1]) < 0.5, "a name that is a mere guess makes nothing alike"
 
@@ -127,9 +133,9 @@ def test_a_draw_is_the_scene_with_other_numbers(tmp_path: Path) -> None:
     """Beside the way of files and flags: masses, moments and pairs follow."""
     scene = load(tmp_path)
     found, compiled = uncertain_values(scene), pipeline.compile(scene, None)
-    values = numbers(found, 3, 4)
+    values = draw_values(found, 3, 4)
     for row in values:
-        world = compile_shapes(drawn(scene, found, row), compiled.shapes).world
+        world = compile_shapes(with_draw(scene, found, row), compiled.shapes).world
         flags = [f"{doubt.path}={value!r}" for doubt, value in zip(found, row.tolist(), strict=True)]
         written = pipeline.compile(load(tmp_path, BASE, flags), None).world
         for body, other in zip(world.bodies, written.bodies, strict=True):
