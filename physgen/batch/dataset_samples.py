@@ -122,7 +122,7 @@ def key(name: str) -> str:
     """The end of a path in safe characters, with a hash of the whole that makes it unique.
 
     >>> key("sweep/00-1,mass=2.5")
-    'sweep_00-1-mass-2-5-2fc39e0a25'
+    'sweep_00-1-mass-2-5-261caf6945'
     """
     text = _UNSAFE.sub("-", name.replace("/", "_")).strip("-")[-MAX_KEY_LENGTH:]
     return f"{text}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:10]}"

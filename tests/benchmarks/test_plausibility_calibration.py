@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plausibility import balls, families, faults
-from plausibility.confusion import balanced, counted, findings, interval
+from plausibility.confusion import balanced, counted, findings, interval, interval_of_mean
 from plausibility.drawn import from_drawn
 from plausibility.films import stranger
 from plausibility.pieces import in_two
@@ -14,7 +14,6 @@ from plausibility.trial import Said
 from physgen.evaluate.plausibility.array_tracks import from_world
 from physgen.evaluate.plausibility.judge import judge
 from physgen.simulate.engine import simulate
-from physgen.simulate.uncertainty_summary import interval_of_mean
 
 FPS = 24
 SEED = 7001
