@@ -31,31 +31,31 @@ Array = NDArray[np.float64]
 
 
 class EventKind(Enum):
-    """Kinds of events, in the order in which those of one moment are told."""
+    """Kinds of events, in the order in which those of one moment are listed."""
 
     MOVING = "moving"
     """It moves when the clip starts."""
     OUTSIDE = "outside"
-    """It is wholly outside the picture when the clip starts."""
+    """It is completely outside the picture when the clip starts."""
     STAY = "stay"
-    """It stays where it is for the whole clip."""
+    """It does not move in the clip."""
     PUSH = "push"
     """An impulse is given to it."""
     PUSH_START = "push_start"
     """A force or torque begins to act."""
     PUSH_END = "push_end"
     CONTACT = "contact"
-    """Two things touch, until `until`."""
+    """Two surfaces touch, until `until`."""
     COLLISION = "collision"
-    """A blow between two things."""
+    """An impact between two surfaces."""
     FIRST_TOUCH = "first_touch"
-    """It meets, for the first time, something that it did not touch from the start."""
+    """Its first contact with a surface that it did not touch from the start."""
     MOVE = "move"
-    """What stood still starts to move: it goes on to move by more than `alone.SHIFT`."""
+    """It starts to move, and moves by more than SHIFT."""
     FALL = "fall"
-    """The same where nothing touches, holds or pushes it: gravity alone moves it."""
+    """The same without contact, joint or push: gravity alone moves it."""
     TIP = "tip"
-    """It has turned by 45 degrees away from how it stood; no balls and discs, and seen from the side alone."""
+    """It has turned by 45 degrees; not for balls and discs, and only in side view."""
     LEAVE = "leave"
     """The last of it leaves the picture."""
     ENTER = "enter"
@@ -68,13 +68,13 @@ class EventKind(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """One thing that happens. Surfaces are counted as in `World.surfaces`: bodies, then walls."""
+    """One event. Surfaces are numbered as in `World.surfaces`: bodies, then walls."""
 
     kind: EventKind
     time: float
     """s of the motion."""
-    who: tuple[int, ...]
-    """One surface, or the two of a contact or collision; of a first touch, who it is and whom it meets."""
+    surfaces: tuple[int, ...]
+    """One, or the two of a contact or collision; of a first touch, the object first."""
     at: Point | None = None
     """px of the photo: where they touch, or the push acts; the centre of mass where an object does something alone."""
     until: float | None = None
@@ -87,7 +87,7 @@ class Event:
     torque: float | None = None
     """g·px²/s²."""
     before: tuple[float, ...] = ()
-    """px/s: speed of each of `who` just before a collision."""
+    """px/s: speed of each surface just before a collision."""
     after: tuple[float, ...] = ()
     """px/s: just after."""
     nearing: tuple[float, float] | None = None
@@ -275,10 +275,10 @@ RATE, LEAST = 240.0, 720
 """Times that the motion is looked at: a second, and in all; no finer than the engine's steps."""
 MOST = 2_000_000
 """Samples times objects of such a closer look."""
-HAIR = 1e-6
+BEFORE = 1e-6
 """s before a touch begins at which nothing has happened yet."""
 DONE = 1.5
-"""Steps of the engine after which a blow is over."""
+"""Steps of the engine after which an impact is over."""
 
 ORDER = {kind: number for number, kind in enumerate(EventKind)}
 
@@ -298,12 +298,12 @@ def events(
     found = [
         *_pushes(world, seen),
         *_contacts(world, seen),
-        *(_collision(world, seen, blow) for blow in struck),
+        *(_collision(world, seen, impact) for impact in struck),
         *_first_touches(world, seen),
         *alone(world, seen),
         *borders(world, seen, shot),
     ]
-    return tuple(sorted(found, key=lambda event: (event.time, ORDER[event.kind], event.who)))
+    return tuple(sorted(found, key=lambda event: (event.time, ORDER[event.kind], event.surfaces)))
 
 
 def closer(world: World, trajectory: Trajectory, sampled: Sampled) -> Trajectory:
@@ -315,7 +315,7 @@ def closer(world: World, trajectory: Trajectory, sampled: Sampled) -> Trajectory
     even = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), most) + 1)
     begins = sampled(np.array([0.0, end])).contacts.touch_times[:most, 0]
     step = DONE / world.steps_per_second
-    times = [even, begins, begins - HAIR, begins - step, begins + step]
+    times = [even, begins, begins - BEFORE, begins - step, begins + step]
     every = np.unique(np.concatenate([*times, np.array([push.start for push in world.pushes])]))
     return sampled(every[(every >= 0) & (every <= end)])
 
@@ -352,33 +352,33 @@ def _first_touches(world: World, seen: Trajectory) -> Iterator[Event]:
     for k in order[new[order]].tolist():
         time = float(contacts.touch_times[k, 0])
         one, other = contacts.touch_pairs[k].tolist()
-        for who, whom in ((one, other), (other, one)):
-            if who < len(world.bodies) and who not in met:
-                met.add(who)
-                yield Event(EventKind.FIRST_TOUCH, time, (who, whom), _place(world, seen, time, (one, other)))
+        for body, partner in ((one, other), (other, one)):
+            if body < len(world.bodies) and body not in met:
+                met.add(body)
+                yield Event(EventKind.FIRST_TOUCH, time, (body, partner), _place(world, seen, time, (one, other)))
 
 
-def _collision(world: World, seen: Trajectory, blow: Impact) -> Event:
+def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
     step = DONE / world.steps_per_second
     # where others struck earlier in the same step of the engine, the hair's breadth before is after it
-    earlier = (_sample(seen, blow.time - HAIR), _sample(seen, blow.time - step), _sample(seen, blow.time) - 1)
-    before = max((k for k in earlier if k >= 0), key=lambda k: sum(_nearing(world, seen, k, blow)), default=0)
-    after = _sample(seen, blow.time + step)
-    if seen.times[after] - blow.time > 4 * step:
-        after = min(_sample(seen, blow.time) + 1, len(seen.times) - 1)
-    x, y = blow.at.tolist()
-    wx, wy = blow.way.tolist()
+    earlier = (_sample(seen, impact.time - BEFORE), _sample(seen, impact.time - step), _sample(seen, impact.time) - 1)
+    before = max((k for k in earlier if k >= 0), key=lambda k: sum(_nearing(world, seen, k, impact)), default=0)
+    after = _sample(seen, impact.time + step)
+    if seen.times[after] - impact.time > 4 * step:
+        after = min(_sample(seen, impact.time) + 1, len(seen.times) - 1)
+    x, y = impact.at.tolist()
+    wx, wy = impact.way.tolist()
     return Event(
         EventKind.COLLISION,
-        blow.time,
-        blow.pair,
+        impact.time,
+        impact.pair,
         (x, y),
-        impulse=blow.impulse,
+        impulse=impact.impulse,
         vector=(wx, wy),
-        before=_speeds(world, seen, before, blow.pair),
-        after=_speeds(world, seen, after, blow.pair),
-        nearing=_nearing(world, seen, before, blow),
-        parting=-sum(_nearing(world, seen, after, blow)),
+        before=_speeds(world, seen, before, impact.pair),
+        after=_speeds(world, seen, after, impact.pair),
+        nearing=_nearing(world, seen, before, impact),
+        parting=-sum(_nearing(world, seen, after, impact)),
     )
 
 
@@ -389,14 +389,14 @@ def _speeds(world: World, seen: Trajectory, sample: int, pair: tuple[int, int]) 
     )
 
 
-def _nearing(world: World, seen: Trajectory, sample: int, blow: Impact) -> tuple[float, float]:
-    """px/s at which the point of each that meets the other's comes nearer, along the blow."""
+def _nearing(world: World, seen: Trajectory, sample: int, impact: Impact) -> tuple[float, float]:
+    """px/s at which the point of each that meets the other's comes nearer, along the impact's direction."""
     speeds = [0.0, 0.0]
-    for n, (k, sign) in enumerate(zip(blow.pair, (-1.0, 1.0), strict=True)):
+    for n, (k, sign) in enumerate(zip(impact.pair, (-1.0, 1.0), strict=True)):
         if k < len(world.bodies):
             x, y, spin = seen.velocities[sample, k]
-            arm = blow.at - seen.poses[sample, k, :2]
-            speeds[n] = sign * float(np.array([x - spin * arm[1], y + spin * arm[0]]) @ blow.way)
+            arm = impact.at - seen.poses[sample, k, :2]
+            speeds[n] = sign * float(np.array([x - spin * arm[1], y + spin * arm[0]]) @ impact.way)
     return speeds[0], speeds[1]
 
 

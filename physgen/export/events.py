@@ -21,7 +21,7 @@ from physgen.scene.scene import Play, Point, View
 from physgen.simulate.trajectory import REST_SPEED
 
 AT_START = 0.01
-"""s of the clip: an earlier event is said to happen at the start."""
+"""s of the clip: an earlier event happens at the start."""
 COMPASS = (
     *("to the right", "down and to the right", "down", "down and to the left"),
     *("to the left", "up and to the left", "up", "up and to the right"),
@@ -198,31 +198,31 @@ class Sentences:
 
     def of(self, event: Event) -> str:
         """In the present tense, with a full stop."""
-        who, *others = [self._the[k] for k in event.who]
+        one, *others = [self._the[k] for k in event.surfaces]
         when = self.when(event.time)
         match event.kind:
             case EventKind.MOVING:
-                text = f"{who} {self._moves(event)} when the clip starts"
+                text = f"{one} {self._moves(event)} when the clip starts"
             case EventKind.PUSH:
-                text = f"{who} is {self._pushed(event)} {when}"
+                text = f"{one} is {self._pushed(event)} {when}"
             case EventKind.PUSH_START:
-                text = f"{who} is {self._pushed(event)} {self._span(event)}"
+                text = f"{one} is {self._pushed(event)} {self._span(event)}"
             case EventKind.PUSH_END:
-                text = f"the push on {who} ends {when}"
+                text = f"the push on {one} ends {when}"
             case EventKind.CONTACT:
-                text = f"{who} touches {others[0]} {self._span(event)}"
+                text = f"{one} touches {others[0]} {self._span(event)}"
             case EventKind.COLLISION:
                 text = self._collision(event, when)
             case EventKind.FIRST_TOUCH:
-                text = f"{who} touches {others[0]} for the first time {when}"
+                text = f"{one} touches {others[0]} for the first time {when}"
             case EventKind.LEAVE:
-                text = f"{who} leaves the picture {LEAVING[event.side]} {when}"
+                text = f"{one} leaves the picture {LEAVING[event.side]} {when}"
             case EventKind.ENTER:
-                text = f"{who} comes into the picture {ENTERING[event.side]} {when}"
+                text = f"{one} comes into the picture {ENTERING[event.side]} {when}"
             case EventKind.OUTSIDE | EventKind.STAY | EventKind.GOES_ON:
-                text = f"{who} {VERBS[event.kind][0]}"
+                text = f"{one} {VERBS[event.kind][0]}"
             case _:
-                text = f"{who} {VERBS[event.kind][0]} {when}"
+                text = f"{one} {VERBS[event.kind][0]} {when}"
         return f"{text[:1].upper()}{text[1:]}."
 
     def when(self, time: float) -> str:
@@ -258,7 +258,7 @@ class Sentences:
 
     def _collision(self, event: Event, when: str) -> str:
         """The one that moves faster towards the other hits it; a wall never does."""
-        (first, second), (mine, its) = event.who, event.nearing or (0.0, 0.0)
+        (first, second), (mine, its) = event.surfaces, event.nearing or (0.0, 0.0)
         if second < len(self.world.bodies) and its > mine:
             first, second = second, first
         one, other = self._the[first], self._the[second]
@@ -276,8 +276,8 @@ def caption(found: Sequence[Event], texts: Sequence[str], sentences: Sentences) 
     """
     world = sentences.world
     least = SEEN_MOTION * max(world.size)
-    moving = {e.who[0] for e in found if e.kind in STARTS and (e.far or 0.0) > least}
-    pushed = {e.who[0] for e in found if e.kind in PUSHES}
+    moving = {e.surfaces[0] for e in found if e.kind in STARTS and (e.far or 0.0) > least}
+    pushed = {e.surfaces[0] for e in found if e.kind in PUSHES}
     seen = [k for k, event in enumerate(found) if event.kind in BORDERS or _in_picture(found, event)]
     stayed = [k for k in seen if found[k].kind is EventKind.STAY]
     if world.bodies and len(stayed) == len(world.bodies):
@@ -286,14 +286,14 @@ def caption(found: Sequence[Event], texts: Sequence[str], sentences: Sentences) 
     for kinds in CAPTION_ORDER:
         which = [k for k in seen if found[k].kind in kinds]
         if set(kinds) <= {*STARTS, *ENDS}:
-            which = [k for k in which if found[k].who[0] in moving]
+            which = [k for k in which if found[k].surfaces[0] in moving]
         if set(kinds) <= set(STARTS):
-            which = [k for k in which if found[k].who[0] not in pushed]
+            which = [k for k in which if found[k].surfaces[0] not in pushed]
         if kinds == (EventKind.COLLISION,):
             which = _first_hits(found, which)
         if not which:
             continue
-        first, bodies = found[which[0]], {found[k].who[0] for k in which}
+        first, bodies = found[which[0]], {found[k].surfaces[0] for k in which}
         if len(bodies) <= FEW or first.kind is EventKind.COLLISION:
             clauses += [Clause(texts[k], (k,)) for k in which[:MOST]]
         else:
@@ -314,14 +314,14 @@ def _first_hits(found: Sequence[Event], which: Sequence[int]) -> list[int]:
     pairs: dict[tuple[int, ...], int] = {}
     for k in which:
         if found[k].closing >= REST_SPEED:
-            pairs.setdefault(found[k].who, k)
+            pairs.setdefault(found[k].surfaces, k)
     return list(pairs.values())
 
 
 def _in_picture(found: Sequence[Event], event: Event) -> bool:
     """Whether all objects of an event are in the picture when it happens."""
-    for who in event.who:
-        passed = [e.kind for e in found if e.kind in BORDERS and e.who[0] == who and e.time <= event.time]
+    for surface in event.surfaces:
+        passed = [e.kind for e in found if e.kind in BORDERS and e.surfaces[0] == surface and e.time <= event.time]
         if passed and passed[-1] is not EventKind.ENTER:
             return False
     return True
@@ -356,7 +356,7 @@ class Events(Writer):
         self._folder, self._clip = folder, clip
 
     def close(self) -> None:
-        """Write all."""
+        """Write the three files."""
         clip, found = self._clip, self._clip.shared(story)
         rows = [_event_json(clip, k, event) for k, event in enumerate(found.events)]
         about = {
@@ -380,66 +380,66 @@ class Events(Writer):
         with (self._folder / "events.csv").open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(COLUMNS)
-            table.writerows(_row(event) for event in rows)
+            table.writerows(_csv_row(event) for event in rows)
         (self._folder / "caption.txt").write_text(found.caption + "\n", encoding="utf-8")
 
 
 def _event_json(clip: Clip, k: int, event: Event) -> dict[str, Any]:
-    """An event as JSON; what it has not is left out."""
+    """An event as JSON, without empty fields."""
     times, names, N = ClipTimes(clip), [name for name, _ in clip.world.surfaces], len(clip.world.bodies)
-    told: dict[str, Any] = {
+    row: dict[str, Any] = {
         "id": k,
         "kind": event.kind.value,
         "time": event.time,
         "clip_time": times.shown(event.time),
         "until": event.until,
         "frame": times.frame(event.time),
-        "who": [names[who] for who in event.who],
-        "objects": [names[who] for who in event.who if who < N],
-        "boundaries": [names[who] for who in event.who if who >= N],
+        "who": [names[k] for k in event.surfaces],
+        "objects": [names[k] for k in event.surfaces if k < N],
+        "boundaries": [names[k] for k in event.surfaces if k >= N],
     }
     if event.at is not None:
-        told["place"] = {"photo": list(event.at), "video": list(times.seen(event.at, event.time))}
+        row["place"] = {"photo": list(event.at), "video": list(times.seen(event.at, event.time))}
     if event.impulse is not None:
         newton = clip.scale.newton_seconds(event.impulse)
-        told["impulse"] = {"g_px_s": event.impulse, "N_s": newton}
+        row["impulse"] = {"g_px_s": event.impulse, "N_s": newton}
     if event.vector is not None:
-        told["direction" if event.nearing is not None else "vector"] = list(event.vector)
+        row["direction" if event.nearing is not None else "vector"] = list(event.vector)
     if event.nearing is not None:
-        told["speed"] = {"before": list(event.before), "after": list(event.after)}
-        told |= {"closing": event.closing, "parting": event.parting}
+        row["speed"] = {"before": list(event.before), "after": list(event.after)}
+        row |= {"closing": event.closing, "parting": event.parting}
     if event.torque is not None:
-        told["torque"] = event.torque
+        row["torque"] = event.torque
     if event.far is not None:
-        told["far"] = event.far
+        row["far"] = event.far
     if event.side:
-        told["side"] = event.side
-    return {key: value for key, value in told.items() if value is not None} | {
+        row["side"] = event.side
+    return {key: value for key, value in row.items() if value is not None} | {
         "text": clip.shared(story).sentences[k]
     }
 
 
-def _row(told: dict[str, Any]) -> list[Any]:
+def _csv_row(row: dict[str, Any]) -> list[Any]:
     """The same in the order of the columns; floats to the last bit."""
-    who = [*told["who"], ""][:2]
-    kinds = [*["object"] * len(told["objects"]), *["boundary"] * len(told["boundaries"]), ""][
+    names = [*row["who"], ""][:2]
+    kinds = [*["object"] * len(row["objects"]), *["boundary"] * len(row["boundaries"]), ""][
         :2
     ]  # objects first
-    place, impulse, speed = told.get("place", {}), told.get("impulse", {}), told.get("speed", {})
-    vector = told.get("direction") or told.get("vector") or ["", ""]
+    place, impulse, speed = row.get("place", {}), row.get("impulse", {}), row.get("speed", {})
+    vector = row.get("direction") or row.get("vector") or ["", ""]
     before, after = [*speed.get("before", []), "", ""], [*speed.get("after", []), "", ""]
     cells = [
-        *(told["id"], told["kind"], told["time"], told["clip_time"], told.get("until", ""), told["frame"]),
-        *(*who, *kinds),
+        *(row["id"], row["kind"], row["time"], row["clip_time"], row.get("until", ""), row["frame"]),
+        *(*names, *kinds),
         *(*place.get("photo", ["", ""]), *place.get("video", ["", ""])),
-        *(impulse.get("g_px_s", ""), impulse.get("N_s", ""), *vector, told.get("torque", "")),
+        *(impulse.get("g_px_s", ""), impulse.get("N_s", ""), *vector, row.get("torque", "")),
         *(before[0], after[0], before[1], after[1]),
         *(
-            told.get("closing", ""),
-            told.get("parting", ""),
-            told.get("far", ""),
-            told.get("side", ""),
-            told["text"],
+            row.get("closing", ""),
+            row.get("parting", ""),
+            row.get("far", ""),
+            row.get("side", ""),
+            row["text"],
         ),
     ]
     return ["" if cell is None else cell for cell in cells]

@@ -27,10 +27,10 @@ UNITS = {
     "torque": "g·px²/s²",
     "stiffness": "g/s²",
     "damping": "g/s",
-    "friction, elasticity": "of one surface by itself; `pairs` has what holds between two",
+    "friction, elasticity": "of one surface; `pairs` has the values for two",
 }
-SAID = ("mass", "density", "friction", "elasticity", "rolling", "velocity", "spin", "solid", "motion")
-"""Keys of an object of which it is told who said them."""
+SOURCED = ("mass", "density", "friction", "elasticity", "rolling", "velocity", "spin", "solid", "motion")
+"""Keys of an object whose sources are given."""
 
 
 class Physics(Writer):
@@ -45,7 +45,7 @@ class Physics(Writer):
 
 
 def physics(clip: Clip) -> dict[str, Any]:
-    """As JSON. `from` says `written` of what the scene file has, `default` of what it leaves out, or who guessed it."""
+    """As JSON. `from`: `written` in the scene file, `default` where it leaves a key out, or the source of a guess."""
     scene, world, scale = clip.scene, clip.world, clip.scale
     gravity = world.gravity.tolist()
     return {
@@ -71,7 +71,7 @@ def physics(clip: Clip) -> dict[str, Any]:
                 "lines": [chain.tolist() for chain in wall.chains],
                 "friction": item.friction,
                 "elasticity": item.elasticity,
-                "from": _said(scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}),
+                "from": _sources(scene, f"boundaries.{item.name}", ("friction", "elasticity"), {}),
             }
             for item, wall in zip(scene.boundaries, world.walls, strict=True)
         ],
@@ -116,33 +116,33 @@ def _object(scene: Scene, item: Object, body: Body, label: str, scale: Scale) ->
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
-        "from": _said(scene, f"objects.{item.name}", SAID, item.provenance),
+        "from": _sources(scene, f"objects.{item.name}", SOURCED, item.provenance),
     }
 
 
-def _said(scene: Scene, path: str, keys: tuple[str, ...], by: Any) -> dict[str, str]:
-    """Of each key, who said it."""
-    said = {
+def _sources(scene: Scene, path: str, keys: tuple[str, ...], by: Any) -> dict[str, str]:
+    """Of each key."""
+    found = {
         key: str(by[key]) if key in by else "written" if f"{path}.{key}" in scene.places else "default"
         for key in keys
     }
-    if said.get("mass") == "default" and said.get("density") != "default":
-        del said["mass"]  # it follows
-    elif "density" in said:
-        del said["density"]
-    return said
+    if found.get("mass") == "default" and found.get("density") != "default":
+        del found["mass"]  # it follows from the density
+    elif "density" in found:
+        del found["density"]
+    return found
 
 
 def _push(push: Push, world: World) -> dict[str, Any]:
-    told: dict[str, Any] = {"object": world.bodies[push.body].name, "start": push.start}
+    row: dict[str, Any] = {"object": world.bodies[push.body].name, "start": push.start}
     if push.load is Load.TORQUE:
-        told["torque"] = push.torque
+        row["torque"] = push.torque
     else:
-        told[push.load.value] = push.vector.tolist()
-        told["place"] = (world.bodies[push.body].center + push.at).tolist()
+        row[push.load.value] = push.vector.tolist()
+        row["place"] = (world.bodies[push.body].center + push.at).tolist()
     if push.load is not Load.IMPULSE:
-        told["end"] = push.end if isfinite(push.end) else None
-    return told
+        row["end"] = push.end if isfinite(push.end) else None
+    return row
 
 
 def _joint(joint: Joint, world: World) -> dict[str, Any]:

@@ -55,7 +55,7 @@ class TrajectoryTables(Writer):
 
 
 def motion(clip: Clip) -> dict[str, NDArray[np.generic]]:
-    """T frames, N objects; the arrays of the archive, whose names end in their units where these are not px and rad."""
+    """T frames, N objects; the arrays of the archive; names end in their units where these are not px and rad."""
     trajectory, order = clip.trajectory, np.array(clip.shot.order, np.int64)
     times, poses, velocities = (
         array[order] for array in (trajectory.times, trajectory.poses, trajectory.velocities)
@@ -100,14 +100,14 @@ def on_video(shot: Shot, times: Array, poses: Array, velocities: Array) -> tuple
 
 
 def rows(arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...]) -> list[dict[str, Cell]]:
-    """Cells by the columns' names; metres are empty where nobody knows the scale."""
+    """Cells by the columns' names; metres are empty without a known scale."""
     keys = ("poses", "velocities", "video_places", "video_velocities", "places_m", "velocities_m_s")
-    told = np.concatenate([arrays[key] for key in keys], axis=2).tolist()
+    columns = np.concatenate([arrays[key] for key in keys], axis=2).tolist()
     values = [column.name for column in COLUMNS[4:]]
     clip_times, times = arrays["clip_times"].tolist(), arrays["times"].tolist()
     return [
         {"frame": t, "clip_time": clip_times[t], "time": times[t], "object": name}
-        | {key: value for key, value in zip(values, told[t][n], strict=True) if value == value}
+        | {key: value for key, value in zip(values, columns[t][n], strict=True) if value == value}
         for t in range(len(times))
         for n, name in enumerate(names)
     ]

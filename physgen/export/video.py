@@ -100,7 +100,7 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
     def encode() -> None:
         while (rgb := line.get()) is not None:
             if wrong:
-                continue  # the line is emptied, so that nobody waits for ever
+                continue  # the queue is emptied, so that no caller waits for ever
             try:
                 for write in writes:
                     write(rgb)
@@ -118,7 +118,7 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
     try:
         yield put
     except BaseException as error:
-        wrong.append(error)  # what waits is for nobody
+        wrong.append(error)  # waiting frames are dropped
         raise
     finally:
         line.put(None)

@@ -1,4 +1,7 @@
-"""Finding the clips below some folders, including records of failed ones."""
+"""Finding the clips below some folders, including records of failed ones.
+
+A run that fails leaves `NAME.failed.json` where the clip's folder would be, until it succeeds.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import isfinite
@@ -18,19 +21,19 @@ from physgen.problems import InputError, Problem, Severity
 from physgen.report.record import write_json
 from physgen.text import natural
 
-# ----------------------------------------------------------------------
-# A clip that failed -> `NAME.failed.json` beside where its folder would be, until it succeeds: for the
-# gallery.
-
 ENDING = ".failed.json"
+FILMS = ("video.mp4", "video.webp", "video.gif", "frames/00000.png")
+"""Files that show a clip, the best first."""
+UNREFINED = ("unrefined.mp4", "unrefined.webp", "unrefined.gif", "unrefined/00000.png")
+"""The same where its refinement failed."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What was to be made, and why it was not."""
+    """A record of a run that failed."""
 
     scene: str
-    """Name of the folder that it would have got."""
+    """Name of the folder of the clip."""
     path: str
     """The scene's file, as it was given."""
     variant: str | None
@@ -49,24 +52,24 @@ def failure_of(
     command: Sequence[str],
     problems: Sequence[Problem],
 ) -> Failure:
-    """Of what a run was given, and the problems that it ended with, warnings among them."""
+    """Of a run's inputs, and the problems that it ended with, warnings among them."""
     errors = tuple(str(p) for p in problems if p.severity is Severity.ERROR)
     warnings = tuple(str(p) for p in problems if p.severity is Severity.WARNING)
     return Failure(scene, path, variant, tuple(overrides), tuple(command), errors, warnings)
 
 
-def write_failure(out: Path, trace: Failure, page: str) -> None:
-    """Write it and its `page`, whole, in place of an earlier one; a file of somebody else's there stays as it is."""
-    file = out / f"{trace.scene}{ENDING}"
+def write_failure(out: Path, failure: Failure, page: str) -> None:
+    """Writes it and its `page` atomically, in place of an earlier one; a file that is not ours stays."""
+    file = out / f"{failure.scene}{ENDING}"
     if file.exists() and read_failure(file) is None:
         return
     out.mkdir(parents=True, exist_ok=True)
-    write_json(file, {"failed": 1, **vars(trace)})
+    write_json(file, {"failed": 1, **vars(failure)})
     write_atomic(file.with_suffix(".html"), page.encode("utf-8"))
 
 
 def remove_failure(out: Path, scene: str) -> None:
-    """The clip is there: take away what an earlier failure left, if it is ours."""
+    """After the clip has succeeded."""
     file = out / f"{scene}{ENDING}"
     if read_failure(file) is not None:
         for left in (file.with_suffix(".html"), file):
@@ -75,39 +78,28 @@ def remove_failure(out: Path, scene: str) -> None:
 
 
 def read_failure(file: Path) -> Failure | None:
-    """What a file tells; None where it is none of ours."""
+    """None where the file is not ours."""
     try:
-        told: Mapping[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        if told["failed"] != 1:
+        data: Mapping[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        if data["failed"] != 1:
             return None
-        lists = {name: _texts(told[name]) for name in ("overrides", "command", "problems", "warnings")}
-        variant = None if told["variant"] is None else str(told["variant"])
-        return Failure(str(told["scene"]), str(told["path"]), variant, **lists)
+        lists = {}
+        for name in ("overrides", "command", "problems", "warnings"):
+            if not isinstance(data[name], list):
+                return None
+            lists[name] = tuple(map(str, data[name]))
+        variant = None if data["variant"] is None else str(data["variant"])
+        return Failure(str(data["scene"]), str(data["path"]), variant, **lists)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def _texts(values: Any) -> tuple[str, ...]:
-    if not isinstance(values, list):
-        raise TypeError
-    return tuple(map(str, values))
-
-
-# ----------------------------------------------------------------------
-# Folders -> the clips that physgen left in them at any depth, those that failed among them.
-
-FILMS = ("video.mp4", "video.webp", "video.gif", "frames/00000.png")
-"""What a clip may be shown by, the best first."""
-UNREFINED = ("unrefined.mp4", "unrefined.webp", "unrefined.gif", "unrefined/00000.png")
-"""The same where refining it failed."""
-
-
 @dataclass(frozen=True)
 class Clip:
-    """What a gallery knows of one clip."""
+    """One clip of a gallery."""
 
     home: Path
-    """Its folder; of one that failed, the file that says so."""
+    """Its folder; of one that failed, the file of its record."""
     name: str
     variant: str | None = None
     overrides: tuple[str, ...] = ()
@@ -126,7 +118,7 @@ class Clip:
     film: Path | None = None
     """The video, or the first of its frames."""
     seal: str = ""
-    """Tells this film from any other: hexadecimal digits."""
+    """Identifies the film: hexadecimal digits."""
     report: Path | None = None
     time: float = 0.0
     """When it was made, s since 1970."""
@@ -143,34 +135,39 @@ class Clip:
 
     @property
     def labels(self) -> Mapping[str, int]:
-        """Label -> how many of its objects bear it, the commonest first."""
+        """Label -> number of objects with it, the most common first."""
         objects = self.document.get("objects", {}).values()
         return dict(Counter(str(o["label"]) for o in objects if o.get("label")).most_common())
 
     @property
     def objects(self) -> int:
-        """How many there are."""
+        """Their number."""
         return len(self.document.get("objects", {}))
 
 
 def clips_in(roots: Sequence[Path]) -> list[Clip]:
-    """Every clip in or below `roots`, once, in the natural order of folders; raises InputError for what is no folder.
+    """Every clip in or below `roots`, once, in the natural order of folders; raises InputError for roots that are none.
 
-    Folders whose names begin with a dot, and what is not ours, are passed over.
+    Folders whose names begin with a dot, and files that are not ours, are skipped.
     """
-    missing = [root for root in roots if not root.is_dir()]
+    fix = "name folders that physgen rendered into, e.g. out"
+    missing = [InputError.of(str(root), "", "is no folder", fix) for root in roots if not root.is_dir()]
     if missing:
-        fix = "name folders that physgen rendered into, e.g. out"
-        raise InputError(
-            problem
-            for root in missing
-            for problem in InputError.of(str(root), "", "is no folder", fix).problems
-        )
+        raise InputError(problem for error in missing for problem in error.problems)
     found: dict[Path, Clip] = {}
     for root in roots:
         for clip in _below(root):
             found.setdefault(clip.home.resolve(), clip)
-    return _paired(found.values())
+    # a clip whose refinement failed replaces the record of that failure
+    failures = {clip.home: clip for clip in found.values() if clip.home.name.endswith(ENDING)}
+    kept = []
+    for clip in found.values():
+        failure = failures.get(clip.home.with_name(clip.home.name + ENDING))
+        if failure is not None and clip.problems:
+            kept.append(replace(clip, problems=failures.pop(failure.home).problems))
+        elif clip.home not in failures:
+            kept.append(clip)
+    return sorted([*kept, *failures.values()], key=lambda clip: [natural(part) for part in clip.home.parts])
 
 
 def _below(root: Path) -> Iterator[Clip]:
@@ -178,84 +175,67 @@ def _below(root: Path) -> Iterator[Clip]:
         here = Path(place)
         clip = _rendered(here) if "manifest.json" in files else None
         if clip is not None:
-            folders.clear()  # what is in a clip's folder is its own
+            folders.clear()  # folders inside a clip belong to it
             yield clip
             continue
-        folders[:] = sorted((name for name in folders if not name.startswith(".")), key=natural)
-        for name in sorted((name for name in files if name.endswith(ENDING)), key=natural):
-            trace = read_failure(here / name)
-            if trace is not None:
-                yield _failed(here / name, trace)
-
-
-def _paired(clips: Iterable[Clip]) -> list[Clip]:
-    """A clip whose refinement failed takes the place of the trace that says so; traces stand among the folders."""
-    found = list(clips)
-    traces = {clip.home: clip for clip in found if clip.home.name.endswith(ENDING)}
-    kept = []
-    for clip in found:
-        trace = traces.get(clip.home.with_name(clip.home.name + ENDING))
-        if trace is not None and clip.problems:
-            clip = replace(clip, problems=trace.problems)
-            del traces[trace.home]
-        kept.append(clip)
-    kept = [clip for clip in kept if clip.home in traces or not clip.home.name.endswith(ENDING)]
-    return sorted(kept, key=lambda clip: [natural(part) for part in clip.home.parts])
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            if name.endswith(ENDING) and (failure := read_failure(here / name)) is not None:
+                yield _failed(here / name, failure)
 
 
 def _rendered(folder: Path) -> Clip | None:
-    """None where no run of ours left that manifest."""
+    """None where the manifest is not ours."""
     path = folder / "manifest.json"
     try:
-        told: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if told["manifest"] != 1:
+        data: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        files, frames, document, video = data["files"], data["frames"], data["document"], data["video"]
+        objects = document.get("objects", {}).values()
+        if data["manifest"] != 1 or not isfinite(float(video["fps"])):
             return None
-        files, frames = told["files"], told["frames"]
-        fault = (told.get("refine") or {}).get("failed")
-        document, video = told["document"], told["video"]
-        if not all(isinstance(item, dict) for item in document.get("objects", {}).values()):
+        if not all(isinstance(item, dict) for item in objects):
             return None
-        if not isfinite(float(video["fps"])):
-            return None
+        fault = (data.get("refine") or {}).get("failed") or "the frames could not be made"
         films = (name for name in (*FILMS, *UNREFINED) if name in files and (folder / name).is_file())
         film = next(films, None)
         return Clip(
-            folder,
-            str(told["scene"]),
-            told["variant"],
-            tuple(map(str, told["overrides"])),
-            document,
-            str(told["inputs"].get(document.get("image"), "")),
-            (int(video["size"][0]), int(video["size"][1])),
-            float(video["fps"]),
-            len(frames or told.get("unrefined") or told["samples"]),
-            tuple(str(warning["text"]) for warning in told["warnings"]),
-            () if frames else (str(fault or "the frames could not be made"),),
-            None if film is None else folder / film,
-            "" if film is None else _seal(files, film),
-            folder / "report.html" if "report.html" in files else None,
-            path.stat().st_mtime,
+            home=folder,
+            name=str(data["scene"]),
+            variant=data["variant"],
+            overrides=tuple(map(str, data["overrides"])),
+            document=document,
+            photo=str(data["inputs"].get(document.get("image"), "")),
+            size=(int(video["size"][0]), int(video["size"][1])),
+            fps=float(video["fps"]),
+            frames=len(frames or data.get("unrefined") or data["samples"]),
+            warnings=tuple(str(warning["text"]) for warning in data["warnings"]),
+            problems=() if frames else (str(fault),),
+            film=None if film is None else folder / film,
+            seal="" if film is None else _seal(files, film),
+            report=folder / "report.html" if "report.html" in files else None,
+            time=path.stat().st_mtime,
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
         return None
 
 
-def _failed(file: Path, trace: Failure) -> Clip:
+def _failed(file: Path, failure: Failure) -> Clip:
+    """Problems name the scene's file without its folders."""
+    name = Path(failure.path).name
+    texts = (
+        text.replace(failure.path, name, 1) if failure.path and text.startswith(failure.path) else text
+        for text in failure.problems
+    )
     return Clip(
         file,
-        trace.scene,
-        trace.variant,
-        trace.overrides,
-        warnings=trace.warnings,
-        problems=tuple(_near(text, trace.path) for text in trace.problems) or ("failed",),
+        failure.scene,
+        failure.variant,
+        failure.overrides,
+        warnings=failure.warnings,
+        problems=tuple(texts) or ("failed",),
         report=page if (page := file.with_suffix(".html")).is_file() else None,
         time=file.stat().st_mtime,
     )
-
-
-def _near(text: str, path: str) -> str:
-    """A problem without the folders of the scene's file, which only make it long."""
-    return text.replace(path, Path(path).name, 1) if path and text.startswith(path) else text
 
 
 def _seal(files: Mapping[str, str], film: str) -> str:

@@ -52,5 +52,5 @@ def happened(told: Clip, kind: EventKind, who: str | None = None) -> list[Event]
     return [
         event
         for event in told.shared(story).events
-        if event.kind is kind and (who is None or who in [names[k] for k in event.who])
+        if event.kind is kind and (who is None or who in [names[k] for k in event.surfaces])
     ]

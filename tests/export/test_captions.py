@@ -154,12 +154,12 @@ def judged(told: Clip) -> None:
     names = [name for name, _ in told.world.surfaces]
     for event, text in zip(told.shared(story).events, told.shared(story).sentences, strict=True):
         if " and " not in text:
-            claim(told, text, [names[k] for k in event.who])
+            claim(told, text, [names[k] for k in event.surfaces])
     for clause in told.shared(story).clauses:
         if not clause.events:
             assert clause.text.startswith("The clip shows this")
             continue
-        who = {names[k] for number in clause.events for k in told.shared(story).events[number].who}
+        who = {names[k] for number in clause.events for k in told.shared(story).events[number].surfaces}
         claim(told, clause.text, sorted(who))
 
 

@@ -54,7 +54,7 @@ def test_two_balls_part_as_momentum_and_elasticity_have_it(
     assert blow.before == pytest.approx((200, 0))
     assert blow.after == pytest.approx((abs(200 - given / light), given / heavy), abs=1e-3)
     (started,) = happened(told, EventKind.MOVE)
-    assert told.world.bodies[started.who[0]].name == "b"
+    assert told.world.bodies[started.surfaces[0]].name == "b"
     assert abs(started.time - blow.time) < 1 / 960
 
 

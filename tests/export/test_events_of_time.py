@@ -15,7 +15,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 
 
 def _plain(told: Clip) -> list[tuple[object, ...]]:
-    return [(event.kind, event.who, event.side) for event in told.shared(story).events]
+    return [(event.kind, event.surfaces, event.side) for event in told.shared(story).events]
 
 
 def _numbers(event: Event) -> list[float]:
@@ -39,7 +39,7 @@ def test_frames_change_no_event_and_no_caption(dominoes: Clip, frames: int) -> N
     assert told.shared(story).caption == dominoes.shared(story).caption
     first = next(event for event in told.shared(story).events if event.kind is EventKind.FIRST_TOUCH)
     blows = [event for event in told.shared(story).events if event.kind is EventKind.COLLISION]
-    assert set(blows[0].who) == set(first.who)  # domino-1 and domino-2
+    assert set(blows[0].surfaces) == set(first.surfaces)  # domino-1 and domino-2
     assert blows[0].time == pytest.approx(first.time, abs=1 / 960)
 
 
