@@ -355,14 +355,22 @@ def _first_touches(world: World, seen: Trajectory) -> Iterator[Event]:
         for body, partner in ((one, other), (other, one)):
             if body < len(world.bodies) and body not in met:
                 met.add(body)
-                yield Event(EventKind.FIRST_TOUCH, time, (body, partner), _place(world, seen, time, (one, other)))
+                yield Event(
+                    EventKind.FIRST_TOUCH, time, (body, partner), _place(world, seen, time, (one, other))
+                )
 
 
 def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
     step = DONE / world.steps_per_second
     # where others struck earlier in the same step of the engine, the hair's breadth before is after it
-    earlier = (_sample(seen, impact.time - BEFORE), _sample(seen, impact.time - step), _sample(seen, impact.time) - 1)
-    before = max((k for k in earlier if k >= 0), key=lambda k: sum(_nearing(world, seen, k, impact)), default=0)
+    earlier = (
+        _sample(seen, impact.time - BEFORE),
+        _sample(seen, impact.time - step),
+        _sample(seen, impact.time) - 1,
+    )
+    before = max(
+        (k for k in earlier if k >= 0), key=lambda k: sum(_nearing(world, seen, k, impact)), default=0
+    )
     after = _sample(seen, impact.time + step)
     if seen.times[after] - impact.time > 4 * step:
         after = min(_sample(seen, impact.time) + 1, len(seen.times) - 1)

@@ -321,7 +321,9 @@ def _first_hits(found: Sequence[Event], which: Sequence[int]) -> list[int]:
 def _in_picture(found: Sequence[Event], event: Event) -> bool:
     """Whether all objects of an event are in the picture when it happens."""
     for surface in event.surfaces:
-        passed = [e.kind for e in found if e.kind in BORDERS and e.surfaces[0] == surface and e.time <= event.time]
+        passed = [
+            e.kind for e in found if e.kind in BORDERS and e.surfaces[0] == surface and e.time <= event.time
+        ]
         if passed and passed[-1] is not EventKind.ENTER:
             return False
     return True

@@ -26,18 +26,18 @@ INLINE = 8 * 2**20
 Facts = list[tuple[str, str]]
 
 
-def html(thing: object) -> str:
+def html(shown: object) -> str:
     """Of a scene, a compiled scene, a world or a trajectory; its problems, where a scene has become wrong."""
-    match thing:
+    match shown:
         case Scene():
-            return _scene(thing)
+            return _scene(shown)
         case Compiled():
-            return _world(thing.world)
+            return _world(shown.world)
         case World():
-            return _world(thing)
+            return _world(shown)
         case Trajectory():
-            return _trajectory(thing)
-    raise TypeError(f"{type(thing).__name__} is nothing that is shown")
+            return _trajectory(shown)
+    raise TypeError(f"{type(shown).__name__} has no HTML view")
 
 
 def svg(scene: Scene) -> str:

@@ -18,9 +18,6 @@ from physgen.export.video import Format, open_video, sample_frames
 from physgen.problems import Place, Problem, Severity
 from physgen.report.html import data_uri
 
-# ----------------------------------------------------------------------
-# What a run wrote of its clip -> the film as its page shows it: a file beside the page, or carried in it.
-
 MAILED = 50_000_000
 """Bytes of a single file above which few would mail it."""
 BEST = (".mp4", ".webp", ".gif")
@@ -88,10 +85,6 @@ def _filmed(frames: Path, fps: float) -> bytes:
                 write(rgb)
         return (Path(place) / Format.MP4.file).read_bytes()
 
-
-# ----------------------------------------------------------------------
-# A film -> two small WebP pictures of it: one to look at, and a strip of frames to run through it without a
-# video.
 
 U8 = NDArray[np.uint8]
 

@@ -16,15 +16,6 @@ from pathlib import Path
 from physgen.files import machine_id, partial
 from physgen.problems import InputError
 
-# ----------------------------------------------------------------------
-# What killed runs leave beside finished results -> gone, and what they had moved aside -> back in its place.
-#
-# Who fills a folder holds a lock on it, which ends with the process however that ends. Where a file system
-# knows no such
-# locks, as some shared ones, a leftover goes when it is a day old; so does one of another machine, whose
-# locks may not be
-# seen here.
-
 _LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
 FRESH = 0.5
 """s for which a file without a lock is left alone: whoever writes it may be on another machine."""
@@ -35,7 +26,7 @@ _SWEPT: set[Path] = set()
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """While the block runs, nobody clears the folder away."""
+    """While the block runs, no process removes the folder as a leftover."""
     lock = None
     with suppress(OSError):
         lock = os.open(folder, os.O_RDONLY)
@@ -49,7 +40,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def cleaned_up(out: Path) -> Iterator[None]:
-    """Where the block is left early, what its processes were ended over is cleared away."""
+    """On an error in the block, leftovers of its processes are removed."""
     try:
         yield
     except BaseException:
@@ -58,14 +49,17 @@ def cleaned_up(out: Path) -> Iterator[None]:
 
 
 def remove_leftovers_once(out: Path) -> None:
-    """As `sweep`, the first time that this process asks: listing a folder of 100,000 clips takes long."""
+    """As `remove_leftovers`, once in this process: listing a folder of 100,000 clips takes long."""
     if out.resolve() not in _SWEPT:
         _SWEPT.add(out.resolve())
         remove_leftovers(out)
 
 
 def remove_leftovers(out: Path) -> None:
-    """Clear away what processes that are gone left in `out`."""
+    """Remove unfinished files and folders of ended processes in `out`; what they had moved aside goes back.
+
+    A process that fills a folder holds a lock on it. Without locks, as on some shared file systems, and for other
+    machines, a leftover is removed when it is a day old."""
     try:
         with os.scandir(out) as entries:
             left = [(entry, match) for entry in entries if (match := _LEFT.fullmatch(entry.name))]
@@ -95,7 +89,7 @@ def remove_leftovers(out: Path) -> None:
 
 
 def _is_free(folder: Path, left: bool, age: float) -> bool:
-    """Whether nobody fills it, though it looks `left`."""
+    """Whether no process fills it, though it looks `left`."""
     lock = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -118,17 +112,14 @@ def _lives(process: int) -> bool:
     return True
 
 
-# ----------------------------------------------------------------------
-# An output folder that appears under its final name only when everything in it is written.
-
 TRIES = 20
 CLIPS = {"video.mp4", "trajectory.npz", "report.html", "truth", "events", "conditioning"}
-"""What lies in folders of clips, of which anybody may have one."""
+"""Names in folders of clips."""
 OURS = re.compile(
     r"manifest\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"
     r"|(video|unrefined)\.(mp4|gif|webp)|(frames|unrefined)/\d{5}\.png|truth/.+"
 )
-"""Files of clips, where no manifest tells."""
+"""Files of clips, used where a manifest is lost."""
 
 
 @contextmanager
@@ -185,7 +176,7 @@ def output_folder(out: Path, name: str) -> Path:
 
 
 def recorded_files(folder: Path) -> list[str]:
-    """Files below a folder that an earlier run made and tells of, beside its manifest; none where nobody can tell."""
+    """Files that the manifest of an earlier run lists; empty where there is none."""
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
         return [str(name) for name in manifest["files"]] if manifest["manifest"] == 1 else []
@@ -194,9 +185,9 @@ def recorded_files(folder: Path) -> list[str]:
 
 
 def looks_like_clip(names: Iterable[str]) -> bool:
-    """Whether what is called so in a folder is plainly a clip's, where its manifest was lost."""
+    """Whether names in a folder are those of a clip without its manifest."""
     there = set(names)
-    return "clip.json" not in there and len(there & CLIPS) > 1  # which a data set has
+    return "clip.json" not in there and len(there & CLIPS) > 1  # data sets have clip.json
 
 
 def _strangers(folder: Path) -> list[str] | None:

@@ -24,14 +24,6 @@ from physgen.report.html import smallest_picture, webp
 from physgen.scene.scene import FieldKind, Load, Motion, Overlay, Scene, Solid, View
 from physgen.simulate.trajectory import Trajectory
 
-# ----------------------------------------------------------------------
-# Stage + Trajectory -> what the player draws: background, objects and shadows as small pictures in data URIs.
-#
-# Shadows are true at a few moments of an object's way and shift and cross-fade between them. A ball's skin
-# turns in space
-# and its light stays, as in the video; the shading of anything else turns with it, and no shadow falls on a
-# thing.
-
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -43,7 +35,7 @@ QUALITY = 86
 KEYS = 9
 """Moments at which a shadow is worked out, at most."""
 STRAYS = 5.0
-"""px by which a thing's border may be off its straight way between two of them."""
+"""px by which an object's border may deviate from a straight path between two of them."""
 BALLS = 90
 """Of WebP, for what balls are put together from."""
 SMALL = 20_000
@@ -107,7 +99,7 @@ def _smaller(pixels: U8, less: float) -> U8:
 
 
 def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
-    """Sprites whose body is ever elsewhere than at t = 0."""
+    """Sprites of bodies that move."""
     if not len(trajectory.poses):
         return []
     moves = (trajectory.poses != trajectory.poses[:1]).any(axis=(0, 2))
@@ -185,7 +177,7 @@ def shadows(stage: Stage, trajectory: Trajectory, moving: Sequence[int]) -> list
 def _shadows(
     stage: Stage, lit: LitBackground, trajectory: Trajectory, moving: Sequence[int]
 ) -> Iterator[dict[str, Any]]:
-    """Of each thing that moves; one that slides keeps its shape and is worked out once."""
+    """Of each moving object; a shadow that only slides keeps its shape and is computed once."""
     keys: dict[int, list[int]] = {}
     for k in moving:
         body = stage.sprites[k].body
@@ -205,7 +197,7 @@ def _shadows(
 
 
 def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox, F32] | None:
-    """A box that may leave the photo, and -log of the light that a thing leaves there as it stands."""
+    """A box, which may leave the photo, and -log of the light that an object lets through there."""
     cast = lit.casts[stand.k]
     if cast.sliding is not None:
         (x, y), dark = cast.sliding
@@ -253,24 +245,13 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     }
 
 
-# ----------------------------------------------------------------------
-# Scene, World, Trajectory, Stage, Shot -> the player's data: one JSON object that a page carries.
-#
-# Places are px of the photo, its top-left pixel's centre the origin. Columns of numbers are whole multiples
-# of a step,
-# each given as its difference from the one before. Rounded like that, a place is off by 1/64 px at most, an
-# angle by
-# 1/8192 rad, a velocity by 1/16000 of the largest; between samples places and angles change evenly, and there
-# are samples
-# whenever things begin to touch.
-
 FINER = 4
-"""Times a frame that the player knows where things are."""
+"""Samples a frame in the player."""
 FEW = 40_000
 """Samples times objects of such a closer look."""
 EFFORT = 200_000
 """Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
-BLOWS = 500
+MOST_IMPACTS = 500
 """The strongest that a page carries."""
 MOST = 1_000_000
 """Samples times objects that a page can carry at all."""
@@ -297,7 +278,7 @@ def player_data(
     """Everything the page's script needs; None where there is no frame, or more than a page can carry.
 
     `trajectory` has one sample a frame played forward, and `sampled` gives the same motion at more times; heaps of
-    hundreds are shown as their frames know them, without blows.
+    hundreds of objects are shown by their frames alone, without impacts.
     """
     T, N = len(trajectory.times), len(world.bodies)
     if not T or T * N > MOST:
@@ -306,7 +287,9 @@ def player_data(
     if N and T > 1 and trajectory.effort.steps * N <= EFFORT:
         seen = sampled(sample_times(trajectory, FINER, max(T, FEW // N)))
         struck = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
-        struck = sorted(sorted(struck, key=lambda blow: -blow.impulse)[:BLOWS], key=lambda blow: blow.time)
+        struck = sorted(
+            sorted(struck, key=lambda impact: -impact.impulse)[:MOST_IMPACTS], key=lambda impact: impact.time
+        )
     kinds = set(Overlay)
     drawn = cutouts(stage, trajectory)
     fastest = float(np.abs(seen.velocities[..., :2]).max(initial=0.0))
@@ -334,11 +317,11 @@ def player_data(
         "walls": walls(world),
         "energy": _energy(seen),
         "touches": touches(seen),
-        "blows": [_blow(blow) for blow in struck],
+        "blows": [_impact(impact) for impact in struck],
         "pushes": pushes(world),
         "joints": joints(world),
         "fields": fields(world),
-        "arrows": asdict(scales(world, seen, kinds, [blow.impulse for blow in struck])),
+        "arrows": asdict(scales(world, seen, kinds, [impact.impulse for impact in struck])),
         "background": drawn.background,
         "sprites": drawn.sprites,
         "shadows": drawn.shadows,
@@ -444,9 +427,9 @@ def touches(seen: Trajectory) -> list[list[float | int | None]]:
     ]
 
 
-def _blow(blow: Impact) -> list[float | int]:
-    x, y = blow.at.tolist()
-    return [round(blow.time, 6), round(x, 2), round(y, 2), _short(blow.impulse), *blow.pair]
+def _impact(impact: Impact) -> list[float | int]:
+    x, y = impact.at.tolist()
+    return [round(impact.time, 6), round(x, 2), round(y, 2), _short(impact.impulse), *impact.pair]
 
 
 def walls(world: World) -> list[Data]:

@@ -71,24 +71,24 @@ class RunRecord:
     effort: dict[str, float] = field(default_factory=dict)
     """What the engine did; see `simulate.trajectory.Effort`."""
     imbalance: float = 0.0
-    """Part of the energy that the books miss; see `Trajectory.imbalance`."""
+    """Relative error of the energy balance; see `Trajectory.imbalance`."""
     device: str = "cpu"
-    """What drew the frames: the processor, or a GPU and the torch that it was told by."""
+    """What drew the frames: the processor, or a GPU and its torch version."""
     chaos: dict[str, Any] | None = None
     """See `simulate.chaos.Chaos.as_dict`; None where it was not asked for."""
     fan: dict[str, Any] | None = None
     """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None
-    """`backend`, what `refine.refining.Refinement.note` tells, and `changes`, see `report.changes.Changes.figures`; or
-    `backend` and why it `failed`. `strip`: the `file` that shows what changed, and its `size`. None: nobody asked."""
+    """`backend`, the entries of `Refinement.note`, and `changes`, see `RefinementChanges.figures`; or `backend` and
+    why it `failed`. `strip`: the `file` that shows the changes, and its `size`. None: not requested."""
     mark: str = ""
     """Of all that was asked of the clip; see `batch.finished`."""
     unrefined: list[str] = field(default_factory=list)
-    """SHA-256 of the RGB bytes of each frame as it was before it was refined; none where nobody asked."""
+    """SHA-256 of the RGB bytes of each frame before refinement; empty without one."""
 
     @contextmanager
     def stage(self, name: str, clock: Callable[[], float] = time.process_time) -> Iterator[None]:
-        """Add the time of a block to a stage; `clock` tells whose CPU time counts, all threads' unless given."""
+        """Add the time of a block to a stage; `clock` measures CPU time, of all threads by default."""
         times = self.stages.setdefault(name, StageTime())
         wall, cpu = time.perf_counter(), clock()
         try:
@@ -133,7 +133,7 @@ class RunRecord:
 
 
 def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Of physgen, Python and the libraries whose results reach the output, those told in `refine` among them."""
+    """Of physgen, Python and the libraries whose results reach the output, those in `refine` included."""
     return _installed() | {name: str(refine[name]) for name in REFINING if refine and name in refine}
 
 
@@ -151,7 +151,7 @@ def _installed() -> dict[str, str]:
 def peak_memory() -> int:
     """Bytes: the most that this process has held so far.
 
-    Linux tells it of the program that runs now; `getrusage` there counts what started it, too.
+    On Linux from /proc; `getrusage` there includes the process that started this one.
     """
     status = Path("/proc/self/status")
     if status.exists():
@@ -176,7 +176,7 @@ def frame_hash(rgb: NDArray[np.uint8]) -> str:
 
 
 def source_of(path: Path, folder: Path) -> str:
-    """The path of a scene from a clip's folder: links are followed, but not the file's own, whose name counts."""
+    """The path of a scene from a clip's folder: links are followed, except the file itself, since its name counts."""
     home = os.path.realpath(path.parent)
     return Path(os.path.relpath(os.path.join(home, path.name), os.path.realpath(folder))).as_posix()
 

@@ -281,9 +281,9 @@ def test_twenty_eight_objects_look_different() -> None:
 
 def test_units_are_those_of_textbooks() -> None:
     of = Units(meter=200.0, si=False)
-    assert of.said(ENERGY, 1000 * 200**2) == "1 J"
-    assert of.said(IMPULSE, 0.5 * 1000 * 200) == "0.5 N·s"
-    assert of.said(IMPULSE, 0.0005 * 1000 * 200) == "0.5 mN·s"
+    assert of.text(ENERGY, 1000 * 200**2) == "1 J"
+    assert of.text(IMPULSE, 0.5 * 1000 * 200) == "0.5 N·s"
+    assert of.text(IMPULSE, 0.0005 * 1000 * 200) == "0.5 mN·s"
     axis = of.axis(ENERGY, 3e6)
     assert axis.beside is not None
     assert axis.beside[0] == "mJ"

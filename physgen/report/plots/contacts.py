@@ -137,7 +137,7 @@ def _key(scene: Scene, look: PlotStyle, strongest: float, walls: set[bool]) -> l
     for part in (1.0, 0.1):
         if strongest > 0:
             value = largest_round(part * strongest / per) * per
-            label = f"impact of {of.said(IMPULSE, value, strongest / 10)}"
+            label = f"impact of {of.text(IMPULSE, value, strongest / 10)}"
             circle = Line2D(
                 [], [], linestyle="", marker="o", color=colours.orange, markeredgewidth=0, label=label
             )

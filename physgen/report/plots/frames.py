@@ -75,7 +75,7 @@ def arrows(world: World, trajectory: Trajectory) -> Arrows:
     """Of what moves, and of what is pushed, at t = 0."""
     now = tuple(push for push in world.pushes if push.start <= 1e-9)
     moving = [body for body in world.bodies if body.motion is not Motion.STATIC]
-    # those of the scene: what an impulse gives at once is told by the impulse
+    # velocities of the scene: the effect of an impulse is shown by the impulse's arrow
     speeds = np.array([_velocity(body, trajectory) for body in moving]).reshape(1, -1, 2)
     start = replace(
         trajectory,
@@ -140,7 +140,7 @@ def arrow_key(of: Arrows, units: Units, side: float) -> list[tuple[float, bool, 
         per = 1.0 if units.meter is None else quantity.per(units.meter)
         value = largest_round(most / (size * per)) * per
         length = value * size if load is not Load.TORQUE else 0.0
-        entries.append((length, load is not None, f"{name} {units.said(quantity, value)}"))
+        entries.append((length, load is not None, f"{name} {units.text(quantity, value)}"))
     return entries
 
 
@@ -205,7 +205,7 @@ class StripRow:
 
 @dataclass(frozen=True)
 class StripLayout:
-    """Where things are: px at `dpi`, whole numbers."""
+    """Positions and sizes in whole px at `dpi`."""
 
     dpi: float
     columns: int
@@ -230,7 +230,7 @@ class StripLayout:
 def strip_layout(
     reels: Sequence[StripRow], look: PlotStyle, columns: int | None, names: bool, exact: bool
 ) -> StripLayout:
-    """`exact`: where no one has said how many pixels there are, frames keep theirs, those of the smallest at least."""
+    """`exact`: without a requested width, frames keep their pixels, at least those of the smallest."""
     count = min(columns or 10**6, max(len(reel.pictures) for reel in reels))
     inches, own = look.inches(WIDTH), min(reel.photo.shape[1] for reel in reels)
     pads = ((count - 1) * GAP + (NAME if names else 0.0)) / 72
@@ -328,7 +328,7 @@ def _place(
 
 
 def _key(
-    figure: Figure, of: Arrows, said: Units, plan: StripLayout, at: tuple[int, int], reel: StripRow
+    figure: Figure, of: Arrows, units_of: Units, plan: StripLayout, at: tuple[int, int], reel: StripRow
 ) -> None:
     """Below a row: how long arrows are."""
     top, total = at
@@ -342,7 +342,7 @@ def _key(
     axes.set_ylim(high, 0)
     point, x = plan.dpi / 72, 2 * plan.dpi / 72
     photo = max(plan.cell, plan.tall(reel)) / max(reel.world.size)
-    for length, hollow, text in arrow_key(of, said, float(max(reel.world.size))):
+    for length, hollow, text in arrow_key(of, units_of, float(max(reel.world.size))):
         if length:
             draw_key_arrow(axes, (x, 0.55 * high), length * photo, hollow, point)
             x += length * photo + 3 * point

@@ -291,7 +291,7 @@ class Units:
         second = f"{PREFIXES[power]}{of.si}", one * 10.0**power
         return Axis(*second, None) if self.si else Axis(*own, second)
 
-    def said(self, of: Quantity, value: float, like: float | None = None) -> str:
+    def text(self, of: Quantity, value: float, like: float | None = None) -> str:
         """A number with its unit, in SI where there is a scale; with the prefix that `like` would have."""
         if self.meter is None:
             return f"{value:.3g} {of.own}"
