@@ -59,6 +59,8 @@ INTENDED: dict[str, str] = {
     "*/prompt*": "captions name each object and have no grammar of their own",
     "*/events/events.csv": "as captions; the numbers are compared in events.json",
     "*/events.json/events/*/text": "as captions",
+    "*/events.json/sentences*": "as captions",
+    "*/manifest.json/inputs/scene.yaml": "comments of bundled scenes are in plainer words",
     "*/conditioning.json/files/*/is": "descriptions of files are in plainer words",
     "*/events.json/sentences": "as captions",
     "scenes/kitchen/*/inputs/scene.yaml": "a comment of the scene is reworded",

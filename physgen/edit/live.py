@@ -243,25 +243,30 @@ class Live:
         self._unlike: Recent[tuple[Problem, ...]] = Recent(4)
 
     def look(
-        self, text: str, maps: Path | None = None, variant: str | None = None, overrides: Sequence[str] = ()
+        self, text: str, maps: Path | None = None, variant: str | None = None, *, motion_only: bool = False
     ) -> Look:
-        """All that the page shows of a text. `maps` stand in for the scene's assets."""
+        """All that the page shows of a text, or its motion and problems alone, while the user drags something.
+
+        `maps` stand in for the scene's assets.
+        """
         from physgen.edit.panels import todo
 
         with self._lock:
             begun = time.perf_counter()
-            opened, problems = self._open(text, maps)
-            known = None
-            if opened is not None:
-                try:
-                    known = self._mean(opened, variant, overrides)
-                except InputError as error:
-                    problems = error.problems
+            opened = known = None
+            problems: Sequence[Problem] = ()
+            try:
+                opened = self._open(text, maps)
+                known = self._mean(opened, variant)
+            except InputError as error:
+                problems = error.problems
             variants = opened.variants if opened is not None else ()
             if known is None:
                 rows = self._wrong(problems, opened)
                 return Look(rows, todo=tuple(todo(text, None, None, rows)), variants=variants)
             film, motion = self._motion(known, begun)
+            if motion_only:
+                return Look(tuple(self._row(p, known.scene) for p in film.problems), motion=motion)
             if not known.lints:
                 known.lints.append(tuple(self._lints(known)))
             rows = tuple(self._row(p, known.scene) for p in (*film.problems, *known.lints[0]))
@@ -274,22 +279,6 @@ class Live:
                 tuple(todo(text, known.scene, known.compiled, rows)),
                 variants,
             )
-
-    def preview(
-        self, text: str, maps: Path | None = None, variant: str | None = None, overrides: Sequence[str] = ()
-    ) -> Look:
-        """The motion and its problems alone, while the user drags something."""
-        with self._lock:
-            begun = time.perf_counter()
-            opened, problems = self._open(text, maps)
-            if opened is None:
-                return Look(self._wrong(problems, None))
-            try:
-                known = self._mean(opened, variant, overrides)
-            except InputError as error:
-                return Look(self._wrong(error.problems, opened))
-            film, motion = self._motion(known, begun)
-            return Look(tuple(self._row(p, known.scene) for p in film.problems), motion=motion)
 
     def more(self, key: str, start: int) -> Data | None:
         """The next part of a motion, from a sample on; None where it is not kept any more."""
@@ -318,44 +307,32 @@ class Live:
         with self._lock:
             return self._sights.at_hand(key)
 
-    def state(
-        self, text: str, maps: Path | None = None, variant: str | None = None, overrides: Sequence[str] = ()
-    ) -> Sight:
+    def state(self, text: str, maps: Path | None = None, variant: str | None = None) -> Sight:
         """The scene of a text with its maps, compiled. Raises InputError."""
         with self._lock:
-            opened, problems = self._open(text, maps)
-            if opened is None:
-                raise InputError(problems)
-            known = self._mean(opened, variant, overrides)
+            known = self._mean(self._open(text, maps), variant)
             return Sight(known.scene, known.compiled, known.key, self._percepts)
 
     def document(self, text: str, maps: Path | None = None) -> Data:
         """The text as plain data, with what it extends and without any default. Raises InputError."""
         with self._lock:
-            opened, problems = self._open(text, maps)
-            if opened is None:
-                raise InputError(problems)
-            return opened.document()
+            return self._open(text, maps).document()
 
-    def _open(self, text: str, maps: Path | None) -> tuple[Opened | None, Sequence[Problem]]:
-        read = (text, maps)
-        try:
-            opened = self._opened.of(read, lambda: self._read(text, maps))
-            if opened.stale():  # a file that it extends was written
-                self._opened.forget(read)
-                opened = self._opened.of(read, lambda: self._read(text, maps))
-        except InputError as error:
-            return None, error.problems
-        return opened, ()
+    def _open(self, text: str, maps: Path | None) -> Opened:
+        def read() -> Opened:
+            return Opened(self.path, self.allow_outside, text=text, assets=maps)
 
-    def _read(self, text: str, maps: Path | None) -> Opened:
-        return Opened(self.path, self.allow_outside, text=text, assets=maps)
+        opened = self._opened.of((text, maps), read)
+        if opened.stale():  # a file that it extends was written
+            self._opened.forget((text, maps))
+            opened = self._opened.of((text, maps), read)
+        return opened
 
-    def _mean(self, opened: Opened, variant: str | None, overrides: Sequence[str]) -> _Known:
+    def _mean(self, opened: Opened, variant: str | None) -> _Known:
         """The scene of a text, compiled. Raises InputError."""
-        scene = opened.scene(overrides, variant)
+        scene = opened.scene((), variant)
         seen = self._warm.maps(scene)
-        read = (opened, variant, tuple(overrides), seen.key)
+        read = (opened, variant, seen.key)
 
         def make() -> _Known:
             compiled = self._warm.compile(scene, seen)

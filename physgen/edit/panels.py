@@ -14,13 +14,13 @@ from physgen.compile.shapes import fill_polygon
 from physgen.geometry.polygon import Disc
 from physgen.problems import InputError, Problem
 from physgen.scene.document import Source, plain, read
+from physgen.scene.overlay import parse_key
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import MaskId, Scene, Solid
 
 Data = dict[str, Any]
 
 SECTIONS = ("world", "objects", "boundaries", "forces", "joints", "fields", "light", "render", "refine")
-_STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 
 
 def problem_data(
@@ -45,18 +45,9 @@ def problem_data(
     }
 
 
-def steps(path: str) -> list[str | int]:
-    """A dotted path's parts.
-
-    >>> steps("forces[0].at[1]")
-    ['forces', 0, 'at', 1]
-    """
-    return [int(index) if index else name for name, index in _STEP.findall(path)]
-
-
 def meant(path: str, objects: Sequence[str], document: Mapping[str, Any]) -> str | None:
     """The object that a path is about: its own, or the one that a force or joint acts on; one of `objects`, if any."""
-    parts = steps(path)
+    parts = parse_key(path) or ()
     if len(parts) < 2:
         return None
     section, which = parts[:2]
@@ -68,7 +59,7 @@ def meant(path: str, objects: Sequence[str], document: Mapping[str, Any]) -> str
     elif section == "joints":
         name = _within(document, "joints", which, "objects", 0)
     elif section == "variants" and len(parts) > 3:
-        edited = steps(str(parts[2])) if "." in str(parts[2]) else parts[2:]
+        edited = (parse_key(str(parts[2])) or ()) if "." in str(parts[2]) else parts[2:]
         name = edited[1] if len(edited) > 1 and edited[0] == "objects" else None
     return name if name in objects or (not objects and isinstance(name, str)) else None
 
@@ -246,7 +237,7 @@ def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float,
 
 def _settles(problem: Data, scene: Scene | None) -> list[Data] | None:
     """Operations that do what a lint's fix says, where that is plain."""
-    path, fix = steps(problem["path"]), problem["fix"]
+    path, fix = list(parse_key(problem["path"]) or ()), problem["fix"]
     if scene is None or not path:
         return None
     written = problem["path"] in scene.places

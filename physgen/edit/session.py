@@ -145,7 +145,7 @@ class Session:
             now = self._current(request)
             maps = self.document.maps(now)
         made = edited(now.text, ops, request.variant, self.path, self.allow_outside)
-        look = self.live.preview(made.text, maps, request.variant)
+        look = self.live.look(made.text, maps, request.variant, motion_only=True)
         return {"motion": look.motion, "problems": look.problems}
 
     def write(self, request: EditRequest, text: str) -> Data:

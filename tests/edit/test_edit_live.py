@@ -124,7 +124,7 @@ def test_motions_that_others_replaced_are_gone(tmp_path: Path) -> None:
     first = live.look(FREE % "").motion
     assert first is not None
     for speed in range(10):
-        live.preview(FREE % f", velocity: [{speed}, 0]")
+        live.look(FREE % f", velocity: [{speed}, 0]", motion_only=True)
     assert live.more(first["key"], 0) is None
     assert live.more("none", 0) is None
 

@@ -9,13 +9,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from PIL import Image
 
 from physgen import pipeline
 from physgen.edit.live import Live
+from physgen.edit.operations import edited
 from physgen.edit.picture import Pictures, photo_png
 
 Copy = Callable[[str], Path]
+
+
+def changed(text: str, *edits: str) -> str:
+    """A text with `key=value` set, for dotted keys."""
+    pairs = [edit.partition("=")[::2] for edit in edits]
+    ops = [{"set": key.split("."), "value": yaml.safe_load(value)} for key, value in pairs]
+    return edited(text, ops, None, Path("scene.yaml"), False).text
 
 
 def opened(uri: str) -> np.ndarray:
@@ -79,10 +88,10 @@ def test_the_picture_outlasts_edits_of_what_moves_it(copied: Copy) -> None:
     first = pictures.look(base)
     for edit in ("objects.ball.velocity=[10, 10]", "world.gravity=[0, 100]", "objects.ball.mass=7",
                  "objects.ball.place=[200, 100]", "objects.old-ball.friction=0.1"):  # fmt: skip
-        look = live.look(text, overrides=[edit])
+        look = live.look(changed(text, edit))
         assert look.picture == base, edit
         assert pictures.look(base) is first
-    other = live.look(text, overrides=["light.direction=[0.5, -0.6, 0.6]"]).picture
+    other = live.look(changed(text, "light.direction=[0.5, -0.6, 0.6]")).picture
     assert other != base
 
 
@@ -91,7 +100,7 @@ def test_an_object_put_elsewhere_says_where_its_picture_is_from(copied: Copy) ->
     path = copied("wall-ball")
     live, text = Live(path), path.read_text()
     centre = live.look(text).derived["objects"]["old-ball"]["centre"]  # type: ignore[index]
-    look = live.look(text, overrides=["objects.old-ball.place=[200, 100, 90]"])
+    look = live.look(changed(text, "objects.old-ball.place=[200, 100, 90]"))
     assert look.motion is not None
     rests = {body["name"]: body.get("rest") for body in look.motion["bodies"]}
     assert rests["ball"] is None
@@ -106,7 +115,7 @@ def test_shadows_go_with_the_motion_that_throws_them(copied: Copy) -> None:
     middle = {}
     for x in (300, 340):
         look = live.look(
-            text, overrides=[f"objects.cue-ball.place=[{x}, 500]", "objects.cue-ball.velocity=[0, 0]"]
+            changed(text, f"objects.cue-ball.place=[{x}, 500]", "objects.cue-ball.velocity=[0, 0]")
         )
         assert look.picture is not None
         assert look.motion is not None
