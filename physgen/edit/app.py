@@ -132,12 +132,12 @@ def _refusal(status: int, message: str, fix: str, problems: list[dict[str, Any]]
     return JsonAnswer({"error": {"message": message, "fix": fix}, "problems": problems or []}, status)
 
 
-def _edit_error(request: Request, error: Exception) -> Response:
+async def _edit_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, EditError)
     return JsonAnswer(error.body(), error.why.value)
 
 
-def _input_error(request: Request, error: Exception) -> Response:
+async def _input_error(request: Request, error: Exception) -> Response:
     """A problem of the scene that no edit expected."""
     assert isinstance(error, InputError)
     problems = [problem.as_dict() | {"object": None} for problem in error.problems]
@@ -146,7 +146,7 @@ def _input_error(request: Request, error: Exception) -> Response:
     return _refusal(Why.IMPOSSIBLE.value, message, first.fix, problems)
 
 
-def _invalid_request(request: Request, error: Exception) -> Response:
+async def _invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"][1:])
@@ -154,14 +154,14 @@ def _invalid_request(request: Request, error: Exception) -> Response:
     return _refusal(Why.MALFORMED.value, message[:300], "see /api/openapi.json")
 
 
-def _http_error(request: Request, error: Exception) -> Response:
+async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     answer = _refusal(error.status_code, str(error.detail).lower(), "see /api/openapi.json")
     answer.headers.update(error.headers or {})
     return answer
 
 
-def _disk_error(request: Request, error: Exception) -> Response:
+async def _disk_error(request: Request, error: Exception) -> Response:
     """The disk is full, or may not be written."""
     assert isinstance(error, OSError)
     where = f"{Path(error.filename).name}: " if isinstance(error.filename, str) else ""
@@ -169,7 +169,7 @@ def _disk_error(request: Request, error: Exception) -> Response:
     return _refusal(507, message, "make room, or correct the permissions, and try again")
 
 
-def _internal_error(request: Request, error: Exception) -> Response:
+async def _internal_error(request: Request, error: Exception) -> Response:
     return _refusal(500, f"the editor failed: {type(error).__name__}", "undo, and please report it")
 
 

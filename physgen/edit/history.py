@@ -155,7 +155,7 @@ def difference(old: str, new: str) -> list[Any]:
 def patched(old: str, change: Sequence[Any]) -> str:
     """The new text of a difference."""
     at, cut, text = change
-    return old[:at] + text + old[at + cut :]
+    return old[:at] + str(text) + old[at + cut :]
 
 
 def _alike(one: str, other: str) -> int:

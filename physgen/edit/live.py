@@ -283,7 +283,7 @@ class Live:
     def more(self, key: str, start: int) -> Data | None:
         """The next part of a motion, from a sample on; None where it is not kept any more."""
         with self._lock:
-            film = self._films.at_hand(key)
+            film = self._films.get(key)
             if film is None:
                 return None
             part = film.part(start, time.perf_counter() + MORE)
@@ -294,7 +294,7 @@ class Live:
         """A motion simulated to its end, and its world; None where it is not kept, or cannot be simulated."""
         while True:
             with self._lock:
-                film = self._films.at_hand(key)
+                film = self._films.get(key)
                 if film is None or film.problems:
                     return None
                 if film.done:
@@ -305,7 +305,7 @@ class Live:
     def sight(self, key: str) -> Sight | None:
         """The scene of a picture's key."""
         with self._lock:
-            return self._sights.at_hand(key)
+            return self._sights.get(key)
 
     def state(self, text: str, maps: Path | None = None, variant: str | None = None) -> Sight:
         """The scene of a text with its maps, compiled. Raises InputError."""

@@ -287,10 +287,10 @@ class Target:
 
     def _without_edits(self, edits: Mapping[str, Any], path: KeyPath) -> Data:
         """Edits that change nothing at a path."""
-        edits = deepcopy({key: value for key, value in edits.items() if not _is_below(key, path)})
-        if (holder := _holder(edits, path)) is not None:
-            take(edits, (holder, *path[len(parse_key(holder) or ()) :]))
-        return edits
+        made = deepcopy({key: value for key, value in edits.items() if not _is_below(key, path)})
+        if (holder := _holder(made, path)) is not None:
+            take(made, (holder, *path[len(parse_key(holder) or ()) :]))
+        return made
 
 
 def _is_below(key: str, path: KeyPath) -> bool:
