@@ -69,8 +69,6 @@ Written by `python benchmarks/run.py controllability` from `benchmarks/results/c
 
     physgen evaluate controllability scenes/curling/scene.yaml -o out/controllability
     physgen evaluate controllability scene.yaml --object ball --angles 12 --sizes 50,100,200
-    physgen sweep scene.yaml objects.ball.velocity='[0,0],[50,0],[100,0],[0,-100]' -o out/pushes
-    physgen evaluate controllability out/pushes                        # clips that are there already
 
 The paper varies the direction and size of the initial force and shows what comes of it (figure 6). Here one object is
 pushed by an impulse at t = 0 through its centre of mass (the paper's F0), in so many directions and sizes; its own

@@ -6,25 +6,23 @@ answer is the displacement at the end from where the object would be without the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import atan2, cos, degrees, hypot, isclose, pi, sin, sqrt
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.batch.clips import checked_folders, find_clips
 from physgen.compile.world import Push as WorldPush
 from physgen.compile.world import World
 from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, number, plotted
 from physgen.problems import InputError
 from physgen.registry import suggestion
 from physgen.scene.scene import Load, Motion, Scene, Solid, View
-from physgen.simulate.trajectory import Trajectory, new_touches, read_trajectory
+from physgen.simulate.trajectory import Trajectory, new_touches
 from physgen.simulate.uncertainty_summary import ranks
 
 if TYPE_CHECKING:
@@ -40,8 +38,6 @@ REACH = 1 / 3
 """Part of the canvas's shorter side that the hardest push takes an object, by default."""
 FASTEST = 1e5
 """px/s: the hardest push, by default."""
-NO_PUSH = 1e-9
-"""px/s."""
 SEEN = 0.5
 """px from which on an answer has a direction."""
 EQUAL = 0.01
@@ -114,9 +110,9 @@ class Outcome:
         return float(np.hypot(*self.response))
 
 
-def outcome(push: Push, path: Course, still: Course | None) -> Outcome:
-    """`still` is the path without a push; None: not known, the object is taken to stay."""
-    off = path.places - (path.places[0] if still is None else still.places)
+def outcome(push: Push, path: Course, still: Course) -> Outcome:
+    """`still` is the path without a push."""
+    off = path.places - still.places
     moved = float(np.hypot(*(path.places[-1] - path.places[0])))
     return Outcome(push, path, off[-1], off[max(path.free - 1, 0)], moved)
 
@@ -181,11 +177,10 @@ class Swept:
 
     scene: str
     object: str
-    view: View | None
-    """None where the clips do not say."""
+    view: View
     outcomes: tuple[Outcome, ...]
-    still: Course | None
-    """Without a push; None: not known."""
+    still: Course
+    """Without a push."""
     law: Law | None
     photo: NDArray[np.uint8] | None = None
     """(H, W, 3) sRGB."""
@@ -270,87 +265,6 @@ def usual(world: World, index: int) -> list[float]:
     return [step * k for k in range(1, SIZES + 1)]
 
 
-def swept_clips(folder: Path, name: str | None) -> Swept:
-    """From a folder of clips, as `sweep` makes them. Raises InputError for too few clips, or none that pushes it.
-
-    The push is the object's velocity at t = 0, its impulses and its forces of a duration, over its mass, together.
-    """
-    found = find_clips(checked_folders([folder]))
-    documents = [(clip.folder, clip.manifest["document"]) for clip in found if clip.manifest is not None]
-    documents = [(place, document) for place, document in documents if document.get("objects")]
-    if len(documents) < 2:
-        count = f"holds {len(documents)} clips" if documents else "holds no clips"
-        fix = "name a scene, or a folder that physgen sweep made"
-        raise InputError.of(str(folder), "", count, fix)
-    name = name or _common_object(folder, documents)
-    paths: list[tuple[Push, Course]] = []
-    for place, document in documents:
-        if name not in document["objects"]:
-            fix = suggestion(name, document["objects"])
-            raise InputError.of("--object", f'"{name}"', f"is no object of {place}", fix)
-        try:
-            paths.append(
-                (_push(document, name, place), course_of(read_trajectory(place / "trajectory.npz"), name))
-            )
-        except (OSError, ValueError, KeyError) as error:
-            fix = "make the clip again: physgen render or sweep"
-            raise InputError.of(str(place / "trajectory.npz"), "", f"cannot be read ({error})", fix) from None
-    times = paths[0][1].times
-    for (place, _), (_, path) in zip(documents, paths, strict=True):
-        if len(path.times) != len(times) or not np.allclose(path.times, times):
-            expected = f"has other sample times than {documents[0][0].name}"
-            fix = "compare clips of one duration and one number of frames"
-            raise InputError.of(str(place), "", expected, fix)
-    still = next((path for push, path in paths if push.size < NO_PUSH), None)
-    outcomes = tuple(outcome(push, path, still) for push, path in paths if push.size >= NO_PUSH)
-    if len(outcomes) < 2:
-        fix = "sweep its velocity or an impulse, e.g. objects.NAME.velocity='[100, 0],[200, 0]'"
-        raise InputError.of(str(folder), "", f"pushes {name} in {len(outcomes)} of its clips", fix)
-    view = (documents[0][1].get("world") or {}).get("view")
-    return Swept(
-        folder.resolve().name, name, View(view) if view in ("side", "top") else None, outcomes, still, None
-    )
-
-
-def _common_object(folder: Path, documents: Sequence[tuple[Path, Mapping[str, Any]]]) -> str:
-    """The first object whose push differs, or the first of all. Raises InputError for clips of several scenes."""
-    shared = set.intersection(*(set(document["objects"]) for _, document in documents))
-    if not shared:
-        found = f"{documents[0][0].name} and others"
-        fix = "name a folder with clips of one scene, as physgen sweep makes them"
-        raise InputError.of(str(folder), found, "have no object in common", fix)
-    if any(set(document["objects"]) != shared for _, document in documents):
-        fix = f"name a folder with clips of one scene, or an object of all with --object {min(shared)}"
-        raise InputError.of(str(folder), "", "holds clips with other objects: of several scenes", fix)
-    names: list[str] = list(documents[0][1]["objects"])
-    return next(
-        (n for n in names if len({repr(_loads(document, n)) for _, document in documents}) > 1), names[0]
-    )
-
-
-def _loads(document: Mapping[str, Any], name: str) -> tuple[Any, list[Mapping[str, Any]]]:
-    forces = [one for one in document.get("forces") or () if one.get("object") == name]
-    return document["objects"][name].get("velocity"), forces
-
-
-def _push(document: Mapping[str, Any], name: str, place: Path) -> Push:
-    velocity, forces = _loads(document, name)
-    total = np.array(velocity if velocity is not None else (0.0, 0.0), np.float64)
-    given = np.zeros(2)
-    for one in forces:
-        if "impulse" in one:
-            given += np.array(one["impulse"], np.float64)
-        elif "force" in one and one.get("duration") is not None:
-            given += float(one["duration"]) * np.array(one["force"], np.float64)
-    if given.any():
-        mass = document["objects"][name].get("mass")
-        if not mass:
-            fix = f"give it a mass: --set objects.{name}.mass=100"
-            raise InputError.of(str(place), f"objects.{name}", "has a density, and is pushed by forces", fix)
-        total += given / mass
-    return Push(float(total[0]), float(total[1]))
-
-
 # ---- answers -----------------------------------------------------------------------------------------------------
 
 
@@ -422,8 +336,8 @@ class Answers:
     """Pushes to the left or right: answers to the same side, and all that have a side."""
     turns: tuple[int, int]
     """From one direction to the next, hardest push: steps that turn the answer the same way, and all."""
-    still: float | None
-    """px that it moves without a push; None: not known."""
+    still: float
+    """px that it moves without a push."""
     law: tuple[int, float] | None
     """Pushes that meet no object: their number, and the largest relative error of the closed form."""
 
@@ -469,14 +383,13 @@ def answers(swept: Swept) -> Answers:
     ]
     pairs = [(one, swept.exact(one)) for one in swept.outcomes]
     errors = [abs(one.length / exact - 1) for one, exact in pairs if exact is not None and exact > EQUAL]
-    still = None if swept.still is None else swept.still.places[-1] - swept.still.places[0]
     return Answers(
         tuple(along),
         _aim([(one.push, one.at_first) for one in swept.outcomes]),
         _aim([(one.push, one.response) for one in swept.outcomes]),
         (sum(sides), len(sides)),
         _turns(along),
-        None if still is None else float(np.hypot(*still)),
+        float(np.hypot(*(swept.still.places[-1] - swept.still.places[0]))),
         (len(errors), max(errors)) if errors else None,
     )
 
@@ -559,10 +472,7 @@ def _sentences(found: Answers, swept: Swept) -> Iterator[str]:
         yield f"Until it meets an object it goes where it is pushed to within {off}{end}."
     if found.turns[1]:
         yield f"Turning the push turns the answer the same way in {_of(found.turns)} steps."
-    if found.still is None:
-        yield "No clip is without a push: answers count from where the object begins."
-    else:
-        yield f"Without a push it moves by {found.still:.2f} px."
+    yield f"Without a push it moves by {found.still:.2f} px."
     if found.law is not None and swept.law is not None:
         count, worst = found.law
         within = _percent(worst).removeprefix("under ")
@@ -606,7 +516,7 @@ def _summary_section(found: Answers, swept: Swept) -> Section:
         ("off the push at the end", *aim(found.last)),
         ("to the side it is pushed to", _of(found.sideways), "pushes, until it meets an object"),
         ("turns with the push", turned, "steps from one direction to the next"),
-        ("moves without a push", "-" if found.still is None else f"{found.still:.2f} px", ""),
+        ("moves without a push", f"{found.still:.2f} px", ""),
     ]
     if found.law is not None:
         rows.append(("off the closed form", _percent(found.law[1]), f"at most, of {found.law[0]} pushes"))

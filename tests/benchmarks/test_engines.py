@@ -22,6 +22,8 @@ from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Sol
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
+pytestmark = pytest.mark.slow
+
 RIVALS = tuple(
     name for name in TABLE if name != "box2d" or sys.version_info < (3, 14)
 )  # has no wheel from there on

@@ -9,6 +9,8 @@ from physics import ROWS
 
 from physgen.evaluate.physics import DRAWS, Row, record, run_draw, scene_file, scene_of, write_scenes
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.number:02d}-{row.name}")
 def test_bars_are_met(row: Row, tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from physgen.evaluate.plausibility.array_tracks import from_world
 from physgen.evaluate.plausibility.judge import judge
 from physgen.simulate.engine import simulate
 
+pytestmark = pytest.mark.slow
+
 FPS = 24
 SEED = 7001
 

@@ -15,6 +15,8 @@ from physgen.compile.world import Body, World
 from physgen.evaluate.physics import run_draw, write_scenes
 from physgen.simulate.trajectory import Trajectory
 
+pytestmark = pytest.mark.slow
+
 Simulate = Callable[[World, float], Trajectory]
 
 

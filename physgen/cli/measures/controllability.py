@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from physgen.cli.arguments import speeds, turns
 from physgen.cli.measures.output import add_output, hand_over
@@ -20,7 +19,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="SCENE",
         nargs="?",
         default="scenes/curling/scene.yaml",
-        help="a scene, or a folder of clips that sweep made; default: scenes/curling/scene.yaml",
+        help="a scene; default: scenes/curling/scene.yaml",
     )
     parser.add_argument(
         "--object", metavar="NAME", help="who is pushed; default: whom the scene pushes, or who moves first"
@@ -51,31 +50,17 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from physgen import pipeline
-    from physgen.evaluate.controllability import findings, plots, sweep, swept_clips
+    from physgen.evaluate.controllability import findings, plots, sweep
     from physgen.evaluate.measure import check_folder
 
     check_folder(options.output, plots=True)
     if options.variant == "all":
         raise InputError.of("--variant", "all", "names more than one", "write one name")
-    place = Path(options.scene)
-    if place.is_dir() and not (place / "scene.yaml").is_file():
-        _refuse(options)
-        swept = swept_clips(place, options.object)
-    else:
-        scene = pipeline.load(options.scene, options.set, options.variant, options.allow_outside)
-        bar = Bar()
-        swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
-        bar.clear()
+    scene = pipeline.load(options.scene, options.set, options.variant, options.allow_outside)
+    bar = Bar()
+    swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
+    bar.clear()
     found = findings(swept)
     if options.output:
         found = found.with_parts({found.sections[0].title: plots(swept)})
     return hand_over(found, options)
-
-
-def _refuse(options: argparse.Namespace) -> None:
-    """Clips are as they are."""
-    beside = {"--sizes": options.sizes, "--set": options.set, "--variant": options.variant}
-    for flag, value in beside.items():
-        if value:
-            fix = f"leave {flag} out, or name a scene"
-            raise InputError.of(flag, "", "has no meaning for clips that are made already", fix)
