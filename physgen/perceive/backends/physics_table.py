@@ -101,7 +101,7 @@ def _surface(material: Material) -> str:
     'friction, elasticity and rolling of ceramic: estimate'
     """
     if material.name == "unknown":
-        return "ordinary friction, elasticity and rolling: nothing tells the material"
+        return "ordinary friction, elasticity and rolling: the material is unknown"
     return f"friction, elasticity and rolling of {material.name}: {material.surface}"
 
 

@@ -129,16 +129,16 @@ BOX, POINT = BoxSearch(), PointSearch()
 class Segmenter:
     """The role `segment` with its nouns; where there are none, the role `categories` finds them."""
 
-    crew: Backends
+    backends: Backends
     nouns: Sequence[str] = ()
 
     def __call__(self, rgb: Rgb) -> Segments:
         """Objects found in the photo."""
         categories: Sequence[Category] = [Category(noun, True) for noun in self.nouns]
-        if "categories" in self.crew.row("segment").uses and not categories:
-            categories = self.crew.call("categories", rgb)
-            self.crew.release("categories")
-        found: Segments = self.crew.call("segment", rgb, categories=categories)
+        if "categories" in self.backends.row("segment").uses and not categories:
+            categories = self.backends.call("categories", rgb)
+            self.backends.release("categories")
+        found: Segments = self.backends.call("segment", rgb, categories=categories)
         return found
 
 
@@ -147,17 +147,17 @@ class PromptedSegmenter(Segmenter):
 
     def meant(self, rgb: Rgb, boxes: Sequence[Any], points: Sequence[Any]) -> Sequence[PromptedMask]:
         """See `Prompted`; empty where the fallback takes no prompts."""
-        masks: Sequence[PromptedMask] = self.crew.run(
+        masks: Sequence[PromptedMask] = self.backends.run(
             "segment",
             lambda backend: backend.meant(rgb, boxes, points) if isinstance(backend, Prompted) else (),
         )
         return masks
 
 
-def segmenter(crew: Backends, nouns: Sequence[str] = ()) -> Segment:
+def segmenter(backends: Backends, nouns: Sequence[str] = ()) -> Segment:
     """The segmenter of a run: a `Prompted` one where its backend is."""
-    prompted = not crew.failed("segment") and isinstance(crew.get("segment"), Prompted)
-    return PromptedSegmenter(crew, nouns) if prompted else Segmenter(crew, nouns)
+    prompted = not backends.failed("segment") and isinstance(backends.get("segment"), Prompted)
+    return PromptedSegmenter(backends, nouns) if prompted else Segmenter(backends, nouns)
 
 
 def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = None) -> Detections:
