@@ -75,9 +75,9 @@ def test_a_device_that_is_not_here_is_refused():
 def test_a_hub_that_does_not_answer_is_not_waited_for():
     code = (
         "import time\n"
-        "from physgen.perceive.backends.models import loaded\n"
+        "from physgen.perceive.backends.models import load_weights\n"
         "began = time.monotonic()\n"
-        "try:\n    loaded(print, 'facebook/sam-vit-huge', 'SAM')\n"
+        "try:\n    load_weights(print, 'facebook/sam-vit-huge', 'SAM')\n"
         "except Exception as error:\n    print(type(error).__name__, error)\n"
         "assert time.monotonic() - began < 8\n"
     )

@@ -1,4 +1,4 @@
-"""Who stops while the engine calls back is heard, and nothing is printed."""
+"""An exception raised in a callback of the engine ends the process, and nothing is printed."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import pytest
 CODE = """
 import sys, time
 import pymunk
-from physgen.signals import heeded
+from physgen.signals import install_handler
 
-heeded()
+install_handler()
 space = pymunk.Space()
 for x in (0, 1):
     body = pymunk.Body(1, 1)
     body.position = x, 0
     space.add(body, pymunk.Circle(body, 3))
 
-def stop(*told):
-    raise {wish}
+def stop(*ignored):
+    raise {error}
 
 space.on_collision(begin=stop)
 try:
@@ -28,23 +28,23 @@ try:
     end = time.monotonic() + 30
     while time.monotonic() < end:
         pass
-    sys.exit("nobody heard it")
+    sys.exit("no exception arrived")
 except KeyboardInterrupt:
     sys.exit(7)
 """
 
 
-@pytest.mark.parametrize(("wish", "code"), [("KeyboardInterrupt", 7), ("SystemExit(5)", 5)])
-def test_a_wish_to_stop_that_c_swallows_comes_again(wish: str, code: int) -> None:
+@pytest.mark.parametrize(("error", "code"), [("KeyboardInterrupt", 7), ("SystemExit(5)", 5)])
+def test_an_exception_that_c_swallows_is_raised_again(error: str, code: int) -> None:
     run = subprocess.run(
-        [sys.executable, "-c", CODE.format(wish=wish)], capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", CODE.format(error=error)], capture_output=True, text=True, timeout=120
     )
     assert (run.returncode, run.stderr) == (code, "")
 
 
-def test_other_faults_are_told_as_ever() -> None:
-    code = CODE.format(wish="ValueError('odd')").replace("+ 30", "+ 0.1")
+def test_other_exceptions_are_reported_as_before() -> None:
+    code = CODE.format(error="ValueError('odd')").replace("+ 30", "+ 0.1")
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert run.returncode == 1
     assert "ValueError: odd" in run.stderr
-    assert run.stderr.endswith("nobody heard it\n")
+    assert run.stderr.endswith("no exception arrived\n")
