@@ -84,7 +84,7 @@ class Tapvid(Writer):
         """Writes the frame, keeps poses and ids."""
         view = moment.view
         self._video.write(np.ascontiguousarray(view.rgb).data)
-        self._ids.append(compress(np.ascontiguousarray(view.ids), 1))
+        self._ids.append(compress(view.ids.tobytes(), 1))
         self._areas.append(
             np.bincount(view.ids.ravel(), minlength=len(self._clip.names) + 1).astype(np.float64)
         )

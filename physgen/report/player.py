@@ -1,9 +1,17 @@
-"""Data of the page's interactive player: motion, contacts and cut-out pictures."""
+"""Data of the page's interactive player: motion, contacts and cut-out pictures.
+
+Places are px of the photo, with the origin at its top-left pixel's centre. Columns of numbers are whole multiples of a
+step, each given as its difference from the one before; rounded like that, a place is off by at most 1/64 px, an angle
+by 1/8192 rad, a velocity by 1/16000 of the largest. Between samples poses change linearly, and there are samples at the
+beginning of each contact. Shadows are exact at a few moments of an object's path, and shift and cross-fade between
+them. A ball's skin turns in space and its light stays, as in the video; the shading of other objects turns with them,
+and no shadow falls on an object.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import cv2
@@ -29,43 +37,25 @@ F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 LARGEST = 1280
-"""px of the background's longer side: twice what a page shows of it."""
+"""px of the background's longer side: twice its size on a page."""
 QUALITY = 86
 """Of WebP."""
 KEYS = 9
-"""Moments at which a shadow is worked out, at most."""
+"""Moments at which a shadow is computed, at most."""
 STRAYS = 5.0
 """px by which an object's border may deviate from a straight path between two of them."""
 BALLS = 90
-"""Of WebP, for what balls are put together from."""
+"""Of WebP, for the layers of balls."""
 SMALL = 20_000
-"""px² of a picture that may be flat colours."""
+"""px² of a picture that is also tried as PNG."""
 LARGE = 60_000
-"""px² of a ball's box up to which the page's script turns it in space: it does so one pixel after the other."""
+"""px² of a ball's box up to which the page's script rotates it, pixel by pixel."""
 GAMMA = 2.2
 """A shadow's share of linear light, to the power of 1 / GAMMA, is about that of an sRGB code, which browsers blend."""
 FAINTEST = 0.012
-"""Of light, that a shadow takes."""
+"""Of light that a shadow removes, at least."""
 SHADOW = 72
 """px of the longer side of a shadow's picture: it is soft."""
-
-
-@dataclass(frozen=True)
-class Cutouts:
-    """Pictures of a stage; places and sizes are px of the photo, from its top-left pixel's centre."""
-
-    background: str
-    sprites: list[dict[str, Any]]
-    """`body`, `box` (left, top, width, height), `turns`, `src`; the farthest first. Of a ball that shows how it turns
-    also `ball`: `center` from the box's corner, `radius`, px, and `skin`, `lit`, `gloss`, each with its `most`."""
-    shadows: list[dict[str, Any]]
-    """`body`, `slides`, `keys`: `sample`, `box`, `at` (middle of its darkness), `src`."""
-
-
-def cutouts(stage: Stage, trajectory: Trajectory) -> Cutouts:
-    """What moves by itself as pictures of their own; what never moves keeps its shadow in the background."""
-    moving = _moving(stage, trajectory)
-    return Cutouts(plate(stage, moving), sprites(stage), shadows(stage, trajectory, moving))
 
 
 def plate(stage: Stage, moving: Sequence[int]) -> str:
@@ -82,7 +72,11 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
 
 
 def sprites(stage: Stage) -> list[dict[str, Any]]:
-    """Rows as `Cutouts.sprites` has them, of all that shows."""
+    """`body`, `box` (left, top, width, height), `turns` and `src` of each, the farthest first.
+
+    Of a ball that shows its rotation also `ball`: `center` from the box's corner and `radius`, px, and `skin`, `lit`,
+    `gloss`, each with its `most`.
+    """
     return [_cut(sprite, _less(stage), stage.scale) for sprite in stage.sprites if sprite.coverage.any()]
 
 
@@ -170,7 +164,7 @@ def keyed(path: Array, reach: float) -> list[int]:
 
 
 def shadows(stage: Stage, trajectory: Trajectory, moving: Sequence[int]) -> list[dict[str, Any]]:
-    """Rows as `Cutouts.shadows` has them, of some of the sprites."""
+    """`body`, `slides` and `keys` of some sprites; a key has `sample`, `box`, `at` (centre of darkness) and `src`."""
     return [] if stage.lit is None or not moving else list(_shadows(stage, stage.lit, trajectory, moving))
 
 
@@ -252,9 +246,9 @@ FEW = 40_000
 EFFORT = 200_000
 """Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
 MOST_IMPACTS = 500
-"""The strongest that a page carries."""
+"""In a page, the strongest."""
 MOST = 1_000_000
-"""Samples times objects that a page can carry at all."""
+"""Samples times objects in a page."""
 PLACE, ANGLE, INSTANT = 1 / 32, 1 / 4096, 1e-6
 """px, rad and s: steps to which poses and times are rounded."""
 TURN = 1 / 2048
@@ -291,7 +285,7 @@ def player_data(
             sorted(struck, key=lambda impact: -impact.impulse)[:MOST_IMPACTS], key=lambda impact: impact.time
         )
     kinds = set(Overlay)
-    drawn = cutouts(stage, trajectory)
+    moving = _moving(stage, trajectory)
     fastest = float(np.abs(seen.velocities[..., :2]).max(initial=0.0))
     spin = float(np.abs(seen.velocities[..., 2]).max(initial=0.0))
     steps = {
@@ -322,9 +316,9 @@ def player_data(
         "joints": joints(world),
         "fields": fields(world),
         "arrows": asdict(scales(world, seen, kinds, [impact.impulse for impact in struck])),
-        "background": drawn.background,
-        "sprites": drawn.sprites,
-        "shadows": drawn.shadows,
+        "background": plate(stage, moving),
+        "sprites": sprites(stage),
+        "shadows": shadows(stage, trajectory, moving),
     }
 
 

@@ -25,6 +25,8 @@ F32 = NDArray[np.float32]
 NEAR = 0.05
 """Of the frame's diagonal: pixels up to this distance from an object count as near it, as shadows are."""
 PLACES = ("objects", "near", "elsewhere")
+JUMPS = ("guidance", "refined", "change")
+"""Sequences whose largest step from frame to frame is measured: value, and the later frame."""
 COLUMNS = 6
 """Moments of the strip."""
 PANEL = 240, 300
@@ -95,7 +97,7 @@ class RefinementChanges:
         self._last: tuple[U8, U8, NDArray[np.int16]] | None = None
         self._seen = 0
         self._sums = np.zeros((len(PLACES), 2))  # of each place: change, and pixels
-        self._jumps = {"guidance": (0.0, 0), "refined": (0.0, 0), "change": (0.0, 0)}
+        self._jumps = dict.fromkeys(JUMPS, (0.0, 0))
 
     def add(self, guidance: U8, refined: U8, coverage: F32) -> None:
         """The next frame: (H, W, 3) sRGB twice, and (H, W) coverage of objects, 0..1."""
@@ -109,9 +111,8 @@ class RefinementChanges:
         if self._last is None:
             self._first = mean
         else:
-            pairs = zip(self._jumps, (guidance, refined, difference), self._last, strict=True)
-            for name, now, before in list(pairs):
-                jump = cv2.norm(now, before, cv2.NORM_L1) / guidance.size
+            for name, now, before in zip(JUMPS, (guidance, refined, difference), self._last, strict=True):
+                jump = cv2.norm(np.asarray(now), np.asarray(before), cv2.NORM_L1) / guidance.size
                 if jump > self._jumps[name][0]:
                     self._jumps[name] = jump, self._seen
         if self._seen in self._shown:

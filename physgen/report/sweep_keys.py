@@ -160,7 +160,7 @@ def _value(
     for path in group:
         if path in tree:
             return tree[path]
-    return next((value for edit, value in reversed(edits.items()) if _matches(edit, group[0])), None)
+    return next((value for edit, value in reversed(list(edits.items())) if _matches(edit, group[0])), None)
 
 
 def shortest_names(paths: Sequence[str]) -> list[list[str]]:

@@ -155,7 +155,7 @@ def _path(points: Array, world: World) -> str:
     return _path_data(kept if len(kept) > 1 else points[[0, -1]])
 
 
-def _path_data(points: NDArray[np.floating[Any]]) -> str:
+def _path_data(points: NDArray[Any]) -> str:
     return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in points.tolist())
 
 
