@@ -71,7 +71,7 @@ def kills_table(rows: Sequence[Row]) -> list[str]:
             f"A batch of {end['clips']} clips, killed (SIGKILL) {end['kills']} times at random moments and run again",
             f"until it was whole. Its clips are {'the same' if end['same'] else 'NOT THE SAME'}, byte for byte, as",
             f"those of a run never killed; {end['left'] or 'nothing'} half-written is left in the end,",
-            f"{end['most_left']} things at most after a kill.",
+            f"{end['most_left']} files at most after a kill.",
         ),
         "",
         *_table(

@@ -3,7 +3,7 @@
 The studio filmed the true scene of `scenes/shelf` 50 times, the push of the ball varied. Here the photo is perceived,
 told what a user sees (masks, names and the scale), and pushed 50 times, by pushes of the same distribution: with the
 physics that `perceive` estimates, and, seed after seed, with physics drawn from ranges that hold for what stands in a
-home, anew for every clip or once for all 50. Beside them the estimate with true masses told, and with all physics
+home, anew for every clip or once for all 50. Beside them the estimate with true masses given, and with all physics
 told. `evaluate fid` then says how far each set of clips is from the filmed one.
 The paper's pair is 105.70 and 111.01 by Image-FID, 30.20 and 36.60 by Motion-FID, on another scene, with Inception.
 
@@ -44,7 +44,7 @@ SEEDS = 5
 """Of random physics."""
 RANGES = {"mass": (50.0, 1000.0), "friction": (0.1, 1.0), "elasticity": (0.1, 0.9)}
 """g, drawn evenly by the logarithm; the others evenly. What small things in a home are, without a look at the photo."""
-TOLD = ("estimated", "masses told", "all told")
+TOLD = ("estimated", "masses given", "all given")
 """What is known of the objects' physics: nothing but the photo, the true masses, all."""
 WAYS = ("impulse", "speed")
 QUALITY = 90

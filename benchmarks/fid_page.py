@@ -17,8 +17,8 @@ MARKS = "<!-- figures: benchmarks/fid.py -->", "<!-- end -->"
 KINDS = {"image": "Image-FID", "motion": "Motion-FID"}
 NAMES = {
     "estimated": "estimated from the photo",
-    "masses told": "estimated, true masses told",
-    "all told": "all physics of objects told",
+    "masses given": "estimated, true masses given",
+    "all given": "all physics of objects given",
     "anew": "random, anew for every clip",
     "held": "random, held for all clips",
 }
@@ -34,7 +34,7 @@ def tables(result: dict) -> Iterator[str]:
     yield _line(HEADS)
     yield _line(["---"] * 2 + ["---:"] * 7)
     for way in ("impulse", "speed"):
-        for name in ("estimated", "masses told", "all told"):
+        for name in ("estimated", "masses given", "all given"):
             yield _line([way, NAMES[name], *_one(rows[f"{name}, {way}"])])
         for name, group in _random(rows, way).items():
             yield _line([way, NAMES[name], *_many(group)])
@@ -95,7 +95,7 @@ def _order(rows: dict) -> Iterator[str]:
     yield _line(["---", "---"] + ["---:"] * 4)
     for way in ("impulse", "speed"):
         for drawn, group in _random(rows, way).items():
-            for other in ("estimated", "masses told", "all told"):
+            for other in ("estimated", "masses given", "all given"):
                 farther, surely = [], []
                 for kind in KINDS:
                     more = [row["farther_than"][other][kind] for row in group]

@@ -22,20 +22,20 @@ SEEN = {
     "peer-domino": "success: they fall one after the other; the first, pushed as a whole, slides before it tips",
     "peer-pig_ball": "success: the ball rolls off the shelf and falls; a smear of its old shadow stays on the shelf",
     "peer-pool": "the break rolls; of 16 balls one is not found, of one only its number is; shadows leave holes",
-    "coins": "coins are cut out well, but told to be seen from the side: `world.view: top` in the file mends it",
+    "coins": "coins are cut out well, but taken to be seen from the side: `world.view: top` in the file mends it",
     "coffee": "failure: the cup is seen as a rolling ball, and tears its handle and the saucer apart",
     "clock_motion": "failure: it is no photo, but a blur of one disc; a rim of it stays behind",
-    "rocket": "the rocket tips as a rigid thing would, and takes a mast for a thing of its own",
-    "chelsea": "failure: nothing stands loose, and the cat's eyes are taken for things",
+    "rocket": "the rocket tips as a rigid body would, and takes a mast for an object of its own",
+    "chelsea": "failure: nothing stands loose, and the cat's eyes are taken for objects",
 }
 """Judged by eye, from the clips."""
 
 MISSING = """\
 ## What cannot be measured here, and why
 
-- **The human evaluation** (the paper: physical realism 4.14, photo realism 3.86 of 5): nobody has rated clips yet.
+- **The human evaluation** (the paper: physical realism 4.14, photo realism 3.86 of 5): no clips have been rated yet.
   `physgen evaluate study` makes the page and reads the answers ([study.md](study.md)).
-- **FID as published**: it needs the Inception file, which is nobody's to ship. With it, `physgen evaluate fid
+- **FID as published**: it needs the Inception file, which cannot be shipped here. With it, `physgen evaluate fid
   --features inception:FILE` gives figures to put beside others' ([fid.md](fid.md)); those here are of an extractor of
   our own.
 - **Other methods' videos** (SEINE, DynamiCrafter, I2VGen-XL): none is at hand. `physgen evaluate leaderboard` and `fid`
@@ -111,7 +111,7 @@ def controllability(rows: Any) -> list[Row]:
         alone = (
             ""
             if free["steps"] == found["steps"]
-            else f", {free['rising']} of {free['steps']} where it meets nobody"
+            else f", {free['rising']} of {free['steps']} where it meets no object"
         )
         told.append(
             f"{found['object']} of {found['scene']}: a harder push takes it farther in {found['rising']} of "
@@ -143,7 +143,7 @@ def fid(rows: Any) -> list[Row]:
         f"Image-FID and Motion-FID by an extractor of our own, on one scene: {told('estimated')} as estimated; "
         f"{low[0]:.3f} to {high[0]:.3f} and {low[1]:.2f} to {high[1]:.2f} with random physics: **nearer, so "
         f"the paper's order does not come out**, as masses are off; "
-        f"{told('masses told')} with true masses told: it does"
+        f"{told('masses given')} with true masses given: it does"
     )
     said = "105.70 and 30.20 as estimated, 111.01 and 36.60 with random physics"
     command = "`python benchmarks/run.py fid`, by `physgen evaluate fid` ([fid.md](fid.md))"
@@ -202,17 +202,17 @@ def headline(rows: Any) -> list[str]:
         )
     heads = [
         "photo",
-        "view told",
+        "view given",
         "objects",
         "true masks met",
         "stand still",
-        "seen by eye, when one thing is pushed",
+        "seen by eye, when one object is pushed",
     ]
     return [
-        "## Photos that nobody here made, all the way",
+        "## Photos from elsewhere, all the way",
         "",
-        "Perceived with nothing told, then two clips each: as the scene stands, in which what the photo shows at rest",
-        "should stay at rest, and with the largest thing pushed. `peer-` photos are the paper's, the others come with",
+        "Perceived without any help, then two clips each: as the scene stands, in which what the photo shows at rest",
+        "should stay at rest, and with the largest object pushed. `peer-` photos are the paper's, the others come with",
         "scikit-image. Failures stand beside successes, and so they do in the gallery that this makes:",
         "",
         "    PHYSGEN_PEER_SCENES=DIR python benchmarks/headline.py out/headline",

@@ -33,7 +33,7 @@ Written by `python benchmarks/run.py properties` from `benchmarks/results/proper
     physgen evaluate properties                                        # 42 objects, and published comparisons
     physgen evaluate properties --backend physics=vlm -o out/vlm       # where a model is configured; see models.md
     physgen evaluate properties mine.csv --save-answers answers.json   # a table of your own
-    physgen evaluate properties mine.csv --answers answers.json        # anybody's answers; nobody is asked
+    physgen evaluate properties mine.csv --answers answers.json        # answers from a file; no backend is asked
 
 The paper asks GPT-4V for mass, friction and elasticity and compares (appendix): masses of 20 objects, the order of 13
 pairs by friction and of 7 by elasticity. Here it is whoever fills the role `physics`: the material table below.
@@ -46,10 +46,10 @@ frictions and elasticities were set by this project.
 
 **What is asked.** A photo shows two dimensions, and its scale makes metres of them. A table has no photo, so a bare
 silhouette stands for it: a ball's disc, the rectangle of what is turned on a lathe, the two longest sides of a box, at
-a known scale. The third dimension is not told, as a photo would not tell it; waists, handles and holes are not told
-either, and a photo would tell them. The material table knows ordinary things besides: it takes fruit of plastic to be
-solid, and a can of chips to be full of drink. A row of your own may name a `photo` and a `mask` (a label map): then
-they are shown. `--hide-size` tells the name alone. A model's answers are cached, so a second run asks nothing.
+a known scale. The third dimension is not given, as a photo would not give it; waists, handles and holes are not
+given either, and a photo would show them. The material table knows ordinary objects besides: it takes fruit of
+plastic to be solid, and a can of chips to be full of drink. A row of your own may name a `photo` and a `mask` (a label map): then
+they are shown. `--hide-size` gives the name alone. A model's answers are cached, so a second run asks nothing.
 
 **A table** is YAML, as the one that ships, or CSV:
 
@@ -77,8 +77,8 @@ The answer is where the object is at the end, from where it is without a push.
 
 - **Harder, farther**: from a push to the next harder one of its direction, does it end farther away? With rank
   correlations (Spearman; Kendall's tau-b) over each direction.
-- **Off the push**: the angle between push and answer, until it meets anybody and at the end. Who collides is turned
-  aside, as he should be: it is the first of the two that tells whether it goes where it is pushed.
+- **Off the push**: the angle between push and answer, until it meets an object and at the end. Who collides is turned
+  aside, as it should be: the first of the two shows whether it goes where it is pushed.
 - **Turns with the push**: does turning the push turn the answer the same way round?
 - **Without a push**: how far it moves. A scene at rest stays at rest.
 - **Off the closed form**: on a table seen from above what slides loses mu g, so that a push takes it v²/(2 mu g), and a
@@ -93,7 +93,7 @@ Written by `python benchmarks/run.py runtime` from `benchmarks/results/runtime.j
     physgen evaluate runtime out/                # records of clips: what render, sweep and refine left in manifest.json
     physgen evaluate runtime --measure photo.jpg --repeat 5 -o out/runtime     # perceived and rendered now, offline
 
-Every clip's `manifest.json` tells wall and CPU seconds of each stage and names the machine: processor, cores, memory;
+Every clip's `manifest.json` has wall and CPU seconds of each stage and names the machine: processor, cores, memory;
 `device` names the GPU where one drew. Perceiving with models leaves its times in `perceived.json` among a scene's
 assets, and they are read with the clip's. Clips of different machines are never mixed. The first of the runs below
 also pays for what is imported once. Other work ran on the machine meanwhile: wall times show it, CPU times hardly.
@@ -187,7 +187,7 @@ def _body(row: dict, measure: str) -> str:
     )
     title = row["title"]
     if measure == "properties":
-        title = "Told the size" if row["found"]["size_told"] else "Told the name alone"
+        title = "With the size" if row["found"]["size_told"] else "With the name alone"
     found = Findings(measure, title, tuple(row["sentences"]), sections, ())
     text = markdown(found)
     return text.replace("\n## ", "\n### ").replace("# ", "## ", 1)

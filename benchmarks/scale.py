@@ -23,7 +23,7 @@ BY_CLIP = ("video.mp4", "trajectory.npz", "manifest.json", "a row of sweep.csv")
 HEAD = """\
 # A million clips on a thousand cores
 
-Written by `python benchmarks/scale.py` from `benchmarks/results/batch.json` and `cluster.json`; do not edit. Nobody
+Written by `python benchmarks/scale.py` from `benchmarks/results/batch.json` and `cluster.json`; do not edit. No one
 has run this here: it is what two cores took, times what it takes, for a million variants of a bundled scene (nine
 dominoes), 16 frames of 256 px each, `--report none`, on a Dask cluster of 1,000 workers of one core that share the
 folder of results.

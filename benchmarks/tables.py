@@ -24,25 +24,25 @@ STAGES = ("load", "compile", "simulate", "cut out", "render", "encode", "report"
 
 
 ABOUT_MATERIALS = """\
-# Materials and things
+# Materials and objects
 
 Written by `python benchmarks/tables.py` from `physgen/materials.yaml`; do not edit.
 
-A label names a thing, a material or both: `billiard ball`, `steel ball`, `tin of tomatoes`. The thing gives a
+A label names an object, a material or both: `billiard ball`, `steel ball`, `tin of tomatoes`. The object gives a
 form, an ordinary size and mass; the material density, friction, elasticity and rolling. Mass is the volume that
-outline and form imply at the photo's scale, times the density; where a thing is about as large as the ordinary
+outline and form imply at the photo's scale, times the density; where an object is about as large as the ordinary
 one, the mean (geometric) with the ordinary mass; the ordinary mass alone where sizes hardly differ.
 
 - A `ball` is as deep as it is wide. What is `turned` is cut into slices, each as deep as it is wide, and of
   each what lies alike on both sides of its axis, so that a handle is left out. Of a `slab`, `lump`, `disc` or
-  `hoop` the two sides of the ordinary thing that fit the outline best are seen, and the third is the depth.
+  `hoop` the two sides of the ordinary object that fit the outline best are seen, and the third is the depth.
 - Another material: a steel ball is solid, a steel mug has thinner walls than one of ceramic, a plastic fork is
   a fork of plastic. `empty bottle` holds nothing, `cup of tea` holds tea. Words for colours stay colours
-  (`silver phone`), unless the thing is of metal.
-- Things of known size tell the photo's scale (`world.pixels_per_meter`), and gravity follows. Only labels that
-  a person gave count, of things that are whole and of ordinary proportions. A scene takes the scale from a
+  (`silver phone`), unless the object is of metal.
+- Objects of known size give the photo's scale (`world.pixels_per_meter`), and gravity follows. Only labels that
+  a person gave count, of objects that are whole and of ordinary proportions. A scene takes the scale from a
   confidence of 0.5 on, which is good to about 24 %.
-- `physgen perceive --refresh scene.yaml -o new.yaml` reckons anew after labels were edited, or told with
+- `physgen perceive --refresh scene.yaml -o new.yaml` reckons anew after labels were edited, or given with
   `--label ball-1="steel ball"`. A number is reckoned where `from` says that the table gave it and it is what
   the table gives for the old label: the one in the file, in the object's name, or guessed from its shape. Any
   other number is yours and stays. The scale stays, too, where forces, velocities, joints, fields, a camera or
@@ -178,9 +178,9 @@ def materials_page() -> str:
             ABOUT_MATERIALS,
             *_table(properties, rows),
             "",
-            "## Things",
+            "## Objects",
             "",
-            "EST: estimated from ordinary things in shops and homes, good to a factor of about 1.5 in mass.",
+            "EST: estimated from ordinary objects in shops and homes, good to a factor of about 1.5 in mass.",
             "",
             *_table(head, things),
             "",
@@ -316,7 +316,7 @@ def _labels(rows: list[dict]) -> list[str]:
         "",
         "All formats of one clip in one pass: 16 balls that roll, 60 frames of 512 x 512 px; CPU ms a frame, and what",
         "the encoders of the files take of it, on the very arrays that they are handed, with the writing of the files.",
-        "What several formats read (flow, ids, where things are), and what is filled in behind things once for the",
+        "What several formats read (flow, ids, where objects are), and what is filled in behind objects once for the",
         "clip, is shared.",
         "",
         *alone,
@@ -465,13 +465,13 @@ def _segmentation(rows: list[dict]) -> list[str]:
         if not row["photo"]
     ]  # fmt: skip
     photos = [[row["photo"], row["set"], *cells(row)] for row in rows if row["photo"]]
-    counts = ["hit", "said", "true", "precision", "recall", "mean IoU"]
+    counts = ["hit", "found", "true", "precision", "recall", "mean IoU"]
     return [
         "## Finding objects",
         "",
-        "Without masks, at an intersection over union of 0.5, as [segmentation.md](segmentation.md) tells. Tune and",
+        "Without masks, at an intersection over union of 0.5, see [segmentation.md](segmentation.md). Tune and",
         "test are halves of the studio's photos, homes those of `studio/segmentation/validation`, peers real photos.",
-        "Whole: without objects that the border cuts. Error: of said confidences. CPU: seconds a photo.",
+        "Whole: without objects that the border cuts. Error: of confidences. CPU: seconds a photo.",
         "",
         *_table(["set", "by", *counts, "whole: precision", "recall", "AP50", "error", "CPU"], sets),
         "",
@@ -548,16 +548,16 @@ def _percepts(rows: list[dict]) -> list[str]:
         "## What perception says beside what is true",
         "",
         "Given the true masks / with those that it finds. Still: px by which anything moves in 2 s without a push.",
-        "Stands: under how many of the things that stand on a true floor one was found within 3 px. Light: degrees",
-        "between the told light and the true one. Mass: how many of the things weigh within a factor of 2 of the",
-        "truth, told their names / and the photo's scale, too.",
+        "Stands: under how many of the objects that stand on a true floor one was found within 3 px. Light: degrees",
+        "between the found light and the true one. Mass: how many of the objects weigh within a factor of 2 of the",
+        "truth, given their names / and the photo's scale, too.",
         "",
         *_table(["photo", "half", "still", "view", "stands", "light", "mass"], held),
         "",
-        "Given the true masks. Normals: mean degrees off over things (were all to face the viewer), and over balls.",
+        "Given the true masks. Normals: mean degrees off over objects (were all to face the viewer), and over balls.",
         "Albedo, shading: root mean square error after the best factor, over the truth's (those of a grey albedo).",
-        "Shadow: intersection over union. PSNR: dB behind removed things, blurred by 6 px, of `background.png`, which",
-        "holds the darkness under things that touch the ground, and of `clean.png`. Texture: in the fill over that",
+        "Shadow: intersection over union. PSNR: dB behind removed objects, blurred by 6 px, of `background.png`, which",
+        "holds the darkness under objects that touch the ground, and of `clean.png`. Texture: in the fill over that",
         "around it (the truth's).",
         "",
         *_table(
