@@ -49,7 +49,7 @@ def test_how_far_off_the_ablations_masses_are_is_what_the_json_of_properties_say
     kinds = sorted(kept["studio"], key=lambda one: -abs(log(one["told_mass"] / one["true_mass"])))
     half = exp(median(abs(log(one["told_mass"] / one["true_mass"])) for one in kinds))
     page = " ".join((ROOT / "docs" / "fid.md").read_text().split())
-    assert f"Of the {len(kinds)} kinds of things" in page
+    assert f"Of the {len(kinds)} kinds of objects" in page
     assert (
         f"half are within a factor of {half:.2f}; the elephant is the fourth worst, the ball the thirteenth"
         in page
