@@ -49,7 +49,8 @@ silhouette stands for it: a ball's disc, the rectangle of what is turned on a la
 a known scale. The third dimension is not given, as a photo would not give it; waists, handles and holes are not
 given either, and a photo would show them. The material table knows ordinary objects besides: it takes fruit of
 plastic to be solid, and a can of chips to be full of drink. A row of your own may name a `photo` and a `mask` (a
-label map): then they are shown. `--hide-size` gives the name alone. A model's answers are cached, so a second run asks nothing.
+label map): then they are shown. `--hide-size` gives the name alone. A model's answers are cached, so a
+second run asks nothing.
 
 **A table** is YAML, as the one that ships, or CSV:
 
