@@ -205,7 +205,7 @@ def quality(said: str, names: list[str], changed: dict[str, float], device: str,
         height, width = drawn[0].shape[:2]
         fps = (len(drawn) - 1) / float(run.times[-1])
         prompt = prompt_of(item.label for item in scene.objects)
-        how = replace(HOW, said=PromptSettings(prompt, "", None), hold=hold_frames(fps))
+        how = replace(HOW, prompt=PromptSettings(prompt, "", None), hold=hold_frames(fps))
         how = replace(how, **changed)
         refinement = Refinement(model, how, (width, height), len(drawn))
         before = time.perf_counter()

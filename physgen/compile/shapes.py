@@ -93,7 +93,7 @@ def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
 
 
 def empty_mask_problem(scene: Scene, path: str, item: Object | Boundary) -> Problem:
-    """The mask of the thing at `path` has no pixel."""
+    """The mask of the object at `path` has no pixel."""
     path = f"{path}.mask"
     found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
     fix = "write an id that masks.png holds, or an outline inside the photo"
@@ -101,7 +101,7 @@ def empty_mask_problem(scene: Scene, path: str, item: Object | Boundary) -> Prob
 
 
 def unreadable_mask_problem(scene: Scene, path: str, item: Object | Boundary) -> Problem:
-    """The mask of the thing at `path` is an id, and the scene has no photo."""
+    """The mask of the object at `path` is an id, and the scene has no photo."""
     path = f"{path}.mask"
     found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
     expected = "is an id, and masks.png is read beside a photo only"
@@ -134,7 +134,7 @@ def fit_masks(scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[in
     """Outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
 
     A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
-    nothing stood before it: a hole in the shape of the thing in front would be a trap around it.
+    nothing stood before it: a hole in the shape of the object in front would be a trap around it.
     """
     together = of_objects.astype(np.int32)
     shared: dict[int, int] = {}
@@ -253,7 +253,7 @@ def _missed(outline: Outline, mask: NDArray[np.bool_]) -> float:
 BAND = 2.0
 """px between a mask's lowest points and the line that it stands on."""
 LEVEL = 0.7
-"""Cosine of the angle between gravity and the normal of a line up to which things stand on it."""
+"""Cosine of the angle between gravity and the normal of a line up to which objects stand on it."""
 
 
 def snapped_to_boundaries(

@@ -110,7 +110,7 @@ def _never_landing(
     """Objects whose ballistic path, over the clip, meets nothing and ends where nothing is below."""
     world = compiled.world
     if not len(lines.start) and not any(item.motion is Motion.STATIC for item in scene.objects):
-        return  # a lesson in the open: things fall on purpose
+        return  # a lesson in the open: objects fall on purpose
     strength = float(np.hypot(*world.gravity))
     down = world.gravity / strength
     frame = np.array([[-down[1], down[0]], down])  # rows: across gravity, along it

@@ -54,21 +54,21 @@ def _stages(scene: Scene) -> Iterator[Problem]:
 
 
 def _refine(scene: Scene) -> Iterator[Problem]:
-    told = scene.refine
-    if told.backend == "none":
+    refine = scene.refine
+    if refine.backend == "none":
         for path, place in scene.places.items():
             if path.startswith("refine.") and place.file.startswith("--set") and path != "refine.backend":
-                why = "has no effect: nobody refines"
-                value = str(getattr(told, path.removeprefix("refine.")))
+                why = "has no effect: no backend refines"
+                value = str(getattr(refine, path.removeprefix("refine.")))
                 yield warning(scene, path, value, why, "write --refine animatediff, or another backend")
         return
-    run = floor(told.steps * told.strength + 0.5)
-    if told.stop >= run:
+    run = floor(refine.steps * refine.strength + 0.5)
+    if refine.stop >= run:
         why = f"leaves none of the {run} steps that run in which objects are drawn to the guidance"
-        yield warning(scene, "refine.stop", f"{told.stop}", why, f"write less than {run}, or more steps")
-    if told.negative and told.guidance == 1:
+        yield warning(scene, "refine.stop", f"{refine.stop}", why, f"write less than {run}, or more steps")
+    if refine.negative and refine.guidance == 1:
         why = "has no effect: the model listens to no prompt at guidance 1"
-        yield warning(scene, "refine.negative", told.negative, why, "take it out, or write more guidance")
+        yield warning(scene, "refine.negative", refine.negative, why, "take it out, or write more guidance")
 
 
 def _object(scene: Scene, item: Object, body: Body) -> Iterator[Problem]:
@@ -124,8 +124,8 @@ def _joints(scene: Scene, motion: dict[str, Motion]) -> Iterator[Problem]:
     for item in scene.joints:
         path = f"joints.{item.name}"
         if all(motion[name] is not Motion.DYNAMIC for name in item.objects):
-            told = [f"{name} is {motion[name].value}" for name in item.objects]
-            why = f"has no effect: {' and '.join(told)}"
+            fixed = [f"{name} is {motion[name].value}" for name in item.objects]
+            why = f"has no effect: {' and '.join(fixed)}"
             yield warning(scene, path, item.name, why, "take it out, or write motion: dynamic")
         elif item.collide and len(item.objects) == 1:
             why = f"has no effect: {item.objects[0]} is joined to the world, which it bumps into anyway"
@@ -200,7 +200,7 @@ OVER = 5
 LEVELS = 8
 """Grey levels of such a mean from which on a pixel is not the photo's."""
 LEAST = 64
-"""Such pixels in one piece from which on somebody has painted: 8 x 8 px."""
+"""Such pixels in one piece from which on the map counts as painted: 8 x 8 px."""
 
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
@@ -232,8 +232,8 @@ def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> It
     off = _off(maps.rgb, maps.background, open_)
     differs = (np.abs(off) > LEVELS).any(axis=2) & open_
     if maps.clean is not None and differs.any():
-        told = _off(maps.clean, maps.background, open_)
-        differs &= np.abs(told - off).sum(axis=2) >= np.abs(told).sum(axis=2)
+        cleaned = _off(maps.clean, maps.background, open_)
+        differs &= np.abs(cleaned - off).sum(axis=2) >= np.abs(cleaned).sum(axis=2)
     differs = _large(differs)
     count = int(differs.sum())
     if not count:
@@ -283,7 +283,7 @@ FASTEST = 100_000
 FAR = 4.0
 """px outside an object that the end of a joint may lie, however small the object is."""
 LEAPS = 4
-"""Times its size that a body may move in a step before anyone is told: a few shorter steps cost nothing."""
+"""Times its size that a body may move in a step before the user is warned: a few shorter steps cost nothing."""
 
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
@@ -405,7 +405,7 @@ def _paths_that_end(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 def _far_joints(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """An end of a spring, or a pin of two objects, that lies away from what it rides on.
 
-    A pin of one object may, and one between two: it is the end of a rod that nobody draws.
+    A pin of one object may, and one between two: it is the end of a rod that is not drawn.
     """
     index = {item.name: k for k, item in enumerate(scene.objects)}
     boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)

@@ -188,8 +188,8 @@ class World:
     @property
     def surfaces(self) -> tuple[tuple[str, Surface], ...]:
         """Name and surface of every body, then of every wall."""
-        things: tuple[Body | Wall, ...] = (*self.bodies, *self.walls)
-        return tuple((thing.name, thing.surface) for thing in things)
+        parts: tuple[Body | Wall, ...] = (*self.bodies, *self.walls)
+        return tuple((part.name, part.surface) for part in parts)
 
     def _repr_html_(self) -> str:
         """For notebooks."""
@@ -214,7 +214,7 @@ TABLE = "the table"
 
 @dataclass(frozen=True)
 class Pair:
-    """What holds between two groups of things with equal surfaces."""
+    """What holds between two groups of objects with equal surfaces."""
 
     first: str
     second: str
@@ -238,7 +238,7 @@ def pair_table(world: World) -> list[Pair]:
 
 
 def pairings(world: World) -> list[Pairing]:
-    """The pair coefficients in use; things with equal surfaces share one. Seen from above, so does the table."""
+    """The pair coefficients in use; objects with equal surfaces share one. Seen from above, so does the table."""
     groups: dict[Surface, list[str]] = {}
     movable = len(world.bodies)
     pairs = []

@@ -81,7 +81,7 @@ class Film:
 
     def trajectory(self) -> Trajectory:
         """The motion; samples that are not simulated yet are zeros."""
-        return self._running.told()
+        return self._running.trajectory()
 
     def part(self, start: int, deadline: float) -> Data:
         """Samples from `start` on, at least one; simulated until `deadline`, a time of `time.perf_counter`."""
@@ -90,7 +90,7 @@ class Film:
         self.simulate(start + 1, deadline)
         run, N = self._running, max(len(self.world.bodies), 1)
         upto = max(start, min(run.done, start + max(1, MAX_PART // N)))
-        known = run.told()
+        known = run.trajectory()
         found: Data = {
             "key": self.key,
             "id": self.key,

@@ -18,7 +18,7 @@ SLIVER = 1e-3
 """px²: smaller pieces are left out; an engine makes nothing of them."""
 
 SEAM = 0.5
-"""px between two pieces of one thing that is meant to be whole there."""
+"""px between two pieces of one object that is meant to be whole there."""
 
 FLUSH = 0.02
 """px by which corners may lie within the hull of pieces that become one."""

@@ -49,9 +49,9 @@ def disc_of(mask: NDArray[np.bool_]) -> Disc | None:
 
 
 def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
-    """Whether thing i of a label map `(H, W)` stands on a flat foot, as bowls do, not on the round that `disc` has.
+    """Whether object i of a label map `(H, W)` stands on a flat foot, as bowls do, not on the round that `disc` has.
 
-    A foot that other things or the photo's border hide tells nothing.
+    A foot that other objects or the photo's border hide does not count.
     """
     mask = part == i
     rows, columns = np.nonzero(mask)
@@ -196,7 +196,7 @@ def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]
     owned = np.zeros_like(known)
     for i, view in _views(known, ids).items():
         part = known[view]
-        # a hole is filled only where nobody else is
+        # a hole is filled only where no other object is
         owned[view][without_specks(part == i) & ((part == i) | (part == 0))] = i
     return owned
 

@@ -71,7 +71,7 @@ class Silhouette:
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
     id: int = 0
-    """Of the object in the label map; 0 where nobody asks, or where it is several."""
+    """Of the object in the label map; 0 where it is not needed, or where it is several."""
 
     @cached_property
     def rows(self) -> NDArray[np.intp]:
@@ -164,23 +164,23 @@ LEVELS = 10
 FINER = 2
 """Lines of the floor in a row of pixels: seen from the side, a row is deep."""
 SUNK = 3.0
-"""px by which a thing's picture may reach farther below its floor than its thickness tells."""
+"""px by which an object's picture may reach farther below its floor than its thickness implies."""
 FAR = 1e4
 """px: a sky without anything in it."""
 UNDER, BESIDE = 0.9, 0.4
-"""Of the sky that a thing hides, what it does not give back by its own light: from under it, and beside it."""
+"""Of the sky that an object hides, what it does not give back by its own light: from under it, and beside it."""
 
 
 @dataclass(frozen=True)
 class FloorContact:
-    """The floor below a thing, px."""
+    """The floor below an object, px."""
 
     row: float
     """Of the photo, where the plane of motion meets the floor."""
     foot: float
-    """Row at which a thing that stands there ends: its near edge, lower than `row`."""
+    """Row at which an object that stands there ends: its near edge, lower than `row`."""
     half: float
-    """How far the thing reaches to either side of the plane of motion."""
+    """How far the object reaches to either side of the plane of motion."""
     low: float
     """Height of its lowest point over the floor."""
     high: float
@@ -188,7 +188,7 @@ class FloorContact:
 
 
 def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:
-    """None where there is no floor, or nothing to be seen of the thing."""
+    """None where there is no floor, or nothing to be seen of the object."""
     if what.floor is None:
         return None
     if what.radius is not None:
@@ -199,7 +199,7 @@ def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:
         return None
     top, bottom = what.corner[1] + rows[0] - 0.5, what.corner[1] + rows[-1] + 0.5
     thick = min(what.thick, 1.13 * what.area**0.5)  # no deeper than a disc of its area
-    # a floor may be drawn where the plane of motion meets it, or where things are seen to end
+    # a floor may be drawn where the plane of motion meets it, or where objects are seen to end
     sunk = min(max(bottom - what.floor, 0.0), tilt * thick / 2 + SUNK)
     half = max(thick / 2, sunk / tilt)
     foot = what.floor + sunk
@@ -257,7 +257,7 @@ def _slopes(setting: ShadowSetting) -> tuple[float, float, float]:
 
 
 def _behind(what: Silhouette, setting: ShadowSetting, at: FloorContact, xs: F32, z: F32) -> F32:
-    """(h, w) how much of the light the thing hides from columns `xs` and depths `z` (h, 1) of the floor."""
+    """(h, w) how much of the light the object hides from columns `xs` and depths `z` (h, 1) of the floor."""
     ax, az, rise = _slopes(setting)
     x0, y0 = what.corner
     rows = what.rows
@@ -292,7 +292,7 @@ def _softened(profiles: F32, sigma: NDArray[np.float64]) -> F32:
 
 
 def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
-    """(h, w) how much of the floor's sky the thing hides."""
+    """(h, w) how much of the floor's sky the object hides."""
     if what.radius is not None:
         r, height = np.float32(what.radius), np.float32(at.low + what.radius)
         x = (xs - np.float32(what.center[0]))[None]

@@ -224,7 +224,7 @@ def refresh(
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
-    # only values of the table can be told from those that a user wrote
+    # only values of the table can be separated from those that a user wrote
     guessed = registry.make("label")(photo.rgb, begun.found.labels, objects)
     known = {called[item.id]: item for item in objects if item.id in called}
     table = registry.find("physics").name

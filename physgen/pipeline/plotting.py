@@ -97,7 +97,7 @@ def _curves(
     world = compile(scene, maps).world
     progress("simulate", 0, 1)
     bodies = max(len(world.bodies), 1)
-    if kind == "energy":  # at ends of steps, where the books are closed
+    if kind == "energy":  # at ends of steps, where energies are exact
         every = max(1, ceil(world.duration * world.steps_per_second / min(CLOSE, MOST // bodies)))
         ends = np.arange(0, int(world.duration * world.steps_per_second + 1e-6) + 1, every)
         return energy_figure(

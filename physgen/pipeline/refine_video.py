@@ -165,7 +165,7 @@ def _remarks(job: VideoJob) -> Iterator[Problem]:
         what, fix = "has no masks, so objects may change as all else", "hold them: --masks DIR"
         yield Problem(place, "", "", what, fix, Severity.WARNING)
     if not job.settings.prompt:
-        what = "is refined by a model that is not told what it shows"
+        what = "is refined by a model without a prompt"
         fix = 'say it, e.g. --prompt "billiard balls on green cloth"'
         yield Problem(place, "", "", what, fix, Severity.WARNING)
 

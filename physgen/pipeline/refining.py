@@ -83,7 +83,7 @@ def refine_settings(scene: Scene) -> RefineSettings:
         stop=given.stop,
         steps=given.steps,
         seed=given.seed,
-        said=PromptSettings(prompt, given.negative, given.guidance),
+        prompt=PromptSettings(prompt, given.negative, given.guidance),
         lock=given.lock,
         detail=given.detail,
         hold=hold_frames(scene.render.fps),

@@ -33,7 +33,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class PromptSettings:
-    """What the model is told of the video."""
+    """The texts that guide the model."""
 
     prompt: str
     negative: str
@@ -52,7 +52,7 @@ class Denoiser(Protocol):
 
     grid: Grid
 
-    def begin(self, frames: Sequence[U8], said: PromptSettings, steps: int, count: int) -> F32:
+    def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
         """Latents of `frames` (F of (H, W, 3) sRGB), F and sizes as the grid wants them: the mean, not a draw.
 
         Of a schedule of `steps`, the last `count` run. Frames are kept for models that want to be shown the first.

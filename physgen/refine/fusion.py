@@ -130,14 +130,14 @@ EMPTY_LABELS = frozenset({"", "object", "thing"})
 
 
 def prompt_of(labels: Iterable[str]) -> str:
-    """The things that are there, the most frequent first, each once.
+    """The labels, the most frequent first, each once.
 
     >>> prompt_of(["billiard ball", "billiard ball", "cue", "object"])
     'billiard ball, cue'
     """
-    said: dict[str, str] = {}  # as it is written first
-    found = Counter(said.setdefault(label.strip().lower(), label.strip()).lower() for label in labels)
-    return ", ".join(said[label] for label, _ in found.most_common() if label not in EMPTY_LABELS)
+    spelling: dict[str, str] = {}  # as it is written first
+    found = Counter(spelling.setdefault(label.strip().lower(), label.strip()).lower() for label in labels)
+    return ", ".join(spelling[label] for label, _ in found.most_common() if label not in EMPTY_LABELS)
 
 
 U8 = NDArray[np.uint8]
@@ -196,7 +196,7 @@ class RefineSettings:
     stop: int
     steps: int
     seed: int
-    said: PromptSettings
+    prompt: PromptSettings
     lock: float
     detail: float
     hold: int
@@ -224,7 +224,7 @@ def no_steps_problem(how: RefineSettings, place: Place, path: str) -> Problem | 
 
 
 class Refinement:
-    """One video's refinement: `frames()` makes it, `note()` tells how it went."""
+    """One video's refinement: `frames()` makes it, `note()` records how it went."""
 
     def __init__(
         self,
@@ -265,16 +265,16 @@ class Refinement:
         whole = frames_held(self._latents, grid)
         shown = pad_frames([fit.shown(rgb) for rgb in guidance], whole)
         self._progress("refine", 0, how.count)
-        z0 = model.begin(shown, how.said, how.steps, how.count)
+        z0 = model.begin(shown, how.prompt, how.steps, how.count)
         del shown
         mask = cell_coverage(map(fit.mask, coverage), self._latents, grid)
         stay = hold_weights(whole, how.hold)
         noise = np.random.default_rng(how.seed).standard_normal(z0.shape, np.float32)
 
         def denoised(z: F32, k: int) -> F32:
-            said = blend_predictions(lambda part, first: model.predict(part, k, first), z, self._windows)
+            predicted = blend_predictions(lambda part, first: model.predict(part, k, first), z, self._windows)
             self._progress("refine", k + 1, how.count)
-            return model.stepped(said, z, k)
+            return model.stepped(predicted, z, k)
 
         z = fused(
             z0,
@@ -303,7 +303,7 @@ class Refinement:
             )
 
     def _too_large(self) -> Problem:
-        """What is said where the memory does not suffice: the largest that does, found by trying."""
+        """The message where memory does not suffice, with the largest size that fits, found by trying."""
         width, height = self._fit.padded
         frames = self._latents  # some models read and decode a clip as a whole
         found = f"{frames} latent frames of {width} x {height} px"
@@ -313,8 +313,8 @@ class Refinement:
                 self._model.grid.side, int(side * part) // self._model.grid.side * self._model.grid.side
             )
             if self._model.fits(smaller, frames):
-                told = f"write resolution = {smaller} in the backend's table of physgen.toml"
-                fix = f"{smaller} x {smaller} px fit: {told}"
+                advice = f"write resolution = {smaller} in the backend's table of physgen.toml"
+                fix = f"{smaller} x {smaller} px fit: {advice}"
                 break
         else:
             fix = "not even a quarter of the width fits: choose a smaller model, or refine fewer frames"
@@ -329,8 +329,8 @@ class Refinement:
             "steps_run": how.count,
             "steps_fused": steps_fused(how.count, how.stop),
             "seed": how.seed,
-            "prompt": how.said.prompt,
-            "negative": how.said.negative,
+            "prompt": how.prompt.prompt,
+            "negative": how.prompt.negative,
             "lock": how.lock,
             "detail": how.detail,
             "frames_held": how.hold,

@@ -60,13 +60,13 @@ class Paints:
 
 
 def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints | None:
-    """`bare` (h, w, 3) is light over Lambert's shading of the normals (u, v, z), told by the pixels in `use`."""
-    told = np.flatnonzero(use)
-    if len(told) < 80:
+    """`bare` (h, w, 3) is light over Lambert's shading of the normals (u, v, z), from the pixels in `use`."""
+    used = np.flatnonzero(use)
+    if len(used) < 80:
         return None
-    told = told[:: -(-len(told) // MOST_PIXELS)]
-    level: Array = np.log(np.maximum(bare.reshape(-1, 3)[told], 0) + np.float32(DIM)).astype(np.float64)
-    pictures = [np.broadcast_to(b, use.shape).ravel()[told] for b in basis(u, v, z)]
+    used = used[:: -(-len(used) // MOST_PIXELS)]
+    level: Array = np.log(np.maximum(bare.reshape(-1, 3)[used], 0) + np.float32(DIM)).astype(np.float64)
+    pictures = [np.broadcast_to(b, use.shape).ravel()[used] for b in basis(u, v, z)]
     rows: Array = np.column_stack(pictures).astype(np.float64)
     grey = level.mean(axis=1)
     # first paints by colour above all, of which light changes little
@@ -90,7 +90,7 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Pa
 def _solved(rows: Array, level: Array, paint: Ids, trust: Array) -> Array:
     """(8, ...) weights of `rows` (n, 8) that explain `level` (n, ...) within each paint, by weighted least squares.
 
-    What is even over one paint tells nothing of light: each paint's own mean is left out.
+    What is even over one paint shows no light: each paint's own mean is left out.
     """
     a, b, w = rows.copy(), level.copy(), trust[:, None]
     for k in range(paint.max() + 1):
@@ -132,7 +132,7 @@ def _apart(centers: Array) -> Array:
 
 
 def _nearest(points: Array, centers: Array) -> Ids:
-    """Number of the nearest centre; of those that nobody is near, none is kept."""
+    """Number of the nearest centre; centres without points are dropped."""
     away = np.stack([((points - c) ** 2).sum(axis=1) for c in centers])
     return np.unique(np.argmin(away, axis=0), return_inverse=True)[1].astype(np.int64).ravel()
 
@@ -150,7 +150,7 @@ PLAINLY = 0.6
 BRIGHTER = 1.6
 """Than all that is seen of a ball, that its skin may be."""
 RIM_LIGHT = 0.85
-"""Of the radius: farther out the photo's own brightness is told from the model's."""
+"""Of the radius: farther out the photo's own brightness is separated from the model's."""
 EVEN = 0.08
 """Of the radius over which it is evened out."""
 FADES = 1.6
@@ -292,7 +292,7 @@ def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
 
 
 def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
-    """(h, w) how much brighter a thing is than its model, evenly."""
+    """(h, w) how much brighter an object is than its model, evenly."""
     above, below = (cv2.GaussianBlur(part * weight, (0, 0), sigma) for part in (seen, model))
     return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / FADES, FADES), np.float32)
 

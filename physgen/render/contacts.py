@@ -20,10 +20,10 @@ be a little rounded or tilted."""
 APART = 3.0
 """px between two points of a contact; nearer ones are one."""
 FAINT, LOUD = 0.7, 3.0
-"""Times what gravity gives the lighter partner meanwhile: by how much a push rises in a blow that changes the motion of
+"""Times what gravity gives the lighter partner meanwhile: rise of a push in an impact that changes the motion of
 either, and in one that they pass on."""
 UNEVEN = 1.5
-"""Times what has pressed before or goes on pressing: a blow is more, as a solver shares pushes out unevenly."""
+"""Times what has pressed before or goes on pressing: an impact is more, as a solver shares pushes out unevenly."""
 AFTER = 3
 """Spans of time that it must go on."""
 STEPS = 4
@@ -32,7 +32,7 @@ STEPS = 4
 
 @dataclass(frozen=True)
 class Impact:
-    """A sudden push between two things."""
+    """A sudden push between two objects."""
 
     time: float
     """s."""
@@ -56,9 +56,9 @@ def sample_times(trajectory: Trajectory, finer: int, most: int) -> Array:
 
 
 def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
-    """All blows, by time; pushes are taken together over about `span` s. `seen` has samples when touches begin.
+    """All impacts, by time; pushes are taken together over about `span` s. `seen` has samples when touches begin.
 
-    What goes on pressing, before or after, is no blow.
+    What goes on pressing, before or after, is no impact.
     """
     contacts, span = seen.contacts, max(span, STEPS / world.steps_per_second)
     rows, S = contacts.impulse_rows.astype(np.int64), len(contacts.surfaces)
@@ -86,7 +86,7 @@ def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
     last = -2
     for k in np.flatnonzero(sudden).tolist():
         push = float(given[k] - lasting[k])
-        if keys[k] == last + 1:  # one blow, on the border of two spans
+        if keys[k] == last + 1:  # one impact, on the border of two spans
             found[-1] = replace(found[-1], impulse=found[-1].impulse + push)
         else:
             mine = np.flatnonzero(group == k)
@@ -99,7 +99,7 @@ def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
             way = pushes[k] / given[k]
             found.append(Impact(float(seen.times[sample]), points.mean(axis=0), push, way, (first, second)))
         last = int(keys[k])
-    return sorted(found, key=lambda blow: blow.time)
+    return sorted(found, key=lambda impact: impact.time)
 
 
 def _stir(world: World, seen: Trajectory, pairs: NDArray[np.int64], begins: Array, span: float) -> Array:

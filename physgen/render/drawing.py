@@ -261,7 +261,7 @@ def curved_arrow(layer: Layer, path: Array, pen: float, strength: float = 1.0) -
 
 
 def ring(layer: Layer, center: Array, radius: float, pen: float, strength: float = 1.0) -> None:
-    """A ring with a dot in its middle: a blow."""
+    """A ring with a dot in its middle: an impact."""
     layer.line(circle(center, radius), 0.8 * pen, strength, closed=True)
     layer.area(circle(center, min(1.5 * pen, radius / 2)), strength)
 

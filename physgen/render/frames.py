@@ -120,9 +120,9 @@ F32 = NDArray[np.float32]
 
 
 class BackgroundCache:
-    """What is left when things have gone; kept from frame to frame, as most things that move go on moving.
+    """What is left when objects have gone; kept from frame to frame, as most objects that move go on moving.
 
-    It tells nothing of the frames that came before: the same things gone leave the same to the last bit.
+    It depends on none of the frames that came before: the same objects gone leave the same to the last bit.
     """
 
     def __init__(self, stage: Stage, keep: bool) -> None:
@@ -138,7 +138,7 @@ class BackgroundCache:
         """(H, W, 3) sRGB."""
 
     def by(self, stands: Sequence[SpritePose]) -> list[Slices_of_stage]:
-        """Go on to things as they stand now; returns where anything changed."""
+        """Go on to objects as they stand now; returns where anything changed."""
         lit, dark = self._lit, self.dark
         if self.keep or lit is None or dark is None:
             return []
@@ -211,7 +211,7 @@ class Moment:
     named: Callable[[], U16]
     """Works out the ids, (H, W)."""
     covering: Callable[[], Sequence[Cover]]
-    """Works out where things are, the farthest first."""
+    """Works out where objects are, the farthest first."""
     boxes: list[Slices_of_stage]
     """Where the canvas is not what was `Left`; they do not overlap."""
 
@@ -257,7 +257,7 @@ def _added(moments: Iterator[Moment], left: BackgroundCache, more: F32 | None) -
 def _moments(
     stage: Stage, moments: Iterable[tuple[float, list[SpritePose]]], left: BackgroundCache
 ) -> Iterator[Moment]:
-    """The picture of each moment over what is `left` when things have gone."""
+    """The picture of each moment over what is `left` when objects have gone."""
     lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
     balls, slides = BallSprites(stage.sprites), ShadowSprites([] if lit is None else lit.casts)
     canvas: F32 = left.light.copy()
@@ -308,7 +308,7 @@ def _moments(
 
 
 def _named(covers: Sequence[tuple[int, Slices_of_stage, F32]], size: tuple[int, int]) -> U16:
-    """(H, W) ids of things, the farthest first, that cover boxes so far."""
+    """(H, W) ids of objects, the farthest first, that cover boxes so far."""
     ids = np.zeros(size[::-1], np.uint16)
     for id_, box, coverage in covers:
         np.copyto(ids[box], np.uint16(id_), where=coverage >= 0.5)
@@ -336,7 +336,7 @@ def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) ->
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:
-    """Sprites in the picture as light sees them: it does not ask how finely a thing is drawn."""
+    """Sprites in the picture as light sees them: it does not ask how finely an object is drawn."""
     return {
         p.stand.k: sprite_silhouette(
             stage,

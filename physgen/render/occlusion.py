@@ -21,27 +21,27 @@ from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, Spri
 F32 = NDArray[np.float32]
 
 CELLS = 16
-"""Of the grid on which a veil is worked out, about so many across the thing."""
+"""Of the grid on which a veil is worked out, about so many across the figure."""
 STOPS = 4
-"""On the way through another thing's thickness at which its silhouette is looked at."""
+"""On the way through another object's thickness at which its silhouette is looked at."""
 RIM = 0.4
 """Of a ball's normal towards the viewer, from which a veil is seen in full."""
 FAINT = 0.01
 """-log of light: what is less everywhere is no veil."""
 
 
-def middle(thing: Silhouette, top: bool) -> float:
+def middle(figure: Silhouette, top: bool) -> float:
     """px towards the viewer, of its middle: above the table, or from the plane in which all stand."""
-    return (thing.thick / 2 if thing.radius is None else thing.radius) if top else 0.0
+    return (figure.thick / 2 if figure.radius is None else figure.radius) if top else 0.0
 
 
-def face(thing: Silhouette, top: bool) -> float:
+def face(figure: Silhouette, top: bool) -> float:
     """px towards the viewer, of its nearest point."""
-    return middle(thing, top) + (thing.thick / 2 if thing.radius is None else thing.radius)
+    return middle(object, top) + (figure.thick / 2 if figure.radius is None else figure.radius)
 
 
 def occluders(figures: Sequence[Silhouette], setting: ShadowSetting) -> dict[int, list[int]]:
-    """Of each thing on whose face others' shadows may fall, the others: by their boxes, of balls by their distance."""
+    """Of each object on whose face others' shadows may fall, the others: by their boxes, of balls by their distance."""
     if len(figures) < 2 or not setting.light.intensity:
         return {}
     lx, ly, lz = setting.light.direction
@@ -82,7 +82,7 @@ def occluders(figures: Sequence[Silhouette], setting: ShadowSetting) -> dict[int
 def occlusions(
     figures: Sequence[Silhouette], near: Mapping[int, Sequence[int]], setting: ShadowSetting
 ) -> dict[int, F32]:
-    """(h, w) -log of the light that others leave on the face of each thing, on its box, where that is not all.
+    """(h, w) -log of the light that others leave on the face of each object, on its box, where that is not all.
 
     `near` as `reaching` has it.
     """
@@ -243,11 +243,11 @@ def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowS
 Array = NDArray[np.float64]
 
 SUNK = 3.0
-"""px by which a thing's pixels may reach below the floor that it stands on."""
+"""px by which an object's pixels may reach below the floor that it stands on."""
 
 
 def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
-    """The row, px, of the highest floor below a thing whose lowest point is at `bottom`."""
+    """The row, px, of the highest floor below an object whose lowest point is at `bottom`."""
     rows = []
     for ax, ay, bx, by in grounds:
         if min(ax, bx) <= x <= max(ax, bx) and ax != bx:

@@ -220,11 +220,11 @@ Lens = Callable[[Frame], Array]
 """Frame -> (2, 3): photo px (x, y, 1) -> px of the frame."""
 
 FINER = 8
-"""Times a frame that trails and blows are looked at."""
+"""Times a frame that trails and impacts are looked at."""
 MOST = 2_000_000
 """Samples times objects of such a closer look."""
 FLASH = 8
-"""Frames for which a blow, or a push of no duration, is shown; at most a sixth of the clip."""
+"""Frames for which an impact, or a push of no duration, is shown; at most a sixth of the clip."""
 FADE = 0.5
 """Of the clip: how long a trail takes to fade to its least."""
 FAINT = 0.4
@@ -239,7 +239,7 @@ class OverlayClip:
     world: World
     seen: Trajectory
     """With samples enough for what is drawn."""
-    blows: list[Impact]
+    impacts: list[Impact]
     scales: Scales
     key: list[Entry]
     corner: tuple[int, int]
@@ -264,7 +264,7 @@ def annotate_frames(
 ) -> Iterator[Frame]:
     """Frames with overlays of `kinds`. A frame's own time says what is drawn: they may come in any order.
 
-    `trajectory` has samples at those times. Trails and blows need more: the world is then run again, to the same
+    `trajectory` has samples at those times. Trails and impacts need more: the world is then run again, to the same
     motion.
     """
     if not kinds:
@@ -284,13 +284,13 @@ def annotate_frames(
 
 
 def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> OverlayClip:
-    """A clip's blows, scales and key."""
+    """A clip's impacts, scales and key."""
     seen, found = trajectory, list[Impact]()
     if world.bodies and len(trajectory.times) > 1 and {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds):
         seen = simulate(world, sample_times(trajectory, FINER, MOST // len(world.bodies)))
     if Overlay.CONTACTS in kinds:
         found = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
-    scale = scales(world, trajectory, kinds, [blow.impulse for blow in found])
+    scale = scales(world, trajectory, kinds, [impact.impulse for impact in found])
     flash = min(FLASH * world.duration / max(len(world.times), 1), world.duration / 6)
     entries, whole = key_entries(world, scale, kinds), Sheet(world.size, 1.0, np.eye(2, 3), 0.0, 0)
     corner = emptiest_corner(world, trajectory, whole, entries) if entries else (0, 0)
@@ -403,7 +403,7 @@ def _left(clip: OverlayClip, sheet: Sheet, since: float) -> float:
 
 
 def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """A dot wherever things touch now, a ring where a blow fell a moment ago; its area tells the impulse."""
+    """A dot wherever objects touch now, a ring where an impact fell a moment ago; its area shows the impulse."""
     contacts, now = clip.seen.contacts, sheet.time + 1e-9
     lasting = (contacts.touch_times[:, 0] <= now) & (contacts.touch_times[:, 1] >= sheet.time)
     for first, second in contacts.touch_pairs[lasting].tolist():
@@ -411,21 +411,21 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
         if gap < STILL:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
-    shown = [blow for blow in clip.blows if blow.time <= now < blow.time + clip.flash]
-    for blow in shown:
-        radius = _radius(clip, blow)
-        if radius * sheet.unit > STILL and not any(_swallows(clip, other, blow) for other in shown):
-            left = _left(clip, sheet, blow.time)
-            ring(layer, sheet.at(blow.at), radius * sheet.unit, sheet.pen, left)
+    shown = [impact for impact in clip.impacts if impact.time <= now < impact.time + clip.flash]
+    for impact in shown:
+        radius = _radius(clip, impact)
+        if radius * sheet.unit > STILL and not any(_swallows(clip, other, impact) for other in shown):
+            left = _left(clip, sheet, impact.time)
+            ring(layer, sheet.at(impact.at), radius * sheet.unit, sheet.pen, left)
 
 
-def _radius(clip: OverlayClip, blow: Impact) -> float:
-    """px of a blow's ring."""
-    return float(np.sqrt(clip.scales.ring * blow.impulse))
+def _radius(clip: OverlayClip, impact: Impact) -> float:
+    """px of an impact's ring."""
+    return float(np.sqrt(clip.scales.ring * impact.impulse))
 
 
 def _swallows(clip: OverlayClip, strong: Impact, weak: Impact) -> bool:
-    """Whether a blow is but an echo of another, of the same two things at the same place."""
+    """Whether an impact is but an echo of another, of the same two objects at the same place."""
     same = strong is not weak and strong.pair == weak.pair and strong.impulse > weak.impulse
     return same and float(np.hypot(*(strong.at - weak.at))) < _radius(clip, strong)
 

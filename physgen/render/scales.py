@@ -22,7 +22,7 @@ LONGEST = 0.45
 SAMPLE = 0.09
 """Of the picture's longer side: how long an arrow of the key is at most."""
 RING = 0.04
-"""Of the picture's longer side: the radius of the strongest blow's ring."""
+"""Of the picture's longer side: the radius of the strongest impact's ring."""
 SWEEP = 1.6 * np.pi
 """rad: the arc of the strongest torque."""
 USUAL = 97
@@ -53,7 +53,7 @@ class Scales:
     torque: float
     """rad of arc a g·px²/s²."""
     ring: float
-    """px² a g·px/s: the square of a blow's radius; its area tells its impulse."""
+    """px² a g·px/s: the square of an impact's radius; its area shows its impulse."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class Entry:
     size: float
 
 
-def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], blows: Sequence[float]) -> Scales:
-    """The scales of a clip; `blows` are their impulses, g·px/s."""
+def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], impacts: Sequence[float]) -> Scales:
+    """The scales of a clip; `impacts` are their impulses, g·px/s."""
     side = float(max(world.size))
     usual = LONG * side
     speeds = _speeds(world, seen)
@@ -85,7 +85,7 @@ def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], blows: Se
         pull = float(np.hypot(*world.gravity))
         loads[Load.FORCE] += [body.mass * pull for body in world.bodies if body.motion is Motion.DYNAMIC]
     most = {load: max(values, default=0.0) for load, values in loads.items()}
-    strongest = max(blows, default=0.0)
+    strongest = max(impacts, default=0.0)
     return Scales(
         velocity=tau,
         force=_per(usual, most[Load.FORCE]),

@@ -26,7 +26,7 @@ U8 = NDArray[np.uint8]
 LIFT = 0.25
 """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
 COMES = 0.5
-"""Of an object's size: moved by as much, it has mostly left an old shadow that nobody could lift."""
+"""Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
 FLIES = 1.2
 """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
 TURN = 0.35
@@ -63,7 +63,7 @@ class LitBackground:
     """(H, W): -log of the light left at t = 0, of all objects."""
     casts: Sequence[CastShadow]
     lifted: bool = True
-    """Whether anybody has taken the photo's shadows apart from the background."""
+    """Whether a backend has taken the photo's shadows apart from the background."""
 
     def behind(self) -> F32:
         """(H, W, 3) linear: the background at t = 0."""
@@ -124,7 +124,7 @@ class LitBackground:
 
 
 def predicted_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[PixelBox, F32] | None:
-    """`darkness`, worked out on a grid of `step` px: shadows are soft, and large things have large shadows."""
+    """`darkness`, worked out on a grid of `step` px: shadows are soft, and large objects have large shadows."""
     if step == 1:
         return shadow_darkness(what, setting)
     (x, y), (h, w) = what.corner, what.coverage.shape
@@ -190,7 +190,7 @@ SMOOTH = 0.5
 RING = 2
 """px around objects where the background still shows traces of them."""
 GAP = 4
-"""px: half the width of gaps between objects in which nobody sees a background."""
+"""px: half the width of gaps between objects in which no background is seen."""
 DEEPEST = 3.5
 """-log of the least light that a shadow leaves."""
 NEAR = 0.5
@@ -198,9 +198,9 @@ NEAR = 0.5
 HIDDEN = 3.0
 """px over which the background's detail reaches under objects."""
 FAINT = 0.006
-"""-log of light that nobody misses: half a grey level of a middle grey."""
+"""-log of light that is not missed: half a grey level of a middle grey."""
 CELLS = 24
-"""Of the grid on which a shadow is worked out, at least so many across the thing."""
+"""Of the grid on which a shadow is worked out, at least so many across the object."""
 
 
 def decompose_shadows(
@@ -212,9 +212,9 @@ def decompose_shadows(
     setting: ShadowSetting,
     gone: Sequence[Silhouette] = (),
 ) -> tuple[LitBackground, F32 | None]:
-    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: nobody has lifted them.
+    """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: they were not removed.
 
-    `gone` are things of the photo that the scene leaves out: their shadows leave with them. The second result is
+    `gone` are objects of the photo that the scene leaves out: their shadows leave with them. The second result is
     (H, W) -log of the light that those left; None where there are none.
     """
     lit = decode(background)
@@ -320,7 +320,7 @@ def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
 
 
 def shadow_grid_step(what: Silhouette) -> int:
-    """px a side of the grid for its shadow: some 24 cells across the thing, at most."""
+    """px a side of the grid for its shadow: some 24 cells across the object, at most."""
     h, w = what.coverage.shape
     return max(1, min(int(np.sqrt(h * w)) // CELLS, 8))
 

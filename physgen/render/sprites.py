@@ -153,7 +153,7 @@ class Sprite:
     ball: Ball | None = None
     """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
     relief: Relief | None = None
-    """Of what is no ball: the normals that turn with it, where somebody knows them."""
+    """Of what is no ball: the normals that turn with it, where they are known."""
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:
@@ -284,7 +284,7 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
 def _foreground(photo: F32, behind: F32, mask: NDArray[np.bool_], alpha: F32, share: F32) -> F32:
     """The object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
 
-    Where little of a pixel is the object's, and nobody knows well what is behind it, the light that is carried outwards
+    Where little of a pixel is the object's, and what is behind it is not well known, the light that is carried outwards
     from inside bounds it.
     """
     inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]

@@ -55,7 +55,7 @@ def place_sprite(
 ) -> Placement | None:
     """Where the sprite falls on a canvas of `size` (W, H); None when outside.
 
-    `space` (3, 3): a ball's turn so far; None where it has none, or only the angle tells.
+    `space` (3, 3): a ball's turn so far; None where it has none, or only the angle is known.
     """
     x0, y0 = sprite.corner
     turn = pose.angle - start.angle
@@ -218,7 +218,7 @@ class Frame:
 
     @cached_property
     def covers(self) -> Sequence[Cover]:
-        """Of things that reach into the picture, the farthest first; a body may be made of several."""
+        """Of objects that reach into the picture, the farthest first; a body may be made of several."""
         return self.covering()
 
 
@@ -247,7 +247,7 @@ class Stage:
     grounds: Sequence[Array] = ()
     """Side view: (4,) px each, the two ends of what shadows fall on from above."""
     veils: Sequence[F32 | None] | None = None
-    """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: nobody asks."""
+    """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: none."""
     supersample: int = 1
     """Samples a pixel, along each side, of what moves."""
     starts: Sequence[Pose] = ()

@@ -134,9 +134,9 @@ NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
 
 
 def matte_stage(stage: Stage) -> Stage:
-    """The same things, white without any shading, and nothing else: no photo, no boundaries, no shadows.
+    """The same objects, white without any shading, and nothing else: no photo, no boundaries, no shadows.
 
-    Whatever is no object of the scene, things of the photo that the scene leaves out among it, is dark.
+    Whatever is no object of the scene, objects of the photo that the scene leaves out among it, is dark.
     """
     return Stage(
         background=np.zeros_like(stage.background),
@@ -171,7 +171,7 @@ Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
 
 FLAT = 0.8
-"""Of its radius: how high a disc reaches above a table, where nobody says."""
+"""Of its radius: how high a disc reaches above a table, where the scene does not say."""
 DEEP = 0.9
 """Of the root of its area: how far anything else reaches through the plane of motion."""
 STRAY = 0.03
@@ -214,7 +214,7 @@ def lit_stage(
         for (s, _), actor in zip(parts, actors, strict=True)
     ]
     veils: list[F32 | None] = [None] * len(parts)
-    if scene.render.shadows and maps.clean is not None:  # a light that somebody has seen shadows of
+    if scene.render.shadows and maps.clean is not None:  # shadows of this light were seen
         thrown = occlusions(starts, occluders(starts, setting), setting)
         veils = [thrown.get(k) for k in range(len(starts))]
         shares = [
@@ -264,7 +264,7 @@ def _ghosts(
 
 
 def floors(world: World) -> list[Array]:
-    """(4,) px: the segments of all walls on which things can stand."""
+    """(4,) px: the segments of all walls on which objects can stand."""
     found = []
     for wall in world.walls:
         for chain in wall.chains:
@@ -276,9 +276,9 @@ def floors(world: World) -> list[Array]:
 
 
 def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16]) -> bool:
-    """Whether the photo shows shadows pass by a floor: those of things on it lie below it, on a wall behind.
+    """Whether the photo shows shadows pass by a floor: those of objects on it lie below it, on a wall behind.
 
-    A floor that reaches back to the wall would have caught them; this one is a line that perception laid under things
+    A floor that reaches back to the wall would have caught them; this one is a line that perception laid under objects
     in the air, or a thin ledge. `ground` (4,) px; `labels` and `shadows` (H, W) by id.
     """
     below, seen = 0, 0
@@ -311,7 +311,7 @@ def _start(body: Body) -> Pose:
 def seen_share(
     sprite: Sprite, actor: ShadowBody, start: Silhouette, before: F32, light: DistantLight
 ) -> float:
-    """How much of a foretold veil (h, w) the photo shows on a thing, 0..1: light between things fills some of it.
+    """How much of a predicted veil (h, w) the photo shows on an object, 0..1: light between objects fills some of it.
 
     By least squares on the logarithm of its light, beside Lambert's shading of a ball and an even change over any face.
     """
@@ -326,16 +326,16 @@ def seen_share(
         v = (rows + sprite.corner[1] - start.center[1]) / actor.radius
         z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
         level -= np.log(sphere_shading(light, *(part.astype(np.float32) for part in (u, v, z))))
-    told = np.column_stack([np.ones(len(x)), x, y, -before[rows, columns]])
-    told[:, 1:3] /= max(sprite.coverage.shape)
+    terms = np.column_stack([np.ones(len(x)), x, y, -before[rows, columns]])
+    terms[:, 1:3] /= max(sprite.coverage.shape)
     trust = np.ones(len(x))
     found = np.zeros(4)
     for _ in range(4):
-        weighted = told * trust[:, None]
+        weighted = terms * trust[:, None]
         found = np.linalg.solve(
-            weighted.T @ told + 1e-3 * len(x) * np.diag([0.0, 1, 1, 0.1]), weighted.T @ level
+            weighted.T @ terms + 1e-3 * len(x) * np.diag([0.0, 1, 1, 0.1]), weighted.T @ level
         )
-        trust = 1 / np.maximum(np.abs(level - told @ found) / 0.15, 1)
+        trust = 1 / np.maximum(np.abs(level - terms @ found) / 0.15, 1)
     return float(np.clip(found[3], 0, 1))
 
 
@@ -365,7 +365,7 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
 
 
 def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before: F32 | None) -> Sprite:
-    """A sphere's sprite with its skin; `before` (h, w) is -log of the light that other things leave on it."""
+    """A sphere's sprite with its skin; `before` (h, w) is -log of the light that other objects leave on it."""
     assert body.radius is not None
     x, y = body.center.tolist()
     alpha = sprite.coverage[..., None]

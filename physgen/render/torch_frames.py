@@ -329,7 +329,7 @@ class Canvas:
         return light, ids
 
     def darkness(self, moments: Sequence[Sequence[SpritePose]]) -> tuple[F32, list[dict[int, F32]]]:
-        """(n, H, W) -log of the light that all shadows leave behind things, and for each moment `veiled`."""
+        """(n, H, W) -log of the light that all shadows leave behind objects, and for each moment `veiled`."""
         assert self.lit is not None
         dark: F32 = np.repeat(self.lit.total[None], len(moments), axis=0)
         factors = []

@@ -115,7 +115,7 @@ def _swept(
 ROUNDS = 400
 """Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
 FAINT = 1e-4
-"""Of a step's hardest blow: what closes more slowly after it is left to the engine, or echoes would never end."""
+"""Of a step's hardest impact: what closes more slowly after it is left to the engine, or echoes would never end."""
 EXACT, NEARLY = 1e-13, 1e-5
 """Relative change of an impulse at which points that close together are solved: always, and in a heap of hundreds."""
 CROWD = 500
@@ -126,12 +126,12 @@ TOGETHER = 0.02
 
 @dataclass(frozen=True)
 class Impacts:
-    """What the blows of one step did."""
+    """What the impacts of one step did."""
 
     velocity: Array
     """(N, 3): px/s, px/s, rad/s after the last."""
     shift: Array
-    """(N, 3): how far the blows, having fallen within the step, move the bodies at its end: px, px, rad."""
+    """(N, 3): how far the impacts, having fallen within the step, move the bodies at its end: px, px, rad."""
     first: Index
     """(B,): the struck pairs."""
     second: Index
@@ -146,7 +146,7 @@ class Impacts:
 
 
 def resolve_impacts(
-    things: ContactProperties,
+    objects: ContactProperties,
     joined: Assemblies,
     pose: Array,
     velocity: Array,
@@ -161,15 +161,15 @@ def resolve_impacts(
     pose (N, 3) at the step's end; velocity (N, 3) within the step, before contacts; drift (N, 2) px/s²: acceleration of
     what flies freely, zero for the rest; touched (K,): the pair touched a step ago already.
     """
-    return _Instant(things, joined, pose, velocity, drift, points.sorted(), touched, h, threshold).run()
+    return _Instant(objects, joined, pose, velocity, drift, points.sorted(), touched, h, threshold).run()
 
 
 class _Instant:
-    """One step's blows in the making."""
+    """One step's impacts in the making."""
 
     def __init__(
         self,
-        things: ContactProperties,
+        objects: ContactProperties,
         joined: Assemblies,
         pose: Array,
         velocity: Array,
@@ -179,7 +179,7 @@ class _Instant:
         h: float,
         threshold: float,
     ) -> None:
-        self._things, self._joined = things, joined
+        self._things, self._joined = objects, joined
         self._pose, self._velocity, self._drift = pose, velocity, drift
         self._found, self._h, self._threshold = points, h, threshold
         self._own = points.closing > threshold
@@ -245,7 +245,7 @@ class _Instant:
         return self._v[body]
 
     def _time(self, k: int, number: int) -> float:
-        """s before the step's end: a point's own time, or that of the blow that a partner brings."""
+        """s before the step's end: a point's own time, or that of the impact that a partner brings."""
         p = self._point(k)
         if number == 0 or (p.own and p.earlier > 0):
             return p.earlier
@@ -267,7 +267,7 @@ class _Instant:
         return leads
 
     def _begin(self, struck: Iterable[int], times: dict[int, float]) -> None:
-        """Velocities between two steps are those of the middle: bring what is struck first to the blow's time."""
+        """Velocities between two steps are those of the middle: bring what is struck first to the impact's time."""
         for k in struck:
             p = self._point(k)
             for body in (p.a, p.b):
@@ -312,7 +312,7 @@ class _Instant:
             )
         return self._points[k]
 
-    # What a blow does
+    # What an impact does
 
     def _leaving(self, p: Point) -> float:
         """px/s; negative: it closes."""
@@ -358,9 +358,9 @@ class _Instant:
         self, points: list[Point], was: list[tuple[float, float]], bodies: list[int], times: list[float]
     ) -> list[tuple[float, float]]:
         """Impulses of points that share bodies, or whose bodies joints hold, carried out on all of them."""
-        things = self._things
+        objects = self._things
         inverse = np.array(
-            [[things.lightness[b], things.lightness[b], things.ease[b]] for b in bodies]
+            [[objects.lightness[b], objects.lightness[b], objects.ease[b]] for b in bodies]
         ).ravel()
         response = self._joined.response(bodies, inverse, self._pose)
         place = {body: 3 * k for k, body in enumerate(bodies)}

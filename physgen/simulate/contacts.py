@@ -23,7 +23,7 @@ _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 @dataclass(frozen=True)
 class Touching:
-    """K pairs of shapes that touch; things count the bodies first, then the walls."""
+    """K pairs of shapes that touch; objects count the bodies first, then the walls."""
 
     first: Index
     """(K,)."""
@@ -85,7 +85,7 @@ class Points:
     """(P,) px/s at which they close, by velocities before contacts."""
 
     def sorted(self) -> Points:
-        """By things, pairs of shapes and place."""
+        """By objects, pairs of shapes and place."""
         place = self.on_first
         order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
         return Points(*(getattr(self, field.name)[order] for field in fields(self)))
@@ -93,7 +93,7 @@ class Points:
     def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
         """(P,) s before the step's end at which each closed; `own` (P,) do, `touched` (K,) pairs did a step ago.
 
-        What touched before closes when a blow makes it.
+        What touched before closes when an impact makes it.
         """
         row = self.row
         depth = np.maximum(self.depth, 0.0)
@@ -107,7 +107,7 @@ class Points:
 
 @dataclass(frozen=True)
 class ContactProperties:
-    """What the N bodies and walls bring to a blow; the mass and moment of whatever is not dynamic is infinite."""
+    """What the N bodies and walls bring to an impact; the mass and moment of whatever is not dynamic is infinite."""
 
     lightness: list[float]
     """1/g."""
@@ -131,7 +131,7 @@ class Point:
     """From a to b; (-ny, nx) is along the surface."""
     earlier: float
     own: bool
-    """Whether it closed by the motion before all blows."""
+    """Whether it closed by the motion before all impacts."""
     ma: float
     mb: float
     ea: float
@@ -171,7 +171,7 @@ class Point:
 
 
 def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
-    """One row a point; pose and velocity (N, 3) of all things."""
+    """One row a point; pose and velocity (N, 3) of all objects."""
     use = np.arange(2) < touching.count[:, None]
     row = np.repeat(np.arange(len(use)), touching.count)
     first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
@@ -181,9 +181,9 @@ def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
     return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
 
 
-def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
+def _at(velocity: Array, objects: Index, points: Array, pose: Array) -> Array:
     """(P, 2) px/s of points on bodies."""
-    v, arm = velocity[things], points - pose[things, :2]
+    v, arm = velocity[objects], points - pose[objects, :2]
     out = v[:, :2].copy()
     out[:, 0] -= v[:, 2] * arm[:, 1]
     out[:, 1] += v[:, 2] * arm[:, 0]
@@ -191,7 +191,13 @@ def _at(velocity: Array, things: Index, points: Array, pose: Array) -> Array:
 
 
 def point_at_closing(
-    things: ContactProperties, found: Points, k: int, pose: Array, velocity: Array, earlier: Array, own: Flags
+    objects: ContactProperties,
+    found: Points,
+    k: int,
+    pose: Array,
+    velocity: Array,
+    earlier: Array,
+    own: Flags,
 ) -> Point:
     """Point `k` as it was `earlier` s (P,) before the poses (N, 3); velocity (N, 3) on the way; own (P,).
 
@@ -210,7 +216,7 @@ def point_at_closing(
     (ax, ay), (bx, by) = centers
     px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
     # a circle touches where its normal leaves it, however it turns
-    ra, rb = things.radius[a], things.radius[b]
+    ra, rb = objects.radius[a], objects.radius[b]
     if not (isnan(ra) or isnan(rb)):
         distance = max(hypot(bx - ax, by - ay), 1e-12)
         nx, ny = (bx - ax) / distance, (by - ay) / distance
@@ -219,7 +225,7 @@ def point_at_closing(
         px, py = ax + ra * nx, ay + ra * ny
     elif not isnan(rb):
         px, py = bx - rb * nx, by - rb * ny
-    ma, mb, ea, eb = things.lightness[a], things.lightness[b], things.ease[a], things.ease[b]
+    ma, mb, ea, eb = objects.lightness[a], objects.lightness[b], objects.ease[a], objects.ease[b]
     na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
     ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
     return Point(
@@ -227,6 +233,6 @@ def point_at_closing(
         ma + mb + ea * na * na + eb * nb * nb,
         ea * na * ta + eb * nb * tb,
         ma + mb + ea * ta * ta + eb * tb * tb,
-        things.elasticity[a] * things.elasticity[b],
-        things.friction[a] * things.friction[b],
+        objects.elasticity[a] * objects.elasticity[b],
+        objects.friction[a] * objects.friction[b],
     )  # fmt: skip

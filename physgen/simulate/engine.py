@@ -68,7 +68,7 @@ PHASE = 0.1
 MOST_PARTS = 1024
 """Of a step that springs or attractors divide."""
 ATTEMPTS = 8
-"""Times that a step is taken again because blows changed what it does."""
+"""Times that a step is taken again because impacts changed what it does."""
 NOTHING = EnergyFlow(0.0, 0.0, None)
 SLOP = 0.005
 """px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
@@ -114,7 +114,7 @@ def simulate(
     running = Running(world, times, iterations, tape)
     running.on(running.end, progress)
     running.rest()
-    made = running.told()
+    made = running.trajectory()
     if tape is not None:
         tape.end(made.effort, running.further)
     return made
@@ -151,7 +151,7 @@ class Running:
         Raises InputError where a body leaves all numbers.
         """
         ledger = self._run.ledger
-        with self._told_by_name():
+        with self._overflow_named():
             if self._number < 0:
                 self._number = 0
                 self._run.start()
@@ -164,12 +164,12 @@ class Running:
 
     def read(self) -> None:
         """Take the samples up to where the run stands."""
-        with self._told_by_name():
+        with self._overflow_named():
             self._run.ledger.read()
 
     def rest(self) -> None:
         """The same, where the run is over, or pauses for long."""
-        with self._told_by_name():
+        with self._overflow_named():
             self._run.ledger.flush()
 
     def further(self, until: float) -> None:
@@ -177,13 +177,13 @@ class Running:
         self.on(until)
         self.rest()
 
-    def told(self) -> Trajectory:
+    def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
         return recorded_trajectory(self._run.ledger, self._run.effort())
 
     @contextmanager
-    def _told_by_name(self) -> Iterator[None]:
-        """What leaves all numbers is told as a Problem."""
+    def _overflow_named(self) -> Iterator[None]:
+        """Raises InputError where numbers overflow."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 yield
@@ -325,8 +325,8 @@ class _Run:
         if state is not None:
             self._space.place(state)
         step = self._stepper.take(end, h, state, kicks)
-        if step.blows:
-            self._governor.note(sum(len(blow.first) for blow in step.blows))
+        if step.impacts:
+            self._governor.note(sum(len(impact.first) for impact in step.impacts))
         if self._tape is not None:
             self._tape.add(step)
         if self.ledger.add(step):
@@ -403,12 +403,12 @@ class Stepper:
     def take(
         self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
     ) -> Step:
-        """Step to the time `end`; again, with other velocities, where blows fall. state (M, 6): as placed."""
+        """Step to the time `end`; again, with other velocities, where impacts fall. state (M, 6): as placed."""
         self.steps += 1
         M = len(self._space.moving)
         before = None if state is None else state[:, 3:].copy()
         original: Array | None = None
-        blows: list[Impacts] = []
+        impacts: list[Impacts] = []
         self._lasting.begin()
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
@@ -424,7 +424,7 @@ class Stepper:
             for pair, torque in self._lasting.torques.items():
                 self._space.brake(pair, torque)
             states, words, numbers = self._space.step(h)
-            blow = None
+            impact = None
             leap = self._cornered and contacts_jumped(contact_places(numbers), self._places)
             surprise = self.suspicious or leap
             # the last try is taken as it comes: what still closes then does not bounce
@@ -432,20 +432,20 @@ class Stepper:
                 if state is None:
                     state = self.state().copy()
                 after = np.frombuffer(states, np.float64).reshape(M, 6)
-                blow = self._strike(after[:, :3], state[:, 3:], words, numbers, h, surprise, first, load)
-            if blow is None and not probing:
+                impact = self._strike(after[:, :3], state[:, 3:], words, numbers, h, surprise, first, load)
+            if impact is None and not probing:
                 break
             assert state is not None
-            if blow is not None:
+            if impact is not None:
                 if original is None:
                     original = state[:, 3:].copy()
-                blows.append(blow)
-                self.impacts += len(blow.first)
+                impacts.append(impact)
+                self.impacts += len(impact.first)
                 moving = self._space.moving
-                state[:, 3:] = blow.velocity[moving]
+                state[:, 3:] = impact.velocity[moving]
                 before = state[:, 3:].copy()
-                state[:, :3] = after[:, :3] + blow.shift[moving] - before * h
-            self._space.iterations = self._governor.sweeps if blow is None else self._governor.after_blows
+                state[:, :3] = after[:, :3] + impact.shift[moving] - before * h
+            self._space.iterations = self._governor.sweeps if impact is None else self._governor.after_impacts
             probing = False
             self._space.place(state)
         self._calm = original is None
@@ -453,7 +453,7 @@ class Stepper:
         if self._joined.busy or (state is not None and not self._calm):
             exact = np.frombuffer(states, np.float64).reshape(M, 6).copy()
             if state is not None and not self._calm:
-                # the first try pushed overlaps apart that the blows have undone
+                # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
                 exact[:, 3:], driven = self._hold(exact, h, 0.5 if first else 1.0)
@@ -473,7 +473,7 @@ class Stepper:
         if driven:
             settled = replace(settled, work=settled.work + driven)
         self._states = states
-        return Step(end, states, words, numbers, before, original, blows, settled, kicks)
+        return Step(end, states, words, numbers, before, original, impacts, settled, kicks)
 
     def _hold(self, state: Array, h: float, strength: float) -> tuple[Array, float]:
         """Velocities (M, 3) that keep all joints, and the motors' work; motors act with a part of their strength."""
@@ -505,24 +505,24 @@ class Stepper:
         points = contact_points(touch, wide, fast)
         if not (points.closing > threshold).any():
             return None
-        things = len(wide)
+        objects = len(wide)
         was = touch if first else touching(self._words, None)
-        before = set(_pairs(was, things))
-        touched = np.array([pair in before for pair in _pairs(touch, things)], bool)
+        before = set(_pairs(was, objects))
+        touched = np.array([pair in before for pair in _pairs(touch, objects)], bool)
         points = replace(points, closing=np.where(surprise | ~touched[points.row], points.closing, 0.0))
         if not (points.closing > threshold).any():
             return None
-        drift = np.zeros((things, 2))
+        drift = np.zeros((objects, 2))
         drift[: len(self._dynamic)] = self._lasting.drift(load)
         drift[was.first] = drift[was.second] = 0.0
         drift[self._held] = 0.0
         return resolve_impacts(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
 
 
-def _pairs(touch: Touching, things: int) -> list[tuple[int, int]]:
+def _pairs(touch: Touching, objects: int) -> list[tuple[int, int]]:
     """Each contact's partners, in one order, and its number of points."""
     low, high = np.minimum(touch.first, touch.second), np.maximum(touch.first, touch.second)
-    return list(zip((low * things + high).tolist(), touch.count.tolist(), strict=True))
+    return list(zip((low * objects + high).tolist(), touch.count.tolist(), strict=True))
 
 
 class Space:
@@ -579,7 +579,7 @@ class Space:
         return (bytes(self._states.float_buf()[: 48 * len(self.moving)]), *self._in_order())
 
     def _in_order(self) -> tuple[bytes, bytes]:
-        """Contacts by things and places; the engine's names of bodies, and its order, are those of memory addresses."""
+        """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
         words = np.array(self._contacts.int_buf()).view(np.int64).reshape(-1, WORDS)
         words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
         rows = np.frombuffer(self._contacts.float_buf()).reshape(-1, NUMBERS)

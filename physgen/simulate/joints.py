@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 class Assemblies:
-    """Groups of dynamic bodies that pins, welds and motors connect; springs yield within a blow."""
+    """Groups of dynamic bodies that pins, welds and motors connect; springs yield within an impact."""
 
     def __init__(self, world: World) -> None:
         dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
@@ -62,7 +62,7 @@ class Assemblies:
 
         pose (N, 3) now; inverse (N, 3): 1/mass, 1/mass, 1/moment, 0 for what is not dynamic. One linear system a
         group, so that chains and welds hold whatever their length and masses (SHAKE, Ryckaert and others 1977). A
-        motor turns its two sides as it is told, with at most its limit times `strength`; None: what the pins allow now.
+        motor turns its two sides at its speed, with at most its limit times `strength`; None: what the pins allow now.
         """
         velocity, work, motors = velocity.copy(), 0.0, strength is not None
         for group, joints in sorted(self._joints.items()):

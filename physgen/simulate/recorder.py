@@ -55,7 +55,7 @@ class ContactLog:
         """S steps that end at `times` (S,), and R contacts of them.
 
         step, sample (R,): in which step, before which sample each acted; impulse (R, 2) g·px/s is on the first; when
-        (R,) s: the end of its step, or the very time of a blow.
+        (R,) s: the end of its step, or the very time of an impact.
         """
         N = len(self._surfaces)
         swap = first > second
@@ -165,8 +165,8 @@ class Step:
     before: Array | None
     """(M, 3): velocities within the step; None: as the step before left them."""
     original: Array | None
-    """(M, 3): the same before blows changed them; None without blows."""
-    blows: list[Impacts]
+    """(M, 3): the same before impacts changed them; None without impacts."""
+    impacts: list[Impacts]
     settled: EnergyFlow
     """What lasting forces did in it."""
     kicks: list[EnergyEvent]
@@ -194,7 +194,7 @@ class Recorder:
         self._rolling = False
         self.rolls = np.zeros((T, N, 2))
         self.turns = np.zeros((T, N, 4))
-        self._books = np.zeros((T, 4))
+        self._balance = np.zeros((T, 4))
         self.done = 0
         """Samples taken."""
         dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
@@ -213,7 +213,7 @@ class Recorder:
         self._smooth = np.zeros(2)  # lost and work up to the middle of the last step's doing
         self._owed = np.zeros(2)  # the other half
         self._struck: list[tuple[float, float, float]] = []
-        self._spent = np.zeros(2)  # lost and work of the blows of earlier blocks
+        self._spent = np.zeros(2)  # lost and work of the impacts of earlier blocks
         self._first = True
         self._block = BLOCK // 8
         self.residual = 0.0
@@ -302,7 +302,7 @@ class Recorder:
         return out
 
     def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
-        """(S, 2) lost and work of the steps' contacts; blows go into their own list, and all into the log."""
+        """(S, 2) lost and work of the steps' contacts; impacts go into their own list, and all into the log."""
         S, W = len(steps), len(self.world.walls)
         ends = np.array([step.time for step in steps])
         counts = [len(step.words) // CONTACT_BYTES for step in steps]
@@ -317,8 +317,8 @@ class Recorder:
         center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
         mean[:, self._scripted] = last[:, self._scripted]
 
-        def speed(of: Array, things: Index, where: Array) -> Array:
-            v, arm = of[row, things], where - center[row, things, :2]
+        def speed(of: Array, objects: Index, where: Array) -> Array:
+            v, arm = of[row, objects], where - center[row, objects, :2]
             return np.stack([v[:, 0] - v[:, 2] * arm[:, 1], v[:, 1] + v[:, 2] * arm[:, 0]], axis=1)
 
         # of two points, the one that opens after the step carried nothing (Signorini's condition)
@@ -334,8 +334,8 @@ class Recorder:
         v1, v2 = speed(mean, first, where), speed(mean, second, where)
         lost = -(impulse * (v1 - v2)).sum(axis=1)
         work = np.zeros(len(row))
-        for things, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
-            driven = self._scripted[things]
+        for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
+            driven = self._scripted[objects]
             work[driven] += sign * (impulse[driven] * v[driven]).sum(axis=1)
         flow = np.stack([np.bincount(row, values, S) for values in (lost, work)], axis=1).astype(np.float64)
         if len(row):
@@ -345,13 +345,13 @@ class Recorder:
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
         late = 0.0 if self._first else 1e-9
         self._struck += [(kick.time + late, kick.lost, kick.work) for step in steps for kick in step.kicks]
-        blown = [(s, blows) for s, step in enumerate(steps) for blows in step.blows]
-        for s, blows in blown:
-            time = float(ends[s] - (blows.earlier.max() if len(blows.earlier) else 0.0))
+        blown = [(s, impacts) for s, step in enumerate(steps) for impacts in step.impacts]
+        for s, impacts in blown:
+            time = float(ends[s] - (impacts.earlier.max() if len(impacts.earlier) else 0.0))
             begun = (
                 float(ends[s - 1]) if s else self._time
             ) + 1e-9  # what fell as the step began falls after the last
-            self._struck.append((max(time, begun), blows.lost, blows.work))
+            self._struck.append((max(time, begun), impacts.lost, impacts.work))
         step = np.concatenate([row, *(np.full(len(b.first), s) for s, b in blown)]).astype(np.int64)
         when = np.concatenate([ends[row], *(ends[s] - b.earlier for s, b in blown)])
         sample = np.searchsorted(self.times, when - 1e-12)
@@ -387,7 +387,7 @@ class Recorder:
             s = int(np.searchsorted(ends, time - 1e-12))
             start = self._time if s == 0 else float(ends[s - 1])
             pose0, mean0 = (self._pose, self._mean) if s == 0 else (pose[s - 1], mean[s - 1])
-            books0 = self._smooth if s == 0 else smooth[s - 1]
+            balance0 = self._smooth if s == 0 else smooth[s - 1]
             h = float(ends[s]) - start
             part = 1.0 if h <= 0 or time > ends[s] - 1e-9 * h else max(0.0, (time - start) / h)
             x, v = pose0 + part * (pose[s] - pose0), mean0 + part * (mean[s] - mean0)
@@ -404,14 +404,14 @@ class Recorder:
                 )
             self.poses[k], self.velocities[k], self.rolls[k] = x, v, roll
             _refuse_infinities(self.world, x, v, time)
-            books = books0 + part * (smooth[s] - books0)
-            self._books[k] = (*self._energy(x, v, roll), *(books + self._blown(time)))
+            balance = balance0 + part * (smooth[s] - balance0)
+            self._balance[k] = (*self._energy(x, v, roll), *(balance + self._blown(time)))
             self.done += 1
         for _, lost, work in self._struck:
             self._spent += np.array([lost, work])
 
     def _blown(self, time: float) -> Array:
-        """Lost and work of all blows up to a time."""
+        """Lost and work of all impacts up to a time."""
         total = self._spent.copy()
         for at, lost, work in self._struck:
             if at <= time + 1e-12:
@@ -421,12 +421,12 @@ class Recorder:
     def _inside(
         self, step: Step, time: float, since: float, h: float, x: Array, v: Array, pose0: Array, pose1: Array
     ) -> None:
-        """Within a step with blows, what was struck moves as before until then, and as after from then on."""
+        """Within a step with impacts, what was struck moves as before until then, and as after from then on."""
         assert step.original is not None
         assert step.before is not None
         changed = np.flatnonzero((step.original != step.before).any(axis=1))
         bodies = self.moving[changed]
-        at = max(float(b.earlier.max()) for b in step.blows if len(b.earlier))
+        at = max(float(b.earlier.max()) for b in step.impacts if len(b.earlier))
         if time < step.time - at:
             v[bodies] = step.original[changed]
             x[bodies] = pose0[bodies] + step.original[changed] * since
@@ -444,7 +444,7 @@ class Recorder:
 
     def energy(self) -> Energy:
         """At every sample."""
-        return Energy(*np.ascontiguousarray(self._books.T))
+        return Energy(*np.ascontiguousarray(self._balance.T))
 
     def rolled(self) -> Array:
         """(T, N, 2), or (T, 0, 2) where nothing rolls on a table."""
@@ -479,7 +479,7 @@ class StepLog:
         self._on: Callable[[float], None] | None = None
 
     def begin(self, ledger: Recorder, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
-        """What `Ledger.begin` was told, and which ledger."""
+        """Keep what `Recorder.begin` is called with, and which recorder."""
         self._ledger = ledger
         self._begin = step, pose.copy(), velocity.copy(), roll.copy()
 
@@ -493,7 +493,7 @@ class StepLog:
             self._steps, self._begin, self._ledger = [], None, None
 
     def end(self, effort: Effort, on: Callable[[float], None]) -> None:
-        """The run is over; `on` takes it on to a later time, s, should somebody ask for that."""
+        """The run is over; `on` takes it on to a later time, s, where later times are asked for."""
         self._effort, self._on = effort, on
 
     def read(self, times: Array) -> Trajectory | None:

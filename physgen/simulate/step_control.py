@@ -87,9 +87,9 @@ class StepDivider:
 
 
 FEWEST, MANY, MOST = 12, 60, 120
-"""Sweeps of the contact solver a step: at least; where shapes overlap, blows fell or joints hold; at most."""
+"""Sweeps of the contact solver a step: at least; where shapes overlap, impacts fell or joints hold; at most."""
 WORK = 50_000
-"""Sweeps times contacts of a step: heaps of hundreds get fewer sweeps, as nobody sees the last hundredth of a pixel."""
+"""Sweeps times contacts of a step: heaps of hundreds get fewer sweeps, as the last hundredth of a pixel is not seen."""
 SLACK = 0.02
 """Closing speed that a step may leave, in units of gravity x step."""
 DEEP = 0.02
@@ -103,7 +103,7 @@ BUSY = 6.0
 980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""
 LOUDEST = 32.0
 CROWD = 200
-"""Contacts above which a step is first taken with a single sweep, only to see whether blows fall."""
+"""Contacts above which a step is first taken with a single sweep, only to see whether impacts fall."""
 
 
 class Governor:
@@ -122,7 +122,7 @@ class Governor:
         """Highest factor on the speed of rest so far."""
 
     @property
-    def after_blows(self) -> int:
+    def after_impacts(self) -> int:
         """Sweeps of a step that is taken again: its solver starts from impulses that are wrong by now."""
         return self._fixed or min(self._most, max(self.sweeps, MANY))
 
@@ -139,9 +139,9 @@ class Governor:
         """px/s: the highest threshold so far, for steps of h seconds."""
         return max(REST * self.loudest * self._gravity * h, STILL)
 
-    def note(self, blows: int) -> None:
-        """Count the blows of a step."""
-        self._blows += blows
+    def note(self, impacts: int) -> None:
+        """Count the impacts of a step."""
+        self._blows += impacts
 
     def review(self, steps: int, contacts: int, residual: float, overlap: float, h: float) -> None:
         """What the last steps left: contacts now, the fastest closing, px/s, the deepest overlap, px."""

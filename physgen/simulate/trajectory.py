@@ -172,7 +172,7 @@ class Trajectory:
 
 
 def is_trajectory(path: Path) -> bool:
-    """Whether a file is one that this module wrote, as its beginning tells; what is none may be anybody's."""
+    """Whether this module wrote a file, judged by its first bytes."""
     try:
         if not path.is_file():
             return False
@@ -219,7 +219,7 @@ REST_TURN = 1.0
 REST_DURATION = 0.1
 """s for which it must have been so at the clip's end: what hangs at the top of its way does not rest."""
 START_TIME = 0.005
-"""s: whom an object touches so early, it stood at or on before: it meets nobody by that."""
+"""s: what an object touches so early, it stood at or on before: that is no new touch."""
 
 
 def resting_mask(trajectory: Trajectory) -> NDArray[np.bool_]:

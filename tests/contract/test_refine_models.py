@@ -107,7 +107,7 @@ def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
 
 @pytest.mark.parametrize("variant", ROWS.values())
 def test_strength_decides_how_far_it_goes(variant: str, video: Video, apart):
-    plain = replace(HOW, said=PromptSettings("a red ball", "", 1.0))
+    plain = replace(HOW, prompt=PromptSettings("a red ball", "", 1.0))
     ways = [(500, 0.002), (8, 0.125), (8, 0.5)]
     far = [apart(video(variant), replace(plain, steps=n, strength=s), 5).mean() for n, s in ways]
     assert far == sorted(far)
@@ -118,7 +118,7 @@ def test_strength_decides_how_far_it_goes(variant: str, video: Video, apart):
 def test_half_of_fifty_steps_run_and_twenty_are_fused(variant: str, video: Video):
     heard: list[tuple[str, int, int]] = []
     frames, coverage = clip(1)
-    how = replace(HOW, steps=50, stop=5, said=PromptSettings("", "", 1.0))
+    how = replace(HOW, steps=50, stop=5, prompt=PromptSettings("", "", 1.0))
     run = Refinement(video(variant), how, SIZE, 1, lambda *step: heard.append(step))
     list(run.frames(frames, coverage))
     assert heard == [("refine", k, 25) for k in range(26)]
@@ -170,7 +170,7 @@ def test_a_long_clip_is_seen_in_windows(variant: str, window: int, latents: int,
     seen, begun = [], []
     frames, coverage = clip(21)
     run = Refinement(model, HOW, SIZE, 21)
-    model.begin(frames[:1] * 5, HOW.said, 4, 2)  # so that it is loaded
+    model.begin(frames[:1] * 5, HOW.prompt, 4, 2)  # so that it is loaded
     network, predict, shown = model._network, model._network.predict, model._network.shown
     network.predict = lambda z, *told: seen.append(len(z)) or predict(z, *told)
     network.shown = lambda frame, many: begun.append((frame.numpy(), many)) or shown(frame, many)
@@ -229,7 +229,7 @@ def test_half_the_digits(variant: str, video: Video):
 @pytest.mark.parametrize("variant", ROWS.values())
 def test_numbers_that_are_none_are_told(variant: str, video: Video):
     model = video(variant)
-    model.begin(clip(1, (32, 32))[0], HOW.said, 4, 2)
+    model.begin(clip(1, (32, 32))[0], HOW.prompt, 4, 2)
     real = model._network.predict
     model._network.predict = lambda z, *told: real(z, *told) * torch.nan
     with pytest.raises(
@@ -246,7 +246,7 @@ def test_numbers_that_are_none_are_told(variant: str, video: Video):
 def test_memory_that_does_not_suffice_is_told_with_what_would_fit(variant: str, kind: str, video: Video):
     model, size = video(variant), (64, 64) if variant == "wan" else (32, 32)
     side = size[0] // 2 if variant == "cogvideox-2b" else size[0] * 3 // 4
-    model.begin(clip(1, size)[0], HOW.said, 4, 2)
+    model.begin(clip(1, size)[0], HOW.prompt, 4, 2)
     real = model._network.predict
 
     def short(z: Any, *told: Any) -> Any:
@@ -272,7 +272,7 @@ def test_memory_that_does_not_suffice_is_told_with_what_would_fit(variant: str, 
 def test_what_failed_holds_no_memory(video: Video):
     model = video("wan")
     frames = clip(1, (32, 32))[0]
-    model.begin(frames, HOW.said, 4, 2)
+    model.begin(frames, HOW.prompt, 4, 2)
     held = []
 
     def short(z: Any, *told: Any) -> Any:
@@ -282,7 +282,7 @@ def test_what_failed_holds_no_memory(video: Video):
 
     model._network.predict = short
     try:
-        model.predict(model.begin(frames, HOW.said, 4, 2), 0, 0)
+        model.predict(model.begin(frames, HOW.prompt, 4, 2), 0, 0)
     except MemoryError:
         assert held[0]() is None  # while the error is still about
     del model._network.predict
@@ -291,7 +291,7 @@ def test_what_failed_holds_no_memory(video: Video):
 
 def test_a_trial_leaves_the_video_under_way_alone(video: Video):
     model = video("wan-looks")
-    z = model.begin(clip(5, (32, 32))[0], HOW.said, 4, 2)
+    z = model.begin(clip(5, (32, 32))[0], HOW.prompt, 4, 2)
     before = model.predict(z, 0, 0)
     assert model.fits(16, 2)
     assert np.array_equal(before, model.predict(z, 0, 0))

@@ -126,7 +126,7 @@ def test_no_joint_shows_where_windows_disagree_in_every_step() -> None:
 
     total, windows = 45, window_spans(45, 16, 8)
     model = Moody()
-    model.begin([np.zeros((160, 160, 3), np.uint8)], HOW.said, 50, 25)
+    model.begin([np.zeros((160, 160, 3), np.uint8)], HOW.prompt, 50, 25)
     noise = np.random.default_rng(0).standard_normal((1, 3, 40, 40), np.float32).repeat(total, axis=0)
     z = fused(
         np.zeros((total, 3, 40, 40), np.float32),
@@ -187,7 +187,7 @@ def test_the_record_tells_what_ran() -> None:
     assert note["windows"] == [[0, 6], [2, 8], [5, 11]]
     assert note["revision"] == "exact"
     assert told == [("refine", k, 25) for k in range(26)]
-    assert model.said == HOW.said
+    assert model.said == HOW.prompt
 
 
 @pytest.mark.parametrize(

@@ -33,10 +33,10 @@ def test_pieces_of_a_run_are_the_run(name: str) -> None:
         running.on(running.end, enough=enough)
         if rounds % 3:
             running.read()
-            early.append(running.told().poses[: running.done].copy())
+            early.append(running.trajectory().poses[: running.done].copy())
         rounds += 1
     running.rest()
-    made = running.told()
+    made = running.trajectory()
     assert rounds > 20
     assert np.array_equal(made.poses, whole.poses)
     assert np.array_equal(made.velocities, whole.velocities)

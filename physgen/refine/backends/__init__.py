@@ -8,4 +8,4 @@ from __future__ import annotations
 
 import os
 
-os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")  # it tells of torchvision, which nobody here needs
+os.environ.setdefault("TRANSFORMERS_VERBOSITY", "error")  # no warnings about torchvision, which is not needed

@@ -1,6 +1,6 @@
 """AnimateDiff (Guo et al. 2024): a motion adapter within a Stable Diffusion 1.5, every frame a latent.
 
-Its frames are to be of about 512 x 512 px, and 16 of them seen at a time. It is told nothing of the first one.
+Its frames are to be of about 512 x 512 px, and 16 of them seen at a time. It is not shown the first one.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class AnimateDiff:
         """DDIM."""
         return ddim(self._scheduler, steps, count)
 
-    def told(self, text: str) -> Tensor:
+    def encode_text(self, text: str) -> Tensor:
         """(1, 77, width)."""
         found: Tensor = self.pipe.encode_prompt(text, self._device, 1, False)[0]
         return found
@@ -75,10 +75,10 @@ class AnimateDiff:
         for part in latents.split(CHUNK):
             yield vae.decode(part.to(self._device) / vae.config.scaling_factor).sample
 
-    def predict(self, latents: Tensor, time: Tensor, told: Tensor, shown: Any) -> Tensor:
+    def predict(self, latents: Tensor, time: Tensor, text: Tensor, shown: Any) -> Tensor:
         """(F, C, h, w): the network takes (1, C, F, h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
-        words = told.repeat_interleave(len(latents), dim=0)
+        words = text.repeat_interleave(len(latents), dim=0)
         found: Tensor = self.pipe.unet(z, time.to(self._device), encoder_hidden_states=words).sample
         return found[0].transpose(0, 1)
 

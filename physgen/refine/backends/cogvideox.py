@@ -35,7 +35,7 @@ KNOWN = ("CogVideoXPipeline", "CogVideoXImageToVideoPipeline", "CogVideoXVideoTo
 LARGEST = 768 * 1360
 """px that 1.5 was trained on; some of its configurations name the largest that it can take."""
 OFS = 2.0
-"""What those of 1.5 that are shown a frame are told besides."""
+"""What those of 1.5 that are shown a frame are given besides."""
 MOST = 1 << 20
 """Frames: nothing in the network ends."""
 AT_ONCE = 16
@@ -54,7 +54,7 @@ class CogVideoX:
         """DDIM."""
         return ddim(self._scheduler, steps, count)
 
-    def told(self, text: str) -> Tensor:
+    def encode_text(self, text: str) -> Tensor:
         """(1, 226, width)."""
         length = self.pipe.transformer.config.max_text_seq_length
         found: Tensor = self.pipe.encode_prompt(
@@ -96,7 +96,7 @@ class CogVideoX:
         found = self.pipe.vae.decode(z.transpose(0, 1)[None] / self._scale).sample
         yield from found[0].transpose(0, 1)[:frames].split(AT_ONCE)
 
-    def predict(self, latents: Tensor, time: Tensor, told: Tensor, shown: Tensor | None) -> Tensor:
+    def predict(self, latents: Tensor, time: Tensor, text: Tensor, shown: Tensor | None) -> Tensor:
         """(F', C, h, w): the network takes (1, F', C, h, w)."""
         z = latents.to(self._device, self._dtype)[None]
         network, vae = self.pipe.transformer, self.pipe.vae.config
@@ -107,7 +107,7 @@ class CogVideoX:
             turns = self.pipe._prepare_rotary_positional_embeddings(height, width, len(latents), self._device)
         found: Tensor = network(
             hidden_states=z if shown is None else torch.cat([z, shown], dim=2),
-            encoder_hidden_states=told,
+            encoder_hidden_states=text,
             timestep=time.to(self._device).expand(1),
             ofs=z.new_full((1,), OFS) if network.config.ofs_embed_dim is not None else None,
             image_rotary_emb=turns,

@@ -20,7 +20,7 @@ class Nothing:
 
     grid = Grid(cell=1, side=1, area=ANY, stride=1, group=1, window=ANY)
 
-    def begin(self, frames: Sequence[U8], said: PromptSettings, steps: int, count: int) -> F32:
+    def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
         """(F, 3, H, W), 0..1."""
         return np.stack(frames).transpose(0, 3, 1, 2).astype(np.float32) / np.float32(255)
 

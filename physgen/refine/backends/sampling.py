@@ -60,8 +60,8 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
     found = load_weights(lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE)
     for part, kind in found.items():
         if isinstance(kind, list) and kind[0] not in (None, *LIBRARIES):  # a module of its own: a program
-            said = f"would run {kind[0]} for its {part}"
-            raise InputError.of(REFINE.name, f'"{weights}"', said, "name weights of plain parts")
+            reason = f"would run {kind[0]} for its {part}"
+            raise InputError.of(REFINE.name, f'"{weights}"', reason, "name weights of plain parts")
     return found
 
 
@@ -94,18 +94,18 @@ def check_pipeline_class(weights: str, found: str, known: tuple[str, ...], what:
     raise InputError.of(REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix)
 
 
-def weight_names(name: str, said: str) -> tuple[str, ...]:
-    """The weights of backend `name`: what was said after its name's colon, or the row's own.
+def weight_names(name: str, given: str) -> tuple[str, ...]:
+    """The weights of backend `name`: those given after its name's colon, or the row's own.
 
-    One part that is said may be a whole pipeline or the row's first weights; `A,B` are the first and the second.
+    One given part may be a whole pipeline or the row's first weights; `A,B` are the first and the second.
     """
     own = tuple(weights.id for weights in find("refine", name).weights)
-    if not said:
+    if not given:
         return own
-    parts = [said] if len(own) == 1 or Path(said).expanduser().exists() else said.split(",")
+    parts = [given] if len(own) == 1 or Path(given).expanduser().exists() else given.split(",")
     if len(parts) > len(own):
         fix = f"write at most {len(own)}, with a comma between"
-        raise InputError.of(REFINE.name, f'"{said}"', f"names {len(parts)} weights for {name}", fix)
+        raise InputError.of(REFINE.name, f'"{given}"', f"names {len(parts)} weights for {name}", fix)
     stripped = [part.strip() for part in parts]
     return tuple(part or default for part, default in zip(stripped, own, strict=False))
 
@@ -123,14 +123,14 @@ def revision(weights: str) -> str:
 
 
 def _digest(path: Path) -> str:
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
     for file in files:
         name = file.relative_to(path).as_posix() if file != path else file.name
-        told.update(f"{name}\0{file.stat().st_size}\0".encode())
+        digest.update(f"{name}\0{file.stat().st_size}\0".encode())
         with file.open("rb") as bytes_of:
-            told.update(bytes_of.read(HEAD))
-    return told.hexdigest()
+            digest.update(bytes_of.read(HEAD))
+    return digest.hexdigest()
 
 
 def may_offload(table: str, offload: str, device: str) -> None:
@@ -176,7 +176,7 @@ class Schedule:
     name: str
     """The scheduler's class."""
     times: torch.Tensor
-    """(count,): what the model is told of the noise in each step."""
+    """(count,): the level of noise that each step passes to the model."""
     noised: Callable[[F32, F32, int], F32]
     """Latents, noise and step k -> latents as noisy as step k begins."""
     stepped: Callable[[F32, F32, int], F32]
@@ -189,8 +189,8 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
     The libraries' own step goes 1000 // `steps` levels on, which is where the next begins only if `steps` divides 1000:
     else noise would stay. Here every step ends where the next begins, and the last at the picture itself.
     """
-    told, kept = scheduler.config, scheduler.alphas_cumprod.numpy().astype(np.float64)
-    times = levels(len(kept), steps, told.timestep_spacing, told.get("steps_offset", 0))[-count:]
+    config, kept = scheduler.config, scheduler.alphas_cumprod.numpy().astype(np.float64)
+    times = levels(len(kept), steps, config.timestep_spacing, config.get("steps_offset", 0))[-count:]
     a = np.append(kept[times], 1.0)
     signal, noise_part = np.sqrt(a).astype(np.float32), np.sqrt(1 - a).astype(np.float32)
 
@@ -199,9 +199,9 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
 
     def stepped(prediction: F32, latents: F32, k: int) -> F32:
         s, n = signal[k], noise_part[k]
-        if told.prediction_type == "v_prediction":
+        if config.prediction_type == "v_prediction":
             z0, noise = s * latents - n * prediction, s * prediction + n * latents
-        elif told.prediction_type == "sample":
+        elif config.prediction_type == "sample":
             z0, noise = prediction, (latents - s * prediction) / n
         else:
             z0, noise = (latents - n * prediction) / s, prediction
@@ -261,12 +261,12 @@ class Network(Protocol):
         """The last `count` of `steps`."""
         ...
 
-    def told(self, text: str) -> Tensor:
+    def encode_text(self, text: str) -> Tensor:
         """What the model understands of a text."""
         ...
 
     def shown(self, frame: Tensor, latents: int) -> Any:
-        """What a window of so many latent frames is told of its first, (3, H, W) in -1..1; None: only words."""
+        """What a window of so many latent frames is shown of its first, (3, H, W) in -1..1; None: only words."""
         ...
 
     def encode(self, video: Tensor) -> Tensor:
@@ -277,7 +277,7 @@ class Network(Protocol):
         """(F', C, h, w) on the processor -> (f, 3, H, W) in -1..1, some frames at a time."""
         ...
 
-    def predict(self, latents: Tensor, time: Tensor, told: Tensor, shown: Any) -> Tensor:
+    def predict(self, latents: Tensor, time: Tensor, text: Tensor, shown: Any) -> Tensor:
         """What the model says of (F', C, h, w) on the processor at a level of noise."""
         ...
 
@@ -313,8 +313,8 @@ class Run:
     schedule: Schedule
     frames: Sequence[U8]
     guidance: float
-    told: Tensor
-    untold: Tensor | None
+    text: Tensor
+    negative: Tensor | None
     """What shall not be seen; None: the model is not guided."""
     shown: dict[int, Any] = field(default_factory=dict)
     """By the first latent frame of a window."""
@@ -371,23 +371,23 @@ class Sampler:
         self._offload = load_weights(place, self._weights[0], self._kind.what, REFINE)
         return network
 
-    def begin(self, frames: Sequence[U8], said: PromptSettings, steps: int, count: int) -> F32:
+    def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
         """See `Denoiser`."""
         network = self._network
         with memory_errors():
             self._tile(network.pipe.vae, frames[0].shape[0] * frames[0].shape[1])
-            guidance = self._kind.guidance if said.guidance is None else said.guidance
-            told = network.told(said.prompt)
-            untold = network.told(said.negative) if guidance > 1 else None
+            guidance = self._kind.guidance if prompt.guidance is None else prompt.guidance
+            text = network.encode_text(prompt.prompt)
+            negative = network.encode_text(prompt.negative) if guidance > 1 else None
             network.pipe.maybe_free_model_hooks()  # what reads text leaves the GPU to what reads frames
-            self._run = Run(network.schedule(steps, count), frames, guidance, told, untold)
+            self._run = Run(network.schedule(steps, count), frames, guidance, text, negative)
             latents = _array(network.encode(_video(frames)))
             network.pipe.maybe_free_model_hooks()  # and that to what denoises
         return latents
 
     def _tile(self, vae: Any, area: int) -> None:
-        said = self._options["tiling"]
-        self._tiled = area > self._trained.grid.area if said == "auto" else said == "on"
+        choice = self._options["tiling"]
+        self._tiled = area > self._trained.grid.area if choice == "auto" else choice == "on"
         if self._tiled:
             vae.enable_tiling()
         else:
@@ -406,13 +406,13 @@ class Sampler:
                 frame = frames_held(first, self.grid) if first else 0
                 run.shown[first] = network.shown(_video(run.frames[frame : frame + 1])[0], len(latents))
             z, time, shown = torch.from_numpy(latents), run.schedule.times[k], run.shown[first]
-            said = _array(network.predict(z, time, run.told, shown))
-            if run.untold is None:
-                return said
+            guided = _array(network.predict(z, time, run.text, shown))
+            if run.negative is None:
+                return guided
             free = _array(
-                network.predict(z, time, run.untold, shown)
+                network.predict(z, time, run.negative, shown)
             )  # in turn: half the memory of both at once
-        return np.asarray(free + np.float32(run.guidance) * (said - free), np.float32)
+        return np.asarray(free + np.float32(run.guidance) * (guided - free), np.float32)
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
         """See `Denoiser`."""
@@ -449,7 +449,7 @@ class Sampler:
     def note(self) -> Mapping[str, Any]:
         """For the record."""
         run = self._run
-        told = {
+        note = {
             **self._options,
             "offload": self._offload or self._options["offload"],
             "tiling": self._tiled,
@@ -459,7 +459,7 @@ class Sampler:
             "torch": torch.__version__,
             "diffusers": diffusers.__version__,
         }
-        return run_note(self._device, self._dtype, ",".join(self._weights), told)
+        return run_note(self._device, self._dtype, ",".join(self._weights), note)
 
     @cached_property
     def _revisions(self) -> list[str]:

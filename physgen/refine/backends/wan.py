@@ -48,11 +48,11 @@ class Wan:
 
     def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
         self.pipe, self._device, self._dtype = pipe, device, dtype
-        told = pipe.scheduler.config
+        config = pipe.scheduler.config
         # the weights' own UniPC remembers earlier steps, and would undo what is laid over them
         self._scheduler = FlowMatchEulerDiscreteScheduler(
-            num_train_timesteps=told.get("num_train_timesteps", 1000),
-            shift=told.get("flow_shift", told.get("shift", SHIFT)),
+            num_train_timesteps=config.get("num_train_timesteps", 1000),
+            shift=config.get("flow_shift", config.get("shift", SHIFT)),
         )
         vae = pipe.vae.config
         self._mean, self._std = (
@@ -66,10 +66,10 @@ class Wan:
         """Euler's, shifted."""
         return euler(self._scheduler, steps, count)
 
-    def told(self, text: str) -> Tensor:
+    def encode_text(self, text: str) -> Tensor:
         """(1, 512, width), zeros behind the text's end.
 
-        The pipeline's own reader first mends text whose letters were decoded wrongly, for which it needs ftfy; nobody's
+        The pipeline's own reader first mends text whose letters were decoded wrongly, for which it needs ftfy; no
         prompt here is such text.
         """
         clean = " ".join(html.unescape(html.unescape(text)).split())
@@ -79,8 +79,8 @@ class Wan:
         )  # fmt: skip
         mask = read.attention_mask.to(self._device)
         found = self.pipe.text_encoder(read.input_ids.to(self._device), mask).last_hidden_state
-        told: Tensor = found.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
-        return told
+        text: Tensor = found.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
+        return text
 
     def shown(self, frame: Tensor, latents: int) -> tuple[Tensor, Tensor | None] | None:
         """(1, 4 + C, F', h, w), which frames are given and what they show; and what CLIP sees in it, where asked."""
@@ -119,7 +119,7 @@ class Wan:
         yield from self.pipe.vae.decode(z).sample[0].transpose(0, 1).split(AT_ONCE)
 
     def predict(
-        self, latents: Tensor, time: Tensor, told: Tensor, shown: tuple[Tensor, Tensor | None] | None
+        self, latents: Tensor, time: Tensor, text: Tensor, shown: tuple[Tensor, Tensor | None] | None
     ) -> Tensor:
         """(F', C, h, w): the network takes (1, C, F', h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
@@ -129,7 +129,7 @@ class Wan:
         found: Tensor = self._expert(time)(
             hidden_states=z,
             timestep=time.to(self._device).expand(1),
-            encoder_hidden_states=told,
+            encoder_hidden_states=text,
             encoder_hidden_states_image=picture,
             return_dict=False,
         )[0]
@@ -150,7 +150,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
     found = pipeline_index(one, WHAT)
     check_pipeline_class(one, str(found.get("_class_name")), KNOWN, WHAT)
     if found.get("expand_timesteps"):
-        what = "tells every frame a noise of its own (Wan 2.2 TI2V): not for Wan here"
+        what = "gives every frame a noise of its own (Wan 2.2 TI2V): not for Wan here"
         raise InputError.of(REFINE.name, f'"{one}"', what, "name Wan 2.1, or Wan 2.2's A14B")
     part = "transformer" if found.get("transformer", [None, None])[1] else "transformer_2"
     vae, network = part_config(one, "vae", WHAT), part_config(one, part, WHAT)
