@@ -1,22 +1,19 @@
 """What a scene looks like before anything moves, and where the photo shows its objects.
 
-`appearance` sets all values without effect on the first frame to constants. Sprites are cut out for its results, so
-scenes that differ in masses, coefficients, velocities or forces alone share them.
+Scenes that differ in masses, coefficients, velocities or forces alone look the same, and share their sprites.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from math import radians
-from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, Surface, World
+from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, mass_properties, rotation
-from physgen.scene.scene import Auto, Combine, Motion, Object, Play, Refine, Scene
+from physgen.scene.scene import Object, Scene
 
 Array = NDArray[np.float64]
 
@@ -68,104 +65,27 @@ def body_in_photo(body: Body) -> Body:
     )
 
 
-SMOOTH = Surface(0.0, 0.0)
-NO_REFINEMENT = Refine("none", 0.5, 0, 1, 0, None, "", None, 0.0, 0.0)
+def world_in_photo(world: World) -> World:
+    """The world with all bodies as the photo shows them."""
+    return replace(world, bodies=tuple(map(body_in_photo, world.bodies)))
 
 
-def appearance(scene: Scene, world: World) -> tuple[Scene, World]:
-    """What `pipeline.stage` is made of. A scene without a photo is drawn as large as it is filmed."""
-    return _scene(scene), _world(world)
+def appearance(scene: Scene, world: World) -> tuple[object, ...]:
+    """All values but the photo's maps that a Stage depends on, as plain data for the key of a cache.
 
-
-def _scene(scene: Scene) -> Scene:
-    settings = replace(
-        scene.world,
-        pixels_per_meter=1.0,
-        gravity=(0.0, 0.0),
-        table_friction=0.0,
-        combine=Combine.GEOMETRIC,
-        duration=1.0,
-        steps_per_second=1.0,
-    )
-    render = replace(
-        scene.render, fps=1.0, frames=None, motion_blur=0.0, overlay=(), slow=1.0, play=Play.FORWARD
-    )
-    if scene.image is not None:
-        render = replace(render, scale=None, size=None, camera=())
-    return replace(
-        scene,
-        name="",
-        folder=Path(),
-        image=None if scene.image is None else Path("photo"),
-        assets=None if scene.assets is None else Path("assets"),
-        world=settings,
-        objects=tuple(map(_object, scene.objects)),
-        boundaries=(),
-        forces=(),
-        joints=(),
-        fields=(),
-        render=render,
-        refine=NO_REFINEMENT,
-        places=MappingProxyType({}),
-        document=MappingProxyType({}),
-        variants=(),
-    )
-
-
-def _object(item: Object) -> Object:
-    """Who is in front of whom is all that counts beside the world's bodies."""
-    return Object(
-        name="",
-        label="",
-        mask=None,
-        shape=Auto(),
-        solid=None,
-        mass=1.0,
-        density=None,
-        friction=0.0,
-        elasticity=0.0,
-        rolling=0.0,
-        velocity=(0.0, 0.0),
-        spin=0.0,
-        roll="none",
-        motion=Motion.DYNAMIC,
-        path=(),
-        layer=item.layer,
-        provenance={},
-    )
-
-
-def _world(world: World) -> World:
-    return replace(
-        world,
-        gravity=np.zeros(2),
-        pixels_per_meter=1.0,
-        press=0.0,
-        table=SMOOTH,
-        combine=Combine.GEOMETRIC,
-        duration=1.0,
-        steps_per_second=1.0,
-        times=np.zeros(1),
-        bodies=tuple(map(_body, world.bodies)),
-        walls=tuple(replace(wall, name="", surface=SMOOTH) for wall in world.walls),
-        pushes=(),
-        joints=(),
-        fields=(),
-    )
-
-
-def _body(body: Body) -> Body:
-    return replace(
-        body_in_photo(body),
-        name="",
-        motion=Motion.DYNAMIC,
-        mass=1.0,
-        moment=1.0,
-        surface=SMOOTH,
-        rolling=0.0,
-        patch=0.0,
-        roll=np.zeros(2),
-        velocity=np.zeros(2),
-        spin=0.0,
-        path=np.zeros((0, 4)),
+    Masses, coefficients, velocities, forces and times are not among them. A scene without a photo is drawn as large as
+    it is filmed, so its camera counts.
+    """
+    render, settings = scene.render, scene.world
+    camera = () if scene.image is not None else (render.scale, render.size, render.camera)
+    bodies = [
+        (body.center, body.radius, body.pieces, body.rings, body.solid)
+        for body in world_in_photo(world).bodies
+    ]
+    return (
+        (scene.size, scene.image is not None, scene.assets is not None, scene.light),
+        (settings.view, settings.tilt, settings.backdrop),
+        (render.relight, render.shadows, render.supersample, camera),
+        [item.layer for item in scene.objects],
+        (world.size, world.view, bodies, [wall.chains for wall in world.walls]),
     )

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.reach import distance_beyond_hull
 from physgen.compile.world import Wall, surface
+from physgen.geometry.convex import distance_beyond_hull
 from physgen.geometry.fitting import fit_outlines, without_specks
 from physgen.geometry.polygon import Disc, Outline, Region, Ring, mass_properties, rotation
 from physgen.geometry.raster import coverage_box

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.compile import Compiled, grams, mass_path, warning
-from physgen.compile.reach import WallSegments, distance_to_outline, translated_outline
-from physgen.compile.support import unsupported
+from physgen.compile.support import WallSegments, unsupported
 from physgen.compile.world import Body
-from physgen.geometry.convex import overlap_depth
+from physgen.geometry.convex import distance_to_outline, overlap_depth
 from physgen.geometry.framing import held, room
-from physgen.geometry.polygon import bounds
+from physgen.geometry.polygon import bounds, translated_outline
 from physgen.maps import Percepts
 from physgen.problems import Problem, by_place
 from physgen.scene.scene import CameraView, FieldKind, JointKind, Motion, Object, Overlay, Scene, Solid, View

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.compile.reach import translated_outline
 from physgen.files import write_atomic
 from physgen.geometry.fitting import fit_outlines
-from physgen.geometry.polygon import Outline
+from physgen.geometry.polygon import Outline, translated_outline
 from physgen.maps import Percepts
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.perceive.roles import BoundaryGuess, PhotoObject

@@ -10,6 +10,7 @@ from itertools import combinations
 
 import mapbox_earcut
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross, polygon_moments
@@ -264,3 +265,24 @@ def _shadow(part: Disc | Array, axes: Array) -> tuple[Array, Array]:
         return middle - part.radius, middle + part.radius
     reach = axes @ part.T
     return reach.min(axis=1), reach.max(axis=1)
+
+
+def distance_beyond_hull(outline: Outline, points: Array) -> Array:
+    """(P,) px by which points (P, 2) lie outside the outline's convex hull, 0 inside; never more than the distance."""
+    if isinstance(outline, Disc):
+        return np.asarray(np.maximum(np.hypot(*(points - outline.center).T) - outline.radius, 0.0))
+    corners = hull(np.concatenate([ring.outer for ring in outline.rings]))
+    along = np.roll(corners, -1, axis=0) - corners
+    outward = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
+    most = np.zeros(len(points))
+    for corner, normal in zip(corners, outward, strict=True):
+        np.maximum(most, (points - corner) @ normal, out=most)
+    return most
+
+
+def distance_to_outline(outline: Outline, point: Array) -> float:
+    """How far a point (2,) lies outside an outline, px; 0 within."""
+    if isinstance(outline, Disc):
+        return max(0.0, float(np.hypot(*(point - outline.center))) - outline.radius)
+    rings = [shapely.Polygon(ring.outer, ring.holes) for ring in outline.rings]
+    return float(shapely.distance(shapely.Point(point), rings).min())

@@ -184,3 +184,10 @@ def bounds(outline: Outline) -> tuple[float, float, float, float]:
         points = np.concatenate([ring.outer for ring in outline.rings])
         low, high = points.min(axis=0), points.max(axis=0)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def translated_outline(outline: Outline, by: Array) -> Outline:
+    """The outline at another place."""
+    if isinstance(outline, Disc):
+        return Disc(outline.center + by, outline.radius)
+    return Region(tuple(Ring(r.outer + by, tuple(h + by for h in r.holes)) for r in outline.rings))

@@ -130,7 +130,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
 
     Flat shapes are drawn as large as `render` shows them at most. Depends on nothing that only shows in motion.
     """
-    from physgen.compile.appearance import appearance, photo_poses
+    from physgen.compile.appearance import photo_poses, world_in_photo
     from physgen.render.camera import canvas_scale
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
@@ -138,7 +138,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     from physgen.render.staging import enlarged_world, flat_background, flat_sprites, lit_stage
 
     begin = photo_poses(compiled.world)
-    scene, world = appearance(scene, compiled.world)
+    world = world_in_photo(compiled.world)
     order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
     fine = scene.render.supersample
     if maps is None:

@@ -37,7 +37,7 @@ def middle(figure: Silhouette, top: bool) -> float:
 
 def face(figure: Silhouette, top: bool) -> float:
     """px towards the viewer, of its nearest point."""
-    return middle(object, top) + (figure.thick / 2 if figure.radius is None else figure.radius)
+    return middle(figure, top) + (figure.thick / 2 if figure.radius is None else figure.radius)
 
 
 def occluders(figures: Sequence[Silhouette], setting: ShadowSetting) -> dict[int, list[int]]:
