@@ -6,14 +6,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from physics.engines import ENGINES as TABLE
 from physics.engines import Unsupported, make
-from physics.engines.mjcf import spring
 from worlds import GRAVITY, ball, box, floor, push, world
 
 from physgen.compile.world import Field, Joint, Wall, World, surface
@@ -161,27 +159,6 @@ def test_closed_forms(check: Check, engine: str) -> None:
     assert check.measured(t) == pytest.approx(check.exact, rel=check.bars[engine])
 
 
-@pytest.mark.parametrize("engine", RIVALS)
-def test_a_tumbling_box_flies_as_ours_does(engine: str) -> None:
-    scene = world(box("a", 100, 300, w=60, spin=5.0, v=(150, -300)), duration=0.6)
-    ours, theirs = run("ours", scene), run(engine, scene)
-    late = (
-        GRAVITY * scene.duration / TABLE[engine].rate / 2
-    )  # px that semi-implicit steps are off after this long
-    assert np.abs(ours.poses[:, 0, :2] - theirs.poses[:, 0, :2]).max() < 1.05 * late + 1e-3
-    assert ours.poses[:, 0, 2] == pytest.approx(theirs.poses[:, 0, 2], abs=1e-4)
-    assert ours.velocities == pytest.approx(theirs.velocities, abs=GRAVITY / 960 + 1e-3)
-
-
-def test_a_bouncing_tumbling_box_ends_as_in_box2d() -> None:
-    if "box2d" not in RIVALS:
-        return
-    scene = world(box("a", 100, 300, spin=3.0, v=(150, -200), e=0.3), walls=[floor(e=0.3)], duration=2)
-    ours, theirs = run("ours", scene), run("box2d", scene)
-    assert ours.poses[-1, 0, 2] == pytest.approx(np.pi / 2, abs=1e-3)
-    assert theirs.poses[-1, 0] == pytest.approx(ours.poses[-1, 0], abs=3.0)
-
-
 @pytest.mark.parametrize("e", [1.0, 0.7, 0.4])
 @pytest.mark.parametrize("engine", RIVALS)
 def test_bounce_gives_back_the_pairs_part(engine: str, e: float) -> None:
@@ -191,14 +168,6 @@ def test_bounce_gives_back_the_pairs_part(engine: str, e: float) -> None:
     assert run(engine, scene).velocities[-1, 0, 0] == pytest.approx(
         -300 * e, rel=0.02 if engine == "mujoco" else 1e-3
     )
-
-
-@pytest.mark.parametrize("e", [0.05, 0.3, 0.8, 1.0])
-def test_mujocos_spring_is_fitted(e: float) -> None:
-    stiffness, damping = spring(e, 1 / 15360)
-    assert stiffness == -((np.pi / 0.01) ** 2)
-    assert damping <= 0
-    assert (damping == pytest.approx(0, abs=1e-6)) == (e == 1.0)
 
 
 @pytest.mark.parametrize("engine", RIVALS)
@@ -250,24 +219,6 @@ def test_what_an_engine_cannot_say_is_refused(engine: str) -> None:
     make(engine)(world(ball("a", 0, 0), press=GRAVITY, table=0.0), np.zeros(1))  # it does not rub
 
 
-@pytest.mark.parametrize("engine", RIVALS)
-def test_energy_is_told_or_not_a_number(engine: str) -> None:
-    scene = world(ball("a", 50, 0), ball("b", 0, 50, spin=2.0), joints=SPRUNG, duration=2, **FREE)
-    energy = run(engine, scene).energy
-    assert np.isnan(energy.dissipated).all()
-    assert np.isnan(energy.work).all()
-    total = energy.kinetic + energy.potential
-    assert total[0] == pytest.approx(1e4 * 50**2 / 2 + 20_000 * 2.0**2 / 2)
-    assert total == pytest.approx(total[0], rel=0.2 if engine == "plain" else 0.05)
-
-
-@pytest.mark.parametrize("engine", RIVALS)
-def test_the_same_run_twice_is_the_same(engine: str) -> None:
-    scene = world(*[box(f"b{k}", 10 * k, 300 - 60 * k, spin=1.0) for k in range(3)], walls=[floor()])
-    first, second = run(engine, scene), run(engine, scene)
-    assert first.sample_hashes() == second.sample_hashes()
-
-
 def test_no_bodies() -> None:
     for engine in RIVALS:
         assert run(engine, world(walls=[floor()])).poses.shape == (61, 0, 3)
@@ -290,12 +241,6 @@ def test_an_engine_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         InputError, match=r"needs mujoco-core, which is not installed; pip install \"physgen\[rivals\]\""
     ):
         make("mujoco")
-
-
-@pytest.mark.parametrize("engine", RIVALS)
-def test_the_table_has_the_rate(engine: str) -> None:
-    step = import_module(f"physics.engines.{TABLE[engine].module}").STEP
-    assert 1 / TABLE[engine].rate == pytest.approx(step, rel=1e-12)
 
 
 def test_numbers_without_end_are_told_not_shown() -> None:
