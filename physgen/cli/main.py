@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Any
 
 from physgen import __version__
 from physgen.cli import (
@@ -97,7 +98,8 @@ def build_parser() -> Parser:
 
 
 def add_evaluate(parser: Parser) -> None:
-    evaluate.measures(parser.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True))
+    kinds: Any = parser.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True)
+    evaluate.measures(kinds)
 
 
 def add_schema(parser: Parser) -> None:

@@ -1,4 +1,8 @@
-"""A scene as its file describes it, after overlays and defaults: frozen dataclasses in px, s, g and degrees."""
+"""A scene as its file describes it, after overlays and defaults: frozen dataclasses in px, s, g and degrees.
+
+Image axes: origin at the top-left pixel's centre, +x right, +y down, a positive angle turns +x towards +y.
+Every field is explained once, in `schemas/scene-1.schema.json`.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +18,6 @@ from physgen.geometry.framing import video_size
 from physgen.notebook_display import html
 from physgen.problems import Place
 
-# ----------------------------------------------------------------------
-# What a scene holds: objects with masks and shapes, boundaries, joints, fields, forces; frozen, px, g,
-# degrees.
 
 Point = tuple[float, float]
 """x px, y px."""
@@ -24,7 +25,7 @@ Points = tuple[Point, ...]
 
 
 class Solid(Enum):
-    """What the outline is a picture of; sets the moment of inertia."""
+    """The body whose outline is shown; sets the moment of inertia."""
 
     SPHERE = "sphere"
     DISC = "disc"
@@ -33,7 +34,7 @@ class Solid(Enum):
 
 
 class Motion(Enum):
-    """Moved by forces, not moved at all, or moved along a script that pushes others."""
+    """Moved by forces, not moved, or moved along a script."""
 
     DYNAMIC = "dynamic"
     STATIC = "static"
@@ -132,7 +133,7 @@ class PointPrompt:
 
 @dataclass(frozen=True)
 class Object:
-    """One thing of the photo."""
+    """One object of the photo."""
 
     name: str
     label: str
@@ -157,11 +158,11 @@ class Object:
     path: tuple[Waypoint, ...]
     """Knots of a scripted motion, empty otherwise."""
     layer: int
-    """Who is drawn over whom; larger is nearer."""
+    """Order of drawing; larger is nearer."""
     provenance: Mapping[str, str]
-    """`from`: who said each number and how sure, e.g. `{"mass": "table 0.4"}`."""
+    """`from`: source and confidence of each number, e.g. `{"mass": "table 0.4"}`."""
     prompt: BoxPrompt | PointPrompt | None = None
-    """Where a person pointed, so that its mask can be found again."""
+    """Where a user pointed, so that its mask can be found again."""
     place: tuple[float, float, float] | None = None
     """px, px, degrees: where its centre of mass is at t = 0, and how far it is turned from what the photo shows; None:
     as the photo shows it."""
@@ -211,13 +212,13 @@ class Joint:
     speed: float
     """degrees/s of the first object against the second, or the world."""
     limit: float | None
-    """g·px²/s²; None: as much as it takes."""
+    """g·px²/s²; None: unlimited."""
     collide: bool
     """Whether the two objects also bump into each other."""
 
 
 class FieldKind(Enum):
-    """What a force field does."""
+    """Kind of a force field."""
 
     WIND = "wind"
     ATTRACTOR = "attractor"
@@ -242,7 +243,7 @@ class Field:
 
 
 class Load(Enum):
-    """What a force entry applies."""
+    """Kind of a force entry."""
 
     IMPULSE = "impulse"
     """(2,) g·px/s, once at `start`."""
@@ -268,12 +269,8 @@ class Force:
     """s; None: to the end of the clip. Of no meaning for an impulse."""
 
 
-# ----------------------------------------------------------------------
-# How a scene is filmed, played, drawn over and retouched: `render:` and `refine:`; frozen.
-
-
 class Overlay(Enum):
-    """What is drawn over finished frames, for teaching."""
+    """Drawn over finished frames, for teaching."""
 
     OUTLINES = "outlines"
     """Of the objects' shapes."""
@@ -286,7 +283,7 @@ class Overlay(Enum):
     TRAILS = "trails"
     """Where the centres have been."""
     CONTACTS = "contacts"
-    """Where things touch, and rings where they strike."""
+    """Contact points, and rings at impacts."""
     BOUNDARIES = "boundaries"
     """Walls and floors."""
     NAMES = "names"
@@ -294,7 +291,7 @@ class Overlay(Enum):
 
 
 class Play(Enum):
-    """Which way a clip runs."""
+    """Direction of playback."""
 
     FORWARD = "forward"
     BACKWARD = "backward"
@@ -308,7 +305,7 @@ class CameraView:
     time: float
     """s of the motion at which it is reached."""
     center: Point | None
-    """px of the photo; None: its middle, or whom it follows."""
+    """px of the photo; None: its middle, or the object that it follows."""
     follow: str | None
     """Name of an object."""
     zoom: float
@@ -353,14 +350,6 @@ class Refine:
     detail: float
 
 
-# ----------------------------------------------------------------------
-# A scene as a person writes it, after defaults and overlays: px, s, g, degrees; frozen.
-#
-# Image axes: origin at the top-left pixel's centre, +x right, +y down, a positive angle turns +x towards +y.
-# Every field is explained once, in `schemas/scene-1.schema.json`. `things` are what a scene
-# holds, `film` is how it is shown.
-
-
 class View(Enum):
     """`SIDE`: gravity points down the photo. `TOP`: seen from above, gravity presses on the table."""
 
@@ -403,7 +392,7 @@ class Light:
     softness: float
     """degrees: half its width as the objects see it."""
     provenance: str = ""
-    """`from`: who found its direction and how sure; empty where nobody says."""
+    """`from`: source and confidence of its direction; may be empty."""
 
 
 @dataclass(frozen=True)
@@ -443,7 +432,7 @@ class Scene:
     variants: tuple[str, ...] = ()
     """Names of the variants that the file offers."""
     files: tuple[Path, ...] = field(default=(), compare=False, repr=False)
-    """It, and what it extends, as they were opened."""
+    """The file and those that it extends, as they were opened."""
 
     @property
     def video_size(self) -> tuple[int, int]:
