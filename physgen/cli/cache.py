@@ -52,7 +52,9 @@ def _show(store: Store, as_json: bool) -> int:
 def _clear(store: Store, as_json: bool) -> int:
     freed = store.clear()
     if as_json:
-        print_json({"path": str(store.root), "removed": freed.entries, "freed_bytes": freed.bytes, "in_use": 0})
+        print_json(
+            {"path": str(store.root), "removed": freed.entries, "freed_bytes": freed.bytes, "in_use": 0}
+        )
         return OK
     print(f"{store.root}: {_counted(freed.entries)} removed, {_size(freed.bytes)} freed")
     return OK

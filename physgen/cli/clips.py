@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
+from collections import Counter as Counts
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,35 +23,37 @@ if TYPE_CHECKING:
     from physgen.scene.load import Opened
 
 
-PREVIEWED = 24
+PREVIEW_FRAMES = 24
 """Frames of a preview, at most."""
+GALLERY_CLIPS = 20_000
+"""Clips of one gallery, at most: the page of more is slow to open."""
 
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
-    """What `render` is to make: scenes times variants. Raises InputError."""
+    """The jobs of `render`: scenes times variants. Raises InputError."""
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            look = quick(path, variant, options, ()) if options.preview else ()
-            yield make(path, variant, look=look)
+            preview = preview_edits(path, variant, options, ()) if options.preview else ()
+            yield make(path, variant, preview=preview)
 
 
-def quick(
+def preview_edits(
     path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
 ) -> tuple[str, ...]:
-    """Edits that make a clip with these `further` edits quick to draw: few frames, of the photo's size."""
+    """Edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
     try:
         opened = _opened(local_path(path, options), options.allow_outside)
         scene = opened.scene((*options.set, *further), variant)
-    except InputError:  # told of where it is rendered
+    except InputError:  # reported when it is rendered
         return ()
     film, length = scene.render, scene.world.duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
-    few = min(count, PREVIEWED)
+    few = min(count, PREVIEW_FRAMES)
     edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
-    said = [edit.partition("=")[0] for edit in (*options.set, *further)]  # what a person asks for stays
-    if not {"render.size", "render.scale"} & set(said):
+    given = [edit.partition("=")[0] for edit in (*options.set, *further)]  # the user's own edits stay
+    if not {"render.size", "render.scale"} & set(given):
         edits += [f"render.{key}=" for key in ("size", "scale") if getattr(film, key) is not None]
     return tuple(edits)
 
@@ -65,21 +68,33 @@ def _opened(path: str, allow_outside: bool) -> Opened:
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
-    """Scene, variant, further overrides and a name -> a job as the flags say. Raises InputError."""
+    """A function of scene, variant, further overrides and name that makes a job. Raises InputError."""
     from physgen import pipeline
     from physgen.batch.run import Job
     from physgen.export.video import Format
     from physgen.pipeline import RenderOptions
 
-    refuse_unseen(options)
+    check_places(options)
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     if options.single_file and page is pipeline.Page.NONE:
         fix = f"leave out {'--report none' if options.report else '--preview'}"
         raise InputError.of("--single-file", "", "needs a page to put the video into", fix)
-    formats = tuple(Format(name) for name in options.format)
     if options.export:
         check_formats(options.export, "--export")
     refiner, overrides = _refining(options)
+    common = RenderOptions(
+        allow_outside=options.allow_outside,
+        formats=tuple(Format(name) for name in options.format),
+        command=tuple(options.command_line),
+        chaos=options.chaos,
+        draws=options.fan,
+        draw_seed=options.fan_seed,
+        device=options.device,
+        cached=options.cache,
+        page=page,
+        single_file=options.single_file,
+        export=tuple(options.export),
+    )
 
     def make(
         path: str,
@@ -87,39 +102,21 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         further: tuple[str, ...] = (),
         name: str | None = None,
         tracked: tuple[str, ...] | None = None,
-        look: tuple[str, ...] = (),
+        preview: tuple[str, ...] = (),
     ) -> Job:
-        chosen = RenderOptions(
-            overrides=(*look, *overrides, *further),
-            variant=variant,
-            name=name,
-            allow_outside=options.allow_outside,
-            formats=formats,
-            command=tuple(options.command_line),
-            chaos=options.chaos,
-            draws=options.fan,
-            draw_seed=options.fan_seed,
-            device=options.device,
-            cached=options.cache,
-            page=page,
-            single_file=options.single_file,
-            export=tuple(options.export),
-        )
+        edits = (*preview, *overrides, *further)
+        chosen = replace(common, overrides=edits, variant=variant, name=name)
         return Job(path, chosen, options.output, refiner, tracked)
 
     return make
 
 
-def refuse_unseen(options: argparse.Namespace) -> None:
-    """Flags that would have clips made where nobody looks for them."""
+def check_places(options: argparse.Namespace) -> None:
+    """Refuses flags that cannot work with the places of scenes and results."""
     places = [options.output, *getattr(options, "scenes", [getattr(options, "scene", "")])]
     if options.jobs > 1 and not options.cluster and any(map(is_private, places)):
-        raise InputError.of(
-            f"--jobs {options.jobs}",
-            "",
-            "cannot be, as memory:// is seen by one process alone",
-            "leave it out",
-        )
+        expected = "cannot be used, as memory:// is visible to one process only"
+        raise InputError.of(f"--jobs {options.jobs}", "", expected, "leave it out")
     if getattr(options, "watch", False) and (options.cluster or any(map(is_url, places))):
         raise InputError.of("--watch", "", "watches files of this machine, and renders here", "leave it out")
     if options.ship and not options.cluster:
@@ -127,21 +124,19 @@ def refuse_unseen(options: argparse.Namespace) -> None:
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
-    """Whose weights refine, and on what; and what the flags set in every scene."""
+    """The backend that refines, and what the flags set in every scene."""
     from physgen import registry
     from physgen.batch.run import Refiner
 
-    device = (
-        None if options.device == "cpu" else options.device
-    )  # the processor draws, unless one says otherwise
-    who = Refiner(options.refine or "", options.config, device)
+    device = None if options.device == "cpu" else options.device  # it draws on the CPU unless chosen
+    refiner = Refiner(options.refine or "", options.config, device)
     if options.refine is None:
-        return who, tuple(options.set)
+        return refiner, tuple(options.set)
     name = options.refine.partition(":")[0]
     if name not in registry.names("refine"):
         fix = registry.suggestion(name, registry.names("refine"))
         raise InputError.of("--refine", f'"{name}"', "is no backend that refines", fix)
-    return who, (*options.set, f"refine.backend={name}")
+    return refiner, (*options.set, f"refine.backend={name}")
 
 
 def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
@@ -152,13 +147,13 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
 
     try:
         known = pipeline.load(local_path(path, options), options.set, None, options.allow_outside).variants
-    except InputError:  # told of where it is rendered; the others are
+    except InputError:  # reported when it is rendered
         return [None]
     return [None, *known]
 
 
 def local_path(path: str, options: argparse.Namespace) -> str:
-    """Where a scene can be read, of which a URL may have been given."""
+    """The path of a scene, or of a local copy where a URL is given."""
     if not is_url(path):
         return path
     from physgen.batch.run import local_copy
@@ -166,8 +161,8 @@ def local_path(path: str, options: argparse.Namespace) -> str:
     return local_copy(path, options.set)
 
 
-def refuse_twins(jobs: list[Job]) -> None:
-    """Clips that would be written over one another."""
+def check_names(jobs: list[Job]) -> None:
+    """Refuses clips that would overwrite each other."""
     from physgen import pipeline
 
     seen: dict[str, str] = {}
@@ -183,7 +178,7 @@ def refuse_twins(jobs: list[Job]) -> None:
 
 
 def check_formats(formats: Sequence[str], flag: str) -> None:
-    """Raises InputError where a format is none, by the `flag`; tells what is left out without an optional library."""
+    """Raises InputError for an unknown format; warns where an optional library is missing."""
     from physgen.export.formats import chosen_formats
     from physgen.tables import HINT, has_parquet
 
@@ -192,40 +187,34 @@ def check_formats(formats: Sequence[str], flag: str) -> None:
         print_error(HINT)
 
 
-MOST_SHOWN = 20_000
-"""Clips of one gallery: above, its page is slow to open."""
-
-
-class Shown(Enum):
-    """Where clips are looked at."""
-
-    GALLERY = "gallery"
-    """In a page of all of them."""
-    NOWHERE = "nowhere"
-    """Programs read them."""
-
-
-@dataclass
 class Tally:
-    """How many clips ended how."""
+    """How many clips ended how, and which warnings were printed."""
 
-    made: int = 0
-    unchanged: int = 0
-    failed: int = 0
-    newest: float = 0.0
-    """s since 1970: when the newest clip was made."""
-    full: bool = False
-    """The disk: what is missing was not begun."""
+    def __init__(self) -> None:
+        self.counts: Counts[str] = Counts()
+        self.newest = 0.0
+        """s since 1970: when the newest clip was made."""
+        self.disk_full = False
+        self._warnings: set[str] = set()
 
-    @property
-    def all(self) -> int:
-        """So far."""
-        return self.made + self.unchanged + self.failed
+    def add(self, done: Done) -> None:
+        """Count one clip."""
+        self.counts[done.state.name.lower()] += 1
+        if done.folder is not None:
+            with suppress(OSError):  # a remote clip has no folder here
+                self.newest = max(self.newest, (done.folder / "manifest.json").stat().st_mtime)
+
+    def new_warnings(self, done: Done) -> Iterator[str]:
+        """Problems of a clip that were not printed for another clip of the scene."""
+        for problem in done.problems:
+            text = str(problem)
+            if text not in self._warnings:
+                self._warnings.add(text)
+                yield text
 
     def __str__(self) -> str:
-        parts = [f"{self.all:,} clips: {self.made:,} made"]
-        parts += [f"{self.unchanged:,} unchanged"] if self.unchanged else []
-        parts += [f"{self.failed:,} failed"] if self.failed else []
+        parts = [f"{self.counts.total():,} clips: {self.counts['made']:,} made"]
+        parts += [f"{self.counts[name]:,} {name}" for name in ("unchanged", "failed") if self.counts[name]]
         return ", ".join(parts)
 
 
@@ -233,98 +222,59 @@ def make_all(
     jobs: Iterable[Job],
     count: int,
     options: argparse.Namespace,
-    heard: Callable[[Done], None] = lambda done: None,
-    beside: Callable[[], Sequence[str]] = lambda: (),
-    shown: Shown = Shown.GALLERY,
+    on_done: Callable[[Done], None] = lambda done: None,
+    finish: Callable[[], Sequence[str]] = lambda: (),
+    gallery: bool = True,
 ) -> int:
-    """Make `count` jobs, telling of each, and `heard` too; write the gallery, sum up; returns the exit code.
+    """Makes `count` jobs, prints each, writes the gallery and a summary; returns the exit code.
 
-    `beside` finishes what else there is at the end, and returns the files to tell of; `shown` says who looks at it.
+    `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
     """
     from physgen.batch.gallery import results_folder
 
-    kept_in = results_folder(options.output)
-    many = count > 1
-    gallery = shown is Shown.GALLERY and (many or kept_in.has_index())
-    if gallery and count <= MOST_SHOWN:
+    results = results_folder(options.output)
+    gallery = gallery and (count > 1 or results.has_index())
+    if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
-    tally, told = Tally(), _Told()
-    bar = Bar()
-    with (
-        Counter(count if many else 0) as counter,
-        kept_in.cleaned_up(),
-        closing(_made(jobs, count, options, bar, counter)) as done_ones,
-    ):
+    tally, bar, counter = Tally(), Bar(), Counter(count if count > 1 else 0)
+    with results.cleaned_up(), closing(_made(jobs, count, options, bar, counter)) as done_ones:
         for done in done_ones:
             bar.clear()
-            if done.disk_full:  # of every clip that follows the same would be said
-                tally.full = True
+            if done.disk_full:  # every further clip would fail the same way
+                tally.disk_full = True
                 break
-            _count(tally, done)
-            for line in told.new(done):
+            tally.add(done)
+            for line in tally.new_warnings(done):
                 counter.tell(line)
-            kept_in.ended(done, gallery)
-            heard(done)
-            _told_of(done, options.json, counter)
-            counter.step(tally.failed)
-    files = beside()
-    if gallery and not tally.full and (tally.made or tally.failed or not kept_in.has_index(tally.newest)):
-        _gallery(kept_in, bar, tally, options.output)
-    return _sum_up(tally, count, kept_in, files, options)
+            results.ended(done, gallery)
+            on_done(done)
+            _print_done(done, options.json, counter)
+            counter.step(tally.counts["failed"])
+    counter.clear()
+    files = finish()
+    is_new = tally.counts["made"] or tally.counts["failed"]
+    if gallery and not tally.disk_full and (is_new or not results.has_index(tally.newest)):
+        _write_gallery(results, bar, tally, options.output)
+    return _sum_up(tally, count, results, files, options)
 
 
 def _made(
     jobs: Iterable[Job], count: int, options: argparse.Namespace, bar: Bar, counter: Counter
 ) -> Generator[Done, None, None]:
-    """How each job ended, on this machine or on a cluster."""
+    """Runs the jobs, on this machine or on a cluster."""
     workers = min(options.jobs, count)
     if getattr(options, "cluster", None):
         from physgen.batch.cluster import run_on_cluster
 
-        return run_on_cluster(options.cluster, workers, jobs, options.ship, counter.tell)
+        return run_on_cluster(options.cluster, workers, jobs, count, options.ship, counter.tell)
     from physgen.batch.run import run_all
 
-    return run_all(jobs, workers, lambda job: bar.show if count == 1 or bar.told else _silent)
+    show = bar.show if count == 1 or bar.as_json else lambda stage, done, total: None
+    return run_all(jobs, workers, lambda job: show)
 
 
-class _Told:
-    """Warnings of one scene are those of its variants, too: each is told once."""
-
-    def __init__(self) -> None:
-        self._seen: set[str] = set()
-
-    def new(self, done: Done) -> Iterator[str]:
-        for problem in done.problems:
-            text = str(problem)
-            if text not in self._seen:
-                if len(self._seen) < 10_000:
-                    self._seen.add(text)
-                yield text
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    """Many clips have one bar together."""
-
-
-def _count(tally: Tally, done: Done) -> None:
-    from physgen.batch.run import State
-
-    if done.folder is not None:
-        with suppress(OSError):  # of one behind a URL there is nothing here
-            tally.newest = max(tally.newest, (done.folder / "manifest.json").stat().st_mtime)
-    match done.state:
-        case State.MADE:
-            tally.made += 1
-        case State.UNCHANGED:
-            tally.unchanged += 1
-        case State.FAILED:
-            tally.failed += 1
-
-
-def _told_of(done: Done, as_json: bool, counter: Counter) -> None:
+def _print_done(done: Done, as_json: bool, counter: Counter) -> None:
     """A line on stdout: the folder, or all about the clip as JSON."""
-    import json
-
     if as_json:
         with suppress(InputError):
             line = {
@@ -341,52 +291,45 @@ def _told_of(done: Done, as_json: bool, counter: Counter) -> None:
         counter.line(done.where)
 
 
-def _gallery(kept_in: ResultsFolder, bar: Bar, tally: Tally, out: str) -> None:
-    """The page of all that is in the folder, made again."""
-    if tally.all > MOST_SHOWN:
+def _write_gallery(results: ResultsFolder, bar: Bar, tally: Tally, out: str) -> None:
+    if tally.counts.total() > GALLERY_CLIPS:
         print_error(f"{out}: too many clips for one gallery; physgen gallery shows parts of them")
         return
-    kept_in.write_index(
-        bar.show,
-        lambda name: print_error(f"{kept_in.index}: was there already and differed; kept as {name}"),
-        tally.all,
-    )
+    message = f"{results.index}: was there already and differed; kept as "
+    results.write_index(bar.show, lambda name: print_error(f"{message}{name}"), tally.counts.total())
     bar.clear()
 
 
 def _sum_up(
-    tally: Tally, count: int, kept_in: ResultsFolder, beside: Sequence[str], options: argparse.Namespace
+    tally: Tally, count: int, results: ResultsFolder, files: Sequence[str], options: argparse.Namespace
 ) -> int:
-    """The last line, and the exit code."""
-    import json
-
-    index = kept_in.index if count > 1 and kept_in.has_index() else None
+    """Prints the last line; returns the exit code."""
+    made, unchanged, failed = (tally.counts[name] for name in ("made", "unchanged", "failed"))
+    index = results.index if count > 1 and results.has_index() else None
     if options.json:
         line = {
             "clips": count,
-            "made": tally.made,
-            "unchanged": tally.unchanged,
-            "failed": tally.failed,
+            "made": made,
+            "unchanged": unchanged,
+            "failed": failed,
             "index": index,
-            **{file.rpartition("/")[2]: file for file in beside},
-            "passed": tally.failed == 0 and tally.all == count,
+            **{file.rpartition("/")[2]: file for file in files},
+            "passed": failed == 0 and tally.counts.total() == count,
         }
         print_line(json.dumps(line))
     else:
-        for file in ([] if index is None else [index]) + [*beside]:
+        for file in ([] if index is None else [index]) + [*files]:
             print_line(file)
-    if tally.full:
-        left = count - tally.made - tally.unchanged
-        print_error(
-            f"{options.output}: no room left: {left:,} of {count:,} clips are missing; "
-            "make room and run the same command again"
-        )
+    if tally.disk_full:
+        missing = f"{count - made - unchanged:,} of {count:,} clips are missing"
+        fix = "make room and run the same command again"
+        print_error(f"{options.output}: no room left: {missing}; {fix}")
         return FAILED
-    if count > 1 and (tally.failed or tally.unchanged) and not (options.json and not tally.failed):
+    if count > 1 and (failed or unchanged) and not (options.json and not failed):
         print_error(str(tally))
-    elif tally.unchanged and not options.json:
+    elif unchanged and not options.json:
         print_error("1 clip, unchanged")
-    return WRONG_INPUT if tally.failed else OK
+    return WRONG_INPUT if failed else OK
 
 
 CLUSTERS = ("dask", "slurm", "dask-slurm")

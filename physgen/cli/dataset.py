@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from physgen.batch.dataset import DatasetSummary
 
 
-OFTEN = 10_000
-"""Clips after which it is told how far it is."""
-MOST_TOLD = 20
-"""Clips that cannot be used, told one by one."""
+INTERVAL = 10_000
+"""Clips between two lines of progress."""
+MAX_WARNINGS = 20
+"""Unusable clips that are printed one by one."""
 
 
 def dataset(options: argparse.Namespace) -> int:
@@ -30,7 +30,7 @@ def dataset(options: argparse.Namespace) -> int:
     if options.link and options.layout != "folder":
         raise InputError.of("--link", "", "is of no use in shards", "leave it out, or take --layout folder")
     check_names(options.format)
-    asked = DatasetOptions(
+    chosen = DatasetOptions(
         options.layout,
         read_splits(options.split, options.seed),
         options.format,
@@ -38,21 +38,21 @@ def dataset(options: argparse.Namespace) -> int:
         options.shard_size,
         options.link,
     )
-    told = 0
+    warnings = 0
 
     def warn(problem: Problem) -> None:
-        nonlocal told
-        told += 1
-        if told <= MOST_TOLD:
+        nonlocal warnings
+        warnings += 1
+        if warnings <= MAX_WARNINGS:
             print_problem(problem)
 
-    def far(count: int) -> None:
-        if count % OFTEN == 0:
+    def progress(count: int) -> None:
+        if count % INTERVAL == 0:
             print_error(f"{count:,} clips")
 
-    done = gather(options.folders, options.output, asked, options.command_line, warn, far)
-    if told > MOST_TOLD:
-        print_error(f"... and {told - MOST_TOLD:,} more that cannot be used")
+    done = gather(options.folders, options.output, chosen, options.command_line, warn, progress)
+    if warnings > MAX_WARNINGS:
+        print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     _odd(done, options)
     if options.json:
         counts = {name: count.clips for name, count in done.counts.items()}
@@ -70,7 +70,7 @@ def dataset(options: argparse.Namespace) -> int:
 
 
 def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
-    """What is allowed and probably not meant."""
+    """Warns of what is allowed and probably not intended."""
 
     def odd(expected: str, fix: str) -> None:
         print_problem(Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING))
@@ -81,11 +81,11 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
         odd(f"has {_clips(silent)} without a caption{which}", "render or export them with the format events")
     total = done.made + done.kept
     for name, count in done.lacking.items():
-        said = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
-        odd(said, f"render or export them with {name}, or leave it out of --format")
+        what = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
+        odd(what, f"render or export them with {name}, or leave it out of --format")
     if done.uneven is not None and options.layout == "webdataset":
-        said = f"holds clips with different files, e.g. {done.uneven}: Hugging Face's loader makes no columns of them"
-        odd(said, "choose what all have with --format, or read the shards with webdataset")
+        what = f"holds clips with different files, e.g. {done.uneven}: Hugging Face's loader makes no columns of them"
+        odd(what, "choose what all have with --format, or read the shards with webdataset")
     empty = [name for name, count in done.counts.items() if not count.clips]
     if empty:
         photos = sum(len(count.photos) for count in done.counts.values())

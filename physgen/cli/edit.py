@@ -18,7 +18,7 @@ from physgen.problems import InputError
 NEEDED = ("fastapi", "uvicorn")
 SCENES = (".yaml", ".yml")
 SIGNS = re.compile(r"""^\s*\{?\s*["']?(physgen|extends|image|size|world|objects)["']?\s*:""", re.MULTILINE)
-"""What a text has in it that is a scene, or was to be one: a key of its top level."""
+"""A key of the top level of a scene, by which a text is recognised as one."""
 
 
 def edit(options: argparse.Namespace) -> int:
@@ -65,7 +65,7 @@ def edit(options: argparse.Namespace) -> int:
 
 
 def _scene(options: argparse.Namespace) -> Path:
-    """The scene itself, or that of a photo."""
+    """The scene, or the one that is perceived of a photo."""
     path: Path = options.scene
     if not path.is_file():
         return path
@@ -74,7 +74,7 @@ def _scene(options: argparse.Namespace) -> Path:
         return path
     scene = path.with_name(f"{path.stem}.yaml")
     if scene.exists():
-        print_error(f"{scene}: is there already and is opened; to begin anew, move it away")
+        print_error(f"{scene}: is there already and is opened; move it away to start again")
         return scene
     from physgen import pipeline
     from physgen.cli.output import print_backup, print_problem
@@ -88,7 +88,7 @@ def _scene(options: argparse.Namespace) -> Path:
 
 
 def _check_scene(path: Path) -> None:
-    """Refuse what is neither a scene nor a photo; a scene with errors in it is one that can be mended."""
+    """Refuses a file that is neither a scene nor a photo; a scene with errors can be opened."""
     from physgen.edit.draft import draft_folder
     from physgen.scene.document import decode
     from physgen.scene.files import scene_bytes
@@ -122,7 +122,7 @@ def _is_picture(path: Path) -> bool:
 
 
 def _show(options: argparse.Namespace, scene: Path, address: str, once: Callable[[], str]) -> None:
-    """The address for a person or a program; in the browser, one that is good `once`."""
+    """Prints the address; the browser gets one that can be used `once`."""
     if options.json:
         import json
 

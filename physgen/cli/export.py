@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import Command, Parser, add_device, count, labels, number, two_sides, whole
-from physgen.cli.clips import Shown, add_overlays, check_formats, make_all, refuse_twins, variants_of
+from physgen.cli.clips import add_overlays, check_formats, check_names, make_all, variants_of
 from physgen.cli.output import print_error
 from physgen.problems import InputError
 
@@ -22,7 +22,7 @@ def export(options: argparse.Namespace) -> int:
     from physgen.pipeline import Page, RenderOptions
 
     check_formats(options.format, "--format")
-    options.set = [*options.set, *filmed(options)]
+    options.set = [*options.set, *_film_edits(options)]
     jobs = [
         Job(
             path,
@@ -42,37 +42,37 @@ def export(options: argparse.Namespace) -> int:
         for path in options.scenes
         for variant in variants_of(path, options)
     ]
-    refuse_twins(jobs)
+    check_names(jobs)
     lines: dict[str, None] = {}
 
-    def heard(done: Done) -> None:
+    def on_done(done: Done) -> None:
         if options.frames and done.folder is not None:
             lines.update(dict.fromkeys(_plays(done.folder, options)))
 
-    code = make_all(jobs, len(jobs), options, heard, shown=Shown.NOWHERE)
+    code = make_all(jobs, len(jobs), options, on_done, gallery=False)
     for line in lines:
         print_error(line)
     return code
 
 
 def _plays(folder: Path, options: argparse.Namespace) -> Iterator[str]:
-    """How long a clip plays with the frames that were asked for."""
+    """How long a clip plays with the requested frames."""
     try:
-        told = json.loads((folder / "manifest.json").read_bytes())
-        count, fps = len(told["frames"]), float(told["video"]["fps"])
-        duration, long = float(told["document"]["world"]["duration"]), count / fps
+        manifest = json.loads((folder / "manifest.json").read_bytes())
+        count, fps = len(manifest["frames"]), float(manifest["video"]["fps"])
+        duration, long = float(manifest["document"]["world"]["duration"]), count / fps
     except (OSError, ValueError, KeyError, TypeError, ZeroDivisionError):
         return
     plays = f"{count} frames at {fps:g} fps play for {long:.3g} s"
     if any(text.startswith("world.duration=") for text in options.set) or abs(long - duration) < 1e-9:
         yield plays
         return
-    stays = "the duration of the motion stays as the scene has it"
+    stays = "the duration of the motion is still that of the scene"
     yield f"{plays}; {stays}: --set world.duration={long:.6g} shows it at its true speed"
 
 
-def filmed(options: argparse.Namespace) -> list[str]:
-    """What the flags of the film set in every scene, so that every format follows. Raises InputError."""
+def _film_edits(options: argparse.Namespace) -> list[str]:
+    """Edits of `--frames`, `--size` and `--fps`, which hold for every format. Raises InputError."""
     edits = [f"render.frames={options.frames}"] if options.frames else []
     if options.size:
         width, height = options.size

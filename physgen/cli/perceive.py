@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import Command, Parser, check_scene_name, coordinates, names, whole
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem, write_result
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Place, Problem
 
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
@@ -24,7 +24,7 @@ def perceive(options: argparse.Namespace) -> int:
         return _perceive_many(options)
     check_scene_name(options.output)
     bar = Bar()
-    told: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "boxes": [coordinates("--box", text, 4) for text in options.box],
         "points": [coordinates("--point", text, 2) for text in options.point],
         "assets": options.assets,
@@ -36,17 +36,17 @@ def perceive(options: argparse.Namespace) -> int:
     if options.refresh:
         _refuse_beside_refresh(options)
         if options.output is None:
-            fix = "say where the new scene goes, with its maps beside it: -o NEW.yaml"
+            fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.pipeline.perceiving import refresh
 
-        told |= {"allow_outside": options.allow_outside, "sheet": options.sheet, "asked": options.find}
-        told["labels"] = options.label
-        text = refresh(options.refresh, options.output, **told)
+        settings |= {"allow_outside": options.allow_outside, "sheet": options.sheet, "asked": options.find}
+        settings["labels"] = options.label
+        text = refresh(options.refresh, options.output, **settings)
     elif not options.image:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:
-        told |= {
+        settings |= {
             "masks": options.masks,
             "coco": options.coco,
             "side": options.side,
@@ -54,35 +54,30 @@ def perceive(options: argparse.Namespace) -> int:
             "labels": options.label,
             "asked": options.find,
         }
-        text = pipeline.perceive(options.image[0], options.output, **told)
+        text = pipeline.perceive(options.image[0], options.output, **settings)
     bar.clear()
     write_result(text, options.output)
     return OK
 
 
 def _perceive_many(options: argparse.Namespace) -> int:
-    """Several photos into one folder, with models loaded once; what is wrong with one leaves the others be."""
+    """Several photos into one folder, with models loaded once; an error in one does not stop the others."""
     from physgen import pipeline
 
-    alone = {"--masks": options.masks, "--coco": options.coco, "--box": options.box, "--point": options.point,
+    single = {"--masks": options.masks, "--coco": options.coco, "--box": options.box, "--point": options.point,
              "--label": options.label, "--assets": options.assets, "--sheet": options.sheet}  # fmt: skip
-    fix = "leave it out, or name one photo"
-    said = [
-        InputError.of("perceive", flag, "tells of one photo", fix) for flag, value in alone.items() if value
-    ]
-    problems = [problem for error in said for problem in error.problems]
-    if options.output is None or options.output.suffix in (".yaml", ".yml"):
-        fix = "say where: -o FOLDER"
-        problems += InputError.of(
-            "perceive", f"{len(options.image)} photos", "go into a folder", fix
-        ).problems
-    for lost in (image for image in options.image if not image.is_file()):
-        problems += InputError.of(str(lost), "", "is not there", "name a photo").problems
     names = _names(options.image)
-    for twin in sorted({name for name in names if names.count(name) > 1}):
-        problems += InputError.of("perceive", f'"{twin}"', "is the name of two photos", "rename one").problems
-    if problems:
-        raise InputError(problems)
+    twins = sorted({name for name in names if names.count(name) > 1})
+    fix = "leave it out, or name one photo"
+    wrong = [("perceive", flag, "is for one photo", fix) for flag, value in single.items() if value]
+    if options.output is None or options.output.suffix in (".yaml", ".yml"):
+        wrong += [("perceive", f"{len(names)} photos", "go into a folder", "name it: -o FOLDER")]
+    wrong += [
+        (str(image), "", "is not there", "name a photo") for image in options.image if not image.is_file()
+    ]
+    wrong += [("perceive", f'"{name}"', "is the name of two photos", "rename one") for name in twins]
+    if wrong:
+        raise InputError(Problem(Place(file), "", found, what, fix) for file, found, what, fix in wrong)
     crew = _crew(_plan(options, several=True))
     failed: list[Problem] = []
     bar = Bar()
@@ -107,19 +102,19 @@ def _perceive_many(options: argparse.Namespace) -> int:
 
 
 def _names(images: Sequence[Path]) -> list[str]:
-    """What their scenes are called: as the photos, or as their folders where all photos have one name."""
+    """Names of the scenes: those of the photos, or of their folders where all photos have the same name."""
     stems = [image.stem for image in images]
     folders = [image.resolve().parent.name for image in images]
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
 
 
 def crew_of(options: argparse.Namespace) -> Backends:
-    """Who perceives one photo, by the flags."""
+    """The backends that the flags choose for one photo."""
     return _crew(_plan(options))
 
 
 def _crew(plan: Plan) -> Backends:
-    """Those of a plan who perceive: a model that it chooses for videos is not asked for here."""
+    """The backends of a plan that perceive; one that refines videos is not loaded."""
     from physgen.perceive.perceive import ROLES
     from physgen.registry import Backends
 
@@ -132,7 +127,7 @@ def _plan(options: argparse.Namespace, several: bool = False) -> Plan:
 
     if options.config is None:
         for path in configuration_files():
-            print_error(f"{path}: says who perceives, where no flag does")
+            print_error(f"{path}: chooses backends, unless a flag does")
     return load_plan(
         options.backend,
         profile=options.profile,
@@ -146,7 +141,7 @@ def _plan(options: argparse.Namespace, several: bool = False) -> Plan:
 
 
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
-    """A scene tells its photo and its masks."""
+    """The scene determines its photo and its masks."""
     beside = {
         "IMAGE": options.image[0] if options.image else None,
         "--masks": options.masks,
@@ -156,7 +151,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     for flag, value in beside.items():
         if value is not None:
             fix = f"leave {flag} or --refresh out"
-            raise InputError.of("perceive", f'"{value}"', "cannot be told beside --refresh", fix)
+            raise InputError.of("perceive", f'"{value}"', "cannot be used with --refresh", fix)
 
 
 def import_(options: argparse.Namespace) -> int:
@@ -182,7 +177,7 @@ def list_backends(options: argparse.Namespace) -> int:
         return OK
     for line in registry.listing_lines(rows):
         print(line)
-    print("\n* does its step unless --backend, --profile or physgen.toml says otherwise", file=sys.stderr)
+    print("\n* is used unless --backend, --profile or physgen.toml chooses another", file=sys.stderr)
     return OK
 
 

@@ -22,7 +22,7 @@ def plot(options: argparse.Namespace) -> int:
     scenes = options.scenes if options.what == "strip" else [options.scene]
     millimetres, pixels = options.width or (None, None)
     look = PlotStyle(millimetres, pixels, options.dpi, options.dark, options.si)
-    asked = PlotRequest(
+    request = PlotRequest(
         objects=getattr(options, "objects", ()),
         curves=getattr(options, "curves", ()),
         frames=getattr(options, "frames", 0),
@@ -37,7 +37,7 @@ def plot(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{name}-{options.what}.png")
     bar = Bar()
     try:
-        draw(options.what, scenes, output, asked, bar.show)
+        draw(options.what, scenes, output, request, bar.show)
     finally:
         bar.clear()
     print(output)

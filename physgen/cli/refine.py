@@ -56,13 +56,13 @@ def _plan(options: argparse.Namespace) -> Plan:
 
     flag = [f"{ROLE}={options.backend.removeprefix(f'{ROLE}=')}"] if options.backend else []
     whole = load_plan(flag, config=options.config, device=options.device, dtype=options.dtype)
-    who = whole.choices.get(ROLE) or choice(ROLE, BACKEND)
+    chosen = whole.choices.get(ROLE) or choice(ROLE, BACKEND)
     if ROLE in whole.choices and not options.backend:
-        print_error(f"{who.place.file}: chooses the backend that refines, unless a flag does")
-    if who.name == "none":
+        print_error(f"{chosen.place.file}: chooses the backend that refines, unless a flag does")
+    if chosen.name == "none":
         fix = "name a backend, e.g. --backend animatediff; physgen backends lists them"
-        raise InputError.of(str(who.place), '"none"', "leaves the video as it is", fix)
-    return replace(whole, choices={ROLE: who}, fallback=False)
+        raise InputError.of(str(chosen.place), '"none"', "leaves the video as it is", fix)
+    return replace(whole, choices={ROLE: chosen}, fallback=False)
 
 
 KEYS = ("strength", "stop", "steps", "seed", "prompt", "negative", "guidance", "lock", "detail")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import Command, Parser, place
-from physgen.cli.clips import add_clips, add_overlays, jobs_of, make_all, refuse_twins, refuse_unseen
+from physgen.cli.clips import add_clips, add_overlays, check_names, check_places, jobs_of, make_all
 from physgen.cli.output import OK, print_error
 from physgen.files import Stamp, file_stamp
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def render(options: argparse.Namespace) -> int:
-    refuse_unseen(options)
+    check_places(options)
     if options.watch:
         return watch(options, lambda: _jobs(options), lambda jobs: make_all(jobs, len(jobs), options))
     jobs = _jobs(options)
@@ -28,29 +28,29 @@ def render(options: argparse.Namespace) -> int:
 
 def _jobs(options: argparse.Namespace) -> list[Job]:
     jobs = list(jobs_of(options))
-    refuse_twins(jobs)
+    check_names(jobs)
     return jobs
 
 
-LOOK = 0.05
-"""s between looks."""
-PATIENCE = 1.0
-"""s for which a file that is gone may come back, and writing may go on."""
+POLL = 0.05
+"""s between two looks at the files."""
+SETTLE = 1.0
+"""s for which a missing file may come back, and writing may continue."""
 
 
 def watch(
     options: argparse.Namespace, jobs: Callable[[], list[Job]], make: Callable[[list[Job]], int]
 ) -> int:
-    """`make` them, and again after each save; a mistake is told, and mended by the next save."""
+    """Makes the jobs, and again after each save; errors are printed, and the next save may fix them."""
     from physgen.problems import InputError
 
-    kept: set[Path] = set()
-    """Of the last clips that could be made: what a mistake leaves unsaid."""
+    kept: set[Path] = set()  # inputs of the last clips that could be made
+    scenes = [Path(scene) for scene in options.scenes]
     try:
         while True:
             begun = time.perf_counter()
-            before: dict[Path, Stamp] = {path: file_stamp(path) for path in (*_first(options.scenes), *kept)}
-            files = set(_first(options.scenes))
+            before: dict[Path, Stamp] = {path: file_stamp(path) for path in (*scenes, *kept)}
+            files = set(scenes)
             try:
                 made = jobs()
                 make(made)
@@ -62,39 +62,34 @@ def watch(
             files |= kept
             took = time.perf_counter() - begun
             print_error(f"{took:.1f} s; watching {len(files)} files, Ctrl-C ends it")
-            if gone := [str(path) for path in _first(options.scenes) if not path.exists()]:
+            if gone := [str(path) for path in scenes if not path.exists()]:
                 print_error(f"{', '.join(gone)}: gone; rendered again when it is back")
             _wait({path: before.get(path) or file_stamp(path) for path in files})
     except KeyboardInterrupt:
         return OK
 
 
-def _first(scenes: Sequence[str]) -> list[Path]:
-    """What is there to be watched before anything was made."""
-    return [Path(scene) for scene in scenes]
-
-
 def _inputs(job: Job) -> list[Path]:
-    """Files that the clip was made of, and the folder in which maps may appear; of a pack, the pack."""
+    """The input files of a clip, and the folder of its maps; none for a pack."""
     if Path(job.scene).suffix not in (".yaml", ".yml"):
         return []
     try:
-        told = json.loads((job.folder / "manifest.json").read_bytes())
+        manifest = json.loads((job.folder / "manifest.json").read_bytes())
         home = Path(job.scene).resolve().parent
-        files = [home / name for name in told["inputs"]]
-        assets = told["document"].get("assets")
+        files = [home / name for name in manifest["inputs"]]
+        assets = manifest["document"].get("assets")
         return [*files, home / assets] if assets else files
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return []
 
 
 def _wait(seen: dict[Path, Stamp]) -> None:
-    """Until one of the files was saved, and nobody writes any more: some editors save in several steps."""
+    """Returns when one of the files was saved and writing has ended: some editors save in several steps."""
     while all(file_stamp(path) == stamp for path, stamp in seen.items()):
-        time.sleep(LOOK)
+        time.sleep(POLL)
     now = {path: file_stamp(path) for path in seen}
-    for _ in range(round(PATIENCE / LOOK)):
-        time.sleep(LOOK)
+    for _ in range(round(SETTLE / POLL)):
+        time.sleep(POLL)
         later = {path: file_stamp(path) for path in seen}
         if later == now and all(path.exists() for path in seen):
             return

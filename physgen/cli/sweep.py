@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from physgen.batch.remote import is_url
 from physgen.cli.arguments import Command, Parser, names, number_of_clips, place, seed
-from physgen.cli.clips import add_clips, add_overlays, job_maker, local_path, make_all, quick
+from physgen.cli.clips import add_clips, add_overlays, job_maker, local_path, make_all, preview_edits
 from physgen.cli.output import OK, print_error, print_line, print_problems
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 MOST_TRACKED = 32
-"""Objects with outcomes of their own, unless they are named: seven columns each."""
+"""Objects with seven columns of outcomes each, at most, unless they are named."""
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -38,7 +38,7 @@ def sweep(options: argparse.Namespace) -> int:
     design = Design.LATIN if options.latin else Design.INDEPENDENT
     shown = options.scene if is_url(options.scene) else None
     opened = Opened(scene_file(local_path(options.scene, options)), options.allow_outside, shown)
-    variants = _variants(opened.variants, options)
+    variants = [None, *opened.variants] if options.variant == "all" else [options.variant]
     axes = _axes(opened, variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
     check = check_values(plan, opened, options.set)
@@ -47,24 +47,20 @@ def sweep(options: argparse.Namespace) -> int:
 
 
 def _scene_first(options: argparse.Namespace) -> None:
-    """`sweep KEY=VALUES scene.yaml` is understood, and told."""
+    """Refuses `sweep KEY=VALUES scene.yaml`."""
     if "=" in options.scene and not is_url(options.scene) and not Path(options.scene).exists():
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
 
 
 def _axes(opened: Opened, variants: Sequence[str | None], options: argparse.Namespace) -> tuple[Axis, ...]:
-    """What varies; where each of several things has draws of its own, the scene tells which they are."""
+    """The axes; those with separate draws for each object are expanded by the scene."""
     from physgen.batch.axes import Drawn, per_object, read_axes
 
     axes = read_axes(options.axes)
     if not any(isinstance(axis, Drawn) and axis.each for axis in axes):
         return axes
     return per_object(axes, [opened.scene(options.set, variant).document for variant in variants])
-
-
-def _variants(known: Sequence[str], options: argparse.Namespace) -> list[str | None]:
-    return [None, *known] if options.variant == "all" else [options.variant]
 
 
 def _listed(plan: Sweep, options: argparse.Namespace) -> int:
@@ -78,8 +74,8 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
         rows.writerow(["number", "name", "variant", *(axis.key for axis in plan.axes)])
     for point in plan:
         if options.json:
-            told = {"number": point.number, "name": point.name, "variant": point.variant}
-            print_line(json.dumps({**told, "set": point.overrides}, ensure_ascii=False))
+            row = {"number": point.number, "name": point.name, "variant": point.variant}
+            print_line(json.dumps({**row, "set": point.overrides}, ensure_ascii=False))
         else:
             cells = [cell(value, axis.kind) for value, axis in zip(point.values, plan.axes, strict=True)]
             rows.writerow([point.number, point.name, point.variant or "", *cells])
@@ -115,45 +111,44 @@ def _made(plan: Sweep, check: Check, options: argparse.Namespace) -> int:
         if not has_parquet():
             print_error(HINT)
         rows = stack.enter_context(Table(folder.folder / "sweep", table))
-        under_way: deque[Point] = deque()  # they end in the order in which they are begun
+        running: deque[Point] = deque()  # jobs end in the order in which they begin
 
         def jobs() -> Iterator[Job]:
             for point in plan:
-                under_way.append(point)
-                look: tuple[str, ...] = ()
+                running.append(point)
+                preview: tuple[str, ...] = ()
                 if options.preview:
-                    look = quick(options.scene, point.variant, options, point.overrides)
-                yield make(options.scene, point.variant, point.overrides, point.name, tracked, look)
+                    preview = preview_edits(options.scene, point.variant, options, point.overrides)
+                yield make(options.scene, point.variant, point.overrides, point.name, tracked, preview)
 
-        def beside() -> Sequence[str]:
+        def finish() -> Sequence[str]:
             made = folder.send(rows.publish()) if rows.count == len(plan) else ()
             if rows.lost is not None:
-                print_error(
-                    f"{options.output}: sweep.parquet could not be written: {rows.lost}; the table is CSV alone"
-                )
+                what = f"sweep.parquet could not be written: {rows.lost}; the table is CSV only"
+                print_error(f"{options.output}: {what}")
             return made
 
         return make_all(
             jobs(),
             len(plan),
             options,
-            heard=lambda done: rows.add(sweep_files.table_row(plan, under_way.popleft(), done)),
-            beside=beside,
+            on_done=lambda done: rows.add(sweep_files.table_row(plan, running.popleft(), done)),
+            finish=finish,
         )
 
 
-def _tracked(check: Check, said: list[str] | None) -> tuple[str, ...]:
-    if said is None:
+def _tracked(check: Check, chosen: list[str] | None) -> tuple[str, ...]:
+    if chosen is None:
         return check.objects if len(check.objects) <= MOST_TRACKED else ()
     problems = []
-    for name in said:
+    for name in chosen:
         if name not in check.objects:
             close = nearest(name, check.objects)
             fix = f'did you mean "{close}"?' if close else f"write any of {listed(check.objects[:30])}"
             problems.append(Problem(Place("--track"), "", f'"{name}"', "is no object that can move", fix))
     if problems:
         raise InputError(problems)
-    return tuple(said)
+    return tuple(chosen)
 
 
 def add(parser: Parser) -> None:

@@ -25,37 +25,36 @@ def verify(options: argparse.Namespace) -> int:
     from physgen.batch.workers import run_parallel
 
     folders = clip_folders(options.folders)
-    claims = [
+    requests = [
         VerifyRequest(folder, options.scene, options.allow_outside, options.device) for folder in folders
     ]
-    many = len(claims) > 1
+    many = len(requests) > 1
     bar = Bar()
     work = run if many else partial(_watched, bar=bar)
     counts: Counter[Outcome] = Counter()
-    with (
-        output.Counter(len(claims) if many else 0) as counter,
-        closing(run_parallel(work, claims, min(options.jobs, len(claims)), failed)) as verdicts,
-    ):
+    counter = output.Counter(len(requests) if many else 0)
+    with closing(run_parallel(work, requests, min(options.jobs, len(requests)), failed)) as verdicts:
         for verdict in verdicts:
             bar.clear()
             counts[verdict.outcome] += 1
             line = json.dumps(verdict.as_dict(), ensure_ascii=False) if options.json else verdict.line()
             counter.line(line)
             counter.step(counts.total() - counts[Outcome.EQUAL])
+    counter.clear()
     code = WRONG_INPUT if counts[Outcome.UNKNOWN] else FAILED if counts[Outcome.DIFFERS] else OK
     if options.json:
-        told = {outcome.name.lower(): counts[outcome] for outcome in Outcome}
-        print(json.dumps({"clips": len(claims), **told, "passed": code == OK}))
+        outcomes = {outcome.name.lower(): counts[outcome] for outcome in Outcome}
+        print(json.dumps({"clips": len(requests), **outcomes, "passed": code == OK}))
     elif many:
         parts = [f"{counts[outcome]} {outcome.value}" for outcome in Outcome if counts[outcome]]
-        print_error(f"{len(claims)} clips: {', '.join(parts)}")
+        print_error(f"{len(requests)} clips: {', '.join(parts)}")
     return code
 
 
-def _watched(claim: VerifyRequest, bar: Bar) -> Verdict:
+def _watched(request: VerifyRequest, bar: Bar) -> Verdict:
     from physgen.batch.verify import verify as run
 
-    return run(claim, bar.show)
+    return run(request, bar.show)
 
 
 def add(parser: Parser) -> None:

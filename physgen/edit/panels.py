@@ -191,7 +191,7 @@ def _of_one(
     for key, who in sources.items():
         sure = source(who).sure
         value = f"{where}.{key}" if key else where
-        if sure is None or sure >= SURE or provenance.of(value, who, told=f"{where}.from").kind != "guess":
+        if sure is None or sure >= SURE or provenance.of(value, who, written_at=f"{where}.from").kind != "guess":
             continue
         found.append((sure, key, f"{who.rpartition(' ')[0]}, {sure:.0%}"))
     if not found:

@@ -1,4 +1,9 @@
-"""Text of a scene file to a tree of nodes in which every value has its file, line and column."""
+"""Text of a scene file to a tree of nodes in which every value has its file, line and column.
+
+A scene file is untrusted input. It is read as a stream of events and never composed by PyYAML, whose C composer calls
+itself for each level and can crash; limits are counted while it is read. Plain scalars follow the core schema of YAML
+1.2 (section 10.3.2): PyYAML follows YAML 1.1, where `on` is true, `1.0e6` is text and `1:30` is 90.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +27,6 @@ from yaml.events import (
 
 from physgen.problems import InputError, Place, Problem
 from physgen.text import dotted, quoted
-
-# ----------------------------------------------------------------------
-# Plain YAML scalar (text) -> None, bool, int, float or str, by YAML 1.2's core schema (section 10.3.2).
-#
-# PyYAML follows YAML 1.1, where `on` is true, `1.0e6` is text and `1:30` is 90; here they mean what they say.
 
 Scalar = bool | int | float | str | None
 
@@ -80,10 +80,6 @@ def _short(text: str) -> str:
     if len(text) > MAX_NUMBER:
         raise RefusedNumberError(f"is a number of {len(text)} characters", f"write at most {MAX_NUMBER}")
     return text
-
-
-# ----------------------------------------------------------------------
-# The tree between text and Scene: plain data in which every value knows where it was written.
 
 
 @dataclass(frozen=True)
@@ -161,12 +157,6 @@ def whole(node: Node) -> list[int]:
     numbers: Any = items(node)
     return [int(item.value) for item in numbers]
 
-
-# ----------------------------------------------------------------------
-# YAML text -> tree of Nodes: plain data in which every value knows its file, line and column.
-#
-# A scene file is untrusted input. It is read as a stream of events and never composed by PyYAML, whose C
-# composer calls itself for each level and can crash; limits are counted on the way, the first excess ends it.
 
 MAX_BYTES = 8 * 2**20
 MAX_DEPTH = 50
@@ -299,7 +289,7 @@ class _Reader:
         return root
 
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
-        """The text of a key, told where it was written before or may not stand."""
+        """The text of a key; one that is repeated or not allowed is reported."""
         if type(event) is not ScalarEvent:
             raise _stop(self._place(event), "a key that is not text", "write a name before the colon")
         key: str = event.value
@@ -325,7 +315,7 @@ class _Reader:
 
     def _collect(self, problem: Problem) -> None:
         self.problems.append(problem)
-        if len(self.problems) > 100:  # nobody reads more
+        if len(self.problems) > 100:  # enough for one message
             raise InputError(self.problems)
 
     def _refused(self, event: Any) -> InputError:
@@ -356,20 +346,20 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         place = Place(source.name, mark.line + 1, mark.column + 1) if mark else Place(source.name)
-        said = error.problem or error.context or "wrong YAML"
+        text_ = error.problem or error.context or "wrong YAML"
         if error.context and error.problem:
-            said = f"{error.problem} {error.context}"
+            text_ = f"{error.problem} {error.context}"
     else:
         position = min(getattr(error, "position", 0), len(text))
         found = re.search(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text)
         position = found.start() if found else position
         start = text.rfind("\n", 0, position) + 1
         place = Place(source.name, text.count("\n", 0, position) + 1, position - start + 1)
-        said = "control characters are not allowed"
+        text_ = "control characters are not allowed"
     if source.name.startswith("--set "):
         place = Place(source.name)
-    fix = next((fix for start, fix in _FIXES if start in said), "write `key: value`, one a line")
-    return Problem(place, "", "", f"not YAML: {said}", fix)
+    fix = next((fix for start, fix in _FIXES if start in text_), "write `key: value`, one a line")
+    return Problem(place, "", "", f"not YAML: {text_}", fix)
 
 
 _FIXES = (

@@ -26,7 +26,7 @@ T = TypeVar("T")
 EARTH = 9.8
 """m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
 MAX_CHECKS = 500_000
-"""Variants times the things in a scene: what checking every variant may cost."""
+"""Limit of variants times entries of a scene, which bounds the cost of checking every variant."""
 MAX_EDITS = 20_000
 """Values that the variants of a file set, a * counted as often as it applies."""
 
@@ -34,9 +34,8 @@ MAX_EDITS = 20_000
 class Opened:
     """A scene file that was read and checked, for any number of its variants: an edit costs what it changes.
 
-    Of a scene that is right, what an edit leaves as it was is not checked again. `shown` is what messages call it
-    where that is not its path. While it is being edited, `text` is what the file will hold, and `assets` the folder
-    that its maps are in meanwhile.
+    Parts that an edit does not change are not checked again. `shown` is its name in messages, if not its path. While
+    it is being edited, `text` is its future content, and `assets` the folder of its maps.
     """
 
     def __init__(
@@ -66,7 +65,7 @@ class Opened:
         return data
 
     def stale(self) -> bool:
-        """Whether it, or a file that it extends, was written since."""
+        """Whether the file, or one that it extends, was written since."""
         return any(file_stamp(file) != stamp for file, stamp in self._stamps.items())
 
     def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> parts.Scene:
@@ -151,14 +150,14 @@ def _check(root: Node, report: Findings, files: Files) -> Ground:
 
 
 def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[Problem]:
-    """What each variant of the file would break that the file itself, of which `own` tells, does not."""
+    """Problems of each variant that the file itself, whose problems are in `own`, does not have."""
     named = list(variants_of(root))
     if not named or len(own.problems) > 100:
         return
-    things = 16 + _things(root)
+    size = 16 + _entries(root)
     edits = sum(targets(root, key) for _, node in named for key in children(node))
     place = children(root)["variants"].key_place
-    if len(named) * things > MAX_CHECKS or edits > MAX_EDITS:
+    if len(named) * size > MAX_CHECKS or edits > MAX_EDITS:
         yield Problem(place, "variants", "", "are too many for a scene of this size", "use sweep")
         return
     report = own.beyond()
@@ -175,12 +174,12 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
     yield from (problem for problem in report.problems if problem not in own.problems)
 
 
-def _things(root: Node) -> int:
-    """How many mappings and names the rules between keys look at."""
+def _entries(root: Node) -> int:
+    """Number of mappings and names that rules between keys read."""
     sections = [children(root, key) for key in ("objects", "boundaries", "joints", "fields")]
     names = sum(len(items(children(node).get("objects"))) for part in sections[2:] for node in part.values())
-    listed_things = (children(root).get("forces"), children(root, "render").get("camera"))
-    return sum(map(len, sections)) + names + sum(len(items(node)) for node in listed_things)
+    lists = (children(root).get("forces"), children(root, "render").get("camera"))
+    return sum(map(len, sections)) + names + sum(len(items(node)) for node in lists)
 
 
 def scene_name(file: Path) -> str:
@@ -191,7 +190,7 @@ def scene_name(file: Path) -> str:
 def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> parts.Scene:
     """The scene of a checked tree, called `name`; `source` is the file that was opened.
 
-    Named things stand in the natural order of their names, so that no number depends on the order of keys in a file.
+    Named parts stand in the natural order of their names, so that no number depends on the order of keys in a file.
     """
     data = with_defaults(plain(root))
     for key in ("image", "assets"):

@@ -44,8 +44,8 @@ def pack_scene(
     """The pack of a scene file; the same scene gives the same bytes, wherever it lies and whenever it is packed.
 
     Files that its variants or `KEY=VALUE` overrides name come along; overrides are not written down. With
-    `allow_outside`, files from outside the scene's folder come along, too, and the pack does not need it; `warn` is
-    told of each path that had to be written anew. Raises InputError with every problem of the scene, or of that
+    `allow_outside`, files from outside the scene's folder come along, too, and the pack does not need it; `warn` gets
+    each path that had to be changed. Raises InputError with every problem of the scene, or of that
     `variant` of it, or one of packing.
     """
     load(path, overrides, variant, allow_outside)
@@ -237,7 +237,7 @@ class _Layout:
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
-    """Everything that a zip tells of a file besides its bytes is the same for all."""
+    """A member of the zip; its attributes are the same for all files."""
     entry = zipfile.ZipInfo(name, EPOCH)
     entry.create_system = 3  # Unix, wherever it is packed
     entry.external_attr = (0o40755 << 16 | 0x10) if name.endswith("/") else 0o100644 << 16

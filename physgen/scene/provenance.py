@@ -10,7 +10,7 @@ from physgen.problems import Place
 from physgen.scene.scene import Scene
 
 _SURE = re.compile(r"^(.*?)\s*(?<![\d.])(0(?:\.\d+)?|1(?:\.0+)?)$")
-"""Who, and a confidence in 0..1 behind it: `table 0.4`."""
+"""A source, and a confidence in 0..1 behind it: `table 0.4`."""
 
 
 @dataclass(frozen=True)
@@ -18,26 +18,26 @@ class Source:
     """Where a number comes from."""
 
     kind: str
-    """`flag`, `variant`, `guess`, `file` or `default`; `worked out` where nobody says it."""
+    """`flag`, `variant`, `guess`, `file` or `default`; `worked out` where it is computed."""
     text: str
     sure: float | None = None
     """0..1."""
 
 
-def source(said: str) -> Source:
-    """What `from` says of a number.
+def source(text: str) -> Source:
+    """The source that an entry of `from` names.
 
     >>> source("table 0.4")
     Source(kind='guess', text='table', sure=0.4)
     """
-    match = _SURE.match(said.strip())
+    match = _SURE.match(text.strip())
     if match is None or not match[1]:
-        return Source("guess", said)
+        return Source("guess", text)
     return Source("guess", match[1], float(match[2]))
 
 
 class Provenance:
-    """Who said the value of a key."""
+    """Where the values of a scene come from."""
 
     def __init__(self, scene: Scene, variant: str | None) -> None:
         self._scene = scene
@@ -49,15 +49,19 @@ class Provenance:
         root = scene.places.get("", Place(""))
         self._file = root.file
 
-    def of(self, path: str, provenance: str | None, *, told: str | None = None, near: bool = False) -> Source:
-        """Who said what was said last: the value at `path`, or the `provenance` that stands at the path `told`.
+    def of(
+        self, path: str, provenance: str | None, *, written_at: str | None = None, near: bool = False
+    ) -> Source:
+        """The source of the value at `path`, or its `provenance`, the text at `written_at`, if that was written later.
 
         With `near`, a value that is written nowhere by itself stands where what it belongs to does.
         """
         place = self._scene.places.get(path)
         if place is None and near:
             place = self._scene.place(path)
-        if provenance is not None and self._counts(place, None if told is None else self._scene.place(told)):
+        if provenance is not None and self._counts(
+            place, None if written_at is None else self._scene.place(written_at)
+        ):
             return source(provenance)
         if place is None:
             return Source("default", "default")
@@ -70,15 +74,15 @@ class Provenance:
             "file", f"line {place.line}" if place.file == self._file else f"{name}, line {place.line}"
         )
 
-    def _counts(self, value: Place | None, told: Place | None) -> bool:
-        """Whether a number is still the one that `from` told of: nobody wrote it anew in a later place."""
-        if value is None or told is None:
+    def _counts(self, value: Place | None, entry: Place | None) -> bool:
+        """Whether an entry of `from` still describes a number, which no later place sets again."""
+        if value is None or entry is None:
             return value is None or self._rank(value) < 2
-        if self._rank(value) == self._rank(told) == 0:
+        if self._rank(value) == self._rank(entry) == 0:
             return (
-                value.file == told.file
+                value.file == entry.file
             )  # of the files that are extended, which comes later is not known here
-        return self._rank(value) <= self._rank(told)
+        return self._rank(value) <= self._rank(entry)
 
     def _rank(self, place: Place) -> int:
         """Flags are read after variants, those after the file, and that after what it extends."""

@@ -18,7 +18,6 @@ from physgen.geometry.framing import video_size
 from physgen.notebook_display import html
 from physgen.problems import Place
 
-
 Point = tuple[float, float]
 """x px, y px."""
 Points = tuple[Point, ...]

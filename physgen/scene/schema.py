@@ -11,9 +11,6 @@ from typing import Any
 from physgen.files import resource
 from physgen.text import UNITS, example, listed, number
 
-# ----------------------------------------------------------------------
-# `schemas/scene-1.schema.json` -> the schema without $ref, and documents with their defaults filled in.
-
 Schema = dict[str, Any]
 
 
@@ -83,10 +80,6 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
         if key not in properties:
             filled[key] = with_defaults(value, rest) if isinstance(rest, dict) else value
     return filled
-
-
-# ----------------------------------------------------------------------
-# Part of the schema -> what a message advises to write: `write grams, e.g. 170`.
 
 
 def bounds(schema: Schema) -> tuple[float, float, bool]:

@@ -1,4 +1,7 @@
-"""Reads a pack, which is untrusted input, into a folder."""
+"""Reads a pack, which is untrusted input, into a folder: all of its files or none.
+
+Its headers are not trusted: names are checked before anything is written, sizes while it is read.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +36,6 @@ from physgen.scene.pack_format import (
 )
 from physgen.text import quoted
 
-# ----------------------------------------------------------------------
-# Scene files whose first line names the schema that editors go by -> that schema beside them, where the line
-# leads.
-#
-# A pack holds what a scene means, and no schema; its scene files say where one was on the machine that packed
-# it.
-
 SCHEMA = "scene-1.schema.json"
 _LINE = re.compile(rb"\A(\xef\xbb\xbf)?(# yaml-language-server: \$schema=)([^\s:]+)([ \t]*\r?\n)")
 
@@ -66,12 +62,6 @@ def with_schema(folder: Path) -> None:
         if not schema.exists():
             write_atomic(schema, resource("schemas", SCHEMA).read_bytes())
 
-
-# ----------------------------------------------------------------------
-# The bytes of a pack -> its files in a folder, all of them or none. A pack is untrusted input.
-#
-# What its headers say is believed in nothing: names are judged before anything is written, sizes while it is
-# read.
 
 BLOCK = 2**20
 END = struct.Struct("<4s4H2IH")
@@ -100,13 +90,13 @@ def read_pack(path: Path) -> bytes:
     """
     try:
         with open(path, "rb", opener=_at_once) as file:
-            told = os.fstat(file.fileno())
-            if not stat.S_ISREG(told.st_mode):
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
                 raise InputError.of(str(path), "", "is no plain file", OTHER)
             begin = file.read(len(MAGIC))
             if begin != MAGIC:
                 raise InputError.of(str(path), "", "is no pack", OTHER)
-            large = told.st_size > MOST_WHOLE
+            large = status.st_size > MOST_WHOLE
             data = b"" if large else begin + file.read(MOST_WHOLE + 1 - len(begin))
     except FileNotFoundError:
         raise InputError.of(str(path), "", "no such file", OTHER) from None
@@ -118,7 +108,7 @@ def read_pack(path: Path) -> bytes:
 
 
 def _at_once(path: str, flags: int) -> int:
-    """Opens a pipe without waiting for who writes into it."""
+    """Opens a pipe without waiting for a writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -147,7 +137,7 @@ def unpack_to(data: bytes, folder: Path, name: str = "the pack") -> Path:
 
 
 class _Members:
-    """What a pack holds, judged by names alone."""
+    """What a pack holds, checked by names alone."""
 
     def __init__(self, archive: zipfile.ZipFile, files: list[zipfile.ZipInfo], scene: str) -> None:
         self.archive, self.files, self.scene = archive, files, scene
@@ -214,8 +204,8 @@ def _scene(archive: zipfile.ZipFile, names: Container[str], name: str) -> str:
     info = archive.getinfo(CONTENTS)
     page = b"".join(_blocks(archive, info, MOST_CONTENTS, MOST_WHOLE, name))
     try:
-        told = json.loads(page)
-        version, scene = told["pack"], told["scene"]
+        page_ = json.loads(page)
+        version, scene = page_["pack"], page_["scene"]
     except (ValueError, TypeError, KeyError, RecursionError):
         raise InputError.of(name, CONTENTS, "cannot be understood", AGAIN) from None
     if version != VERSION:
@@ -277,7 +267,7 @@ def _filled(folder: Path) -> Iterator[Path]:
         yield beside
         if not there:
             beside.rename(final)
-        for part in sorted(beside.iterdir()) if there else ():  # a folder that somebody may stand in stays
+        for part in sorted(beside.iterdir()) if there else ():  # the folder may be in use
             moved.append(part.rename(final / part.name))
     except BaseException:
         for path in (beside, *moved):

@@ -16,10 +16,6 @@ from physgen.scene.document import Node, RefusedNumberError, resolve
 from physgen.scene.schema import Schema, expanded
 from physgen.text import KeyPath, dotted, number
 
-# ----------------------------------------------------------------------
-# Bytes of a scene file and new values for some of its keys -> its bytes with these values, and all else as it
-# was.
-
 
 def rewritten(data: bytes, values: Iterable[tuple[Node, str]]) -> bytes:
     """`values`: scalars of the file, and the text that stands in their place.
@@ -51,9 +47,6 @@ def rewritten(data: bytes, values: Iterable[tuple[Node, str]]) -> bytes:
         text = text[:begin] + json.dumps(value, ensure_ascii=False) + text[stop:]
     return mark + text.encode("utf-8")
 
-
-# ----------------------------------------------------------------------
-# Document (plain data) -> text of a scene file that a person wants to edit, and that reads back the same.
 
 WIDTH = 100
 """Columns after which a list of points goes on in the next line, and a mapping is written a key a line."""

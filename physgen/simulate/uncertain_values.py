@@ -178,7 +178,7 @@ def uncertain_light(scene: Scene, variant: str | None = None) -> UncertainLight 
     """None where the light is certain, or there is none."""
     if scene.light is None or not scene.light.provenance:
         return None
-    found = Provenance(scene, variant).of("light.direction", scene.light.provenance, told="light.from")
+    found = Provenance(scene, variant).of("light.direction", scene.light.provenance, written_at="light.from")
     made = None if found.sure is None else cone(scene.light.direction, found.sure)
     return None if made is None else UncertainLight(found, made)
 
@@ -189,7 +189,7 @@ def _of_object(scene: Scene, item: Object, provenance: Provenance) -> Iterator[U
     alike = 0.0
     if label not in VAGUE_LABELS:  # as certain as the label is; 1 where a person wrote it
         origin = item.provenance.get("label")
-        of_label = provenance.of(f"{path}.label", origin, told=f"{path}.from.label")
+        of_label = provenance.of(f"{path}.label", origin, written_at=f"{path}.from.label")
         alike = 1.0 if origin is None or of_label.kind != "guess" else source(origin).sure or 0.0
     for parameter in OBJECT_PARAMETERS:
         value = getattr(item, parameter)
@@ -198,7 +198,7 @@ def _of_object(scene: Scene, item: Object, provenance: Provenance) -> Iterator[U
         if parameter in ("mass", "density") and item.motion is not Motion.DYNAMIC:
             continue
         found = provenance.of(
-            f"{path}.{parameter}", item.provenance[parameter], told=f"{path}.from.{parameter}"
+            f"{path}.{parameter}", item.provenance[parameter], written_at=f"{path}.from.{parameter}"
         )
         at_least = parameter == "friction" and found.text == AT_LEAST
         made = None if found.sure is None else spread(parameter, value, found.sure, at_least)
@@ -210,7 +210,7 @@ def _of_boundary(scene: Scene, item: Boundary, provenance: Provenance) -> Iterat
     origin = scene.document["boundaries"][item.name].get("from")
     path = f"boundaries.{item.name}"
     for parameter in BOUNDARY_PARAMETERS if origin is not None else ():
-        found = provenance.of(f"{path}.{parameter}", origin, told=f"{path}.from")
+        found = provenance.of(f"{path}.{parameter}", origin, written_at=f"{path}.from")
         value = getattr(item, parameter)
         made = None if found.sure is None else spread(parameter, value, found.sure)
         if made is not None:

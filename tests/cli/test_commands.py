@@ -314,7 +314,7 @@ def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path
         (["perceive", "{photo}", "--box", "1,2"], '--box: "1,2" is not 4 numbers; write e.g. 120,80,60,60'),
         (
             ["perceive", "{photo}", "--masks", "{photo}", "--box", "1,2,3,4"],
-            "in more than one way where the objects are",
+            "was given the objects in more than one way",
         ),
         (["perceive", "{photo}", "--backend", "segment=sam9"], "sam9"),
         (["perceive", "{photo}", "--masks", "{truth}", "--label", "bal-1=steel ball"], "names no object"),

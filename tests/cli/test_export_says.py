@@ -23,7 +23,7 @@ def test_how_long_it_plays_and_that_it_is_there(tmp_path: Path, capsys) -> None:
     asked = ["export", str(scene), "--format", "order", "-o", out, "--frames", "6"]
     assert main(asked) == 0
     said = capsys.readouterr().err
-    assert "6 frames at 20 fps play for 0.3 s; the duration of the motion stays" in said
+    assert "6 frames at 20 fps play for 0.3 s; the duration of the motion is still that of the scene" in said
     assert "--set world.duration=0.3" in said
     assert "unchanged" not in said
     assert main(asked) == 0

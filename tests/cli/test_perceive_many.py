@@ -50,13 +50,13 @@ def test_one_bad_photo_leaves_the_others(photos, tmp_path: Path, capsys):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ((), "2 photos go into a folder; say where: -o FOLDER"),
-        (("-o", "x.yaml"), "2 photos go into a folder; say where: -o FOLDER"),
+        ((), "2 photos go into a folder; name it: -o FOLDER"),
+        (("-o", "x.yaml"), "2 photos go into a folder; name it: -o FOLDER"),
         (
             ("-o", "d", "--box", "1,2,30,40"),
-            "perceive: --box tells of one photo; leave it out, or name one photo",
+            "perceive: --box is for one photo; leave it out, or name one photo",
         ),
-        (("-o", "d", "--masks", "m.png"), "perceive: --masks tells of one photo"),
+        (("-o", "d", "--masks", "m.png"), "perceive: --masks is for one photo"),
     ],
 )
 def test_what_goes_with_one_photo_only_is_refused(photos, tmp_path, monkeypatch, capsys, more, message):
@@ -91,11 +91,11 @@ def test_a_photo_that_is_not_there_stops_all_before_any_work(photos, tmp_path: P
     [
         (
             ("--find", "ball, cup"),
-            '--find: warning: "ball, cup" is not heard: nothing here finds what it is told to',
+            '--find: warning: "ball, cup" has no effect: no backend here finds named objects',
         ),
         (
             ("--backend", "categories=everyday"),
-            "--backend: warning: categories=everyday is not asked: segment=classical finds things without",
+            "--backend: warning: categories=everyday has no effect: segment=classical needs no categories",
         ),
     ],
 )
