@@ -266,7 +266,7 @@ def _made(
     if getattr(options, "cluster", None):
         from physgen.batch.cluster import run_on_cluster
 
-        return run_on_cluster(options.cluster, workers, jobs, count, options.ship, counter.tell)
+        return run_on_cluster(options.cluster, workers, jobs, options.ship, counter.tell)
     from physgen.batch.run import run_all
 
     show = bar.show if count == 1 or bar.as_json else lambda stage, done, total: None
