@@ -14,14 +14,12 @@ import importlib.util
 import os
 import re
 import time
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from urllib.parse import urlsplit
 
 from physgen.problems import InputError, Place, Problem, Severity
 
@@ -485,6 +483,9 @@ def read_configuration(path: Path, *, trusted: bool = True) -> Configuration:
     A file that is not `trusted`, since it came with a folder, may name neither programs nor servers (photos are sent
     to them).
     """
+    import tomllib  # here, since reading a scene imports this module
+    from urllib.parse import urlsplit
+
     try:
         text = path.read_text(encoding="utf-8")
         data = tomllib.loads(text)
