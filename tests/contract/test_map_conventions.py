@@ -42,7 +42,7 @@ def says(pipe, *maps: np.ndarray) -> None:
 def test_marigolds_normals_come_out_right_side_up(tiny):
     run = registry.make("normals", "marigold", tiny.setup("normals", "marigold"))
     true, inside = ball()
-    says(run._pipe, true * (1, -1, 1))  # theirs: y up
+    says(run._model, true * (1, -1, 1))  # theirs: y up
     found = run(PHOTO, NOTHING, [], None)
     off = np.degrees(np.arccos(np.clip((found * true).sum(-1), -1, 1)))
     assert off.max() < 1
@@ -55,7 +55,7 @@ def test_marigolds_normals_come_out_right_side_up(tiny):
 def test_marigolds_normals_stay_unit_and_seen_in_another_size(tiny):
     run = registry.make("normals", "marigold", tiny.setup("normals", "marigold"))
     true, _ = ball()
-    says(run._pipe, true * (1, -1, 1))
+    says(run._model, true * (1, -1, 1))
     photo = np.full((3 * H, 3 * W, 3), 120, np.uint8)
     found = run(photo, np.zeros((3 * H, 3 * W), np.uint16), [], None)
     assert np.linalg.norm(found, axis=2) == pytest.approx(1, abs=1e-5)
@@ -67,7 +67,7 @@ def test_marigolds_normals_stay_unit_and_seen_in_another_size(tiny):
 def test_marigolds_depth_is_larger_farther(tiny):
     run = registry.make("depth", "marigold", tiny.setup("depth", "marigold"))
     true = 1 - Y / (H - 1)  # a floor that recedes upwards
-    says(run._pipe, np.repeat((2 * true - 1)[..., None], 3, -1))  # theirs: 0 near, 1 far
+    says(run._model, np.repeat((2 * true - 1)[..., None], 3, -1))  # theirs: 0 near, 1 far
     found = run(PHOTO)
     assert found == pytest.approx(true, abs=1e-3)
     assert found[0, 0] > found[-1, 0]
@@ -129,7 +129,7 @@ def test_marigolds_lighting_is_linear_and_up_to_scale(tiny, scales):
     photo = encode_u8(albedo * shading[..., None] + gloss[..., None])
     run = registry.make("intrinsic", "marigold", tiny.setup("intrinsic", "marigold"))
     grey = [np.repeat((m * k)[..., None], 3, -1) for m, k in zip((shading, gloss), scales, strict=True)]
-    says(run._pipe, *(2 * m - 1 for m in (albedo, *grey)))
+    says(run._model, *(2 * m - 1 for m in (albedo, *grey)))
     found = run(photo, NOTHING, None)
     assert np.abs(found.albedo * found.shading[..., None] - decode(photo)).max() < 1e-5
     dull = gloss < 0.002
@@ -145,7 +145,7 @@ def test_marigolds_appearance_is_in_srgb(tmp_path):
     photo = encode_u8(albedo * shading[..., None])
     path = tiny_maps.marigold("intrinsic", target_properties=tiny_maps.APPEARANCE)(tmp_path / "appearance")
     run = registry.make("intrinsic", "marigold", Setup(str(path), "cpu"))
-    says(run._pipe, 2 * encode(albedo) - 1, np.zeros((H, W, 3)))
+    says(run._model, 2 * encode(albedo) - 1, np.zeros((H, W, 3)))
     found = run(photo, NOTHING, None)
     assert found.albedo == pytest.approx(albedo, abs=0.02)
     assert found.shading == pytest.approx(shading, rel=0.05)

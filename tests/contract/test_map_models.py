@@ -92,7 +92,7 @@ def test_half_the_digits(row, tiny):
 def test_a_closed_model_is_gone(row, tiny):
     run = registry.make(*row, tiny.setup(*row))
     asked(row[0], run, photo()[0])
-    held = getattr(run, "_pipe", None) or run._model
+    held = run._model
     network = getattr(held, "unet", held)
     gone = weakref.ref(network)
     del held, network
@@ -207,7 +207,7 @@ def test_what_answers_no_picture_is_no_lama(tmp_path):
 
 def test_what_the_safety_checker_withholds_is_painted_anew(tiny, monkeypatch):
     run = registry.make("inpaint", "diffusion", tiny.setup("inpaint", "diffusion"))
-    kind, seeds = type(run._pipe), []
+    kind, seeds = type(run._model), []
     real = kind.__call__
 
     @functools.wraps(real)

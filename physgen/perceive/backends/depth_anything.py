@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cached_property
 from typing import Any
 
 import cv2
@@ -13,12 +11,8 @@ from numpy.typing import NDArray
 from transformers import DepthAnythingForDepthEstimation, DPTImageProcessorPil
 
 from physgen.perceive.backends.models import (
-    device_of,
-    dtype_of,
-    free_memory,
-    load_weights,
+    ModelBackend,
     read_options,
-    run_note,
     whole_number,
 )
 from physgen.perceive.roles import Rgb
@@ -33,42 +27,29 @@ LONGEST = 3.0
 """The longer side of the input at most, as a multiple of `resolution`: the cost of attention is quadratic."""
 
 
-class Depth:
-    """The backend `depth-anything`; `resolution` is the shorter side of the network's input, px.
-
-    The model is loaded when first needed.
-    """
+class Depth(ModelBackend):
+    """The backend `depth-anything`; `resolution` is the shorter side of the network's input, px."""
 
     def __init__(self, setup: Setup) -> None:
         options = read_options(setup, "depth-anything", {"resolution": whole_number(518, PATCH)})
-        self._weights = setup.weights or find("depth", "depth-anything").weights[0].id
-        self._device = device_of(setup)
+        weights = setup.weights or find("depth", "depth-anything").weights[0].id
+        super().__init__(setup, weights, "Depth Anything", options | {"unit": ""})
+
+    def _number_type(self, setup: Setup) -> torch.dtype:
         # the model is small, and 16 bits would give depth in steps
-        self._dtype = torch.float32 if setup.dtype == "auto" else dtype_of(setup, self._device)
-        self._resolution = options["resolution"]
-        load_weights(lambda _: None, self._weights, "Depth Anything")  # present, or available
-        self._unit = ""
-
-    @cached_property
-    def _processor(self) -> Any:
-        return load_weights(DPTImageProcessorPil.from_pretrained, self._weights, "Depth Anything")
-
-    @cached_property
-    def _model(self) -> Any:
-        model = load_weights(self._load, self._weights, "Depth Anything")
-        self._unit = "m" if model.config.depth_estimation_type == "metric" else "relative"
-        return model
+        return torch.float32 if setup.dtype == "auto" else super()._number_type(setup)
 
     def _load(self, weights: str) -> Any:
-        model = DepthAnythingForDepthEstimation.from_pretrained(
-            weights, dtype=self._dtype, use_safetensors=True
-        )
-        return model.to(self._device).eval()
+        self._processor = DPTImageProcessorPil.from_pretrained(weights)
+        load = DepthAnythingForDepthEstimation.from_pretrained
+        model = load(weights, dtype=self._dtype, use_safetensors=True).to(self._device).eval()
+        self._options["unit"] = "m" if model.config.depth_estimation_type == "metric" else "relative"
+        return model
 
     def __call__(self, rgb: Rgb) -> NDArray[np.float32]:
         """(H, W) float32, larger = farther: m with metric weights, else 1 = nearest, see `receding`."""
         model = self._model
-        height, width = input_size(rgb.shape[:2], self._resolution)
+        height, width = input_size(rgb.shape[:2], self._options["resolution"])
         how = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC
         small = cv2.resize(rgb, (width, height), interpolation=how)
         inputs = self._processor(images=small, do_resize=False, return_tensors="pt")
@@ -77,19 +58,8 @@ class Depth:
         raw = found[0].float().cpu().numpy()
         if not np.isfinite(raw).all():
             raise InputError.of("--dtype", str(self._dtype), "gives no finite depth", "write --dtype float32")
-        depth = raw if self._unit == "m" else receding(raw)
+        depth = raw if self._options["unit"] == "m" else receding(raw)
         return np.asarray(cv2.resize(depth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
-
-    def close(self) -> None:
-        """Free the model."""
-        for part in ("_model", "_processor"):
-            self.__dict__.pop(part, None)
-        free_memory()
-
-    def note(self) -> Mapping[str, Any]:
-        """For the record."""
-        options = {"resolution": self._resolution, "unit": self._unit}
-        return run_note(self._device, self._dtype, self._weights, options)
 
 
 depth = Depth

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.perceive.backends.models import (
+    ModelBackend,
     Option,
-    device_of,
-    dtype_of,
-    free_memory,
     load_pipeline,
-    load_weights,
     read_options,
     real_number,
-    run_note,
     text_option,
     whole_number,
 )
@@ -48,35 +43,27 @@ TRIES = 3
 """Seeds to try where the weights' safety checker withholds a picture."""
 
 
-class Diffusion:
-    """The backend `diffusion`; the model is loaded when first needed."""
+class Diffusion(ModelBackend):
+    """The backend `diffusion`."""
 
     def __init__(self, setup: Setup) -> None:
-        self._options = read_options(setup, "diffusion", OPTIONS)
-        self._weights = setup.weights or find("inpaint", "diffusion").weights[0].id
-        self._device = device_of(setup)
-        self._dtype = dtype_of(setup, self._device)
-        load_weights(
-            lambda _: None, self._weights, "a diffusion model that inpaints"
-        )  # present, or available
-        self._withheld = 0
+        options = read_options(setup, "diffusion", OPTIONS)
+        weights = setup.weights or find("inpaint", "diffusion").weights[0].id
+        super().__init__(setup, weights, "a diffusion model that inpaints", options)
 
-    @cached_property
-    def _pipe(self) -> Any:
-        pipe = load_weights(self._load, self._weights, "a diffusion model that inpaints")
+    def _load(self, weights: str) -> Any:
+        pipe = load_pipeline(AutoPipelineForInpainting, weights, self._device, self._dtype)
         self._options["resolution"] = self._options["resolution"] or _native(pipe)
         if self._options["guidance"] is None and _guidance_is_void(pipe, self._options):
             self._options["guidance"] = 1.0  # without guidance the picture is the same and costs half
         return pipe
 
-    def _load(self, weights: str) -> Any:
-        return load_pipeline(AutoPipelineForInpainting, weights, self._device, self._dtype)
-
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
         """(H, W, 3) uint8; equals `rgb` outside the hole."""
         if not hole.any():
             return rgb.copy()
-        pipe, self._withheld = self._pipe, 0
+        pipe = self._model
+        self._options.pop("withheld", None)
         return inpaint_windows(
             rgb, hole, lambda part, wanted: self._paint(pipe, part, wanted), self._options["resolution"]
         )
@@ -118,23 +105,13 @@ class Diffusion:
                     raise InputError.of("--dtype", dtype, "paints no finite colours", "write --dtype float32")
                 small = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
                 return resize_picture(small, (rgb.shape[0], rgb.shape[1]))
-            self._withheld += 1
+            self._options["withheld"] = self._options.get("withheld", 0) + 1
         raise InputError.of(
             "physgen.toml",
             f"diffusion.seed: {self._options['seed']}",
             f"and the {TRIES - 1} after it paint what the weights' safety checker withholds",
             "choose another seed or prompt, or inpaint=fill",
         )
-
-    def close(self) -> None:
-        """Free the model."""
-        self.__dict__.pop("_pipe", None)
-        free_memory()
-
-    def note(self) -> Mapping[str, Any]:
-        """For the record."""
-        withheld = {"withheld": self._withheld} if self._withheld else {}
-        return run_note(self._device, self._dtype, self._weights, self._options | withheld)
 
 
 diffusion = Diffusion

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import cv2
@@ -19,13 +18,9 @@ from numpy.typing import NDArray
 
 from physgen.perceive.backends.from_file import facing, parted
 from physgen.perceive.backends.models import (
-    device_of,
-    dtype_of,
-    free_memory,
+    ModelBackend,
     load_pipeline,
-    load_weights,
     read_options,
-    run_note,
     whole_number,
 )
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
@@ -52,46 +47,41 @@ PIPELINES = {
 }
 
 
-class _Marigold:
-    """One of the pipelines with its options; the model is loaded when first needed."""
+class _Marigold(ModelBackend):
+    """One of the pipelines with its options."""
 
-    def __init__(self, setup: Setup, role: str) -> None:
-        self._role = role
-        self._options = read_options(setup, "marigold", OPTIONS)
-        self._weights = setup.weights or find(role, "marigold").weights[0].id
-        self._device = device_of(setup)
+    role = ""
+
+    def __init__(self, setup: Setup) -> None:
+        options = read_options(setup, "marigold", OPTIONS)
+        weights = setup.weights or find(self.role, "marigold").weights[0].id
+        super().__init__(setup, weights, f"Marigold's {self.role}", options)
+        if self.role == "depth" and options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
+            found = f"marigold.ensemble: {options['ensemble']}"
+            raise InputError.of("physgen.toml", found, "needs scipy for depth", "pip install scipy")
+
+    def _number_type(self, setup: Setup) -> torch.dtype:
         half = setup.dtype == "auto" and self._device.startswith("cuda")
         # bfloat16 has 8 bits of mantissa: maps of it would have steps
-        self._dtype = torch.float16 if half else dtype_of(setup, self._device)
-        load_weights(lambda _: None, self._weights, f"Marigold's {role}")  # present, or available
-        if role == "depth" and self._options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
-            found = str(self._options["ensemble"])
-            raise InputError.of(
-                "physgen.toml", f"marigold.ensemble: {found}", "needs scipy for depth", "pip install scipy"
-            )
+        return torch.float16 if half else super()._number_type(setup)
 
-    @cached_property
-    def _pipe(self) -> Any:
-        pipe = load_weights(self._load, self._weights, f"Marigold's {self._role}")
+    def _load(self, weights: str) -> Any:
+        pipe = load_pipeline(diffusers.DiffusionPipeline, weights, self._device, self._dtype)
+        if not isinstance(pipe, getattr(diffusers, PIPELINES[self.role])):
+            is_a = {name: role for role, name in PIPELINES.items()}.get(type(pipe).__name__)
+            fix = f"write {is_a}=marigold:{self._weights}" if is_a else f"name a {PIPELINES[self.role]}"
+            raise InputError.of(
+                "--backend", f'"{self._weights}"', f"is a {type(pipe).__name__}: not for {self.role}", fix
+            )
         if self._options["steps"] is None:
             self._options["steps"] = pipe.default_denoising_steps
         if self._options["resolution"] is None:
             self._options["resolution"] = pipe.default_processing_resolution or 768
         return pipe
 
-    def _load(self, weights: str) -> Any:
-        pipe = load_pipeline(diffusers.DiffusionPipeline, weights, self._device, self._dtype)
-        if not isinstance(pipe, getattr(diffusers, PIPELINES[self._role])):
-            is_a = {name: role for role, name in PIPELINES.items()}.get(type(pipe).__name__)
-            fix = f"write {is_a}=marigold:{self._weights}" if is_a else f"name a {PIPELINES[self._role]}"
-            raise InputError.of(
-                "--backend", f'"{self._weights}"', f"is a {type(pipe).__name__}: not for {self._role}", fix
-            )
-        return pipe
-
     def predicted(self, rgb: Rgb) -> tuple[F32, Rgb]:
         """The output, (N, h, w, C) in the pipeline's own conventions, and the resized photo, (h, w, 3)."""
-        pipe = self._pipe
+        pipe = self._model
         small = shrunk(rgb, self._options["resolution"])
         generator = torch.Generator("cpu").manual_seed(self._options["seed"])
         with torch.inference_mode():
@@ -106,22 +96,15 @@ class _Marigold:
         if not np.isfinite(found).all():
             dtype = str(self._dtype).removeprefix("torch.")
             raise InputError.of(
-                "--dtype", dtype, f"leaves no finite {self._role} on {self._device}", "write --dtype float32"
+                "--dtype", dtype, f"leaves no finite {self.role} on {self._device}", "write --dtype float32"
             )
         return np.asarray(found, np.float32), small
-
-    def close(self) -> None:
-        """Free the model."""
-        self.__dict__.pop("_pipe", None)
-        free_memory()
-
-    def note(self) -> Mapping[str, Any]:
-        """For the record."""
-        return run_note(self._device, self._dtype, self._weights, self._options)
 
 
 class Depth(_Marigold):
     """The backend `depth=marigold`."""
+
+    role = "depth"
 
     def __call__(self, rgb: Rgb) -> F32:
         """(H, W) float32 in 0..1, larger = farther, from the nearest plane of the photo to its farthest."""
@@ -130,6 +113,8 @@ class Depth(_Marigold):
 
 class Normals(_Marigold):
     """The backend `normals=marigold`."""
+
+    role = "normals"
 
     def __call__(
         self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], setting: BoundaryGuess
@@ -142,13 +127,15 @@ class Normals(_Marigold):
 class Intrinsic(_Marigold):
     """The backend `intrinsic=marigold`: weights that give albedo, shading and residual, or albedo alone."""
 
+    role = "intrinsic"
+
     def __call__(self, rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
         """Albedo times shading is the photo.
 
         The shading is the pipeline's, at its resolution; the albedo is the photo divided by it, with all details.
         """
         found, small = self.predicted(rgb)
-        properties = self._pipe.target_properties or {}
+        properties = self._model.target_properties or {}
         names = properties.get("target_names") or []
         maps = {name: linear(one, properties.get(name, {})) for name, one in zip(names, found, strict=False)}
         if "albedo" not in maps:
@@ -166,19 +153,8 @@ class Intrinsic(_Marigold):
         return parted(rgb, _sized(shading, rgb))
 
 
-def depth(setup: Setup) -> Depth:
-    """The backend `depth=marigold`."""
-    return Depth(setup, "depth")
-
-
-def normals(setup: Setup) -> Normals:
-    """The backend `normals=marigold`."""
-    return Normals(setup, "normals")
-
-
-def intrinsic(setup: Setup) -> Intrinsic:
-    """The backend `intrinsic=marigold`."""
-    return Intrinsic(setup, "intrinsic")
+depth, normals, intrinsic = Depth, Normals, Intrinsic
+"""The factories named in the registry."""
 
 
 def linear(values: F32, properties: Mapping[str, Any]) -> F32:

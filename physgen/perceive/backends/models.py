@@ -14,7 +14,7 @@ import socket
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -222,6 +222,39 @@ def free_memory() -> None:
         torch.cuda.empty_cache()
     elif torch.backends.mps.is_available():
         torch.mps.empty_cache()
+
+
+class ModelBackend:
+    """A backend with one model, loaded by `_load` when `_model` is first needed and freed by `close`."""
+
+    def __init__(self, setup: Setup, weights: str, what: str, options: dict[str, Any]) -> None:
+        """`what` names the model in messages. Raises InputError for missing weights and for an unknown device."""
+        self._weights, self._what, self._options = weights, what, options
+        self._device = device_of(setup)
+        self._dtype = self._number_type(setup)
+        load_weights(self._check, weights, what)
+
+    @cached_property
+    def _model(self) -> Any:
+        return load_weights(self._load, self._weights, self._what)
+
+    def _load(self, weights: str) -> Any:
+        raise NotImplementedError
+
+    def _check(self, weights: str) -> None:
+        """Raises InputError for weights that cannot be of this model, without loading them."""
+
+    def _number_type(self, setup: Setup) -> torch.dtype:
+        return dtype_of(setup, self._device)
+
+    def close(self) -> None:
+        """Free the model."""
+        self.__dict__.pop("_model", None)
+        free_memory()
+
+    def note(self) -> Mapping[str, Any]:
+        """Device, number type, weights and options, for the record."""
+        return run_note(self._device, self._dtype, self._weights, self._options)
 
 
 @cache
