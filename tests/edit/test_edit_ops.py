@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
+from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -677,3 +679,48 @@ def test_a_text_that_is_no_scene_is_edited_as_text_alone(text) -> None:
 def test_all_operations_or_none() -> None:
     with pytest.raises(EditError):
         made(SCENE, {"set": ["objects", "ball", "mass"], "value": 1}, {"remove": ["objects", "nobody"]})
+
+
+# Memory
+
+COUNTED = """physgen: 1
+size: [100, 100]
+objects:
+  a: {shape: {circle: {center: [10, 10], radius: 5}}}
+  b: {shape: {circle: {center: [30, 10], radius: 5}}}
+variants:
+  v: {'KEY': VALUE}
+"""
+
+
+def peak(work: Callable[[], Any]) -> int:
+    """Bytes that work takes at its height."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("forces[{at}].object", "{name}"),
+        ("forces[{at}]", "{{object: {name}}}"),
+        ("joints.hinge.objects[{at}]", "{name}"),
+        ("render.camera[{at}].follow", "{name}"),
+    ],
+)
+def test_a_number_in_a_key_takes_no_memory(key, value) -> None:
+    at = 2_000_000
+    said = key.format(at=at)
+    text = COUNTED.replace("KEY", said).replace("VALUE", value.format(name="a"))
+
+    def made(**op: Any) -> str:
+        return edited(text, [op], None, Path("scene.yaml"), False).text
+
+    for op in ({"rename": ["objects", "a"], "to": "c"}, {"remove": ["objects", "a"]}):
+        assert peak(lambda op=op: made(**op)) < at  # not a byte an item
+    told = made(rename=["objects", "a"], to="c").splitlines()[-1]
+    assert told == f"  v: {{'{said}': {value.format(name='c')}}}"  # named, whichever item it is

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import shutil
 import stat
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -171,6 +173,72 @@ def test_a_change_is_noticed_once_it_is_whole(tmp_path: Path) -> None:
     watch.end()
     path.write_text("d")
     assert seen[-1] == "gone"
+
+
+def until(met: Callable[[], bool], patience: float = 30) -> None:
+    end = time.monotonic() + patience
+    while not met():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_what_goes_wrong_with_a_change_is_told_once_and_looked_at_again(tmp_path: Path, caplog) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text("a")
+    wrong: list[Exception] = [OSError(28, "No space left on device"), KeyError("a"), OSError(5, "I/O error")]
+    taken: list[str] = []
+    came = threading.Event()
+
+    def changed() -> None:
+        if wrong:
+            raise wrong.pop(0)
+        taken.append(path.read_text())
+        came.set()
+
+    watch = Watch(path, changed)
+    watch.start()
+    with caplog.at_level(logging.WARNING):
+        for text in ("bb", "ccc"):
+            path.write_text(text)
+            assert came.wait(30)
+            came.clear()
+    wrong.append(OSError(28, "No space left on device"))
+    path.write_text("dddd")
+    assert came.wait(30)
+    watch.end()
+    assert (taken[0], taken[-1]) == ("bb", "dddd")
+    assert [record.getMessage() for record in caplog.records] == 2 * [
+        f"{path}: was changed, and could not be taken in: [Errno 28] No space left on device"
+    ]
+
+
+def test_an_editor_goes_on_with_other_programs_after_a_full_disk(serving: Serve, monkeypatch) -> None:
+    served = serving("physics/05-slide")
+    assert served.editor is not None
+    document = served.editor.session.document
+    look, failed, taken = document.look_outside, threading.Event(), threading.Event()
+    room = threading.Event()
+
+    def full() -> str | None:
+        if not room.is_set():
+            failed.set()
+            raise OSError(28, "No space left on device")
+        outcome = look()
+        taken.set()
+        return outcome
+
+    monkeypatch.setattr(document, "look_outside", full)
+    text = served.look()["text"] + "# theirs\n"
+    served.scene.write_text(text)
+    assert failed.wait(30)
+    until(lambda: served.look()["file"]["outside"] == "unread")  # and the page says so
+    room.set()
+    assert taken.wait(30)
+    until(lambda: served.look()["file"]["outside"] is None)
+    assert served.look()["text"] == text
+    events = served.editor.windows.ask("w", served.editor.windows.run, 0)["events"]
+    outcomes = [event["outcome"] for event in events if event["type"] == "file"]
+    assert outcomes == ["failed", "taken"]
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o644, 0o664])

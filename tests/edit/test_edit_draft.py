@@ -20,7 +20,6 @@ from physgen.edit.document import Document
 from physgen.edit.draft import BusyError, Draft, draft_folder, running_at
 from physgen.edit.errors import EditError
 from physgen.edit.history import History, State, difference, patched
-from physgen.edit.session import Watch
 from physgen.problems import InputError
 
 TEXT = "physgen: 1\nsize: [64, 48]\nobjects: {}\n"
@@ -268,24 +267,6 @@ def test_edits_of_one_tag_are_one_step_until_one_is_saved_or_a_while_passed(scen
     assert history.now.text == "3"
     history.step(-1)
     assert history.now.text == "0"
-
-
-def test_a_watch_outlives_what_goes_wrong(scene) -> None:
-    calls: list[str] = []
-    came = threading.Event()
-
-    def changed() -> None:
-        calls.append(scene.read_text())
-        if len(calls) == 1:
-            raise OSError(28, "No space left on device")
-        came.set()
-
-    watch = Watch(scene, changed)
-    watch.start()
-    scene.write_text("two")
-    assert came.wait(30)  # the same change, looked at again
-    watch.end()
-    assert calls[:2] == ["two", "two"]
 
 
 # A real server, killed
