@@ -156,39 +156,7 @@ class Nothing(Body):
     pass
 
 
-class Parameters(BaseModel):
-    """What stands behind the question mark; unknown names are errors."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class OfVariant(Parameters):
-    variant: Words | None = None
-
-
-class OfObject(OfVariant):
-    object: Annotated[str, Field(min_length=1)]
-
-
-class FromSample(Parameters):
-    start: Annotated[int, Field(alias="from", ge=0, le=MAX_SAMPLE)] = 0
-
-
-class OfMotion(Parameters):
-    motion: str | None = None
-
-
-class Since(Parameters):
-    window: str = ""
-    run: str = ""
-    since: Annotated[int, Field(ge=0, le=MAX_EVENT)] = 0
-    hidden: Literal["true", "false"] = "false"
-    leaves: Literal["true", "false"] = "false"
-
-
-class OfCommand(OfVariant):
-    format: Words = "mp4"
-    refine: Literal["true", "false"] = "true"
+Flag = Literal["true", "false"]
 
 
 # Answers, as /api/openapi.json describes them
@@ -283,7 +251,7 @@ api = APIRouter(default_response_class=JsonAnswer, dependencies=[Security(TOKEN_
 
 
 @api.get("/api/materials")
-def materials(query: Annotated[Parameters, Query()]) -> list[Data]:
+def materials() -> list[Data]:
     """The table of materials."""
     return materials_table()
 
@@ -297,34 +265,38 @@ def materials_table() -> list[Data]:
 
 
 @api.get("/api/state", response_model=State)
-def state(served: Served, query: Annotated[OfVariant, Query()]) -> Response:
+def state(served: Served, variant: Words | None = None) -> Response:
     """The scene, its problems and its motion."""
-    return JsonAnswer(served.session.state(query.variant or None))
+    return JsonAnswer(served.session.state(variant or None))
 
 
 @api.get("/api/photo", responses=PNG, response_class=Response)
-def photo(served: Served, query: Annotated[Parameters, Query()]) -> Response:
+def photo(served: Served) -> Response:
     """The photo."""
     return Response(served.session.photo(), media_type="image/png")
 
 
 @api.get("/api/mask", responses=PNG, response_class=Response)
-def mask(served: Served, query: Annotated[OfObject, Query()]) -> Response:
+def mask(
+    served: Served, object: Annotated[str, Query(min_length=1)], variant: Words | None = None
+) -> Response:
     """The mask of an object."""
-    return Response(served.session.mask(query.variant or None, query.object), media_type="image/png")
+    return Response(served.session.mask(variant or None, object), media_type="image/png")
 
 
 @api.get("/api/motion/{key}", response_model=Motion)
-def motion(served: Served, key: str, query: Annotated[FromSample, Query()]) -> Response:
+def motion(
+    served: Served, key: str, start: Annotated[int, Query(alias="from", ge=0, le=MAX_SAMPLE)] = 0
+) -> Response:
     """A further part of a motion, from a sample on."""
-    return _present(served.session.live.more(key, query.start))
+    return _present(served.session.live.more(key, start))
 
 
 @api.get("/api/picture/{key}")
-def picture(served: Served, key: str, query: Annotated[OfMotion, Query()]) -> Response:
+def picture(served: Served, key: str, motion: str | None = None) -> Response:
     """Background and objects; with a motion, their shadows."""
     pictures = served.session.pictures
-    found = pictures.look(key) if query.motion is None else pictures.shadows(key, query.motion)
+    found = pictures.look(key) if motion is None else pictures.shadows(key, motion)
     return _present(found)
 
 
@@ -335,13 +307,21 @@ def _present(found: Mapping[str, Any] | None) -> Response:
 
 
 @api.get("/api/events", response_model=dict[str, Any])
-def events(served: Served, query: Annotated[Since, Query()], window: Window = "") -> Response:
+def events(
+    served: Served,
+    caller: Window = "",
+    window: str = "",
+    run: str = "",
+    since: Annotated[int, Query(ge=0, le=MAX_EVENT)] = 0,
+    hidden: Flag = "false",
+    leaves: Flag = "false",
+) -> Response:
     """What happened since an event of a run of the server. A window that asks is counted until it leaves."""
-    name = (query.window or window)[:80]
-    if query.leaves == "true":
+    name = (window or caller)[:80]
+    if leaves == "true":
         served.windows.leave(name)
-        return JsonAnswer({"run": served.windows.run, "next": query.since, "events": []})
-    return JsonAnswer(served.windows.ask(name, query.run, query.since, query.hidden == "true"))
+        return JsonAnswer({"run": served.windows.run, "next": since, "events": []})
+    return JsonAnswer(served.windows.ask(name, run, since, hidden == "true"))
 
 
 # Edits
@@ -407,7 +387,7 @@ def render(served: Served, body: Render) -> Response:
 
 
 @api.get("/api/render", response_model=Rendering)
-def rendered(served: Served, query: Annotated[Parameters, Query()]) -> Response:
+def rendered(served: Served) -> Response:
     """Progress and results."""
     return JsonAnswer(with_addresses(served.rendering.status()))
 
@@ -420,9 +400,11 @@ def stop(served: Served, body: Nothing) -> Response:
 
 
 @api.get("/api/command", response_model=dict[str, Any])
-def command(served: Served, query: Annotated[OfCommand, Query()]) -> Response:
+def command(
+    served: Served, variant: Words | None = None, format: Words = "mp4", refine: Flag = "true"
+) -> Response:
     """The command line that renders the same."""
-    line = served.rendering.command(query.variant or None, query.format, query.refine == "true")
+    line = served.rendering.command(variant or None, format, refine == "true")
     return JsonAnswer({"command": line})
 
 
