@@ -128,9 +128,8 @@ def _points(values: Any) -> list[list[float]]:
 SURE = 0.6
 """Confidence from which the user is not asked."""
 COVERED = 0.5
-"""Share of something doubtful that objects cover by now: then it is taken in already."""
-MOST = 300
-"""Rows."""
+"""Share of a possible object that others cover, from which it counts as added."""
+MAX_ROWS = 300
 _MAYBE = re.compile(r"^ *# ?(?P<name>maybe-\d+): (?P<value>\{.*\})\s*$")
 _FASTER = re.compile(r"write world\.steps_per_second: (\d+)")
 
@@ -146,7 +145,7 @@ def todo(text: str, scene: Scene | None, compiled: Compiled | None, problems: Se
         rows += [row for _, row in sorted(_maybe(text, scene, compiled), key=lambda doubt: -doubt[0])]
     odd = (p for p in problems if p["severity"] != "error")
     rows += [_row("lint", p, p["message"], p["fix"], _settles(p, scene)) for p in odd]
-    return rows[:MOST]
+    return rows[:MAX_ROWS]
 
 
 def _row(
@@ -157,16 +156,8 @@ def _row(
     ops: list[Data] | None = None,
     mask: Data | None = None,
 ) -> Data:
-    return {
-        "kind": kind,
-        "object": at.get("object"),
-        "path": at.get("path"),
-        "line": at.get("line"),
-        "text": text,
-        "fix": fix,
-        "ops": ops,
-        "mask": mask,
-    }
+    place = {key: at.get(key) for key in ("object", "path", "line")}
+    return {"kind": kind, **place, "text": text, "fix": fix, "ops": ops, "mask": mask}
 
 
 def _unsure(scene: Scene) -> Iterator[tuple[float, Data]]:
@@ -188,21 +179,20 @@ def _of_one(
 ) -> Iterator[tuple[float, Data]]:
     where = ".".join(path)
     found: list[tuple[float, str, str]] = []
-    for key, who in sources.items():
-        sure = source(who).sure
+    for key, guess in sources.items():
+        sure = source(guess).sure
         value = f"{where}.{key}" if key else where
-        if sure is None or sure >= SURE or provenance.of(value, who, written_at=f"{where}.from").kind != "guess":
+        place = f"{where}.from"
+        if sure is None or sure >= SURE or provenance.of(value, guess, written_at=place).kind != "guess":
             continue
-        found.append((sure, key, f"{who.rpartition(' ')[0]}, {sure:.0%}"))
-    if not found:
-        return
+        found.append((sure, key, f"{guess.rpartition(' ')[0]}, {sure:.0%}"))
     found.sort()
-    masks = [one for one in found if one[1] == "mask"]
-    for group in (masks, [one for one in found if one[1] != "mask"]):
+    subject = path[-1] if name is None else ""
+    for of_mask in (True, False):
+        group = [one for one in found if (one[1] == "mask") is of_mask]
         if not group:
             continue
-        subject = path[-1] if name is None else ""
-        what = "; ".join(f"{key or subject} ({who})" for _, key, who in group)
+        what = "; ".join(f"{key or subject} ({guess})" for _, key, guess in group)
         first = group[0][1]
         value = f"{where}.{first}" if first else where
         at = {"object": name, "path": value, "line": _line(scene, value) or _line(scene, where)}
@@ -222,13 +212,13 @@ def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float,
         try:
             value = plain(read(match["value"], Source("", scene.folder), counted=False))
             points = [(float(x), float(y)) for x, y in value["mask"]["polygon"]]
-            who = str(value.get("from", {}).get("mask", ""))
+            guess = str(value.get("from", {}).get("mask", ""))
         except (InputError, KeyError, TypeError, ValueError):
             continue  # the user's own comment
         there = fill_polygon(tuple(points), scene.size)
         if not there.any() or np.count_nonzero(compiled.labels[there]) > COVERED * np.count_nonzero(there):
             continue
-        sure = source(who).sure
+        sure = source(guess).sure
         at = {"object": None, "path": f"objects.{match['name']}", "line": number}
         words = f"perhaps an object, too ({sure:.0%} sure)" if sure is not None else "perhaps an object, too"
         mask = {"kind": "polygon", "polygon": [list(point) for point in points], "object": None}

@@ -198,12 +198,6 @@ def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
     return begin, entry(text, parent, at + 1), ""
 
 
-def append(text: str, path: KeyPath, value: Any) -> str:
-    """Add an item to the list at a path. Raises EditError."""
-    node = find(text, path)
-    return insert(text, (*path, len(node.children)), value)
-
-
 def insert(text: str, path: KeyPath, value: Any) -> str:
     """Insert an item into a list, before the one at the path. Raises EditError."""
     where, at = path[:-1], path[-1]

@@ -330,7 +330,7 @@ def test_every_style_of_yaml_takes_every_change(document, draw) -> None:
         holder = reached(want, path)
         if isinstance(holder, list):
             holder.append(value)
-            new = yaml_edit.append(text, path, value)
+            new = yaml_edit.put(text, (*path, len(holder) - 1), value)
         elif isinstance(holder, dict) or holder is None:
             if holder is None:
                 reached(want, path[:-1])[path[-1]] = holder = {}
