@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.appearance import photo_poses
 from physgen.compile.world import World
 from physgen.render.drawing import arrow
-from physgen.report.html import jpeg, template
+from physgen.report.html import fitted, jpeg, template
 from physgen.report.parameters import arrows, constraint_drawing, outlines, svg_points
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory
@@ -76,15 +75,10 @@ def paths_svg(trajectory: Trajectory) -> tuple[str, list[tuple[str, str]]]:
 def _svg(
     world: World, labels: dict[str, str], photo: U8 | None, held: dict[str, list[dict[str, Any]]], title: str
 ) -> str:
-    if photo is not None:
-        scale = min(1.0, SIDE / max(photo.shape[:2]))
-        photo = np.asarray(
-            cv2.resize(photo, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
-        )
     svg: str = template("scene.svg.j2").render(
         title=title,
         size=world.size,
-        photo=None if photo is None else jpeg(photo, 84),
+        photo=None if photo is None else jpeg(fitted(photo, SIDE), 84),
         walls=[
             {"name": wall.name, "chains": [svg_points(chain) for chain in wall.chains]}
             for wall in world.walls

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+import cv2
 import numpy as np
 import yaml
 from markupsafe import Markup, escape
@@ -53,17 +54,17 @@ def script_json(data: object) -> str:
 
 def webp(pixels: U8, quality: int) -> str:
     """(H, W, 3) sRGB, or (H, W, 4) with alpha, which stays exact, as a data URI."""
-    return data_uri(_bytes(pixels, "WEBP", quality=quality, method=METHOD), ".webp")
+    return data_uri(encoded(pixels, "WEBP", quality=quality), ".webp")
 
 
 def smallest_picture(pixels: U8, quality: int) -> str:
     """As WebP or PNG, whichever is smaller."""
-    return min(webp(pixels, quality), data_uri(_bytes(pixels, "PNG"), ".png"), key=len)
+    return min(webp(pixels, quality), data_uri(encoded(pixels, "PNG"), ".png"), key=len)
 
 
 def jpeg(pixels: U8, quality: int) -> str:
     """(H, W, 3) sRGB as a data URI."""
-    return data_uri(_bytes(pixels, "JPEG", quality=quality), ".jpg")
+    return data_uri(encoded(pixels, "JPEG", quality=quality), ".jpg")
 
 
 def data_uri(data: bytes, ending: str) -> str:
@@ -71,10 +72,23 @@ def data_uri(data: bytes, ending: str) -> str:
     return f"data:{KINDS[ending]};base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def _bytes(pixels: U8, kind: str, **how: int) -> bytes:
+def encoded(pixels: U8, kind: str, **options: int) -> bytes:
+    """A file of Pillow's format `kind`."""
+    if kind == "WEBP":
+        options = {"method": METHOD, **options}
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, kind, **how)
+    Image.fromarray(pixels).save(buffer, kind, **options)
     return buffer.getvalue()
+
+
+def fitted(rgb: U8, side: int) -> U8:
+    """(h, w, 3) whose longer side is at most `side` px."""
+    height, width = rgb.shape[:2]
+    scale = side / max(height, width)
+    if scale >= 1:
+        return rgb
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def highlight_yaml(text: str) -> Markup:

@@ -26,7 +26,7 @@ from physgen.problems import InputError
 from physgen.render.drawing import Colour, Layer, circle, straight_arrow, text_width
 from physgen.render.frames import render_frames
 from physgen.render.stage import Stage
-from physgen.report.html import webp
+from physgen.report.html import fitted, webp
 from physgen.scene.scene import Light, MaskId, Scene, View
 from physgen.simulate.trajectory import Trajectory, rotation_matrices
 
@@ -128,7 +128,7 @@ def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perce
             ("clean", "without them", maps.clean),
         ):
             alt = f"The place without the objects, {words}"
-            pair.append(Panel(name, words, "", alt, _fitted(rgb, PAIR_SIDE)))
+            pair.append(Panel(name, words, "", alt, fitted(rgb, PAIR_SIDE)))
     for quality, part in EFFORTS:
         pictures = tuple(_encoded(panel, quality, part) for panel in panels)
         both = [_encoded(panel, quality, part) for panel in pair]
@@ -148,7 +148,7 @@ def compared(
         raise ValueError(f"pictures of shapes {before[1].shape} and {after[1].shape} cannot be compared")
     one, other = (
         _encoded(
-            Panel(f"{name}-{side}", words, "", f"{title}, {words}", _fitted(rgb, PAIR_SIDE)), PAIR_QUALITY
+            Panel(f"{name}-{side}", words, "", f"{title}, {words}", fitted(rgb, PAIR_SIDE)), PAIR_QUALITY
         )
         for side, (words, rgb) in (("before", before), ("after", after))
     )
@@ -160,12 +160,12 @@ def _panels(
 ) -> list[Panel]:
     """`maps.labels` and `maps.shadows` are numbered as `objects` are."""
     height, width = maps.labels.shape
-    photo = _fitted(maps.rgb, side)
+    photo = fitted(maps.rgb, side)
     count = f"{len(objects)} object{'s' * (len(objects) != 1)}"
     bounds = f"{len(walls)} boundar{'ies' if len(walls) != 1 else 'y'}"
 
     def toned(name: str, title: str, caption: str, rgb: U8) -> Panel:
-        return Panel(name, title, caption, f"{title} of the photo. {caption}", _fitted(rgb, side))
+        return Panel(name, title, caption, f"{title} of the photo. {caption}", fitted(rgb, side))
 
     panels = [
         Panel("photo", "Photo", f"{width} × {height} px.", f"The photo, {width} by {height} pixels", photo),
@@ -174,7 +174,7 @@ def _panels(
             "Masks",
             f"{count}, each in its own colour.",
             f"The photo in grey with masks of {count} in colours",
-            _fitted(_masked(maps.rgb, maps.labels, max(height, width) / side), side),
+            fitted(_masked(maps.rgb, maps.labels, max(height, width) / side), side),
         ),
         Panel(
             "shapes",
@@ -210,19 +210,9 @@ def _panels(
 
 
 def _encoded(panel: Panel, quality: int, part: float = 1.0) -> Picture:
-    rgb = panel.rgb if part == 1.0 else _fitted(panel.rgb, round(part * max(panel.rgb.shape[:2])))
+    rgb = panel.rgb if part == 1.0 else fitted(panel.rgb, round(part * max(panel.rgb.shape[:2])))
     height, width = rgb.shape[:2]
     return Picture(panel.name, panel.title, panel.caption, panel.alt, webp(rgb, quality), width, height)
-
-
-def _fitted(rgb: U8, side: int) -> U8:
-    """Made smaller, never larger."""
-    height, width = rgb.shape[:2]
-    scale = min(1.0, side / max(height, width))
-    if scale == 1.0:
-        return rgb
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _u8(values: NDArray[np.floating[Any]]) -> U8:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.report.html import jpeg
+from physgen.report.html import fitted, jpeg
 from physgen.simulate.uncertain_values import UncertainValue
 from physgen.simulate.uncertainty import Ensemble, Fate
 from physgen.simulate.uncertainty_summary import VERBS, ShadowSpread, Verdict, headline, percent
@@ -101,9 +101,7 @@ def guesses(doubts: Sequence[UncertainValue]) -> str:
 
 def dimmed_photo(rgb: U8) -> str:
     """The photo `(H, W, 3)` sRGB below the paths, as a data URI."""
-    less = min(1.0, WIDEST / max(rgb.shape[:2]))
-    shrunk = cv2.resize(rgb, None, fx=less, fy=less, interpolation=cv2.INTER_AREA)
-    return jpeg(rgb if less == 1 else np.asarray(shrunk, np.uint8), QUALITY)
+    return jpeg(fitted(rgb, WIDEST), QUALITY)
 
 
 def _facts(fan: Ensemble) -> str:
