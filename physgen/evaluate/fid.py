@@ -501,19 +501,19 @@ BIASED = (
 )
 
 
-def findings(found: Measured, who: Mapping[str, Any], comparable: bool, pictures: bool = False) -> Findings:
-    """`who` names extractor and flow with their notes; `pictures` asks for plots, which only a page shows."""
-    heads = {kind: word if comparable else f"{word}, {who['features']}" for kind, word in WORDS.items()}
+def findings(found: Measured, tools: Mapping[str, Any], comparable: bool, pictures: bool = False) -> Findings:
+    """`tools` names extractor and flow with their notes; `pictures` asks for plots, which only a page shows."""
+    heads = {kind: word if comparable else f"{word}, {tools['features']}" for kind, word in WORDS.items()}
     sections = [Section("Distances", BIASED, tuple(_tables(found, heads)))]
     if len(found.methods) > 1:
         sections.append(_apart(found, heads))
     if pictures:
         sections[0] = Section("Distances", BIASED, (*sections[0].parts, _plot(found, heads)))
         sections.append(Section("What was compared", (), tuple(_sheets(found))))
-    sections.append(Section("How", tuple(_how(found, who))))
+    sections.append(Section("How", tuple(_how(found, tools))))
     halves = {kind: one.halves for kind, one in found.found.items()}
     more = {
-        **who,
+        **tools,
         "comparable": comparable,
         "settings": _settings(found),
         "reference": _counts(found.reference),
@@ -521,7 +521,7 @@ def findings(found: Measured, who: Mapping[str, Any], comparable: bool, pictures
     return Findings(
         "fid",
         "Frames and motion against a reference",
-        tuple(_sentences(found, heads, who, comparable)),
+        tuple(_sentences(found, heads, tools, comparable)),
         tuple(sections),
         rows(found),
         more={**more, "halves_of_reference": halves},
@@ -588,7 +588,7 @@ def _share(distance: Distance) -> str:
 
 
 def _sentences(
-    found: Measured, heads: Mapping[str, str], who: Mapping[str, Any], comparable: bool
+    found: Measured, heads: Mapping[str, str], tools: Mapping[str, Any], comparable: bool
 ) -> Iterator[str]:
     """The order of the methods, and what limits it."""
     if len(found.methods) == 1:
@@ -613,7 +613,9 @@ def _sentences(
         clips = "clip" if least == 1 else "clips"
         yield f"A side of {least} {clips} is small: below {FEW}, distances and intervals say little of others."
     if not comparable:
-        what = "colours and edges in fields of the picture" if who["features"] == "bank" else who["features"]
+        what = (
+            "colours and edges in fields of the picture" if tools["features"] == "bank" else tools["features"]
+        )
         yield (
             f"NOT comparable with published FIDs: these are distances of {what}. Name the Inception file with "
             "--features inception:PATH for those; see docs/fid.md."
@@ -658,12 +660,13 @@ def _apart(found: Measured, heads: Mapping[str, str]) -> Section:
     return Section(f"Against {first}", (sentence,), tuple(tables))
 
 
-def _how(found: Measured, who: Mapping[str, Any]) -> Iterator[str]:
+def _how(found: Measured, tools: Mapping[str, Any]) -> Iterator[str]:
     chosen = found.settings
     count = "all frames" if chosen.rule.count is None else f"{chosen.rule.count} frames, evenly,"
-    if who.get("skipped"):
-        count += f" (but the first {who['skipped']} of the methods')"
-    yield f"Frames: {count} of each clip, {chosen.rule}. Features: {who['features']}, {_note(who['features_note'])}."
+    if tools.get("skipped"):
+        count += f" (but the first {tools['skipped']} of the methods')"
+    note = _note(tools["features_note"])
+    yield f"Frames: {count} of each clip, {chosen.rule}. Features: {tools['features']}, {note}."
     if MOTION not in chosen.kinds:
         return
     if found.full is None:
@@ -673,8 +676,8 @@ def _how(found: Measured, who: Mapping[str, Any]) -> Iterator[str]:
     else:
         full = f"{found.full:.4g} px, for all clips"
     yield (
-        f"Motion: flow from each frame to the next, by {who['flow']} ({_note(who['flow_note'])}), coloured as Baker "
-        f"et al. (2011) do; full colour is {full}."
+        f"Motion: flow from each frame to the next, by {tools['flow']} ({_note(tools['flow_note'])}), coloured as "
+        f"Baker et al. (2011) do; full colour is {full}."
     )
 
 

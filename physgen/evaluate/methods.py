@@ -1,4 +1,4 @@
-"""A folder of methods, each with its clips by scene -> who made which; photos and words of the scenes beside them.
+"""Methods in a folder, each with its clips by scene, and photos and words of the scenes beside them.
 
 `METHODS/<method>/<scene>.mp4`, or `METHODS/<method>/<scene>/video.mp4` as `physgen render -o METHODS/<method>`
 leaves them; `METHODS/photos/<scene>.png` and `METHODS/photos/<scene>.txt` where they are there.

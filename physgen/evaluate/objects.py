@@ -287,23 +287,25 @@ def read_answers(path: Path, table: Objects) -> dict[str, Answer]:
     needed = {"mass": {item.name for item in table.weighed}}
     for of in COEFFICIENTS:
         needed[of] = {name for one in table.rankings if one.of == of for name in one.values}
-    for key, whom in needed.items():
-        lack = [name for name in names if name in whom and getattr(found.get(name, Answer()), key) is None]
+    for key, names_needed in needed.items():
+        lack = [
+            name for name in names if name in names_needed and getattr(found.get(name, Answer()), key) is None
+        ]
         if lack and not problems:
             some = ", ".join(lack[:6]) + (f" and {len(lack) - 6} more" if len(lack) > 6 else "")
             fix = "answer them all, or take them out of the table: a score over the answered ones alone would flatter"
-            expected = f"is missing ({len(lack)} of {len(whom)})"
+            expected = f"is missing ({len(lack)} of {len(names_needed)})"
             problems.append(Problem(Place(str(path)), "", f"{key} of {some}", expected, fix))
     if problems:
         raise InputError(problems)
     return found
 
 
-def write_answers(path: Path, answers: Mapping[str, Answer], who: str) -> None:
+def write_answers(path: Path, answers: Mapping[str, Answer], source: str) -> None:
     """As `read_answers` takes them."""
     rows = [{"name": name, **asdict(answer)} for name, answer in answers.items()]
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"by": who, "answers": rows}, indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps({"by": source, "answers": rows}, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomic(path, f"{text}\n".encode())
 
 

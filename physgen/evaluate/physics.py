@@ -36,6 +36,9 @@ Errors = Mapping[str, float]
 Simulate = Callable[[World, float], Trajectory]
 """World and sampling rate (1/s) -> motion from t = 0 to the world's end."""
 
+Keep = Callable[[Path], None]
+"""Called with files that are set aside."""
+
 ROWS = Path(__file__).resolve().parents[2] / "benchmarks" / "physics"
 """Default package of rows; only a checkout of the repository has it."""
 DRAWS = 5
@@ -151,7 +154,7 @@ def scene_of(row: Row, case: Case) -> str:
     return scene_text(case.scene, header=header)
 
 
-def write_scenes(row: Row, index: int, folder: Path, kept: pipeline.Keep = lambda path: None) -> None:
+def write_scenes(row: Row, index: int, folder: Path, kept: Keep = lambda path: None) -> None:
     """Scene files of one draw; `kept` is called with files that are set aside."""
     for case in row.draw(index):
         write_with_backup(folder / scene_file(row, case, index), scene_of(row, case).encode(), kept)
@@ -230,7 +233,7 @@ def evaluate(
     workers: int = 1,
     keep: Path | None = None,
     progress: pipeline.Progress = pipeline.silent,
-    kept: pipeline.Keep = lambda path: None,
+    kept: Keep = lambda path: None,
 ) -> list[dict[str, Any]]:
     """One record a row, as JSON has it; the same for any number of workers.
 

@@ -222,7 +222,7 @@ NOTE = (
 class Asked:
     """Origin of the answers."""
 
-    who: str
+    source: str
     """`table`, `vlm`, or a file of answers."""
     sized: bool
     photos: bool
@@ -254,7 +254,7 @@ def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Fin
     if every:
         sections.append(_object_section(table, answers))
     more = {
-        "by": asked.who,
+        "by": asked.source,
         "size_told": asked.sized,
         "table": table.title,
         "source": table.source,
@@ -278,11 +278,11 @@ def _values(answers: Mapping[str, Answer], of: str) -> dict[str, float]:
 
 def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, table: Objects) -> list[str]:
     lines = []
-    who = f"The backend {asked.who}" if asked.here else asked.who
+    name = f"The backend {asked.source}" if asked.here else asked.source
     if score is not None:
         low, high = score.interval
         lines.append(
-            f"{who} gives {score.near} of {score.count} masses to within 30 % ({100 * score.share:.0f} %; interval of "
+            f"{name} gives {score.near} of {score.count} masses to within 30 % ({100 * score.share:.0f} %; interval of "
             f"95 %: {100 * low:.0f} to {100 * high:.0f} %), with a mean error of {_grams(score.ade)}. The paper: 75 % "
             "of 20, 0.39 kg."
         )
@@ -302,7 +302,7 @@ def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, 
             "A table has no photos: the backend gets each object's name with a bare silhouette, a disc or a rectangle; "
             f"{size}. The paper asks about photos."
         )
-    if asked.here and asked.who == "table":
+    if asked.here and asked.source == "table":
         lines.append(
             "The backend reads materials.yaml, which has nothing from the table that ships: that table's masses and "
             "comparisons of friction and elasticity are independent of it. Not independent are regulated weights, "

@@ -55,7 +55,7 @@ THRESHOLDS: tuple[float, ...] = tuple(np.linspace(0.5, 0.95, 10).tolist())
 RECALLS = np.linspace(0.0, 1.0, 101)
 """COCO's, at which precision is read."""
 DRAWN = (0.5, 0.75, 0.9)
-"""Thresholds of IoU whose curves are drawn."""
+"""Thresholds of IoU with drawn curves."""
 BINS = 10
 """Of confidence."""
 SCOPES = {"all": "all objects", "whole": "whole objects only"}

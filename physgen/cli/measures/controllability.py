@@ -22,7 +22,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="a scene; default: scenes/curling/scene.yaml",
     )
     parser.add_argument(
-        "--object", metavar="NAME", help="who is pushed; default: whom the scene pushes, or who moves first"
+        "--object",
+        metavar="NAME",
+        help="the object that is pushed; default: the one that the scene pushes, or that moves first",
     )
     parser.add_argument(
         "--angles",

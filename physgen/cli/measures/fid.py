@@ -176,10 +176,10 @@ def run(options: argparse.Namespace) -> int:
         raise InputError.of("--size", str(options.size), expected, fix) from None
     bar.clear()
     print_problems(found.warnings)
-    who = {role: getattr(options, role).partition(":")[0] for role in made}
+    tools = {role: getattr(options, role).partition(":")[0] for role in made}
     notes = {f"{role}_note": dict(one.note()) for role, one in made.items()}
-    who = {**who, **notes, "skipped": options.skip}
-    return hand_over(findings(found, who, made["features"].comparable, bool(options.output)), options)
+    tools = {**tools, **notes, "skipped": options.skip}
+    return hand_over(findings(found, tools, made["features"].comparable, bool(options.output)), options)
 
 
 def methods(options: argparse.Namespace) -> dict[str, list[Path]]:

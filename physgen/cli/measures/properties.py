@@ -22,7 +22,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="objects with what is true of them, YAML or CSV; default: 42 of the YCB set, and published comparisons",
     )
     parser.add_argument(
-        "--backend", metavar="ROLE=NAME", action="append", default=[], help="who answers: physics=NAME"
+        "--backend", metavar="ROLE=NAME", action="append", default=[], help="what answers: physics=NAME"
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="instead of every physgen.toml")
     parser.add_argument(

@@ -23,7 +23,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "or a COCO file (*.json) with its photos",
     )
     parser.add_argument(
-        "--backend", metavar="ROLE=NAME", action="append", default=[], help="who segments: segment=NAME"
+        "--backend", metavar="ROLE=NAME", action="append", default=[], help="what segments: segment=NAME"
     )
     add_output(parser, "write plots, the result as JSON and every photo with what was found in this folder")
     for name, what in (

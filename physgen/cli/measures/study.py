@@ -87,7 +87,9 @@ def _make(options: argparse.Namespace) -> int:
     print_error(f"{clips}: {several}. Send {page.name} to those who rate.")
     if methods == 1:
         print_error("It is of one method alone: there is nothing to compare its scores with.")
-    print_error(f"{key} says which clip is whose: keep it to yourself, and read answers with --key {key}")
+    print_error(
+        f"{key} says which clip is of which method: keep it to yourself, and read answers with --key {key}"
+    )
     return OK
 
 
