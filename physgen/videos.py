@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, overload
 
@@ -19,10 +18,42 @@ from physgen.photos import decode_picture, open_picture, read_channels, read_pho
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.text import natural
 
-# ----------------------------------------------------------------------
-# One frame of a clip, as every reader gives it; what lets light pass is laid on white.
-
 U8 = NDArray[np.uint8]
+
+
+F32 = NDArray[np.float32]
+Item = TypeVar("Item")
+Progress = Callable[[str, int, int], None]
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
+"""Of pictures in a folder; other files are passed over."""
+SIGNATURES = (
+    (0, b"\x89PNG"),
+    (0, b"\xff\xd8\xff"),
+    (0, b"GIF8"),
+    (8, b"WEBP"),
+    (0, b"BM"),
+    (0, b"II*\0"),
+    (0, b"MM\0*"),
+    *((0, b"P%d" % k) for k in range(1, 7)),
+)
+"""Positions and bytes by which pictures are recognised."""
+ANIMATED = ("GIF", "WEBP", "PNG")
+"""Formats of Pillow that may be animated; FFmpeg decodes no animated WebP."""
+DEFAULT_DURATION = 0.1
+"""s for which a frame of a GIF without a duration is shown, as browsers do."""
+UNEVEN = 0.0105
+"""s by which durations of frames may differ without a warning: a GIF counts in hundredths."""
+HD_LINES = 720
+"""Lines from which on colours without a named matrix are BT.709's, as in players; BT.601's below."""
+UNNAMED_MATRIX = 2
+HDR_TRANSFERS = (16, 18)
+"""PQ and HLG (ITU-T H.273)."""
+CONVERT = "save it as MP4, GIF or WebP, or as a folder of PNG"
+MAX_IDS = 32
+"""Masks of 8 bits that are nowhere brighter hold ids: as coverage hardly anything would be seen."""
+MAX_TINT = 32
+"""Codes by which the channels of a video of grey masks may differ, by compression."""
 
 
 class VideoFrame(NamedTuple):
@@ -31,40 +62,18 @@ class VideoFrame(NamedTuple):
     rgb: U8
     """(H, W, 3) sRGB."""
     seconds: float | None
-    """How long it is shown; None: the file does not say."""
+    """Duration; None where the file has none."""
     place: str
-    """What it is called in messages: its file, or the video's with its number from 0."""
+    """As messages name it: its file, or the video's with its number from 0."""
 
 
 def over_white(rgba: U8) -> U8:
-    """(H, W, 4) sRGB -> (H, W, 3), blended in linear light."""
+    """(H, W, 4) sRGB blended over white in linear light, as (H, W, 3)."""
     rgb = np.ascontiguousarray(rgba[..., :3])
     if (rgba[..., 3] == 255).all():
         return rgb
     alpha = rgba[..., 3:].astype(np.float32) / np.float32(255)
     return encode_u8(1 + (decode(rgb) - 1) * alpha)
-
-
-# ----------------------------------------------------------------------
-# A video's file -> its frames, upright, in sRGB: whatever container, codec and colours FFmpeg's libraries
-# read.
-
-HIGH = 720
-"""Lines from which on colours that name no matrix are BT.709's, as players have it; BT.601's below."""
-UNNAMED = 2
-BEYOND_WHITE = (16, 18)
-"""Transfers PQ and HLG (ITU-T H.273)."""
-AGAIN = "save it as MP4, GIF or WebP, or as a folder of PNG"
-
-
-@dataclass(frozen=True)
-class VideoFacts:
-    """What a file says of itself."""
-
-    fps: float | None
-    """1/s."""
-    remarks: tuple[tuple[str, str], ...]
-    """What does not come along, and what is done instead."""
 
 
 @contextmanager
@@ -75,11 +84,13 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
     with path.open("rb") as file:
         try:
-            # by its bytes alone: a playlist that names other files, or addresses, opens none of them
+            # a playlist cannot name other files or addresses
             container = av.open(file, options={"protocol_whitelist": "none"}, metadata_errors="replace")
         except FFmpegError as error:
             reason = (error.strerror or str(error)).lower()
-            raise InputError.of(str(path), "", f"is not a video that can be read ({reason})", AGAIN) from None
+            raise InputError.of(
+                str(path), "", f"is not a video that can be read ({reason})", CONVERT
+            ) from None
         with container:
             streams = [s for s in container.streams.video if not s.disposition & s.disposition.attached_pic]
             if not streams:
@@ -91,28 +102,29 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             yield container, stream
 
 
-def video_facts(path: Path) -> VideoFacts:
-    """Rate, and what is lost. Raises InputError."""
+def _stream_facts(path: Path) -> tuple[float | None, tuple[Problem, ...]]:
+    """Frames per second, if known, and warnings about what is lost. Raises InputError."""
     with _opened(path) as (container, stream):
         rate = stream.average_rate or stream.guessed_rate
         remarks = []
         if container.streams.audio:
-            remarks.append(("has sound", "the new video has none"))
+            remarks.append(_warning(path, "has sound", "the new video has none"))
         shape = stream.sample_aspect_ratio
         if shape and shape != 1:
-            remarks.append((f"has pixels of {shape} times their height", "the new video's are square"))
-        return VideoFacts(float(rate) if rate else None, tuple(remarks))
+            found = f"has pixels of {shape} times their height"
+            remarks.append(_warning(path, found, "the new video's are square"))
+        return float(rate) if rate else None, tuple(remarks)
 
 
 def plays_anywhere(path: Path) -> bool:
-    """Whether every browser plays what is in it: H.264 of 8 bits, 4:2:0. Raises InputError."""
+    """Whether every browser plays it: H.264 of 8 bits, 4:2:0. Raises InputError."""
     with _opened(path) as (_, stream):
         codec = stream.codec_context
         return codec.name == "h264" and codec.pix_fmt in ("yuv420p", "yuvj420p")
 
 
-def decoded_frames(path: Path) -> Iterator[VideoFrame]:
-    """From the first one on. Raises InputError where one cannot be decoded."""
+def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
+    """Raises InputError where a frame cannot be decoded."""
     from av.error import FFmpegError
 
     count = 0
@@ -120,27 +132,27 @@ def decoded_frames(path: Path) -> Iterator[VideoFrame]:
         stream.thread_type = "AUTO"
         try:
             for frame in container.decode(stream):
-                if frame.color_trc in BEYOND_WHITE:
+                if frame.color_trc in HDR_TRANSFERS:
                     fix = "tone-map it to standard range first"
-                    raise InputError.of(str(path), "", "is a video of light beyond white", fix)
+                    raise InputError.of(str(path), "", "is a video of high dynamic range", fix)
                 seconds = float(frame.duration * frame.time_base) if frame.duration else None
-                yield VideoFrame(_turned(_rgb(frame), frame), seconds, f"{path}: frame {count}")
+                yield VideoFrame(_upright(_rgb(frame), frame), seconds, f"{path}: frame {count}")
                 count += 1
         except FFmpegError as error:
             reason = (error.strerror or str(error)).lower()
             place = f"{path}: frame {count}"
-            raise InputError.of(place, "", f"cannot be decoded ({reason})", AGAIN) from None
+            raise InputError.of(place, "", f"cannot be decoded ({reason})", CONVERT) from None
 
 
 def _rgb(frame: Any) -> U8:
-    """(H, W, 3) sRGB, as stored. Rounded, not cut: libswscale's quick way is a code or two too dark."""
+    """(H, W, 3) sRGB, as stored; libswscale's default rounding is a code or two too dark."""
     from av.video.reformatter import Colorspace, Interpolation
 
     clear = any(part.is_alpha for part in frame.format.components)
     exact = Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT | Interpolation.BITEXACT
     matrix = None
-    if frame.colorspace == UNNAMED:
-        matrix = Colorspace.ITU709 if frame.height >= HIGH else Colorspace.ITU601
+    if frame.colorspace == UNNAMED_MATRIX:
+        matrix = Colorspace.ITU709 if frame.height >= HD_LINES else Colorspace.ITU601
     picture = frame.reformat(
         format="rgba" if clear else "rgb24",
         src_colorspace=matrix,
@@ -149,8 +161,8 @@ def _rgb(frame: Any) -> U8:
     return over_white(picture) if clear else np.asarray(picture, np.uint8)
 
 
-def _turned(rgb: U8, frame: Any) -> U8:
-    """Upright, as the file's display matrix has it: (x, y) goes to (a x + c y, b x + d y)."""
+def _upright(rgb: U8, frame: Any) -> U8:
+    """Applies the file's display matrix: (x, y) goes to (a x + c y, b x + d y)."""
     data = frame.side_data.get("DISPLAYMATRIX")
     if data is None:
         return rgb
@@ -158,44 +170,16 @@ def _turned(rgb: U8, frame: Any) -> U8:
     if a == d == 0:
         rgb = rgb.swapaxes(0, 1)
     elif not b == c == 0:
-        return rgb  # neither upright nor on a side: nobody films so
+        return rgb  # not a multiple of 90 degrees
     rgb = rgb[:, ::-1] if a + c < 0 else rgb
     return np.ascontiguousarray(rgb[::-1] if b + d < 0 else rgb)
 
 
-# ----------------------------------------------------------------------
-# A video's file, a picture or a folder of pictures -> its frames upright in sRGB, decoded when they are asked
-# for.
-
-Item = TypeVar("Item")
-Progress = Callable[[str, int, int], None]
-
-SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
-"""Of pictures in a folder; what else lies there is passed over."""
-MARKS = (
-    (0, b"\x89PNG"),
-    (0, b"\xff\xd8\xff"),
-    (0, b"GIF8"),
-    (8, b"WEBP"),
-    (0, b"BM"),
-    (0, b"II*\0"),
-    (0, b"MM\0*"),
-    *((0, b"P%d" % k) for k in range(1, 7)),
-)
-"""Where, and the bytes there, by which pictures are told from films."""
-MOVING = ("GIF", "WEBP", "PNG")
-"""Of Pillow's formats, those that play. FFmpeg's libraries decode no WebP that moves."""
-NO_TIME = 0.1
-"""s that a picture of a GIF is shown which names no time, as browsers do."""
-UNEVEN = 0.0105
-"""s by which times of frames may differ before it is said: a GIF counts in hundredths."""
-
-
 class Decoded(Sequence[Item]):
-    """Frames in order, decoded when they are asked for; one is held. Going back starts from the first again."""
+    """Frames that are decoded when they are read; one is kept, and going back starts from the first."""
 
     def __init__(self, path: Path, start: Callable[[], Iterator[Item]], count: int) -> None:
-        """`start` decodes from the first one on."""
+        """`start` decodes from the first frame on."""
         self._path, self._start, self._count = path, start, count
         self._running: Iterator[Item] | None = None
         self._at = -1
@@ -239,22 +223,22 @@ class Video:
     frames: Sequence[U8]
     """(H, W, 3) sRGB each."""
     remarks: tuple[Problem, ...]
-    """What of the file does not come along: sound, uneven times ..."""
+    """Warnings about what is lost: sound, uneven durations ..."""
 
 
 def read_video(path: Path, progress: Progress = lambda stage, done, total: None) -> Video:
-    """Frames are decoded once, to count and to check them. Raises InputError."""
+    """Decodes all frames once, to count and to check them. Raises InputError."""
     start, fps, remarks = _source(path)
     size = None
     seconds = []
-    for shown in start():
-        height, width = shown.rgb.shape[:2]
+    for frame in start():
+        height, width = frame.rgb.shape[:2]
         size = size or (width, height)
         if size != (width, height):
             expected = f"differs from the {size[0]} x {size[1]} px of the first frame"
             fix = "make all frames the same size"
-            raise InputError.of(shown.place, f"{width} x {height} px", expected, fix)
-        seconds.append(shown.seconds)
+            raise InputError.of(frame.place, f"{width} x {height} px", expected, fix)
+        seconds.append(frame.seconds)
         progress("read", len(seconds), 0)
     if size is None:
         raise InputError.of(str(path), "", "has no frame", "name a video that shows something")
@@ -264,29 +248,29 @@ def read_video(path: Path, progress: Progress = lambda stage, done, total: None)
     most, least = (pick(timed[:-1], default=0.0) for pick in (max, min))  # the last is often odd
     if fps is not None and most - least > UNEVEN:
         expected = f"shows some frames for {least:.3g} s, others for {most:.3g} s"
-        remarks += (_remark(path, expected, f"now all are shown equally long, at {fps:.4g} fps"),)
-    frames = Decoded(path, lambda: (shown.rgb for shown in start()), len(seconds))
+        remarks += (_warning(path, expected, f"now all are shown equally long, at {fps:.4g} fps"),)
+    frames = Decoded(path, lambda: (frame.rgb for frame in start()), len(seconds))
     return Video(path, size, fps, frames, remarks)
 
 
 def video_frames(path: Path) -> Iterator[VideoFrame]:
-    """Frames of a video or a picture one after the other, each decoded once, unchecked. Raises InputError."""
+    """Frames of a video or a picture, unchecked. Raises InputError."""
     return _source(path)[0]()
 
 
 def _source(path: Path) -> tuple[Callable[[], Iterator[VideoFrame]], float | None, tuple[Problem, ...]]:
-    """What decodes it from the first frame on, frames a second where the file says so, and what there is to say."""
+    """A function that decodes from the first frame on; frames per second, if known; and warnings."""
     if path.is_dir():
         pictures = in_folder(path)
         return lambda: map(_still, pictures), None, ()
     if is_picture(path):
         return (lambda: _pages(path)) if plays(path) else (lambda: iter([_still(path)])), None, ()
-    told = video_facts(path)
-    return lambda: decoded_frames(path), told.fps, tuple(_remark(path, *said) for said in told.remarks)
+    fps, remarks = _stream_facts(path)
+    return lambda: _decoded_frames(path), fps, remarks
 
 
-def _remark(path: Path, expected: str, fix: str) -> Problem:
-    return Problem(Place(str(path)), "", "", expected, fix, Severity.WARNING)
+def _warning(path: Path, found: str, fix: str) -> Problem:
+    return Problem(Place(str(path)), "", "", found, fix, Severity.WARNING)
 
 
 def in_folder(folder: Path) -> list[Path]:
@@ -298,18 +282,18 @@ def in_folder(folder: Path) -> list[Path]:
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a file is a picture, by its first bytes; it may play. Raises InputError where there is no file."""
+    """Whether a file is a picture, by its first bytes; it may be animated. Raises InputError where there is no file."""
     if not path.is_file():
         raise InputError.of(str(path), "", "no such file", "check the path")
     with path.open("rb") as file:
         head = file.read(16)
-    return any(head[at : at + len(mark)] == mark for at, mark in MARKS)
+    return any(head[at : at + len(mark)] == mark for at, mark in SIGNATURES)
 
 
 def plays(picture: Path) -> bool:
-    """Whether a picture holds more than one, one after the other. Raises InputError."""
+    """Whether a picture is animated. Raises InputError."""
     with open_picture(picture) as image:
-        return image.format in MOVING and getattr(image, "n_frames", 1) > 1
+        return image.format in ANIMATED and getattr(image, "n_frames", 1) > 1
 
 
 def _still(path: Path) -> VideoFrame:
@@ -317,41 +301,24 @@ def _still(path: Path) -> VideoFrame:
 
 
 def _pages(path: Path) -> Iterator[VideoFrame]:
-    """Frames of a picture that plays, each whole."""
+    """Frames of an animated picture."""
     with open_picture(path) as image:
         for k in range(getattr(image, "n_frames", 1)):
             place = f"{path}: frame {k}"
             try:
                 image.seek(k)
             except (EOFError, OSError, SyntaxError, ValueError):
-                raise InputError.of(place, "", "cannot be decoded", AGAIN) from None
+                raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
             decode_picture(image, Path(place))
             seconds = float(image.info.get("duration") or 0) / 1000
-            yield VideoFrame(over_white(np.asarray(image.convert("RGBA"))), seconds or NO_TIME, place)
-
-
-# ----------------------------------------------------------------------
-# Masks of a video, as pictures or as a video -> how much of each pixel objects cover, frame by frame.
-#
-# What a mask's numbers mean is told by its kind:
-#
-# - grey of 8 bits: coverage, 0 none .. 255 all, soft at borders; so are videos of masks, and a picture's
-# opacity;
-# - 16 bits, a palette of colours, or colours: ids or colours of objects, anything but 0 or black is an
-# object;
-# - grey of 8 bits that is nowhere brighter than `FEW` in all masks: ids, too, and that is said.
-
-F32 = NDArray[np.float32]
-
-FEW = 32
-"""Code up to which the brightest of 8-bit masks is a number of objects: as coverage hardly any would be seen."""
-TINTED = 32
-"""Codes by which the channels of a video of grey masks may differ: what compression does to colours."""
+            yield VideoFrame(
+                over_white(np.asarray(image.convert("RGBA"))), seconds or DEFAULT_DURATION, place
+            )
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Where objects are."""
+    """Where objects are in a video."""
 
     path: Path
     frames: Sequence[F32]
@@ -361,132 +328,120 @@ class Coverage:
     remarks: tuple[Problem, ...]
 
 
-@dataclass(frozen=True)
-class _Mask:
-    """A mask as it was saved."""
-
-    values: U8
-    """(H, W): coverage in 255ths; of ids 255 where there is one, 0 elsewhere."""
-    ids: bool
-
-
 def open_coverage(path: Path, clip: Video, progress: Progress = lambda stage, done, total: None) -> Coverage:
-    """Masks for every frame of `clip`: a folder with a picture a frame, a video, or one picture for all frames.
+    """Masks for every frame of `clip`: a folder with a picture per frame, a video, or one picture for all frames.
 
-    Each is read once to be checked. Raises InputError for the first that does not fit.
+    The kind of a mask says what its numbers mean. Grey of 8 bits is coverage, 0 none .. 255 all, and so are videos and
+    a picture's opacity. Of 16 bits, a palette or colours, anything but 0 or black is an object. Grey that is nowhere
+    brighter than `MAX_IDS` is ids, too, with a warning. Each mask is read once to be checked. Raises InputError.
     """
     count = len(clip.frames)
     if path.is_dir():
         pictures = in_folder(path)
-        _count(path, len(pictures), count, "name the picture itself to use one for all frames")
-        return _of_pictures(path, pictures, clip, progress)
+        _check_count(path, len(pictures), count, "name the picture itself to use one for all frames")
+        return _picture_coverage(path, pictures, clip, progress)
     if is_picture(path) and not plays(path):
-        one = _of_pictures(path, [path], clip, progress)
+        one = _picture_coverage(path, [path], clip, progress)
         return Coverage(path, [one.frames[0]] * count, one.meaning, one.remarks)
-    film = read_video(path, progress)
-    _count(path, len(film.frames), count, "give one mask a frame")
-    _fits(str(path), film.size, clip.size)
-    bright = 0
-    for k, rgb in enumerate(film.frames):
-        if int((rgb.max(axis=2) - rgb.min(axis=2)).max()) > TINTED:
+    video = read_video(path, progress)
+    _check_count(path, len(video.frames), count, "give one mask a frame")
+    _check_size(str(path), video.size, clip.size)
+    brightest = 0
+    for k, rgb in enumerate(video.frames):
+        if int((rgb.max(axis=2) - rgb.min(axis=2)).max()) > MAX_TINT:
             fix = "save masks in grey, white where objects are, or ids as a folder of PNG"
             raise InputError.of(f"{path}: frame {k}", "", "is in colour", fix)
-        bright = max(bright, int(rgb.max()))
+        brightest = max(brightest, int(rgb.max()))
         progress("read masks", k + 1, count)
 
     def masks() -> Iterator[F32]:
-        return (
-            _as_large(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8), clip.size)
-            for rgb in film.frames
-        )
+        for rgb in video.frames:
+            yield _padded(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8), clip.size)
 
-    return Coverage(path, Decoded(path, masks, count), "coverage", _remarks(path, bright, False))
+    return Coverage(path, Decoded(path, masks, count), "coverage", _coverage_remarks(path, brightest, False))
 
 
-def _of_pictures(path: Path, pictures: Sequence[Path], clip: Video, progress: Progress) -> Coverage:
-    bright, kinds = 0, set()
+def _picture_coverage(path: Path, pictures: Sequence[Path], clip: Video, progress: Progress) -> Coverage:
+    brightest, kinds = 0, set()
     for k, picture in enumerate(pictures):
-        mask = _read(picture)
-        _fits(str(picture), mask.values.shape[::-1], clip.size)
-        kinds.add("ids" if mask.ids else "coverage")
-        bright = max(bright, int(mask.values.max()))
+        values, ids = _read_mask(picture)
+        _check_size(str(picture), values.shape[::-1], clip.size)
+        kinds.add("ids" if ids else "coverage")
+        brightest = max(brightest, int(values.max()))
         progress("read masks", k + 1, len(pictures))
-    few = kinds == {"coverage"} and 0 < bright <= FEW
+    dim = kinds == {"coverage"} and 0 < brightest <= MAX_IDS
 
     def masks() -> Iterator[F32]:
         for picture in pictures:
-            values = _read(picture).values
-            yield _as_large(np.where(values > 0, np.uint8(255), np.uint8(0)) if few else values, clip.size)
+            values, _ = _read_mask(picture)
+            yield _padded(np.where(values > 0, np.uint8(255), np.uint8(0)) if dim else values, clip.size)
 
-    meaning = "ids" if few else " and ".join(sorted(kinds))
-    return Coverage(path, Decoded(path, masks, len(pictures)), meaning, _remarks(path, bright, few))
+    meaning = "ids" if dim else " and ".join(sorted(kinds))
+    remarks = _coverage_remarks(path, brightest, dim)
+    return Coverage(path, Decoded(path, masks, len(pictures)), meaning, remarks)
 
 
-def _remarks(path: Path, bright: int, few: bool) -> tuple[Problem, ...]:
-    warn: Callable[[str, str], Problem] = partial(
-        Problem, Place(str(path)), "", "", severity=Severity.WARNING
-    )
-    if not bright:
-        return (warn("covers nothing", "no object is held"),)
-    if few:
-        fix = "anything but 0 is taken for an object; coverage goes up to 255"
-        return (warn(f"is nowhere brighter than {bright}, so its numbers are taken for ids", fix),)
+def _coverage_remarks(path: Path, brightest: int, dim: bool) -> tuple[Problem, ...]:
+    if not brightest:
+        return (_warning(path, "covers nothing", "no object is held"),)
+    if dim:
+        found = f"is nowhere brighter than {brightest}, so its numbers are taken for ids"
+        return (_warning(path, found, "anything but 0 is taken for an object; coverage goes up to 255"),)
     return ()
 
 
-def _count(path: Path, found: int, expected: int, fix: str) -> None:
+def _check_count(path: Path, found: int, expected: int, fix: str) -> None:
     if found != expected:
         masks = f"{found} mask{'s' * (found != 1)}"
-        what = f"for {expected} frame{'s' * (expected != 1)}"
-        raise InputError.of(str(path), masks, what, fix)
+        raise InputError.of(str(path), masks, f"for {expected} frame{'s' * (expected != 1)}", fix)
 
 
-def _fits(place: str, size: tuple[int, ...], video: tuple[int, int]) -> None:
-    """A video of 4:2:0 has even sides, those of what was filmed may be one less: the last column is there twice."""
+def _check_size(place: str, size: tuple[int, ...], video: tuple[int, int]) -> None:
+    """A video of 4:2:0 has even sides, so that a mask may lack the last column or row, which is a repetition."""
     if any(of - side not in (0, 1 - of % 2) for side, of in zip(size, video, strict=True)):
         found, expected = f"{size[0]} x {size[1]} px", f"differs from the video's {video[0]} x {video[1]} px"
         raise InputError.of(place, found, expected, "make masks the video's size")
 
 
-def _as_large(values: U8, size: tuple[int, int]) -> F32:
-    """0..1, with the last column and row there twice where they are in the video."""
+def _padded(values: U8, size: tuple[int, int]) -> F32:
+    """0..1, with the last column and row repeated where the video has one more."""
     below, right = size[1] - values.shape[0], size[0] - values.shape[1]
     if below or right:
         values = np.pad(values, ((0, below), (0, right)), mode="edge")
     return values.astype(np.float32) / np.float32(255)
 
 
-def _read(path: Path) -> _Mask:
-    """One mask. Raises InputError."""
+def _read_mask(path: Path) -> tuple[U8, bool]:
+    """(H, W) coverage in 255ths, and whether the mask held ids, which are 255. Raises InputError."""
     with open_picture(path) as image:
         jpeg = image.format in ("JPEG", "MPO")
         if image.mode == "P":
             decode_picture(image, path)
             colours = np.asarray(image.convert("RGB"))
-            if _grey(colours):  # a program that saves space has made a palette of greys
-                return _Mask(np.ascontiguousarray(colours[..., 0]), False)
-            return _objects(np.asarray(image))
+            if _is_grey(colours):  # greys saved as a palette
+                return np.ascontiguousarray(colours[..., 0]), False
+            return _of_ids(np.asarray(image))
     raw = read_channels(path)
     if raw.dtype == np.uint16:
-        return _objects(raw if raw.ndim == 2 else raw[..., : 1 if raw.shape[2] == 2 else 3])
+        return _of_ids(raw if raw.ndim == 2 else raw[..., : 1 if raw.shape[2] == 2 else 3])
     values = raw.astype(np.uint8, copy=False)
     if values.ndim == 2:
-        return _Mask(values, False)
+        return values, False
     if values.shape[2] in (2, 4) and (values[..., -1] < 255).any():
-        return _Mask(np.ascontiguousarray(values[..., -1]), False)
-    if values.shape[2] == 2 or _grey(values[..., :3]):
-        return _Mask(np.ascontiguousarray(values[..., 0]), False)
+        return np.ascontiguousarray(values[..., -1]), False
+    if values.shape[2] == 2 or _is_grey(values[..., :3]):
+        return np.ascontiguousarray(values[..., 0]), False
     if jpeg:
         fix = "save it as PNG, or in grey"
         raise InputError.of(str(path), "", "is a JPEG in colour, whose compression changes ids", fix)
-    return _objects(values[..., :3])
+    return _of_ids(values[..., :3])
 
 
-def _grey(rgb: U8) -> bool:
+def _is_grey(rgb: U8) -> bool:
     return np.array_equal(rgb[..., 0], rgb[..., 1]) and np.array_equal(rgb[..., 0], rgb[..., 2])
 
 
-def _objects(ids: NDArray[np.uint8] | NDArray[np.uint16]) -> _Mask:
-    """Ids (H, W), or colours (H, W, 3)."""
+def _of_ids(ids: NDArray[np.uint8] | NDArray[np.uint16]) -> tuple[U8, bool]:
+    """Of ids (H, W), or colours (H, W, 3)."""
     there = ids > 0 if ids.ndim == 2 else np.any(ids > 0, axis=2)
-    return _Mask(np.where(there, np.uint8(255), np.uint8(0)), True)
+    return np.where(there, np.uint8(255), np.uint8(0)), True
