@@ -1,6 +1,6 @@
-"""A test's `physgen_golden(scene)` -> passes while the clip moves and looks as its golden files have it.
+"""pytest fixture `physgen_golden(scene)`: passes while the clip moves and looks as its golden files have it.
 
-pytest loads this module in every session, so that nothing is imported here but what is light; see docs/golden-tests.md.
+pytest loads this module in every session, so that only light modules are imported here; see docs/golden-tests.md.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 __all__ = ["GoldenFixture", "Motion", "Pixels", "physgen_golden"]
 
 ENDING = ".npz"
-WITHOUT = (
+MISSING_LIBRARY = (
     'physgen_golden needs pytest-regressions: pip install "physgen[golden]"; '
     "where plugins are not loaded by themselves, say -p pytest_datadir.plugin -p pytest_regressions.plugin"
 )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """One option of our own; `--force-regen` and its siblings are pytest-regressions'."""
+    """Adds one option; `--force-regen` and the like are pytest-regressions'."""
     parser.getgroup("physgen").addoption(
         "--physgen-golden-report",
         metavar="DIR",
@@ -40,7 +40,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture(scope="session")
 def _physgen_warm() -> Stages:
-    """What tests of one scene share: the file is parsed once, the photo is read once."""
+    """Shared by the tests of a session: each scene file is parsed once, each photo is read once."""
     from physgen.pipeline import Stages
 
     return Stages()
@@ -48,14 +48,14 @@ def _physgen_warm() -> Stages:
 
 @pytest.fixture
 def physgen_golden(request: pytest.FixtureRequest) -> GoldenFixture:
-    """Call it with a scene file: its clip is compared with golden files beside the test, trajectory and frames."""
+    """A function that compares the clip of a scene file with golden files beside the test."""
     if request.config.getoption("force_regen", None) is None:
-        pytest.fail(WITHOUT, pytrace=False)
+        pytest.fail(MISSING_LIBRARY, pytrace=False)
     return GoldenFixture(request)
 
 
 class GoldenFixture:
-    """Compares clips of scenes with golden files in the folder that is named after the test's module."""
+    """Compares clips with golden files in the folder named after the test's module."""
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         self._request = request
@@ -75,15 +75,13 @@ class GoldenFixture:
         basename: str | None = None,
         allow_outside: bool = False,
     ) -> Trajectory:
-        """Make the clip and compare it; returns its motion, of which the test may assert more.
+        """Makes the clip and compares it; returns its motion, for further assertions.
 
-        `scene` is looked for beside the test's file, then in pytest's rootdir. `overrides` are `KEY=VALUE`, `variant`
-        one of the file's. `frames` says how many frames are kept, evenly spread, or which; `side`, px, how large.
-        `motion` and `pixels` are tolerances; None leaves that part out. Nothing later than `until`, s, is kept or
-        compared. `basename` names the files where the test's own name does not: one that checks several clips.
-        `allow_outside` lets the scene read files that do not lie below its folder.
+        `scene` is looked for beside the test's file, then in pytest's rootdir. The options are those of GoldenOptions;
+        `motion` and `pixels` are tolerances, and None leaves that part out. `basename` names the files of a test that
+        checks several clips. `allow_outside` lets the scene read files outside its folder.
 
-        Raises AssertionError where the clip differs, which names the page that shows how; fails where there are no
+        Raises AssertionError where the clip differs, with the path of a page that shows how; fails where there are no
         golden files yet, or with `--force-regen`, once they are written.
         """
         __tracebackhide__ = True
@@ -93,15 +91,15 @@ class GoldenFixture:
         from physgen.batch.golden_files import PICTURE
         from physgen.problems import InputError
 
-        asked = GoldenOptions(overrides, variant, allow_outside, frames, side, motion, pixels, until)
+        options = GoldenOptions(overrides, variant, allow_outside, frames, side, motion, pixels, until)
         path, name = self._found(scene)
-        wrong = ""
+        reason = ""
         try:
-            check = checked(path, name, self._request.node.nodeid, asked, self._of("_physgen_warm"))
+            check = checked(path, name, self._request.node.nodeid, options, self._of("_physgen_warm"))
         except InputError as error:
-            wrong = str(error)
-        if wrong:
-            pytest.fail(f"{name} gives no clip:\n{wrong}", pytrace=False)
+            reason = str(error)
+        if reason:
+            pytest.fail(f"{name} gives no clip:\n{reason}", pytrace=False)
         original, datadir = self._of("original_datadir"), self._of("lazy_datadir")
         unwritten = self._of("tmp_path") / "obtained"  # written only where it differs
         shown: list[Path] = []
@@ -118,10 +116,10 @@ class GoldenFixture:
             __tracebackhide__ = True
             self._once(original / expected.name, check)
             picture = datadir / expected.with_suffix(PICTURE).name
-            said, written = check.differs(expected, picture, self._folder(expected.parent))
+            text, written = check.differs(expected, picture, self._folder(expected.parent))
             shown.extend(written)
-            if said:
-                raise AssertionError(said)
+            if text:
+                raise AssertionError(text)
 
         perform_regression_check(
             datadir=datadir,
@@ -137,14 +135,14 @@ class GoldenFixture:
         return check.clip.trajectory
 
     def _of(self, fixture: str) -> Any:
-        """Asked for when it is needed, so that a session without pytest-regressions collects all the same."""
+        """Requested late, so that a session without pytest-regressions can collect the test."""
         return self._request.getfixturevalue(fixture)
 
     def _folder(self, own: Path) -> Path:
-        """Where pages go: the test's `own` folder, or below what `--physgen-golden-report` says."""
+        """Where pages are written: the test's `own` folder, or below `--physgen-golden-report`."""
         config = self._request.config
-        asked = config.getoption("physgen_golden_report")
-        if asked is None:
+        chosen = config.getoption("physgen_golden_report")
+        if chosen is None:
             return own
         module = Path(self._request.path).with_suffix("")
         inside = (
@@ -152,10 +150,10 @@ class GoldenFixture:
             if module.is_relative_to(config.rootpath)
             else Path(module.name)
         )
-        return Path(config.invocation_params.dir, asked, inside)
+        return Path(config.invocation_params.dir, chosen, inside)
 
     def _found(self, scene: str | Path) -> tuple[Path, str]:
-        """The scene's file, and its name as messages have it."""
+        """The scene's file, and its name in messages."""
         config = self._request.config
         places = [Path(self._request.path).parent, config.rootpath]
         for place in places:
@@ -170,7 +168,7 @@ class GoldenFixture:
         pytest.fail(f"there is no scene {where}", pytrace=False)
 
     def _once(self, file: Path, check: Check) -> None:
-        """No two clips of a test share their files."""
+        """Two clips of a test must not share files."""
         if self._used.setdefault(file, check) is not check:
-            said = f"{file.name} is that of another clip of this test: give each of them a basename"
-            pytest.fail(said, pytrace=False)
+            text = f"{file.name} is that of another clip of this test: give each of them a basename"
+            pytest.fail(text, pytrace=False)

@@ -23,7 +23,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 from physgen.batch.dataset_samples import Sample
 from physgen.files import partial, write_atomic
@@ -38,29 +38,8 @@ MAX_TAR_SIZE = 8**11
 """Bytes from which on the size of a file does not fit a header of one block."""
 
 
-class Layout(Protocol):
-    """Writes samples below a folder, in their order; only complete files appear."""
-
-    made: int
-    """Samples that were written."""
-    kept: int
-    """Samples that were there already, unchanged."""
-
-    def add(self, sample: Sample) -> None:
-        """Adds the next sample."""
-
-    def close(self) -> list[Path]:
-        """Completes the data set; returns the files that readers open."""
-
-    def abort(self) -> None:
-        """Removes unfinished files."""
-
-    def strays(self) -> tuple[int, Path | None]:
-        """Clips below the folder that are not of this data set: their number, and one of them."""
-
-
 class Folders:
-    """The folder layout; files are copied, or linked where the disk allows."""
+    """The folder layout; files are copied, or linked where the disk allows. Only complete files appear."""
 
     def __init__(self, root: Path, splits: tuple[str, ...], link: bool) -> None:
         self._root, self._splits, self._link = root, splits, link
@@ -69,6 +48,7 @@ class Folders:
         """Number of samples of each split."""
         self._open = ExitStack()
         self.made = self.kept = 0
+        """Samples that were written, and that were there unchanged."""
 
     def add(self, sample: Sample) -> None:
         """Writes the sample's folder, unless it is there unchanged, and its row."""
@@ -99,7 +79,7 @@ class Folders:
         shutil.copyfile(source, target)
 
     def close(self) -> list[Path]:
-        """The rows appear."""
+        """Publishes the rows; returns the files that readers open."""
         self._open.close()
         made = []
         for split in self._splits:
@@ -118,7 +98,7 @@ class Folders:
             partial(self._root / split / ROWS).unlink(missing_ok=True)
 
     def strays(self) -> tuple[int, Path | None]:
-        """Clips of earlier runs; they are not removed, as they may be wanted."""
+        """Number of clips of earlier runs, and one of them; they are not removed, as they may be wanted."""
         found, one = 0, None
         for split in self._splits:
             home = self._root / split
@@ -185,7 +165,7 @@ class Shards:
         plan.size += size
 
     def close(self) -> list[Path]:
-        """Writes the last shards, and removes those of earlier runs beyond them."""
+        """Writes the last shards, removes those of earlier runs beyond them, and returns all."""
         for split in self._splits:
             if self._plans[split].samples:
                 self._flush(split)
@@ -285,3 +265,6 @@ def _header(name: str, size: int) -> tarfile.TarInfo:
 
 def _json_line(data: dict[str, Any]) -> bytes:
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+Layout = Folders | Shards

@@ -260,25 +260,6 @@ def test_values_are_as_their_column_says_however_large() -> None:
         assert axis.kind is (Kind.WHOLE if kinds == {int} else Kind.NUMBER), text
 
 
-def test_a_long_list_is_gone_through_once() -> None:
-    class Watched(tuple[Any, ...]):
-        times = 0
-
-        def __iter__(self) -> Any:
-            Watched.times += 1
-            return super().__iter__()
-
-    [axis] = read_axes(["objects.ball.mass=5,0:1:3,7,8:9:2"])
-    assert isinstance(axis, Listed)
-    axis = Listed(axis.key, axis.argument, Watched(axis.parts))
-    assert [axis.at(k).data for k in range(len(axis))] == [5, 0, 0.5, 1, 7, 8, 9]
-    assert {axis.kind for _ in range(10)} == {Kind.NUMBER}
-    assert Watched.times <= 2
-    for outside in (-1, 7):
-        with pytest.raises(IndexError):
-            axis.at(outside)
-
-
 SCENE = {
     "objects": {"ball": {"mass": 1, "velocity": [0, 0]}, "crate": {"mass": 2, "velocity": [0, 0]}},
     "boundaries": {"floor": {"friction": 0.5}},

@@ -307,7 +307,7 @@ def test_light_beyond_white_is_refused(tmp_path: Path) -> None:
                 stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24").reformat(format="yuv420p"))
             )
         container.mux(stream.encode(None))
-    assert told(path) == f"{path}: is a video of light beyond white; tone-map it to standard range first"
+    assert told(path) == f"{path}: is a video of high dynamic range; tone-map it to standard range first"
 
 
 def test_a_playlist_opens_no_other_file(tmp_path: Path) -> None:
