@@ -25,6 +25,8 @@ from physgen.cli.main import main
 from physgen.pipeline import Page, RenderOptions
 from physgen.problems import InputError
 
+pytestmark = pytest.mark.slow
+
 MADE_BY_MACHINES = ("stages", "peak_memory_mib", "command")
 """What manifests of one clip need not agree on."""
 
@@ -213,7 +215,7 @@ def test_a_clip_that_always_kills_its_process_fails_alone(lesson: Path) -> None:
 
 
 def test_who_stops_leaves_nothing_running_and_the_scheduler_alone(two: Cluster, lesson: Path) -> None:
-    jobs = jobs_of(lesson, lesson.parent / "out", 8, "render.frames=5000")
+    jobs = jobs_of(lesson, lesson.parent / "out", 8, "render.frames=20000")
     busy: list[int] = []
 
     def interrupt() -> None:

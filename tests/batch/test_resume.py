@@ -247,7 +247,7 @@ def test_a_gallery_that_was_missed_is_made(lesson: Path, render: Render) -> None
 
 # Killed runs
 
-CLIPS = 10
+CLIPS = 30
 SCENE = """\
 physgen: 1
 size: [48, 36]
@@ -313,6 +313,7 @@ def folders(out: Path) -> list[str]:
     return sorted(path.name for path in out.iterdir()) if out.is_dir() else []
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_never_was(many: Path) -> None:
     never = many.parent / "never"
     assert started(many, never).wait() == 0
@@ -345,6 +346,7 @@ def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_never_was(many: Path)
     assert not list((many.parent / "cache").rglob("*.part"))
 
 
+@pytest.mark.slow
 def test_stopped_by_hand_it_leaves_whole_clips_alone(many: Path) -> None:
     out = many.parent / "out"
     run = started(many, out, "--jobs", "2")
@@ -359,6 +361,7 @@ def test_stopped_by_hand_it_leaves_whole_clips_alone(many: Path) -> None:
     assert len(folders(out)) == CLIPS + 3  # the scene's own, index.html and index.files
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told_once_and_loses_nothing(many: Path) -> None:
     """A bound on the size of files stands for it: the kernel refuses to write beyond."""
     out = many.parent / "out"

@@ -37,6 +37,8 @@ jobqueue:
 REFUSING = """\
 #!{python}
 import sys
+
+pytestmark = pytest.mark.slow
 sys.exit("sbatch: error: invalid partition specified: fast")
 """
 

@@ -66,6 +66,7 @@ def clip(
     return told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pictured", "lesson"])
 def test_every_clip_is_what_it_would_be_on_its_own(kind: str, request: pytest.FixtureRequest) -> None:
     scene: Path = request.getfixturevalue(kind)

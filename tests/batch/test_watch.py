@@ -51,6 +51,7 @@ def until(done: Callable[[], bool], process: subprocess.Popen[str]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_a_save_makes_the_clip_again(pictured: Path, watching: subprocess.Popen[str]) -> None:
     manifest = pictured.parent / "out" / "pictured" / "manifest.json"
     told = pictured.parent / "err"

@@ -486,7 +486,9 @@ def test_the_same_work_can_be_asked_for_from_python(
     assert list(dict.fromkeys(said)) == ["read", "read masks", "refine", "write"]
     assert capsys.readouterr() == ("", "")
     with pytest.raises(InputError, match="leaves none of 50 steps"):
-        refine_video(VideoJob(frames, replace(settings, strength=0.0), masks), Plan(choices(["refine=exact"])))
+        refine_video(
+            VideoJob(frames, replace(settings, strength=0.0), masks), Plan(choices(["refine=exact"]))
+        )
 
 
 def test_a_crew_keeps_its_model_for_the_next_video_and_a_plan_lets_it_go(

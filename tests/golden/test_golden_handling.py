@@ -124,6 +124,7 @@ def test_what_came_can_be_kept_by_hand(home: Path, said: Said) -> None:
     assert said()[0] == 0
 
 
+@pytest.mark.slow
 def test_workers_write_pages_of_their_own(home: Path, pytester: pytest.Pytester) -> None:
     (home / "test_scenes.py").write_text(
         "import os, pytest\n"

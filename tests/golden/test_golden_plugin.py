@@ -75,6 +75,7 @@ def test_a_changed_light_is_a_matter_of_pixels(pytester: pytest.Pytester, said: 
     assert "light.intensity is 0.6, was" in told(text, "since")
 
 
+@pytest.mark.slow
 def test_chaos_is_named_and_compared_up_to_a_time(home: Path, said: Said) -> None:
     """A break of ten balls: what is rounded otherwise shows in the end, and never before the time that is advised."""
 

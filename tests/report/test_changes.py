@@ -163,5 +163,3 @@ def test_a_large_picture_is_made_smaller_in_linear_light() -> None:
     changes.add(board, board, np.zeros(board.shape[:2], np.float32))
     [(guidance, _, _)] = panels(changes.picture(), 1)
     assert guidance.mean() == approx(225, abs=1)  # 0.75 of the light
-
-

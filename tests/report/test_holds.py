@@ -78,7 +78,13 @@ def test_what_is_drawn(tmp_path: Path) -> None:
 def test_the_page_shows_them(tmp_path: Path) -> None:
     scene, world = scene_and_world(tmp_path)
     page = report_page(
-        scene, world, RunRecord("scene", ["physgen"]), np.zeros((150, 200, 3), np.uint8), None, SCENE, PageParts()
+        scene,
+        world,
+        RunRecord("scene", ["physgen"]),
+        np.zeros((150, 200, 3), np.uint8),
+        None,
+        SCENE,
+        PageParts(),
     )
     assert page.count('<line class="joint ') == 4
     assert page.count('<circle class="joint ') == 5
@@ -91,7 +97,13 @@ def test_the_page_shows_them(tmp_path: Path) -> None:
     scene = pipeline.load(tmp_path / "scene.yaml")
     world = pipeline.compile(scene, None).world
     page = report_page(
-        scene, world, RunRecord("scene", ["physgen"]), np.zeros((150, 200, 3), np.uint8), None, plain, PageParts()
+        scene,
+        world,
+        RunRecord("scene", ["physgen"]),
+        np.zeros((150, 200, 3), np.uint8),
+        None,
+        plain,
+        PageParts(),
     )
     assert "Joints and fields" not in page
     assert "tip-wind" not in page
