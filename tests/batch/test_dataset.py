@@ -424,6 +424,9 @@ def test_a_clip_whose_manifest_is_lost_is_told(two_clips: Path, tmp_path: Path, 
 
 @pytest.mark.parametrize(("to", "said"), [("out/data", "lies in"), (".", "holds")])
 def test_a_data_set_within_what_is_read(two_clips: Path, capsys, to: str, said: str) -> None:
-    out = clips.parent / to
+    out = two_clips.parent / to
     assert main(["dataset", str(two_clips), "-o", str(out)]) == 2
-    assert f"{out}: {said} {clips}, which is read; name a folder beside it with -o" in capsys.readouterr().err
+    assert (
+        f"{out}: {said} {two_clips}, which is read; name a folder beside it with -o"
+        in capsys.readouterr().err
+    )
