@@ -1,10 +1,144 @@
-"""The formats there are, and those that the help names."""
+"""The registry of formats, refused requests, and labels of an earlier run."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from labelled import hall, labelled
+from PIL import Image
+
 from physgen.cli.export import NAMES
+from physgen.cli.main import main
+from physgen.export import formats
 from physgen.export.formats import FORMATS
+
+ALL = "coco,davis,youtubevos,mot,mots"
+
+
+def crowd(count: int) -> str:
+    places = [(8 * (k % 40) + 4, 8 * (k // 40) + 4) for k in range(count)]
+    rows = [
+        f"  o{k}: {{motion: static, shape: {{circle: {{center: [{x}, {y}], radius: 3}}}}}}"
+        for k, (x, y) in enumerate(places)
+    ]
+    head = "physgen: 1\nsize: [320, 216]\nworld: {view: top, duration: 0.1}\nrender: {frames: 1}\nobjects:\n"
+    return head + "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "most"), [("davis", 255, 254), ("youtubevos", 255, 254), ("mots", 1000, 999)]
+)
+def test_too_many_objects(name: str, count: int, most: int, tmp_path, capsys) -> None:
+    scene = tmp_path / "crowd.yaml"
+    scene.write_text(crowd(count), encoding="utf-8")
+    assert main(["export", str(scene), "--format", name, "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert (
+        f"objects: {count:,} objects are more than the format {name} can number, which is {most}; take coco"
+        in said
+    )
+    assert not (tmp_path / "out/crowd").exists()
+
+
+def test_as_many_as_a_palette_holds(tmp_path) -> None:
+    scene = tmp_path / "crowd.yaml"
+    scene.write_text(crowd(254), encoding="utf-8")
+    clip = labelled(scene, tmp_path / "out", "davis")
+    masks = clip.folder / "davis/Annotations/Full-Resolution/crowd/00000.png"
+    assert np.array_equal(Image.open(masks), clip.ids[0])
+    assert clip.ids[0].max() == 254
+
+
+def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr(formats, "find_spec", lambda name: None)
+    assert (
+        main(["export", str(hall(tmp_path)), "--format", "coco,mot,mots", "-o", str(tmp_path / "out")]) == 2
+    )
+    said = capsys.readouterr().err
+    for name in ("coco", "mots"):
+        assert f'"{name}" needs pycocotools, which is not installed; pip install "physgen[labels]"' in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_empty_scene(tmp_path) -> None:
+    scene = tmp_path / "empty.yaml"
+    scene.write_text("physgen: 1\nsize: [40, 30]\nworld: {duration: 0.2}\nobjects: {}\n", encoding="utf-8")
+    clip = labelled(scene, tmp_path / "out", ALL, "render.frames=2")
+    assert len(clip.coco.imgs) == 2
+    assert not clip.coco.anns
+    for name in ("mot", "mots"):
+        assert (clip.folder / name / "empty/gt/gt.txt").read_text() == ""
+    assert json.loads((clip.folder / "youtubevos/meta.json").read_text()) == {
+        "videos": {"empty": {"objects": {}}}
+    }
+    assert not np.asarray(Image.open(clip.folder / "davis/Annotations/Full-Resolution/empty/00001.png")).any()
+
+
+def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
+    scene, out = str(hall(tmp_path)), tmp_path / "out"
+    few = ["--set", "render.frames=2", "-o", str(out)]
+    assert main(["export", scene, "--format", "davis,mot", *few]) == 0
+    there = sorted(path for path in out.rglob("*") if path.is_file())
+    assert main(["export", scene, "--format", "mot,frames", *few]) == 2
+    said = capsys.readouterr().err
+    assert (
+        f"{out / 'hall'}: holds davis of an earlier run, which would go; name all formats at once, or" in said
+    )
+    assert sorted(path for path in out.rglob("*") if path.is_file()) == there
+    assert main(["export", scene, "--format", "frames,mot,davis", *few]) == 0
+    assert (out / "hall/frames/00001.png").exists()
+    film = tmp_path / "film"
+    assert main(["render", scene, "--set", "render.frames=2", "--report", "none", "-o", str(film)]) == 0
+    assert main(["export", scene, "--format", "mot", "--set", "render.frames=2", "-o", str(film)]) == 2
+    assert "holds video.mp4 of an earlier run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("formats", "said"),
+    [
+        ("flo:3", '"flo:3" takes no number; write "flo"'),
+        ("tapvid:", '"tapvid:" has no number of points from 1 to 1,000,000; write e.g. "tapvid:512"'),
+        ("tapvid:2e3", '"tapvid:2e3" has no number of points'),
+        ("tapvid:1000001", '"tapvid:1000001" has no number of points'),
+        ("tapvid:5,tapvid:6", '"tapvid:6" is tapvid once more; write it once'),
+        ("tapvit:5", '"tapvit:5" is no format; did you mean "tapvid"?'),
+    ],
+)
+def test_numbers_that_no_format_takes(formats: str, said: str, tmp_path, capsys) -> None:
+    assert main(["export", str(hall(tmp_path)), "--format", formats, "-o", str(tmp_path / "out")]) == 2
+    assert f"--format: {said}" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_help_names_the_formats_there_are() -> None:
     assert tuple(kind.name for kind in FORMATS) == NAMES
+
+
+REPEATED = """\
+physgen: 1
+size: [48, 32]
+world: {duration: 0.1, gravity: [0, 0]}
+objects: {ball: {shape: {circle: {center: [16, 16], radius: 6}}, velocity: [60, 0]}}
+render: {fps: 20}
+variants: {slow: {objects.ball.velocity: [30, 0]}}
+"""
+
+
+def test_a_clip_made_again_tells_once_which_labels_go(tmp_path: Path, capsys) -> None:
+    scene, out = tmp_path / "scene.yaml", tmp_path / "out"
+    scene.write_text(REPEATED)
+    again = ["render", str(scene), "--variant", "all", "--report", "none", "-o", str(out)]
+    assert main([*again, "--export", "order,events"]) == 0
+    assert "labels" not in capsys.readouterr().err
+    assert main([*again, "--export", "events"]) == 0
+    said = capsys.readouterr().err
+    assert said.count(f"{out}: warning: had labels that were not asked for this time, and go: order; ") == 1
+    assert "add --export events,order" in said
+    assert not (out / "scene-slow/truth/order").exists()
+    assert main(again) == 0
+    assert "and go: events;" in capsys.readouterr().err
+    assert main(again) == 0
+    assert "and go" not in capsys.readouterr().err

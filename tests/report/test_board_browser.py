@@ -13,6 +13,8 @@ from exhibits import failure
 
 from physgen.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 RUDE = "<script>window.broken = 1</script>"
 FIRST = (
     "() => [...document.querySelectorAll('.cells')].map(c => [...c.querySelectorAll('.clip[data-method] h4')]"

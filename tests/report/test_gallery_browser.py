@@ -17,6 +17,8 @@ from pytest import approx
 
 from physgen.report.gallery import write_gallery
 
+pytestmark = pytest.mark.slow
+
 LONG = (
     "Donaudampfschifffahrtsgesellschaftskapitänsmützenabzeichenverleihungsurkunde",
     "صندوق خشبي قديم جدا من خشب الأبنوس المطعم بالعاج والصدف الطبيعي",

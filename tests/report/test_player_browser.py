@@ -14,6 +14,8 @@ from pytest import approx
 from physgen import pipeline
 from physgen.export.video import Format
 
+pytestmark = pytest.mark.slow
+
 # ---- it opens, and it moves as it should ---------------------------------------------------------------------------
 
 

@@ -14,6 +14,8 @@ from physgen.cli.main import main
 from physgen.evaluate.ratings import read_answers
 from physgen.evaluate.study import Key, read_key
 
+pytestmark = pytest.mark.slow
+
 CLIPS = 6
 
 

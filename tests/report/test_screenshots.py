@@ -19,6 +19,8 @@ from shots import GOLDEN, differences, golden, save, shot
 from physgen import pipeline
 from physgen.report.gallery import write_gallery
 
+pytestmark = pytest.mark.slow
+
 HAND = {"viewport": PHONE, "is_mobile": True, "has_touch": True}
 DARK = {"color_scheme": "dark"}
 REPORT = (
