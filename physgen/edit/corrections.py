@@ -22,7 +22,7 @@ from physgen.edit.errors import EditError, impossible
 from physgen.edit.ground import Ground, distance
 from physgen.edit.live import Live
 from physgen.edit.map_patches import Change, fitted, write_patched
-from physgen.edit.masks import Work, begin, count, make, parse_op, written
+from physgen.edit.masks import Correction, begin, count, make, parse_op, written
 from physgen.edit.object_entries import Data
 from physgen.edit.operations import edited
 from physgen.edit.yaml_edit import with_boundary_comments, with_reasons, without_guess_comments
@@ -123,7 +123,7 @@ def _link_maps(assets: Path | None, out: Path) -> None:
                 shutil.copyfile(file, out / file.name)
 
 
-def _finish(work: Work, into: Path) -> str:
+def _finish(work: Correction, into: Path) -> str:
     """Write the maps; returns the text with the entries that follow."""
     scene = work.scene
     painted, change = _paint(work)
@@ -144,7 +144,7 @@ def _free_assets(path: Path) -> str:
     return name
 
 
-def _paint(work: Work) -> tuple[Painted, Change]:
+def _paint(work: Correction) -> tuple[Painted, Change]:
     """The label maps after the correction: of all objects, and masks.png before and after. Raises EditError."""
     scene, labels, before = work.scene, work.sight.compiled.labels, work.maps.labels
     ids = {item.name: k + 1 for k, item in enumerate(scene.objects)}
@@ -182,7 +182,7 @@ def _paint(work: Work) -> tuple[Painted, Change]:
     return Painted(after, ids, stored, corrected), Change(before, new, touched, union, union_before)
 
 
-def _photo_objects(work: Work, painted: Painted, ground: Ground) -> list[PhotoObject]:
+def _photo_objects(work: Correction, painted: Painted, ground: Ground) -> list[PhotoObject]:
     """The corrected objects with their new outlines, set on what supports them."""
     ids = [painted.ids[name] for name in painted.corrected]
     fits = fitted(painted.after, ids)
@@ -195,7 +195,7 @@ def _photo_objects(work: Work, painted: Painted, ground: Ground) -> list[PhotoOb
     ]
 
 
-def _label(work: Work, name: str) -> str:
+def _label(work: Correction, name: str) -> str:
     """The label of an object, or of the one that a new one was split from."""
     if name in work.entries:
         return str(work.entries[name]["label"])
@@ -206,7 +206,7 @@ def _label(work: Work, name: str) -> str:
 # The text
 
 
-def _text(work: Work, painted: Painted, ground: Ground, objects: list[PhotoObject]) -> str:
+def _text(work: Correction, painted: Painted, ground: Ground, objects: list[PhotoObject]) -> str:
     """The file's text with all that follows. Raises EditError."""
     ops, text = list(work.ops), work.text
     held = {item.name for item in work.scene.objects if _is_held_by_perception(work, item.name)}
@@ -233,14 +233,14 @@ def _text(work: Work, painted: Painted, ground: Ground, objects: list[PhotoObjec
     return with_boundary_comments(text, ground.remarks)
 
 
-def _is_held_by_perception(work: Work, name: str) -> bool:
+def _is_held_by_perception(work: Correction, name: str) -> bool:
     """Whether an object is static because perception saw nothing under it, and no user has set that since."""
     if work.known.document["objects"].get(name, {}).get("motion") != Motion.STATIC.value:
         return False
     return work.text != without_guess_comments(work.text, [["objects", name, "motion"]])
 
 
-def _entry(work: Work, name: str, one: PhotoObject, after: U16) -> Data:
+def _entry(work: Correction, name: str, one: PhotoObject, after: U16) -> Data:
     """The entry of a corrected object with the numbers that follow."""
     if name in work.entries:
         return dict(work.entries[name])
@@ -265,7 +265,7 @@ def _support(made: Data, ground: Ground, id_: int, held: bool, is_new: bool) -> 
         made["from"] = {**made.get("from", {}), "friction": document.provenance("lies on a slope", 0.5)}
 
 
-def _set_provenance(work: Work, name: str, made: Data) -> None:
+def _set_provenance(work: Correction, name: str, made: Data) -> None:
     """`from` and `prompt` name the source of the mask; a mask that a user drew has none."""
     sources = {key: value for key, value in (made.pop("from", None) or {}).items() if key != "mask"}
     made.pop("prompt", None)
@@ -285,7 +285,7 @@ def _ordered(made: Data) -> Data:
     return {key: made[key] for key in (*first, *middle, *last)}
 
 
-def _neighbour(work: Work, name: str, id_: int, ground: Ground, held: bool) -> list[Data]:
+def _neighbour(work: Correction, name: str, id_: int, ground: Ground, held: bool) -> list[Data]:
     """Operations for an object that was not corrected."""
     if name not in work.known.document["objects"]:
         return []
@@ -307,7 +307,7 @@ def _neighbour(work: Work, name: str, id_: int, ground: Ground, held: bool) -> l
 # The ground
 
 
-def _with_ground(work: Work, painted: Painted, plain: str, maps: Path) -> str:
+def _with_ground(work: Correction, painted: Painted, plain: str, maps: Path) -> str:
     """The text with the ground as it was, or with the new one where objects stay at rest only on that."""
     walls = work.known.document.get("boundaries") or {}
     if not any(isinstance((wall or {}).get("from"), str) for wall in walls.values()):
@@ -336,7 +336,7 @@ def _with_ground(work: Work, painted: Painted, plain: str, maps: Path) -> str:
     return other if left < bad or (freed and left <= STILL) else plain
 
 
-def _drift(work: Work, text: str, maps: Path | None) -> dict[str, float]:
+def _drift(work: Correction, text: str, maps: Path | None) -> dict[str, float]:
     """Motion of the objects of a text that nothing pushes; see `drift`. Raises InputError."""
     return drift(work.live.state(text, maps).compiled.world)
 
@@ -358,7 +358,7 @@ def drift(world: World) -> dict[str, float]:
     return {bodies[k].name: float(np.hypot(dx[k], dy[k]) + turn[k] * reach[k]) for k in free}
 
 
-def _depth(work: Work, text: str, maps: Path, names: tuple[str, ...]) -> float:
+def _depth(work: Correction, text: str, maps: Path, names: tuple[str, ...]) -> float:
     """px by which boundaries of perception lie within objects. Raises InputError."""
     sight = work.live.state(text, maps)
     ours = work.live.document(text, maps).get("boundaries") or {}

@@ -58,7 +58,7 @@ class _Laid:
     outlines: Mapping[int, Outline]
 
 
-class Layer:
+class BoundaryModel:
     """Boundaries that perception finds for masks; those of the newest masks are kept for the next correction."""
 
     def __init__(self) -> None:

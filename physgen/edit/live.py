@@ -19,8 +19,8 @@ from physgen.compile.appearance import appearance
 from physgen.compile.compile import Compiled
 from physgen.compile.warnings import photo_differs
 from physgen.compile.world import World
-from physgen.edit.ground import Layer
-from physgen.edit.mask_tools import Finder
+from physgen.edit.ground import BoundaryModel
+from physgen.edit.mask_tools import PromptSegmenter
 from physgen.edit.panels import derived_data, problem_data, scene_data
 from physgen.maps import Percepts
 from physgen.pipeline.cache_keys import key, motion_key
@@ -45,13 +45,13 @@ FIRST, MORE = 0.045, 0.08
 """s that a look, and a part of a motion after its first, simulate."""
 SLICE = 0.03
 """s for which a motion that is simulated to its end keeps others waiting."""
-FILMS = 6
+MAX_MOTIONS = 6
 """Motions that are kept: of the tabs, and of before and after an undo."""
 ENERGY = ("kinetic", "potential", "dissipated", "work")
 COLUMNS = ("x", "y", "a", "vx", "vy", "w")
 
 
-class Film:
+class MotionStream:
     """The motion of one world, simulated in parts as the page asks for them.
 
     Numbers are little-endian float64 in base64: at the frames those of `physgen simulate`. No step is simulated twice.
@@ -188,7 +188,7 @@ class Look:
     scene: Data | None = None
     derived: Data | None = None
     motion: Data | None = None
-    """The first part of its motion; see `Film`."""
+    """The first part of its motion; see `MotionStream`."""
     picture: str | None = None
     """Key of the picture."""
     todo: tuple[Data, ...] = ()
@@ -196,7 +196,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Sight:
+class CompiledScene:
     """A scene that is compiled, with its photo and maps."""
 
     scene: Scene
@@ -232,14 +232,14 @@ class Live:
 
     def __init__(self, path: Path, allow_outside: bool = False) -> None:
         self.path, self.allow_outside = path, allow_outside
-        self.finder = Finder()
-        self.layer = Layer()
+        self.finder = PromptSegmenter()
+        self.layer = BoundaryModel()
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
         self._opened: Recent[Opened] = Recent(6)
         self._known: Recent[_Known] = Recent(8)
-        self._films: Recent[Film] = Recent(FILMS)
-        self._sights: Recent[Sight] = Recent(4)
+        self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
+        self._sights: Recent[CompiledScene] = Recent(4)
         self._unlike: Recent[tuple[Problem, ...]] = Recent(4)
 
     def look(
@@ -264,12 +264,12 @@ class Live:
             if known is None:
                 rows = self._wrong(problems, opened)
                 return Look(rows, todo=tuple(todo(text, None, None, rows)), variants=variants)
-            film, motion = self._motion(known, begun)
+            stream, motion = self._motion(known, begun)
             if motion_only:
-                return Look(tuple(self._row(p, known.scene) for p in film.problems), motion=motion)
+                return Look(tuple(self._row(p, known.scene) for p in stream.problems), motion=motion)
             if not known.lints:
                 known.lints.append(tuple(self._lints(known)))
-            rows = tuple(self._row(p, known.scene) for p in (*film.problems, *known.lints[0]))
+            rows = tuple(self._row(p, known.scene) for p in (*stream.problems, *known.lints[0]))
             return Look(
                 rows,
                 scene_data(known.scene),
@@ -283,35 +283,35 @@ class Live:
     def more(self, key: str, start: int) -> Data | None:
         """The next part of a motion, from a sample on; None where it is not kept any more."""
         with self._lock:
-            film = self._films.get(key)
-            if film is None:
+            stream = self._motions.get(key)
+            if stream is None:
                 return None
-            part = film.part(start, time.perf_counter() + MORE)
-            part["problems"] = [self._row(problem) for problem in film.problems]
+            part = stream.part(start, time.perf_counter() + MORE)
+            part["problems"] = [self._row(problem) for problem in stream.problems]
             return part
 
     def whole(self, key: str) -> tuple[Trajectory, World] | None:
         """A motion simulated to its end, and its world; None where it is not kept, or cannot be simulated."""
         while True:
             with self._lock:
-                film = self._films.get(key)
-                if film is None or film.problems:
+                stream = self._motions.get(key)
+                if stream is None or stream.problems:
                     return None
-                if film.done:
-                    return film.trajectory(), film.world
-                film.simulate(0, time.perf_counter() + SLICE)
+                if stream.done:
+                    return stream.trajectory(), stream.world
+                stream.simulate(0, time.perf_counter() + SLICE)
             time.sleep(0)  # lets waiting looks go first
 
-    def sight(self, key: str) -> Sight | None:
+    def sight(self, key: str) -> CompiledScene | None:
         """The scene of a picture's key."""
         with self._lock:
             return self._sights.get(key)
 
-    def state(self, text: str, maps: Path | None = None, variant: str | None = None) -> Sight:
+    def state(self, text: str, maps: Path | None = None, variant: str | None = None) -> CompiledScene:
         """The scene of a text with its maps, compiled. Raises InputError."""
         with self._lock:
             known = self._mean(self._open(text, maps), variant)
-            return Sight(known.scene, known.compiled, known.key, self._percepts)
+            return CompiledScene(known.scene, known.compiled, known.key, self._percepts)
 
     def document(self, text: str, maps: Path | None = None) -> Data:
         """The text as plain data, with what it extends and without any default. Raises InputError."""
@@ -340,7 +340,7 @@ class Live:
             # of these and the maps follows whose pixels are whose: hashing those of a large photo takes long
             drawn = compiled.outlines if seen.percepts is None else ()
             picture = key("picture", seen.key, *appearance(scene, compiled.world), drawn, masks)
-            self._sights.of(picture, lambda: Sight(scene, compiled, seen.key, self._percepts))
+            self._sights.of(picture, lambda: CompiledScene(scene, compiled, seen.key, self._percepts))
             return _Known(scene, compiled, seen.key, picture)
 
         return self._known.of(read, make)
@@ -366,14 +366,14 @@ class Live:
         of_photo = [replace(problem, place=place) for problem in self._unlike.of(read, photos)]
         return by_place([*lint(scene, compiled), *of_photo])
 
-    def _motion(self, known: _Known, begun: float) -> tuple[Film, Data]:
+    def _motion(self, known: _Known, begun: float) -> tuple[MotionStream, Data]:
         world = known.compiled.world
         name = motion_key(world)
-        film = self._films.of(name, lambda: Film(name, known.scene, world))
-        film.scene = known.scene  # which may differ in labels or the frame rate
-        part = film.part(0, max(begun + FIRST, time.perf_counter() + FIRST / 3))
-        part["problems"] = [self._row(problem, known.scene) for problem in film.problems]
-        return film, part
+        stream = self._motions.of(name, lambda: MotionStream(name, known.scene, world))
+        stream.scene = known.scene  # which may differ in labels or the frame rate
+        part = stream.part(0, max(begun + FIRST, time.perf_counter() + FIRST / 3))
+        part["problems"] = [self._row(problem, known.scene) for problem in stream.problems]
+        return stream, part
 
     def _wrong(self, problems: Sequence[Problem], opened: Opened | None) -> tuple[Data, ...]:
         """Problems of an invalid text."""

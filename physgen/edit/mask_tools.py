@@ -31,7 +31,7 @@ MAX_STROKE_WORK = 10**9
 """Distances of pixels to segments that are computed for one stroke: about half a minute."""
 
 
-class Finder:
+class PromptSegmenter:
     """Finds the objects in boxes and at points; segments and proposals of a photo are kept for the next point."""
 
     def __init__(self) -> None:

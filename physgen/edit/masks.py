@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from physgen.compile.shapes import fill_polygon
 from physgen.edit import object_entries
 from physgen.edit.errors import impossible
-from physgen.edit.live import Live, Sight
+from physgen.edit.live import CompiledScene, Live
 from physgen.edit.map_patches import fitted
 from physgen.edit.mask_tools import beyond, stroke
 from physgen.edit.object_entries import Before, Data
@@ -101,14 +101,14 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
 
 
 @dataclass
-class Work:
+class Correction:
     """A correction under way."""
 
     live: Live
     text: str
     folder: Path | None
     """That stands in for the scene's assets, None for its own."""
-    sight: Sight
+    sight: CompiledScene
     maps: Percepts
     known: Before
     masks: dict[str, Mask] = field(default_factory=dict)
@@ -144,7 +144,7 @@ class Work:
         return every.index(name)
 
 
-def begin(live: Live, text: str, maps: Path | None) -> Work:
+def begin(live: Live, text: str, maps: Path | None) -> Correction:
     """A correction of a text begins. Raises EditError where the text is wrong, or shows no photo."""
     try:
         sight = live.state(text, maps)
@@ -155,28 +155,30 @@ def begin(live: Live, text: str, maps: Path | None) -> Work:
     if percepts is None:
         raise impossible("the scene has no photo, so there is nothing to mask", "draw the object's shape")
     known = object_entries.before(sight.scene, document, sight.compiled, percepts.rgb)
-    return Work(live, text, maps, sight, percepts, known)
+    return Correction(live, text, maps, sight, percepts, known)
 
 
-def make(work: Work, op: MaskOp) -> str:
+def make(work: Correction, op: MaskOp) -> str:
     """Carry out one operation; returns its name. Raises EditError."""
     return _MAKERS[type(op)](work, op)
 
 
-def _box(work: Work, op: BoxOp) -> str:
+def _box(work: Correction, op: BoxOp) -> str:
     found = work.live.finder.box(work.maps.rgb, work.sight.key, op.box)
     prompt = {"box": [round(v, 2) for v in op.box]}
     return _prompted(work, op.object, op.kind == "new", (found.mask, found.confidence), prompt)
 
 
-def _point(work: Work, op: PointOp) -> str:
+def _point(work: Correction, op: PointOp) -> str:
     x, y = op.point
     found = work.live.finder.point(work.maps.rgb, work.sight.key, (x, y))
     prompt = {"point": [round(x, 2), round(y, 2)]}
     return _prompted(work, op.object, False, (found.mask, found.confidence), prompt)
 
 
-def _prompted(work: Work, name: str | None, is_new: bool, found: tuple[Mask, float], prompt: Data) -> str:
+def _prompted(
+    work: Correction, name: str | None, is_new: bool, found: tuple[Mask, float], prompt: Data
+) -> str:
     """Use the mask of a box or a point for an object that is there, or for a new one."""
     labels, count = work.sight.compiled.labels, len(work.scene.objects)
     mask, fit = found
@@ -196,7 +198,7 @@ def _prompted(work: Work, name: str | None, is_new: bool, found: tuple[Mask, flo
     return f"correct the mask of {name}"
 
 
-def _polygon(work: Work, op: PolygonOp) -> str:
+def _polygon(work: Correction, op: PolygonOp) -> str:
     mask = fill_polygon(tuple((x, y) for x, y in op.polygon), work.scene.size)
     if op.object is None:
         return _new(work, mask)
@@ -205,7 +207,7 @@ def _polygon(work: Work, op: PolygonOp) -> str:
     return f"draw the mask of {op.object}"
 
 
-def _brush(work: Work, op: BrushOp) -> str:
+def _brush(work: Correction, op: BrushOp) -> str:
     was = work.mask(op.object)
     painted = stroke([(x, y) for x, y in op.strokes], op.radius, work.scene.size)
     mask = was | painted if op.kind == "brush" else was & ~painted
@@ -215,7 +217,7 @@ def _brush(work: Work, op: BrushOp) -> str:
     return f"{'add to' if op.kind == 'brush' else 'erase from'} the mask of {op.object}"
 
 
-def _new(work: Work, mask: Mask, found: tuple[float, Data] | None = None) -> str:
+def _new(work: Correction, mask: Mask, found: tuple[float, Data] | None = None) -> str:
     check_size(mask, "the new object")
     id_, size = len(work.scene.objects) + 1, work.scene.size
     labels = np.where(mask, np.uint16(id_), work.sight.compiled.labels)
@@ -231,7 +233,7 @@ def _new(work: Work, mask: Mask, found: tuple[float, Data] | None = None) -> str
     return f"a new object, {name}"
 
 
-def _merge(work: Work, op: MergeOp) -> str:
+def _merge(work: Correction, op: MergeOp) -> str:
     kept, other = op.objects
     if kept == other:
         raise impossible("the two objects are one", "choose two objects")
@@ -242,7 +244,7 @@ def _merge(work: Work, op: MergeOp) -> str:
     return f"merge {other} into {kept}" + (f", without {' and '.join(gone)}" if gone else "")
 
 
-def _split(work: Work, op: SplitOp) -> str:
+def _split(work: Correction, op: SplitOp) -> str:
     mask = work.mask(op.object)
     if op.line[0] == op.line[1]:
         raise impossible("the line is a point", "draw it across the object")
@@ -259,7 +261,7 @@ def _split(work: Work, op: SplitOp) -> str:
     return f"split {op.object}"
 
 
-def _relabel(work: Work, op: RelabelOp) -> str:
+def _relabel(work: Correction, op: RelabelOp) -> str:
     label = op.label.strip()
     work.index(op.object)
     old = work.known.photo_object(op.object)
@@ -269,7 +271,7 @@ def _relabel(work: Work, op: RelabelOp) -> str:
     return f"call {op.object} {label}"
 
 
-_MAKERS: dict[type[BaseModel], Callable[[Work, Any], str]] = {
+_MAKERS: dict[type[BaseModel], Callable[[Correction, Any], str]] = {
     BoxOp: _box,
     PointOp: _point,
     PolygonOp: _polygon,
@@ -280,7 +282,7 @@ _MAKERS: dict[type[BaseModel], Callable[[Work, Any], str]] = {
 }
 
 
-def written(work: Work, name: str, made: Data) -> list[Data]:
+def written(work: Correction, name: str, made: Data) -> list[Data]:
     """Operations for what differs from the entry as it is written."""
     was = work.known.was(name)
     path = ["objects", name]

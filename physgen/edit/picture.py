@@ -11,7 +11,7 @@ import numpy as np
 
 from physgen.compile.appearance import photo_poses
 from physgen.compile.world import World
-from physgen.edit.live import Live, Sight
+from physgen.edit.live import CompiledScene, Live
 from physgen.pipeline.stages import Recent, stage
 from physgen.render.stage import Stage
 from physgen.report.player import plate, shadows, sprites
@@ -47,11 +47,11 @@ class Pictures:
             rows = self._shadows.of((key, motion), lambda: self._thrown(key, sight, *seen))
         return {"key": key, "motion": motion, **rows}
 
-    def _stage(self, key: str, sight: Sight) -> Stage:
+    def _stage(self, key: str, sight: CompiledScene) -> Stage:
         """With the poses in which objects were cut out of the photo."""
         return self._stages.of(key, lambda: stage(sight.scene, sight.compiled, sight.percepts))
 
-    def _look(self, key: str, sight: Sight) -> Data:
+    def _look(self, key: str, sight: CompiledScene) -> Data:
         drawn = self._stage(key, sight)
         return {
             "key": key,
@@ -62,14 +62,14 @@ class Pictures:
             "motion": None,
         }
 
-    def _thrown(self, key: str, sight: Sight, seen: Trajectory, world: World) -> Data:
+    def _thrown(self, key: str, sight: CompiledScene, seen: Trajectory, world: World) -> Data:
         drawn = replace(self._stage(key, sight), starts=photo_poses(world))
         if len(seen.names) != len(sight.scene.objects):
             return {"shadows": []}
         return {"shadows": shadows(drawn, seen, range(len(drawn.sprites)))}
 
 
-def photo_png(sight: Sight) -> bytes:
+def photo_png(sight: CompiledScene) -> bytes:
     """PNG of the photo; a scene without one has a plain background."""
     from physgen.render.staging import flat_background
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from physgen.cli.main import main
-from physgen.edit.live import COLUMNS, Film, Live, Look, unpacked
+from physgen.edit.live import COLUMNS, Live, Look, MotionStream, unpacked
 from physgen.edit.operations import edited
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 
@@ -159,11 +159,11 @@ def test_a_run_that_leaves_all_numbers_ends_there_and_says_so(tmp_path: Path) ->
     text = FREE % "" + "forces:\n  - {object: ball, force: [1.0e12, 0], start: 0.2}\n"
     sight = Live(scene(tmp_path, text)).state(text)
     light = tuple(replace(body, mass=1e-300, moment=1e-300) for body in sight.compiled.world.bodies)
-    film = Film("motion", sight.scene, replace(sight.compiled.world, bodies=light))
-    part = film.part(0, time.perf_counter() + 60)
+    stream = MotionStream("motion", sight.scene, replace(sight.compiled.world, bodies=light))
+    part = stream.part(0, time.perf_counter() + 60)
     assert part["done"]
     assert part["upto"] < part["total"]
-    (problem,) = film.problems
+    (problem,) = stream.problems
     assert problem.path == "objects.ball"
     assert "leaves all numbers by t = 0.2" in str(problem)
     assert unpacked(part["bodies"][0]["x"]).tolist() == [60.0] * part["upto"]
