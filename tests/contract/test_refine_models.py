@@ -449,7 +449,7 @@ def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path
 
 
 def test_weights_that_want_what_is_not_given_are_refused(tmp_path: Path):
-    with pytest.raises(InputError, match=r"tells every frame a noise of its own .*; name Wan 2.1, or"):
+    with pytest.raises(InputError, match=r"gives every frame a noise of its own .*; name Wan 2.1, or"):
         made("wan", wan(tmp_path / "wan", ti2v=True))
     folder = Path(cogvideox(tmp_path / "cog", "5b", looks=True))
     told = json.loads((folder / "transformer/config.json").read_text())

@@ -185,7 +185,7 @@ def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
     scene.write_text(yaml.safe_dump(document))
     after, _ = refreshed(scene, "--label", "*=billiard ball")
     assert after.world.pixels_per_meter == 100
-    assert "the things here say" in scene.with_name("again.yaml").read_text()
+    assert "the objects here suggest" in scene.with_name("again.yaml").read_text()
 
 
 def test_a_label_for_nothing_is_refused(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:

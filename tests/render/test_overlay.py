@@ -224,7 +224,7 @@ def test_a_blow_passes_through_what_touches(tmp_path) -> None:
         "160]]", "160]], friction: 0"
     )
     clip = Clip(tmp_path, smooth)
-    blows = filmed(clip.world, clip.trajectory, [Overlay.CONTACTS]).blows
+    blows = filmed(clip.world, clip.trajectory, [Overlay.CONTACTS]).impacts
     assert sorted(blow.pair for blow in blows) == [(0, 1), (1, 2), (2, 3)]
     for blow in blows:
         assert blow.time == pytest.approx(60 / 400, abs=0.003)
@@ -247,7 +247,7 @@ boundaries: {floor: {segment: [[0, 140], [200, 140]]}}
 render: {fps: 10}
 """,
     )
-    assert filmed(clip.world, clip.trajectory, [Overlay.CONTACTS]).blows == []
+    assert filmed(clip.world, clip.trajectory, [Overlay.CONTACTS]).impacts == []
     for marks in clip.changed("contacts"):
         spots = [places(marks[line - 5 : line + 6]).mean(axis=0)[0] for line in (140, 100)]
         assert spots == pytest.approx([100, 100], abs=0.1)
