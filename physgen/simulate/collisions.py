@@ -145,42 +145,35 @@ class Impacts:
     """g·px²/s² that scripted bodies did."""
 
 
-def resolve_impacts(
-    objects: ContactProperties,
-    joined: Assemblies,
-    pose: Array,
-    velocity: Array,
-    drift: Array,
-    points: Points,
-    touched: Flags,
-    h: float,
-    threshold: float,
-) -> Impacts:
-    """Resolve what closes faster than `threshold` px/s.
+@dataclass(frozen=True)
+class StepMotion:
+    """How N bodies and walls move in one step, before contacts."""
 
-    pose (N, 3) at the step's end; velocity (N, 3) within the step, before contacts; drift (N, 2) px/s²: acceleration of
-    what flies freely, zero for the rest; touched (K,): the pair touched a step ago already.
-    """
-    return _Instant(objects, joined, pose, velocity, drift, points.sorted(), touched, h, threshold).run()
+    pose: Array
+    """(N, 3) at the step's end."""
+    velocity: Array
+    """(N, 3) within the step."""
+    drift: Array
+    """(N, 2) px/s²: acceleration of what flies freely, 0 for the rest."""
 
 
-class _Instant:
-    """One step's impacts in the making."""
+class ImpactSolver:
+    """Resolves what closes faster than `threshold` px/s in one step of h seconds."""
 
     def __init__(
         self,
-        objects: ContactProperties,
+        properties: ContactProperties,
         joined: Assemblies,
-        pose: Array,
-        velocity: Array,
-        drift: Array,
+        motion: StepMotion,
         points: Points,
         touched: Flags,
         h: float,
         threshold: float,
     ) -> None:
-        self._things, self._joined = objects, joined
-        self._pose, self._velocity, self._drift = pose, velocity, drift
+        """`touched` (K,): whether the pair touched a step ago already."""
+        points = points.sorted()
+        self._properties, self._joined = properties, joined
+        self._pose, self._velocity, self._drift = motion.pose, motion.velocity, motion.drift
         self._found, self._h, self._threshold = points, h, threshold
         self._own = points.closing > threshold
         self._earlier = points.earlier(self._own, touched, h)
@@ -231,7 +224,7 @@ class _Instant:
     # Who and when
 
     def _free(self, body: int) -> bool:
-        return self._things.lightness[body] > 0
+        return self._properties.lightness[body] > 0
 
     def _beside(self, body: int) -> list[int]:
         """Points at a body that can move; a wall is no messenger."""
@@ -308,7 +301,7 @@ class _Instant:
     def _point(self, k: int) -> Point:
         if k not in self._points:
             self._points[k] = point_at_closing(
-                self._things, self._found, k, self._pose, self._velocity, self._earlier, self._own
+                self._properties, self._found, k, self._pose, self._velocity, self._earlier, self._own
             )
         return self._points[k]
 
@@ -358,9 +351,9 @@ class _Instant:
         self, points: list[Point], was: list[tuple[float, float]], bodies: list[int], times: list[float]
     ) -> list[tuple[float, float]]:
         """Impulses of points that share bodies, or whose bodies joints hold, carried out on all of them."""
-        objects = self._things
+        properties = self._properties
         inverse = np.array(
-            [[objects.lightness[b], objects.lightness[b], objects.ease[b]] for b in bodies]
+            [[properties.lightness[b], properties.lightness[b], properties.ease[b]] for b in bodies]
         ).ravel()
         response = self._joined.response(bodies, inverse, self._pose)
         place = {body: 3 * k for k, body in enumerate(bodies)}

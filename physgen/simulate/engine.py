@@ -25,7 +25,7 @@ from physgen.compile.world import Body, Joint, Wall, World
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress, silent
 from physgen.scene.scene import JointKind, Motion
-from physgen.simulate.collisions import Impacts, resolve_impacts
+from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
     NUMBERS,
@@ -361,7 +361,7 @@ class Stepper:
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         nothing = [0.0] * len(walls)
         surfaces = [surface for _, surface in world.surfaces]
-        self._things = ContactProperties(
+        self._properties = ContactProperties(
             lightness=[1 / b.mass if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
             ease=[1 / b.moment if b.motion is Motion.DYNAMIC else 0.0 for b in bodies] + nothing,
             friction=[surface.friction for surface in surfaces],
@@ -371,7 +371,7 @@ class Stepper:
         self._joined = Assemblies(world)
         self._held = self._joined.held()
         light, ease = (
-            np.array(values[: len(bodies)]) for values in (self._things.lightness, self._things.ease)
+            np.array(values[: len(bodies)]) for values in (self._properties.lightness, self._properties.ease)
         )
         self._inverse = np.stack([light, light, ease], axis=1)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
@@ -516,7 +516,9 @@ class Stepper:
         drift[: len(self._dynamic)] = self._lasting.drift(load)
         drift[was.first] = drift[was.second] = 0.0
         drift[self._held] = 0.0
-        return resolve_impacts(self._things, self._joined, wide, fast, drift, points, touched, h, threshold)
+        motion = StepMotion(wide, fast, drift)
+        solver = ImpactSolver(self._properties, self._joined, motion, points, touched, h, threshold)
+        return solver.run()
 
 
 def _pairs(touch: Touching, objects: int) -> list[tuple[int, int]]:
