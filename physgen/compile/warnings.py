@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from math import ceil, floor
 
 import cv2
@@ -148,8 +149,39 @@ def _fields(scene: Scene, motion: dict[str, Motion]) -> Iterator[Problem]:
             yield warning(scene, f"{path}.{key}", f"{strength:g}", "has no effect", "write another number")
 
 
-AWAY = 0.5
-"""px by which a view may be moved without anyone seeing it."""
+@dataclass(frozen=True)
+class WarningLimits:
+    """Thresholds of warnings."""
+
+    away: float = 0.5
+    """px by which a view may be moved without anyone seeing it."""
+    reach: int = 5
+    """px beyond a mask's border that its soft coverage may reach."""
+    near: int = 5
+    """px around what is covered in which `background.png` need not be the photo: soft borders fade there."""
+    over: int = 5
+    """px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
+    levels: int = 8
+    """Grey levels of such a mean from which on a pixel is not the photo's."""
+    least: int = 64
+    """Such pixels in one piece from which on the map counts as painted: 8 x 8 px."""
+    overlap: float = 0.25
+    """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
+    missed: float = 0.05
+    """Part of a mask that its shape may miss."""
+    apart: float = 1e3
+    """Masses that touch or are joined: of a heavier one by a lighter, contacts come out soft or are slow to settle."""
+    touch: float = 1.0
+    """px between two objects that count as touching."""
+    fastest: int = 100_000
+    """steps_per_second at most, as in the schema."""
+    far: float = 4.0
+    """px outside an object that the end of a joint may lie, however small the object is."""
+    leaps: int = 4
+    """Times its size that a body may move in a step before the user is warned: a few shorter steps cost nothing."""
+
+
+LIMITS = WarningLimits()
 
 
 def camera_warnings(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -170,7 +202,7 @@ def _still(scene: Scene, sight: CameraView, path: str) -> Iterator[Problem]:
     photo, video = scene.size, scene.video_size
     if sight.center is not None:
         x, y = held(sight.center, photo, video, sight.zoom)
-        if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > AWAY:
+        if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
             found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
             expected = (
                 f"is too near the photo's border for zoom {sight.zoom:g}: the view stops at [{x:g}, {y:g}]"
@@ -190,17 +222,6 @@ U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 
-REACH = 5
-"""px beyond a mask's border that its soft coverage may reach."""
-NEAR = 5
-"""px around what is covered in which `background.png` need not be the photo: soft borders fade there."""
-OVER = 5
-"""px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
-LEVELS = 8
-"""Grey levels of such a mean from which on a pixel is not the photo's."""
-LEAST = 64
-"""Such pixels in one piece from which on the map counts as painted: 8 x 8 px."""
-
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
     """Whether what was stored of coverage and background was made for masks like the scene's.
@@ -211,7 +232,7 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
         return False
     if maps.coverage is None or not scenery.any():
         return True
-    near = _grown(labels > 0, REACH)
+    near = _grown(labels > 0, LIMITS.reach)
     return not (maps.coverage[scenery & ~near] > 0.5).any()
 
 
@@ -224,12 +245,14 @@ def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> It
         return
     if not maps_cover_masks(maps, compiled.labels, compiled.scenery):  # it is made anew, of the photo
         return
-    open_ = ~_grown((maps.coverage > 0) | (maps.labels > 0) | (compiled.labels > 0), NEAR)
-    alike = cv2.inRange(cv2.absdiff(maps.rgb, maps.background), (0, 0, 0), (LEVELS, LEVELS, LEVELS))
+    open_ = ~_grown((maps.coverage > 0) | (maps.labels > 0) | (compiled.labels > 0), LIMITS.near)
+    alike = cv2.inRange(
+        cv2.absdiff(maps.rgb, maps.background), (0, 0, 0), (LIMITS.levels, LIMITS.levels, LIMITS.levels)
+    )
     if not (open_ & (alike == 0)).any():  # as ever: nothing more to be worked out
         return
     off = _off(maps.rgb, maps.background, open_)
-    differs = (np.abs(off) > LEVELS).any(axis=2) & open_
+    differs = (np.abs(off) > LIMITS.levels).any(axis=2) & open_
     if maps.clean is not None and differs.any():
         cleaned = _off(maps.clean, maps.background, open_)
         differs &= np.abs(cleaned - off).sum(axis=2) >= np.abs(cleaned).sum(axis=2)
@@ -250,13 +273,13 @@ def _off(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
     """(H, W, 3) grey levels from the other to the one, means over squares of what is `within`."""
     off = cv2.subtract(one, other, dtype=cv2.CV_16S)
     off[~within] = 0
-    return np.asarray(cv2.blur(off, (OVER, OVER)), np.int16)
+    return np.asarray(cv2.blur(off, (LIMITS.over, LIMITS.over)), np.int16)
 
 
 def _large(mask: Mask) -> Mask:
-    """(H, W): its connected pieces of `LEAST` px or more; compression leaves specks."""
+    """(H, W): its connected pieces of `LIMITS.least` px or more; compression leaves specks."""
     _, ids, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    large = stats[:, cv2.CC_STAT_AREA] >= LEAST
+    large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least
     large[0] = False
     return np.asarray(large[ids])
 
@@ -268,21 +291,6 @@ def _grown(mask: Mask, by: int) -> Mask:
 
 
 Array = NDArray[np.float64]
-
-OVERLAP = 0.25
-"""px of overlap at t = 0 that the engine resolves without anyone seeing it."""
-MISSED = 0.05
-"""Part of a mask that its shape may miss."""
-APART = 1e3
-"""Masses that touch or are joined: of a heavier one by a lighter, contacts come out soft or are slow to settle."""
-TOUCH = 1.0
-"""px between two objects that count as touching."""
-FASTEST = 100_000
-"""steps_per_second at most, as in the schema."""
-FAR = 4.0
-"""px outside an object that the end of a joint may lie, however small the object is."""
-LEAPS = 4
-"""Times its size that a body may move in a step before the user is warned: a few shorter steps cost nothing."""
 
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
@@ -313,13 +321,13 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             if {item.name, scene.objects[j].name} in through:
                 continue
             depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
-            if depth > OVERLAP:
+            if depth > LIMITS.overlap:
                 expected = f"overlaps {scene.objects[j].name} by {depth:.1f} px at t = 0"
                 fix = "move or shrink one of them, or they are pushed apart"
                 yield warning(scene, path, item.name, expected, fix)
         if item.motion is Motion.DYNAMIC:
             for wall, depth in lines.across(compiled.world.bodies[i]).items():
-                if depth > OVERLAP:
+                if depth > LIMITS.overlap:
                     name = scene.boundaries[wall].name
                     expected = f"reaches {depth:.1f} px across boundary {name} at t = 0"
                     yield warning(scene, path, item.name, expected, "move the boundary or the object")
@@ -339,7 +347,7 @@ def _masses_apart(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     if not dynamic.any():
         return
     mass = np.array([body.mass for body in bodies])
-    if mass[dynamic].max() <= APART * mass[dynamic].min():
+    if mass[dynamic].max() <= LIMITS.apart * mass[dynamic].min():
         return
     pairs = {
         (min(joint.first, joint.second), max(joint.first, joint.second)): "is joined to"
@@ -348,7 +356,7 @@ def _masses_apart(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     }
     boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)
     for i in np.flatnonzero(dynamic).tolist():
-        for j in _near(boxes, i, TOUCH):
+        for j in _near(boxes, i, LIMITS.touch):
             if _apart(mass[i], mass[j]) and _touch(compiled, i, j):
                 pairs.setdefault((j, i), "touches")
     for (i, j), how in sorted(pairs.items()):
@@ -364,13 +372,13 @@ def _masses_apart(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _apart(a: float, b: float) -> bool:
-    return max(a, b) > APART * min(a, b)
+    return max(a, b) > LIMITS.apart * min(a, b)
 
 
 def _touch(compiled: Compiled, i: int, j: int) -> bool:
     one, other = compiled.outlines[i], compiled.outlines[j]
     way = compiled.world.bodies[j].center - compiled.world.bodies[i].center
-    step = way / max(float(np.hypot(*way)), 1e-9) * TOUCH
+    step = way / max(float(np.hypot(*way)), 1e-9) * LIMITS.touch
     return overlap_depth(one, other) > 0 or overlap_depth(translated_outline(one, step), other) > 0
 
 
@@ -378,14 +386,14 @@ def _too_fast(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     rate = scene.world.steps_per_second
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         step = float(np.hypot(*body.velocity)) / rate
-        if step > LEAPS * body.size:
+        if step > LIMITS.leaps * body.size:
             expected = (
                 f"moves {step:.0f} px a step, over its size of {body.size:.0f} px: "
                 "steps are divided where it could pass through something, which takes time"
             )
             even = ceil(step / body.size * rate - 1e-6)
             fix = "lower the velocity"
-            if even <= FASTEST:
+            if even <= LIMITS.fastest:
                 fix += f", or write world.steps_per_second: {even} for steps of one length"
             yield warning(scene, f"objects.{item.name}.velocity", item.name, expected, fix)
 
@@ -414,7 +422,7 @@ def _far_joints(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         """px, 0 where it is near enough: within as far again as the object reaches."""
         body = compiled.world.bodies[index[name]]
         away = distance_to_outline(compiled.outlines[index[name]], point)
-        return away if away > max(body.reach, FAR) else 0.0
+        return away if away > max(body.reach, LIMITS.far) else 0.0
 
     for item in scene.joints:
         if item.name not in useful:
@@ -442,7 +450,7 @@ def _far_joints(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for item, missed in zip(scene.objects, compiled.shapes.missed, strict=True):
-        if missed > MISSED:
+        if missed > LIMITS.missed:
             expected = f"misses {missed:.0%} of its mask"
             fix = "write shape: auto, or correct the outline"
             yield warning(scene, f"objects.{item.name}.shape", "the shape", expected, fix)

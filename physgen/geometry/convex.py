@@ -5,6 +5,7 @@ Regions are cut into ear-cut triangles, which are merged across their longest ed
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 
@@ -18,20 +19,26 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds,
 SLIVER = 1e-3
 """px²: smaller pieces are left out; an engine makes nothing of them."""
 
-SEAM = 0.5
-"""px between two pieces of one object that is meant to be whole there."""
 
-FLUSH = 0.02
-"""px by which corners may lie within the hull of pieces that become one."""
+@dataclass(frozen=True)
+class PieceTuning:
+    """Limits of convex pieces."""
 
-MANY = 200
-"""Pieces of a body above which seams stay as they are: every two are looked at."""
+    seam: float = 0.5
+    """px between two pieces of one object that is meant to be whole there."""
+    flush: float = 0.02
+    """px by which corners may lie within the hull of pieces that become one."""
+    many: int = 200
+    """Pieces of a body above which seams stay as they are: every two are looked at."""
+    remembered: int = 1000
+    """Regions."""
+    flat: float = 1e-9
+    """px²: a corner this flat is straight."""
+    rounding: float = 1e-9
+    """px: less is none."""
 
-REMEMBERED = 1000
-"""Regions."""
 
-_FLAT = 1e-9
-"""px²: a corner this flat is straight."""
+PIECES = PieceTuning()
 
 
 def convex_pieces(outline: Region) -> tuple[Array, ...]:
@@ -48,7 +55,7 @@ def _bytes(points: Array) -> bytes:
     return np.ascontiguousarray(points, np.float64).tobytes()
 
 
-@lru_cache(REMEMBERED)
+@lru_cache(PIECES.remembered)
 def _of_borders(borders: tuple[tuple[bytes, tuple[bytes, ...]], ...]) -> tuple[Array, ...]:
     """Of rings as the bytes of their corners."""
 
@@ -65,7 +72,7 @@ def _of_borders(borders: tuple[tuple[bytes, tuple[bytes, ...]], ...]) -> tuple[A
 
 def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
     """Hulls instead of neighbours of different rings, wherever the hull adds no more than the seam between them."""
-    done = len({ring for ring, _ in pieces}) < 2 or len(pieces) > MANY
+    done = len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.many
     while not done:
         done = True
         for i, j in combinations(range(len(pieces)), 2):
@@ -80,7 +87,9 @@ def _joined(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
 
 def _as_one(a: Array, b: Array) -> Array | None:
     """Convex hull of two convex polygons that are a seam apart and, but for it, convex together."""
-    if (a.min(axis=0) > b.max(axis=0) + SEAM).any() or (b.min(axis=0) > a.max(axis=0) + SEAM).any():
+    if (a.min(axis=0) > b.max(axis=0) + PIECES.seam).any() or (
+        b.min(axis=0) > a.max(axis=0) + PIECES.seam
+    ).any():
         return None
     points = np.concatenate([a, b])
     whole = hull(points)
@@ -89,7 +98,11 @@ def _as_one(a: Array, b: Array) -> Array | None:
     gap = min(_apart(a, b), _apart(b, a))
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
     added = _area(whole) - _area(a) - _area(b)
-    if (inside.min(axis=0) > FLUSH).any() or gap > SEAM or added > (gap + FLUSH) * longest:
+    if (
+        (inside.min(axis=0) > PIECES.flush).any()
+        or gap > PIECES.seam
+        or added > (gap + PIECES.flush) * longest
+    ):
         return None
     return whole
 
@@ -104,7 +117,7 @@ def hull(points: Array) -> Array:
         for k in row:
             while len(kept) > 1:
                 (ax, ay), (bx, by), (cx, cy) = xy[kept[-2]], xy[kept[-1]], xy[k]
-                if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) > _FLAT:
+                if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) > PIECES.flat:
                     break
                 kept.pop()
             kept.append(k)
@@ -144,7 +157,7 @@ def _without_straight_corners(points: Array) -> Array:
     """Drop repeated points and corners within a straight line."""
     while len(points) >= 3:
         before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
-        straight = np.abs(cross(points - before, after - points)) <= _FLAT
+        straight = np.abs(cross(points - before, after - points)) <= PIECES.flat
         if not straight.any():
             break
         # not two neighbours at once: dropping one may make the other a corner
@@ -178,7 +191,7 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
 
     def turns_in(before: int, here: int, after: int) -> bool:
         (ax, ay), (bx, by), (cx, cy) = xy[before], xy[here], xy[after]
-        return bool((bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -_FLAT)
+        return bool((bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -PIECES.flat)
 
     for edge in sorted(inner, key=length, reverse=True):
         one, other = edges[edge], edges[edge[1], edge[0]]
@@ -200,10 +213,6 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     return [face for face in faces if face]
 
 
-_ROUNDING = 1e-9
-"""px: less is none."""
-
-
 def overlap_depth(a: Outline, b: Outline) -> float:
     """Penetration px of two outlines, 0 when they are apart or touch.
 
@@ -213,7 +222,7 @@ def overlap_depth(a: Outline, b: Outline) -> float:
         return 0.0
     if isinstance(a, Disc) and isinstance(b, Disc):
         depth = a.radius + b.radius - float(np.hypot(*(a.center - b.center)))
-        return depth if depth > _ROUNDING else 0.0
+        return depth if depth > PIECES.rounding else 0.0
     deepest = 0.0
     mine, others = _parts(a), _parts(b)
     boxes = [_box(part) for part in others]
@@ -222,7 +231,7 @@ def overlap_depth(a: Outline, b: Outline) -> float:
         for other, other_box in zip(others, boxes, strict=True):
             if _boxes_meet(box, other_box):
                 deepest = max(deepest, _depth(part, other))
-    return deepest if deepest > _ROUNDING else 0.0
+    return deepest if deepest > PIECES.rounding else 0.0
 
 
 def _parts(outline: Outline) -> list[Disc | Array]:

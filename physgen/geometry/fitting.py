@@ -6,6 +6,7 @@ Objects that touch in the photo touch in their outlines, and no outlines overlap
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -19,13 +20,28 @@ from physgen.geometry.regions import close_gaps, fit_regions, trace_borders
 CIRCLE_IOU = 0.85
 """A circle that covers a mask at least this well stands for it (the paper, supplement, primitive fitting)."""
 
-FOOT, FOOT_DEPTH = 2.0, 0.065
-"""px, and share of its radius, by which a circle sinks below what stands on a flat foot. Masks of balls in the studio's
-tuning photos, and of the peers' pool, lack 0.05 at most."""
-FOOT_WIDTH = 1.5
-"""Times as wide as a circle is 1.5 px above its lowest point, at its second row."""
-FOOT_IOU = 0.97
-"""A circle that covers a mask so well stands for it, whatever is hidden of its foot: grass, a rug."""
+
+@dataclass(frozen=True)
+class FitTuning:
+    """Thresholds of fitted outlines."""
+
+    foot: float = 2.0
+    foot_depth: float = 0.065
+    """px, and share of its radius, by which a circle sinks below what stands on a flat foot. Masks of balls in tuning
+    photos lack 0.05 at most."""
+    foot_width: float = 1.5
+    """Times as wide as a circle is 1.5 px above its lowest point, at its second row."""
+    foot_iou: float = 0.97
+    """A circle that covers a mask so well stands for it, whatever is hidden of its foot: grass, a rug."""
+    touch: int = 2
+    """px between two masks that still count as touching."""
+    keep_iou: float = 0.8
+    """A disc that had to leave its mask further than this to make room becomes a region after all."""
+    hidden: float = 0.1
+    """Weight of a border point that faces another object: it may be the other's border."""
+
+
+FIT = FitTuning()
 
 
 def fit_outline(mask: NDArray[np.bool_]) -> Outline:
@@ -58,13 +74,15 @@ def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
     low = rows >= rows.max() - 1
     sunk = float(disc.center[1]) + disc.radius - (float(rows.max()) + 0.5)
     wide = float(np.ptp(columns[low])) + 1
-    if sunk < max(FOOT, FOOT_DEPTH * disc.radius) or wide < FOOT_WIDTH * 2 * np.sqrt(3 * disc.radius):
+    if sunk < max(FIT.foot, FIT.foot_depth * disc.radius) or wide < FIT.foot_width * 2 * np.sqrt(
+        3 * disc.radius
+    ):
         return False
     if rows.max() + 1 >= len(part) or part[rows.max() + 1, columns[low]].any():
         return False
     y, x = np.mgrid[: part.shape[0], : part.shape[1]]
     round_ = np.hypot(x - disc.center[0], y - disc.center[1]) <= disc.radius
-    return float((mask & round_).sum()) < FOOT_IOU * float((mask | round_).sum())
+    return float((mask & round_).sum()) < FIT.foot_iou * float((mask | round_).sum())
 
 
 def long_border(mask: NDArray[np.bool_]) -> Array:
@@ -112,16 +130,6 @@ def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
-TOUCH = 2
-"""px between two masks that still count as touching."""
-
-KEEP_IOU = 0.8
-"""A disc that had to leave its mask further than this to make room becomes a region after all."""
-
-_HIDDEN = 0.1
-"""Weight of a border point that faces another object: it may be the other's border."""
-
-
 def fit_outlines(
     labels: NDArray[np.integer], ids: Sequence[int], never_discs: Collection[int] = ()
 ) -> dict[int, Outline]:
@@ -140,7 +148,7 @@ def fit_outlines(
     while True:
         regions = fit_regions(close_gaps(np.where(np.isin(owned, list(rough)), 0, owned)))
         discs = _together(owned, views, rough, regions)
-        lost = [i for i, disc in discs.items() if _iou(disc, owned[views[i]] == i, views[i]) < KEEP_IOU]
+        lost = [i for i, disc in discs.items() if _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou]
         if not lost:
             break
         for i in lost:
@@ -149,10 +157,10 @@ def fit_outlines(
 
 
 def touching_masks(labels: NDArray[np.integer], ids: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of objects whose masks are at most `TOUCH` px apart."""
+    """Pairs of objects whose masks are at most `FIT.touch` px apart."""
     pairs = set()
     known = set(ids)
-    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * TOUCH + 1, 2 * TOUCH + 1))
+    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * FIT.touch + 1, 2 * FIT.touch + 1))
     for i, view in _views(labels, ids).items():
         near = cv2.dilate((labels[view] == i).astype(np.uint8), kernel) > 0
         pairs |= {
@@ -181,7 +189,7 @@ def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
         if i == 0 or k == len(known) or known[k] != i:
             raise ValueError(f"no pixel of the label map has id {i}")
         (y0, x0), (y1, x1) = low[k].tolist(), high[k].tolist()
-        margin = max(y1 - y0, x1 - x0) // 2 + TOUCH + 2
+        margin = max(y1 - y0, x1 - x0) // 2 + FIT.touch + 2
         views[i] = (slice(max(y0 - margin, 0), y1 + margin + 1), slice(max(x0 - margin, 0), x1 + margin + 1))
     return views
 
@@ -228,7 +236,7 @@ def _together(
 def _could_touch(a: Disc, b: Disc) -> bool:
     """Near enough as circles too: ragged masks may meet where their circles do not."""
     gap = float(np.hypot(*(a.center - b.center))) - a.radius - b.radius
-    return gap <= max(2.0 * TOUCH, 0.1 * min(a.radius, b.radius))
+    return gap <= max(2.0 * FIT.touch, 0.1 * min(a.radius, b.radius))
 
 
 def _rough(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDisc:
@@ -236,12 +244,12 @@ def _rough(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDis
     local = long_border(part == i)
     local = local[:: max(1, len(local) // 128)]
     others = ((part != 0) & (part != i)).astype(np.uint8)
-    near = cv2.dilate(others, np.ones((2 * TOUCH + 1, 2 * TOUCH + 1), np.uint8)) > 0
+    near = cv2.dilate(others, np.ones((2 * FIT.touch + 1, 2 * FIT.touch + 1), np.uint8)) > 0
     place = np.clip(np.round(local).astype(np.intp), 0, (part.shape[1] - 1, part.shape[0] - 1))
     border = local + _corner(view)
     last = np.array([owned.shape[1] - 1, owned.shape[0] - 1])
     cut = ((border < 0) | (border > last)).any(axis=1)
-    weight = np.where(cut, 1e-3, np.where(near[place[:, 1], place[:, 0]], _HIDDEN, 1.0))
+    weight = np.where(cut, 1e-3, np.where(near[place[:, 1], place[:, 0]], FIT.hidden, 1.0))
     return RoughDisc(disc, border, weight)
 
 

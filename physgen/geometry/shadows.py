@@ -26,8 +26,28 @@ LEAST_LIGHT_HEIGHT = 0.2
 """Least sine of the light's height over a surface: lower lights throw shadows without end."""
 MOST_BLOCKED = 0.98
 """Of the direct or the ambient light, no more is taken away."""
-SKY = 0.5
-"""By how much more ambient light falls on what faces up: skies and ceilings are brighter than floors."""
+
+
+@dataclass(frozen=True)
+class ShadowModel:
+    """Resolution and limits of cast shadows."""
+
+    sky: float = 0.5
+    """By how much more ambient light falls on what faces up: skies and ceilings are brighter than floors."""
+    levels: int = 10
+    """Heights at which an object's silhouette is looked at."""
+    finer: int = 2
+    """Lines of the floor in a row of pixels: seen from the side, a row is deep."""
+    sunk: float = 3.0
+    """px by which an object's picture may reach farther below its floor than its thickness implies."""
+    far: float = 1e4
+    """px: a sky without anything in it."""
+    under: float = 0.9
+    beside: float = 0.4
+    """Of the sky that an object hides, what it does not give back by its own light: from under it, and beside it."""
+
+
+MODEL = ShadowModel()
 
 
 @dataclass(frozen=True)
@@ -50,7 +70,7 @@ class ShadowSetting:
         """Share of a surface's light that is direct."""
         facing = sum(a * b for a, b in zip(self.light.direction, normal, strict=True))
         straight = self.light.intensity * max(facing, 0.0)
-        around = self.light.ambient * (1 if self.top else 1 + SKY * max(-normal[1], 0.0))
+        around = self.light.ambient * (1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0))
         return straight / max(straight + around, 1e-9)
 
 
@@ -159,18 +179,6 @@ def blocked_by_ball(radius: float, setting: ShadowSetting, x: F32, y: F32 | floa
     return np.asarray((small / disc) ** 2 / (1 + np.exp(np.clip(away, -30, 30))) * (along > 0), np.float32)
 
 
-LEVELS = 10
-"""Heights at which an object's silhouette is looked at."""
-FINER = 2
-"""Lines of the floor in a row of pixels: seen from the side, a row is deep."""
-SUNK = 3.0
-"""px by which an object's picture may reach farther below its floor than its thickness implies."""
-FAR = 1e4
-"""px: a sky without anything in it."""
-UNDER, BESIDE = 0.9, 0.4
-"""Of the sky that an object hides, what it does not give back by its own light: from under it, and beside it."""
-
-
 @dataclass(frozen=True)
 class FloorContact:
     """The floor below an object, px."""
@@ -200,7 +208,7 @@ def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:
     top, bottom = what.corner[1] + rows[0] - 0.5, what.corner[1] + rows[-1] + 0.5
     thick = min(what.thick, 1.13 * what.area**0.5)  # no deeper than a disc of its area
     # a floor may be drawn where the plane of motion meets it, or where objects are seen to end
-    sunk = min(max(bottom - what.floor, 0.0), tilt * thick / 2 + SUNK)
+    sunk = min(max(bottom - what.floor, 0.0), tilt * thick / 2 + MODEL.sunk)
     half = max(thick / 2, sunk / tilt)
     foot = what.floor + sunk
     row = min(what.floor, foot - (tilt * half if bottom > foot - 1 else tilt * half / 2))
@@ -234,14 +242,16 @@ def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     xs = np.arange(box[0], box[2], dtype=np.float32)
     # px towards the viewer, of each row and of the lines of the floor that it holds
     z = (np.arange(box[1], box[3], dtype=np.float32)[:, None] - np.float32(at.row)) / np.float32(tilt)
-    within = (np.arange(FINER, dtype=np.float32) - (FINER - 1) / 2) / np.float32(FINER * tilt)
+    within = (np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2) / np.float32(
+        MODEL.finer * tilt
+    )
     lines = np.asarray((z + within).reshape(-1, 1), np.float32)
     if what.radius is not None:
         right = (xs - np.float32(what.center[0]))[None]
         blocked = blocked_by_ball(what.radius, setting, right, at.row - what.center[1], lines)
     else:
         blocked = _behind(what, setting, at, xs, lines)
-    blocked = np.asarray(blocked.reshape(len(z), FINER, len(xs)).mean(axis=1), np.float32)
+    blocked = np.asarray(blocked.reshape(len(z), MODEL.finer, len(xs)).mean(axis=1), np.float32)
     hidden = _sky(what, at, xs, z)
     if np.isfinite(setting.backdrop):
         upon = np.clip((z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5), 0, 1)
@@ -266,7 +276,7 @@ def _behind(what: Silhouette, setting: ShadowSetting, at: FloorContact, xs: F32,
     shear = np.array([[1.0, -ax, x0 + ax * (at.foot - y0) - float(xs[0])], [0, 1, 0]])
     there = cv2.warpAffine(what.coverage, shear, (len(xs), what.coverage.shape[0]), flags=cv2.INTER_LINEAR)
     # bands of rows, each with the heights that it spans, its shadow's softness and its place on the floor
-    parts = min(LEVELS, len(rows))
+    parts = min(MODEL.levels, len(rows))
     ends = np.cumsum(len(rows) // parts + (np.arange(parts) < len(rows) % parts))
     firsts, lasts = np.append(0, ends[:-1]), ends - 1
     upper, lower = heights[firsts] + 0.5, np.maximum(heights[lasts] - 0.5, 0.0)
@@ -305,7 +315,7 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
         return np.zeros((len(z), len(xs)), np.float32)
     right = left + len(lowest)
     gap = np.maximum(at.foot - (what.corner[1] + lowest - 0.5), 0.5).astype(np.float32)
-    gap[lowest == 0] = FAR
+    gap[lowest == 0] = MODEL.far
     # beside its feet an upright side hides half the sky
     feet = (what.corner[0] + left + np.flatnonzero(gap < gap.min() + 1 + 0.1 * (at.high - at.low))).astype(
         np.float32
@@ -317,7 +327,7 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
     before = np.maximum(np.abs(z) - np.float32(at.half), 0)
     reach = np.float32(0.22 * min(max(at.high - at.low, right - left), 8 * at.half) + 1)
     away = np.sqrt(beside * beside + before * before + np.float32(at.low**2))
-    hidden = np.float32(BESIDE) * np.exp(-away / reach)
+    hidden = np.float32(MODEL.beside) * np.exp(-away / reach)
     # under it a rectangle, so high over the floor, hides as much as its four sides say
     x0, x1 = np.float32(what.corner[0] + left - 0.5), np.float32(what.corner[0] + right - 0.5)
     gap = np.asarray(cv2.blur(gap[None], (5, 1))[0], np.float32)
@@ -328,7 +338,7 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
         along = (x - x0) / np.hypot(x - x0, c) + (x1 - x) / np.hypot(x1 - x, c)
         front, back, c = np.float32(at.half) - z, np.float32(at.half) + z, c * c
         across = front / np.sqrt(front * front + c) + back / np.sqrt(back * back + c)
-        np.maximum(hidden[:, a:b], np.float32(UNDER / 4) * along * across, out=hidden[:, a:b])
+        np.maximum(hidden[:, a:b], np.float32(MODEL.under / 4) * along * across, out=hidden[:, a:b])
     return np.asarray(hidden, np.float32)
 
 

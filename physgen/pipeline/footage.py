@@ -64,7 +64,7 @@ class Footage:
     @property
     def coverage(self) -> Frames[F32]:
         """(H, W) each, of objects: 0..1, in steps of 1/255."""
-        return Frames(lambda k: self._decoded(k, 1).reshape(self.size) / np.float32(255), len(self.blobs))
+        return Frames(self._coverage, len(self.blobs))
 
     @property
     def ids(self) -> Frames[U16]:
@@ -79,6 +79,10 @@ class Footage:
         if self.still[frame]:
             return self._rgb(0) + picture
         return np.cumsum(picture, axis=1, dtype=np.uint8)
+
+    def _coverage(self, frame: int) -> F32:
+        steps = self._decoded(frame, 1).reshape(self.size).astype(np.float32)
+        return np.asarray(steps / np.float32(255), np.float32)
 
     def _ids(self, frame: int) -> U16:
         return self._decoded(frame, 2).view("<u2").reshape(self.size).astype(np.uint16, copy=False)
@@ -133,7 +137,7 @@ def footage(
         if not first:
             first.append(rgb.copy())
         less = rgb - first[0]
-        still.append(bool(blobs) and np.count_nonzero(less) < (1 - SAME) * less.size)
+        still.append(bool(blobs) and bool(np.count_nonzero(less) < (1 - SAME) * less.size))
         if not still[-1]:
             less = rgb.copy()
             less[:, 1:] -= rgb[:, :-1]

@@ -23,23 +23,55 @@ F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
-PAINTS = 5
-"""At most, on one ball."""
-DIM = 0.03
-"""Linear light below which colours hardly tell paints apart."""
-MOST_PIXELS = 500
-"""Of a ball, that are asked."""
-ROUNDS = 4
-STIFF = 0.02
-"""Weight, in shares of the ball's pixels, that keeps shading near Lambert's."""
-ODD = 0.15
-"""Departure in log light from which a pixel counts less: a highlight, a seam, a mixed pixel."""
-SAME = 0.25
-"""Distance in log light up to which two paints are one."""
-UNDECIDED = 0.4
-"""Of the distance to the second nearest paint, beyond which a pixel is hardly nearer to the first."""
-MOST_DEPARTURE = 1.0
-"""Of the departure from Lambert, in log light."""
+
+@dataclass(frozen=True)
+class BallTuning:
+    """Thresholds of the separation of a ball into colour, gloss and shading."""
+
+    paints: int = 5
+    """At most, on one ball."""
+    dim: float = 0.03
+    """Linear light below which colours hardly tell paints apart."""
+    most_pixels: int = 500
+    """Of a ball, that are asked."""
+    rounds: int = 4
+    stiff: float = 0.02
+    """Weight, in shares of the ball's pixels, that keeps shading near Lambert's."""
+    odd: float = 0.15
+    """Departure in log light from which a pixel counts less: a highlight, a seam, a mixed pixel."""
+    same: float = 0.25
+    """Distance in log light up to which two paints are one."""
+    undecided: float = 0.4
+    """Of the distance to the second nearest paint, beyond which a pixel is hardly nearer to the first."""
+    most_departure: float = 1.0
+    """Of the departure from Lambert, in log light."""
+    darkest: float = 0.18
+    """Of full light: where less falls, the photo's own darkness is taken for the skin's."""
+    painted: float = 0.4
+    """Share of pixels between paints up to which a ball is taken for a painted one."""
+    plainly: float = 0.6
+    """Slope of a ball's brightness over its predicted shading from which the light is taken as it is."""
+    brighter: float = 1.6
+    """Than all that is seen of a ball, that its skin may be."""
+    rim_light: float = 0.85
+    """Of the radius: farther out the photo's own brightness is separated from the model's."""
+    even: float = 0.08
+    """Of the radius over which it is evened out."""
+    fades: float = 1.6
+    """By how much it may differ."""
+    plain: float = 0.25
+    """Departure of log light from an even change, up to which a ball is of one colour."""
+    gloss_width: float = 0.5
+    """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
+    gloss_least: float = 0.6
+    """Linear light that the dimmest channel of a highlight has at least."""
+    outshines: float = 1.2
+    """Times the brightest paint elsewhere on the ball that a highlight has at least."""
+    gloss_cosine: float = 0.80
+    """Of the angle between a highlight's normal and the mirror's direction, at least."""
+
+
+BALL = BallTuning()
 
 
 def basis(u: F32, v: F32, z: F32) -> list[F32]:
@@ -64,17 +96,17 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Pa
     used = np.flatnonzero(use)
     if len(used) < 80:
         return None
-    used = used[:: -(-len(used) // MOST_PIXELS)]
-    level: Array = np.log(np.maximum(bare.reshape(-1, 3)[used], 0) + np.float32(DIM)).astype(np.float64)
+    used = used[:: -(-len(used) // BALL.most_pixels)]
+    level: Array = np.log(np.maximum(bare.reshape(-1, 3)[used], 0) + np.float32(BALL.dim)).astype(np.float64)
     pictures = [np.broadcast_to(b, use.shape).ravel()[used] for b in basis(u, v, z)]
     rows: Array = np.column_stack(pictures).astype(np.float64)
     grey = level.mean(axis=1)
     # first paints by colour above all, of which light changes little
     paint = _split(np.column_stack([2 * (level - grey[:, None]), 0.7 * grey]))
     even, trust = np.zeros(8), np.ones(len(grey))
-    for _ in range(ROUNDS):
+    for _ in range(BALL.rounds):
         left = grey - rows @ even
-        trust = 1 / np.maximum(np.abs(left - _each(np.median, left, paint)[paint]) / ODD, 1)
+        trust = 1 / np.maximum(np.abs(left - _each(np.median, left, paint)[paint]) / BALL.odd, 1)
         even = _solved(rows, grey, paint, trust)
         bare_now = level - (rows @ even)[:, None]
         paint = _nearest(bare_now, _apart(_each(np.median, bare_now, paint)))
@@ -83,8 +115,10 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Pa
     left = level - rows @ each
     colours = _each(np.median, left, paint)
     away = np.sort([np.sqrt(((left - c) ** 2).sum(axis=1)) for c in colours], axis=0)
-    between = float((away[0] > UNDECIDED * away[1]).mean()) if len(colours) > 1 else 0.0
-    return Paints(each.astype(np.float32), np.maximum(np.exp(colours) - DIM, 0).astype(np.float32), between)
+    between = float((away[0] > BALL.undecided * away[1]).mean()) if len(colours) > 1 else 0.0
+    return Paints(
+        each.astype(np.float32), np.maximum(np.exp(colours) - BALL.dim, 0).astype(np.float32), between
+    )
 
 
 def _solved(rows: Array, level: Array, paint: Ids, trust: Array) -> Array:
@@ -97,7 +131,7 @@ def _solved(rows: Array, level: Array, paint: Ids, trust: Array) -> Array:
         mine = paint == k
         a[mine] -= np.average(a[mine], axis=0, weights=trust[mine])
         b[mine] -= np.average(b[mine], axis=0, weights=trust[mine])
-    normal = (a * w).T @ a + STIFF * len(rows) * np.eye(rows.shape[1])
+    normal = (a * w).T @ a + BALL.stiff * len(rows) * np.eye(rows.shape[1])
     return np.asarray(np.linalg.solve(normal, (a * w).T @ b))
 
 
@@ -109,7 +143,7 @@ def _each(of: Callable[..., Any], points: Array, paint: Ids) -> Array:
 def _split(points: Array) -> Ids:
     """Paint of each point: the farthest from those chosen makes the next one, then means (Lloyd)."""
     middles = [np.median(points, axis=0)]
-    for _ in range(PAINTS - 1):
+    for _ in range(BALL.paints - 1):
         away = np.min([((points - m) ** 2).sum(axis=1) for m in middles], axis=0)
         far = np.argsort(away)[int(0.97 * len(away))]
         if away[far] < 0.3**2:
@@ -126,7 +160,7 @@ def _apart(centers: Array) -> Array:
     """Centres of which none is another one over again."""
     kept: list[Array] = []
     for center in centers:
-        if all(np.linalg.norm(center - other) > SAME for other in kept):
+        if all(np.linalg.norm(center - other) > BALL.same for other in kept):
             kept.append(center)
     return np.array(kept)
 
@@ -139,32 +173,8 @@ def _nearest(points: Array, centers: Array) -> Ids:
 
 RIM = 0.955
 """Of the radius: farther out pixels are mixed, and so much foreshortened that they tell little."""
-DARKEST = 0.18
-"""Of full light: where less falls, the photo's own darkness is taken for the skin's."""
-PAINTED = 0.4
-"""Share of pixels between paints up to which a ball is taken for a painted one."""
 NEAR_RIM = 0.75, 0.9
 """Of the radius: between these, pixels give way to paints."""
-PLAINLY = 0.6
-"""Slope of a ball's brightness over its foretold shading, from which the light is taken as it is: paint blurs it."""
-BRIGHTER = 1.6
-"""Than all that is seen of a ball, that its skin may be."""
-RIM_LIGHT = 0.85
-"""Of the radius: farther out the photo's own brightness is separated from the model's."""
-EVEN = 0.08
-"""Of the radius over which it is evened out."""
-FADES = 1.6
-"""By how much it may differ."""
-PLAIN = 0.25
-"""Departure of log light from an even change, up to which a ball is of one colour; a number or a stripe is beyond."""
-GLOSS_WIDTH = 0.5
-"""Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
-GLOSS_LEAST = 0.6
-"""Linear light that the dimmest channel of a highlight has at least."""
-OUTSHINES = 1.2
-"""Times the brightest paint elsewhere on the ball that a highlight has at least."""
-GLOSS_COSINE = 0.80
-"""Of the angle between a highlight's normal and the mirror's direction, at least."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +206,9 @@ class Ball:
         if self.even is None:
             return plain
         more = np.stack(np.broadcast_arrays(*basis(u, v, z)), axis=-1) @ self.even
-        return np.asarray(plain * np.exp(np.clip(more, -MOST_DEPARTURE, MOST_DEPARTURE)), np.float32)
+        return np.asarray(
+            plain * np.exp(np.clip(more, -BALL.most_departure, BALL.most_departure)), np.float32
+        )
 
     @cached_property
     def lit(self) -> F32:
@@ -214,11 +226,13 @@ class Ball:
 
 
 def sphere_shading(light: DistantLight, u: F32, v: F32, z: F32) -> F32:
-    """Lambert's law on a unit sphere's normals (u, v, z to the viewer), never below DARKEST of the most."""
+    """Lambert's law on a unit sphere's normals (u, v, z to the viewer), never below BALL.darkest of the most."""
     lx, ly, lz = (np.float32(c) for c in light.direction)
     facing = np.maximum(lx * u + ly * v + lz * z, 0)
     shade = np.float32(light.ambient) + np.float32(light.intensity) * facing
-    return np.asarray(np.maximum(shade, np.float32(DARKEST * (light.ambient + light.intensity))), np.float32)
+    return np.asarray(
+        np.maximum(shade, np.float32(BALL.darkest * (light.ambient + light.intensity))), np.float32
+    )
 
 
 def ball_from_photo(
@@ -250,7 +264,7 @@ def ball_from_photo(
     bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
     ball = replace(ball, skin=bare)
     found = find_paints(bare, su, sv, z, (rho < RIM) & (shine.max(axis=2) <= 0))
-    if found is not None and found.between < PAINTED:
+    if found is not None and found.between < BALL.painted:
         ball = replace(ball, even=found.even)
         bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
         if view is View.TOP:
@@ -262,18 +276,18 @@ def ball_from_photo(
         return replace(ball, gloss=colour - ball.skin * ball.lit)
     # no skin sends back more than the brightest that is seen of it in full light
     brightest = np.percentile((inner - shine)[rho < RIM], 98, axis=0) if (rho < RIM).any() else np.ones(3)
-    most = BRIGHTER * brightest / (light.ambient + light.intensity)
+    most = BALL.brighter * brightest / (light.ambient + light.intensity)
     ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)))
     # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
     model = (ball.skin * ball.lit).mean(axis=2)
     share = blurred_share(
-        (colour - shine).mean(axis=2), model, (rho < 1).astype(np.float32), max(1.0, EVEN * radius)
+        (colour - shine).mean(axis=2), model, (rho < 1).astype(np.float32), max(1.0, BALL.even * radius)
     )
-    return replace(ball, fade=np.asarray(np.where(rho > RIM_LIGHT, share, 1), np.float32))
+    return replace(ball, fade=np.asarray(np.where(rho > BALL.rim_light, share, 1), np.float32))
 
 
 def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
-    """0..1: the slope of a ball's own brightness over its foretold shading, in logarithms; 1 from PLAINLY on."""
+    """0..1: the slope of a ball's own brightness over its foretold shading, in logarithms; 1 from BALL.plainly on."""
     if np.count_nonzero(inside) < 50:
         return 1.0
     x, y = (
@@ -288,18 +302,18 @@ def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
         level = float(np.average(y - slope * x, weights=trust))
         slope = float((trust * x * (y - level)).sum() / ((trust * x * x).sum() + 0.02 * spread * len(x)))
         trust = 1 / np.maximum(np.abs(y - level - slope * x) / 0.2, 1)
-    return float(np.clip(slope / PLAINLY, 0, 1))
+    return float(np.clip(slope / BALL.plainly, 0, 1))
 
 
 def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
     """(h, w) how much brighter an object is than its model, evenly."""
     above, below = (cv2.GaussianBlur(part * weight, (0, 0), sigma) for part in (seen, model))
-    return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / FADES, FADES), np.float32)
+    return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / BALL.fades, BALL.fades), np.float32)
 
 
 def _painted(bare: F32, rho: F32, found: Paints) -> F32:
     """Towards the rim, where few slanted pixels stand for much of the far side, paints instead of pixels."""
-    level, colours = np.log(np.maximum(bare, 0) + DIM), np.log(found.colours + DIM)
+    level, colours = np.log(np.maximum(bare, 0) + BALL.dim), np.log(found.colours + BALL.dim)
     paint = np.argmin([((level - c) ** 2).sum(axis=2) for c in colours], axis=0).astype(np.uint8)
     flat = found.colours[cv2.medianBlur(paint, 5)]
     share = np.clip((rho - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1)[..., None]
@@ -315,7 +329,7 @@ def _plain(bare: F32, u: F32, v: F32, z: F32, inside: NDArray[np.bool_]) -> bool
         [np.ones(len(level)), *(np.broadcast_to(n, inside.shape)[inside] for n in (u, v, z))]
     )
     left = level - rows @ np.linalg.lstsq(rows, level, rcond=None)[0]
-    return bool(np.percentile(np.abs(left), 90) < PLAIN)
+    return bool(np.percentile(np.abs(left), 90) < BALL.plain)
 
 
 def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLight) -> F32:
@@ -325,22 +339,22 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     if length < 1e-6 or radius < 4:
         return np.zeros_like(colour)
     hx, hy, hz = (np.float32(c / length) for c in half)
-    side = 2 * max(1, round(GLOSS_WIDTH * radius / 2)) + 1
+    side = 2 * max(1, round(BALL.gloss_width * radius / 2)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     beneath = cv2.morphologyEx(colour, cv2.MORPH_OPEN, kernel, borderType=cv2.BORDER_REPLICATE)
     dimmest = colour.min(axis=2)
-    near = hx * u + hy * v + hz * z > GLOSS_COSINE
-    core = (dimmest > GLOSS_LEAST) & near
+    near = hx * u + hy * v + hz * z > BALL.gloss_cosine
+    core = (dimmest > BALL.gloss_least) & near
     core &= dimmest > 1.5 * beneath.min(axis=2) + 0.05
     # a white stripe is as white elsewhere on the ball; a highlight outshines all of it
     paint = dimmest / sphere_shading(light, u, v, z)
     if near.all():  # nothing beside it to outshine
         return np.zeros_like(colour)
-    core &= paint > OUTSHINES * np.percentile(paint[~near], 97)
+    core &= paint > BALL.outshines * np.percentile(paint[~near], 97)
     count, names, boxes, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
     for k in range(1, count):
         long = max(boxes[k, cv2.CC_STAT_WIDTH], boxes[k, cv2.CC_STAT_HEIGHT])
-        if long > GLOSS_WIDTH * radius:
+        if long > BALL.gloss_width * radius:
             core[names == k] = False
     if not core.any():
         return np.zeros_like(colour)

@@ -14,20 +14,30 @@ from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-SLACK, FLAT = 0.15, 0.75
-"""px by which points of one contact may be farther apart than its nearest: of circles, and of faces, whose corners may
-be a little rounded or tilted."""
-APART = 3.0
-"""px between two points of a contact; nearer ones are one."""
-FAINT, LOUD = 0.7, 3.0
-"""Times what gravity gives the lighter partner meanwhile: rise of a push in an impact that changes the motion of
-either, and in one that they pass on."""
-UNEVEN = 1.5
-"""Times what has pressed before or goes on pressing: an impact is more, as a solver shares pushes out unevenly."""
-AFTER = 3
-"""Spans of time that it must go on."""
-STEPS = 4
-"""Of the engine, at least, in which pushes are taken together."""
+
+@dataclass(frozen=True)
+class ImpactTuning:
+    """Thresholds that tell impacts from lasting contacts."""
+
+    slack: float = 0.15
+    flat: float = 0.75
+    """px by which points of one contact may be farther apart than its nearest: of circles, and of faces, whose corners
+    may be a little rounded or tilted."""
+    apart: float = 3.0
+    """px between two points of a contact; nearer ones are one."""
+    faint: float = 0.7
+    loud: float = 3.0
+    """Times what gravity gives the lighter partner meanwhile: rise of a push in an impact that changes the motion of
+    either, and in one that they pass on."""
+    uneven: float = 1.5
+    """Times what has pressed before or goes on pressing: an impact is more, as a solver shares pushes out unevenly."""
+    after: int = 3
+    """Spans of time that it must go on."""
+    steps: int = 4
+    """Of the engine, at least, in which pushes are taken together."""
+
+
+IMPACT = ImpactTuning()
 
 
 @dataclass(frozen=True)
@@ -60,17 +70,17 @@ def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
 
     What goes on pressing, before or after, is no impact.
     """
-    contacts, span = seen.contacts, max(span, STEPS / world.steps_per_second)
+    contacts, span = seen.contacts, max(span, IMPACT.steps / world.steps_per_second)
     rows, S = contacts.impulse_rows.astype(np.int64), len(contacts.surfaces)
     if not len(rows):
         return []
     place = np.maximum(np.ceil(seen.times[rows[:, 0]] / span - 1e-9).astype(np.int64) - 1, 0)
-    B = int(place.max()) + AFTER + 2
+    B = int(place.max()) + IMPACT.after + 2
     keys, group = np.unique((rows[:, 1] * S + rows[:, 2]) * B + place, return_inverse=True)
     pushes = np.stack([np.bincount(group, part, len(keys)) for part in contacts.impulses.T], axis=1)
     given = np.hypot(*pushes.T)
     lasting = np.maximum(
-        _given(keys, given, -1), np.min([_given(keys, given, k + 1) for k in range(AFTER)], axis=0)
+        _given(keys, given, -1), np.min([_given(keys, given, k + 1) for k in range(IMPACT.after)], axis=0)
     )
     pairs = np.stack([keys // B // S, keys // B % S], axis=1)
     dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
@@ -78,9 +88,9 @@ def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
     mass[: len(dynamic)] = np.where(dynamic, [body.mass for body in world.bodies], np.inf)
     light = mass[pairs].min(axis=1)
     weight = light * max(float(np.hypot(*world.gravity)), world.press) * span
-    rise = given - UNEVEN * lasting
+    rise = given - IMPACT.uneven * lasting
     stirs = light * _stir(world, seen, pairs, keys % B * span, span) > given / 2
-    sudden = np.isfinite(light) & (rise > np.where(stirs, FAINT, LOUD) * weight + 1e-9 * light)
+    sudden = np.isfinite(light) & (rise > np.where(stirs, IMPACT.faint, IMPACT.loud) * weight + 1e-9 * light)
     found: list[Impact] = []
     size = np.hypot(*contacts.impulses.T)
     last = -2
@@ -94,7 +104,7 @@ def find_impacts(world: World, seen: Trajectory, span: float) -> list[Impact]:
             points, gap = contact_points_between(world, seen.poses[sample], first, second)
             before = max(sample - 1, 0)  # what meets and parts again has met at the sample before
             points_before, gap_before = contact_points_between(world, seen.poses[before], first, second)
-            if gap_before < gap - SLACK:
+            if gap_before < gap - IMPACT.slack:
                 sample, points = before, points_before
             way = pushes[k] / given[k]
             found.append(Impact(float(seen.times[sample]), points.mean(axis=0), push, way, (first, second)))
@@ -142,12 +152,12 @@ def contact_points_between(world: World, poses: Array, first: int, second: int) 
     ways = [_nearest(edges[:, 0], others), _nearest(edges[:, 1], others), _nearest(others[:, 0], edges)]
     ways.append(_nearest(others[:, 1], edges))
     points, gaps = (np.concatenate(part) for part in zip(*ways, strict=True))
-    return _ends(points, gaps, FLAT)
+    return _ends(points, gaps, IMPACT.flat)
 
 
 def _disc(center: Array, radius: float, edges: Array) -> tuple[Array, float]:
     near, away = _nearest(center[None], edges)
-    return _ends(near, away - radius, SLACK)
+    return _ends(near, away - radius, IMPACT.slack)
 
 
 def _round(world: World, poses: Array, surface: int) -> tuple[Array, float] | None:
@@ -185,6 +195,6 @@ def _ends(points: Array, gaps: Array, slack: float) -> tuple[Array, float]:
     middle = points.mean(axis=0)
     end = points[np.argmax(((points - middle) ** 2).sum(axis=1))]
     other = points[np.argmax(((points - end) ** 2).sum(axis=1))]
-    if np.hypot(*(other - end)) < APART:
+    if np.hypot(*(other - end)) < IMPACT.apart:
         return middle[None], least
     return np.stack([end, other]), least

@@ -7,6 +7,7 @@ view). A point of one object loses its direct light where the way to the light m
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from math import hypot, radians, tan
 
 import cv2
@@ -20,14 +21,22 @@ from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, Spri
 
 F32 = NDArray[np.float32]
 
-CELLS = 16
-"""Of the grid on which a veil is worked out, about so many across the figure."""
-STOPS = 4
-"""On the way through another object's thickness at which its silhouette is looked at."""
-RIM = 0.4
-"""Of a ball's normal towards the viewer, from which a veil is seen in full."""
-FAINT = 0.01
-"""-log of light: what is less everywhere is no veil."""
+
+@dataclass(frozen=True)
+class OcclusionTuning:
+    """Resolution and thresholds of shadows on other objects."""
+
+    cells: int = 16
+    """Of the grid on which a veil is worked out, about so many across the figure."""
+    stops: int = 4
+    """On the way through another object's thickness at which its silhouette is looked at."""
+    rim: float = 0.4
+    """Of a ball's normal towards the viewer, from which a veil is seen in full."""
+    faint: float = 0.01
+    """-log of light: what is less everywhere is no veil."""
+
+
+OCCLUSION = OcclusionTuning()
 
 
 def middle(figure: Silhouette, top: bool) -> float:
@@ -130,7 +139,7 @@ def _on_balls(
     found = {}
     for k, (h, w), step, picture in zip(near, sizes, steps, dark, strict=True):
         own = picture[: -(-h // step), : -(-w // step)]
-        if own.max(initial=0) >= FAINT:
+        if own.max(initial=0) >= OCCLUSION.faint:
             found[k] = _enlarged(own, step, h, w)
     return found
 
@@ -161,13 +170,13 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
             blocked = _behind_balls([other], (x, y, toward), setting)[0]
         left *= 1 - np.float32(MOST_BLOCKED) * direct * blocked
     dark = _seen(left, z)
-    return None if dark.max() < FAINT else _enlarged(dark, step, h, w)
+    return None if dark.max() < OCCLUSION.faint else _enlarged(dark, step, h, w)
 
 
 def _step(onto: Silhouette) -> int:
     """px a side of the cells of a veil's grid."""
     h, w = onto.coverage.shape
-    return max(1, int(np.sqrt(h * w)) // CELLS)
+    return max(1, int(np.sqrt(h * w)) // OCCLUSION.cells)
 
 
 def _direct(facing: F32, setting: ShadowSetting) -> F32:
@@ -183,7 +192,7 @@ def _seen(left: F32, z: F32 | None) -> F32:
     They are mixed with what is behind, and the neighbours' light fills them.
     """
     dark = -np.log(np.maximum(left, 1 - MOST_BLOCKED))
-    return np.asarray(dark if z is None else dark * np.clip(z / np.float32(RIM), 0, 1), np.float32)
+    return np.asarray(dark if z is None else dark * np.clip(z / np.float32(OCCLUSION.rim), 0, 1), np.float32)
 
 
 def _enlarged(dark: F32, step: int, h: int, w: int) -> F32:
@@ -228,8 +237,8 @@ def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowS
     seen = cv2.GaussianBlur(np.pad(slab.coverage, 4), (0, 0), min(soft, 4.0))
     left, top = np.float32(4 - slab.corner[0]), np.float32(4 - slab.corner[1])
     blocked = np.zeros(x.shape, np.float32)
-    for stop in range(1, STOPS + 1):
-        s = way * np.float32(stop / STOPS)
+    for stop in range(1, OCCLUSION.stops + 1):
+        s = way * np.float32(stop / OCCLUSION.stops)
         there = cv2.remap(
             seen, x + s * np.float32(lx) + left, y + s * np.float32(ly) + top, cv2.INTER_LINEAR, borderValue=0
         )

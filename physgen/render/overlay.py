@@ -78,16 +78,42 @@ class Sheet:
 
 U8 = NDArray[np.uint8]
 
-OPAQUE = 0.74
+
+@dataclass(frozen=True)
+class OverlayStyle:
+    """Sizes and limits of overlays."""
+
+    opaque: float = 0.74
+    row: float = 1.6
+    """Letters from line to line."""
+    pad: float = 0.4
+    side: float = 0.9
+    gap: float = 0.8
+    """Letters of room above and below, at the sides, and between samples and words."""
+    largest: float = 0.85
+    """Of a picture's side: a key that is longer is left out."""
+    arc: float = 1.1
+    """Letters: the radius of a torque's sample."""
+    least: float = 0.65
+    """Of a letter: as small as a name becomes on a small object."""
+    line: float = 1.15
+    """Letters from line to line."""
+    finer: int = 8
+    """Times a frame that trails and impacts are looked at."""
+    most: int = 2_000_000
+    """Samples times objects of such a closer look."""
+    flash: int = 8
+    """Frames for which an impact, or a push of no duration, is shown; at most a sixth of the clip."""
+    fade: float = 0.5
+    """Of the clip: how long a trail takes to fade to its least."""
+    faint: float = 0.4
+    still: float = 2.0
+    """px: shorter arrows, and trails of what moves no farther, are not drawn."""
+
+
+STYLE = OverlayStyle()
+
 WORDS = (255, 255, 255)
-ROW = 1.6
-"""Letters from line to line."""
-PAD, SIDE, GAP = 0.4, 0.9, 0.8
-"""Letters of room above and below, at the sides, and between samples and words."""
-LARGEST = 0.85
-"""Of a picture's side: a key that is longer is left out."""
-ARC = 1.1
-"""Letters: the radius of a torque's sample."""
 CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 """0 left and top, 1 right and bottom; the first of several that are as good."""
 
@@ -114,17 +140,23 @@ def write_key(rgb: U8, sheet: Sheet, entries: Sequence[Entry], corner: tuple[int
     column = max(samples)
     x0, y0, x1, y1 = _box(sheet, entries, corner)
     wide, tall = x1 - x0, y1 - y0
-    if wide > LARGEST * sheet.size[0] or tall > LARGEST * sheet.size[1]:
+    if wide > STYLE.largest * sheet.size[0] or tall > STYLE.largest * sheet.size[1]:
         return  # on a small picture the motion matters more
-    plate(rgb, (x0, y0, x1, y1), 0.5 * letter, OPAQUE)
+    plate(rgb, (x0, y0, x1, y1), 0.5 * letter, STYLE.opaque)
     words = Layer(sheet.size, 0.0)
-    y = y0 + PAD * letter
+    y = y0 + STYLE.pad * letter
     for entry, wide in zip(entries, samples, strict=True):
         tall = _tall(entry, sheet)
         layer = Layer(sheet.size, 0.0)
-        _sample(layer, sheet, entry, np.array([x0 + SIDE * letter + (column - wide) / 2, y + tall / 2]), wide)
+        _sample(
+            layer,
+            sheet,
+            entry,
+            np.array([x0 + STYLE.side * letter + (column - wide) / 2, y + tall / 2]),
+            wide,
+        )
         layer.onto(rgb, COLOURS[entry.kind])
-        text = x1 - SIDE * letter - _text(sheet, entries) + text_width(entry.text, letter) / 2
+        text = x1 - STYLE.side * letter - _text(sheet, entries) + text_width(entry.text, letter) / 2
         words.words(entry.text, (text, y + tall / 2), letter)
         y += tall
     words.onto(rgb, WORDS)
@@ -136,8 +168,8 @@ def _box(
     """x0, y0, x1, y1 px of the key's plate."""
     letter = sheet.letter
     column = max(_wide(entry, sheet) for entry in entries)
-    width = (2 * SIDE + GAP) * letter + column + _text(sheet, entries)
-    height = 2 * PAD * letter + sum(_tall(entry, sheet) for entry in entries)
+    width = (2 * STYLE.side + STYLE.gap) * letter + column + _text(sheet, entries)
+    height = 2 * STYLE.pad * letter + sum(_tall(entry, sheet) for entry in entries)
     margin = 0.9 * letter
     x0 = sheet.size[0] - margin - width if corner[0] else margin
     y0 = sheet.size[1] - margin - height if corner[1] else margin
@@ -152,14 +184,14 @@ def _text(sheet: Sheet, entries: Sequence[Entry]) -> float:
 def _tall(entry: Entry, sheet: Sheet) -> float:
     """px that a line takes."""
     if entry.kind is Overlay.CONTACTS:
-        return max(ROW * sheet.letter, 2.6 * entry.size * sheet.unit)
-    return ROW * sheet.letter * (1.25 if entry.load is Load.TORQUE else 1.0)
+        return max(STYLE.row * sheet.letter, 2.6 * entry.size * sheet.unit)
+    return STYLE.row * sheet.letter * (1.25 if entry.load is Load.TORQUE else 1.0)
 
 
 def _wide(entry: Entry, sheet: Sheet) -> float:
     """px that a sample takes."""
     if entry.load is Load.TORQUE:
-        return 2 * ARC * sheet.letter
+        return 2 * STYLE.arc * sheet.letter
     return entry.size * sheet.unit * (2 if entry.kind is Overlay.CONTACTS else 1)
 
 
@@ -169,22 +201,18 @@ def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array, wide: float) ->
     if entry.kind is Overlay.CONTACTS:
         ring(layer, middle, entry.size * sheet.unit, sheet.pen)
     elif entry.load is Load.TORQUE:
-        curved_arrow(layer, arc(middle, ARC * sheet.letter, entry.size), sheet.pen)
+        curved_arrow(layer, arc(middle, STYLE.arc * sheet.letter, entry.size), sheet.pen)
     else:
         straight_arrow(layer, at, at + np.array([wide, 0.0]), sheet.pen, struck=entry.load is Load.IMPULSE)
 
 
-LEAST = 0.65
-"""Of a letter: as small as a name becomes on a small object."""
-LINE = 1.15
-"""Letters from line to line."""
 LINES = (0, -1, 1, -2, 2)
 
 
 def letter_size(body: Body, sheet: Sheet) -> float:
     """px: the size of a name's letters."""
     room = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
-    return sheet.letter * min(max(room, LEAST), 1.0)
+    return sheet.letter * min(max(room, STYLE.least), 1.0)
 
 
 def label_lines(world: World, sheet: Sheet) -> tuple[int, ...]:
@@ -198,14 +226,14 @@ def label_lines(world: World, sheet: Sheet) -> tuple[int, ...]:
         size = letter_size(body, sheet)
         x, y = sheet.at(body.center).tolist()
         wide, tall = text_width(body.name, size) / 2, size / 2
-        near = [line for line in LINES if abs(line) * LINE * size <= body.reach * sheet.zoom + size / 2]
+        near = [line for line in LINES if abs(line) * STYLE.line * size <= body.reach * sheet.zoom + size / 2]
         crowds = []
         for line in near:
-            row = y + line * LINE * size
+            row = y + line * STYLE.line * size
             over = [max(0.0, wide + w - abs(x - a)) for a, b, w, t in taken if abs(row - b) < tall + t]
             crowds.append((sum(over), abs(line), line))
         _, _, line = min(crowds)
-        taken.append((x, y + line * LINE * size, wide, tall))
+        taken.append((x, y + line * STYLE.line * size, wide, tall))
         lines.append(line)
     return tuple(lines)
 
@@ -213,23 +241,11 @@ def label_lines(world: World, sheet: Sheet) -> tuple[int, ...]:
 def write_name(layer: Layer, sheet: Sheet, body: Body, center: tuple[float, float], line: int) -> None:
     """A name at a centre, px of the frame, so many lines below it."""
     size = letter_size(body, sheet)
-    layer.words(body.name, (center[0], center[1] + line * LINE * size), size)
+    layer.words(body.name, (center[0], center[1] + line * STYLE.line * size), size)
 
 
 Lens = Callable[[Frame], Array]
 """Frame -> (2, 3): photo px (x, y, 1) -> px of the frame."""
-
-FINER = 8
-"""Times a frame that trails and impacts are looked at."""
-MOST = 2_000_000
-"""Samples times objects of such a closer look."""
-FLASH = 8
-"""Frames for which an impact, or a push of no duration, is shown; at most a sixth of the clip."""
-FADE = 0.5
-"""Of the clip: how long a trail takes to fade to its least."""
-FAINT = 0.4
-STILL = 2.0
-"""px: shorter arrows, and trails of what moves no farther, are not drawn."""
 
 
 @dataclass(frozen=True)
@@ -287,11 +303,11 @@ def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> 
     """A clip's impacts, scales and key."""
     seen, found = trajectory, list[Impact]()
     if world.bodies and len(trajectory.times) > 1 and {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds):
-        seen = simulate(world, sample_times(trajectory, FINER, MOST // len(world.bodies)))
+        seen = simulate(world, sample_times(trajectory, STYLE.finer, STYLE.most // len(world.bodies)))
     if Overlay.CONTACTS in kinds:
-        found = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
+        found = find_impacts(world, seen, world.duration / max(len(world.times), 1) / STYLE.finer)
     scale = scales(world, trajectory, kinds, [impact.impulse for impact in found])
-    flash = min(FLASH * world.duration / max(len(world.times), 1), world.duration / 6)
+    flash = min(STYLE.flash * world.duration / max(len(world.times), 1), world.duration / 6)
     entries, whole = key_entries(world, scale, kinds), Sheet(world.size, 1.0, np.eye(2, 3), 0.0, 0)
     corner = emptiest_corner(world, trajectory, whole, entries) if entries else (0, 0)
     return OverlayClip(world, seen, found, scale, entries, corner, flash, label_lines(world, whole))
@@ -320,10 +336,10 @@ def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     times = clip.seen.times[: sheet.sample + 1]
     if len(times) < 2:
         return
-    age = (sheet.time - times[1:]) / max(FADE * clip.world.duration, 1e-9)
-    strengths = np.clip(1 - (1 - FAINT) * age, FAINT, 1)
+    age = (sheet.time - times[1:]) / max(STYLE.fade * clip.world.duration, 1e-9)
+    strengths = np.clip(1 - (1 - STYLE.faint) * age, STYLE.faint, 1)
     for path in np.moveaxis(clip.seen.poses[: sheet.sample + 1, :, :2], 1, 0):
-        if np.ptp(path, axis=0).max() > STILL:
+        if np.ptp(path, axis=0).max() > STYLE.still:
             kept = _apart(path)
             points = sheet.at(path[kept])
             layer.segments(points[:-1], points[1:], sheet.pen, strengths[kept[1:] - 1])
@@ -379,7 +395,7 @@ def _forces(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
         if push.load is Load.TORQUE:
             radius = min(1.25 * body.reach, 0.2 * max(clip.world.size))
             sweep = clip.scales.torque * push.torque
-            if abs(sweep) * radius * sheet.zoom >= STILL:
+            if abs(sweep) * radius * sheet.zoom >= STYLE.still:
                 curved_arrow(layer, sheet.at(arc(np.array([x, y]), radius, sweep)), sheet.pen)
         elif push.load is Load.IMPULSE:
             left = _left(clip, sheet, push.start)
@@ -393,7 +409,7 @@ def _arrow(
 ) -> None:
     """From a point (2,) of the photo, as long as `way` (2,) px of the photo."""
     tail, along = sheet.at(at), sheet.way(way)
-    if np.hypot(*along) >= STILL:
+    if np.hypot(*along) >= STYLE.still:
         straight_arrow(layer, tail, tail + along, sheet.pen, strength, struck=struck)
 
 
@@ -408,13 +424,13 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     lasting = (contacts.touch_times[:, 0] <= now) & (contacts.touch_times[:, 1] >= sheet.time)
     for first, second in contacts.touch_pairs[lasting].tolist():
         points, gap = contact_points_between(clip.world, _poses(clip, sheet), first, second)
-        if gap < STILL:
+        if gap < STYLE.still:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
     shown = [impact for impact in clip.impacts if impact.time <= now < impact.time + clip.flash]
     for impact in shown:
         radius = _radius(clip, impact)
-        if radius * sheet.unit > STILL and not any(_swallows(clip, other, impact) for other in shown):
+        if radius * sheet.unit > STYLE.still and not any(_swallows(clip, other, impact) for other in shown):
             left = _left(clip, sheet, impact.time)
             ring(layer, sheet.at(impact.at), radius * sheet.unit, sheet.pen, left)
 

@@ -15,18 +15,27 @@ from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-LONG = 0.17
-"""Of the picture's longer side: how long an arrow of the most common largest is."""
-LONGEST = 0.45
-"""Of the picture's longer side: how long any velocity in sight is."""
-SAMPLE = 0.09
-"""Of the picture's longer side: how long an arrow of the key is at most."""
+
+@dataclass(frozen=True)
+class ScaleStyle:
+    """Sizes of arrows, arcs and rings."""
+
+    long: float = 0.17
+    """Of the picture's longer side: how long an arrow of the most common largest is."""
+    longest: float = 0.45
+    """Of the picture's longer side: how long any velocity in sight is."""
+    sample: float = 0.09
+    """Of the picture's longer side: how long an arrow of the key is at most."""
+    usual: int = 97
+    """Percentile of all speeds that counts as the largest: a rare fast one may be longer than the rest."""
+
+
+SCALE = ScaleStyle()
+
 RING = 0.04
 """Of the picture's longer side: the radius of the strongest impact's ring."""
 SWEEP = 1.6 * np.pi
 """rad: the arc of the strongest torque."""
-USUAL = 97
-"""Percentile of all speeds that counts as the largest: a rare fast one may be longer than the rest."""
 COLOURS = {
     Overlay.OUTLINES: (86, 190, 255),
     Overlay.VELOCITY: (40, 205, 150),
@@ -69,12 +78,12 @@ class Entry:
 def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], impacts: Sequence[float]) -> Scales:
     """The scales of a clip; `impacts` are their impulses, g·px/s."""
     side = float(max(world.size))
-    usual = LONG * side
+    usual = SCALE.long * side
     speeds = _speeds(world, seen)
     tau = 0.0
     if Overlay.VELOCITY in kinds and speeds.size:
-        tau = nearest_round(usual / float(np.percentile(speeds, USUAL)))
-        tau = min(tau, largest_round(LONGEST * side / float(speeds.max())))
+        tau = nearest_round(usual / float(np.percentile(speeds, SCALE.usual)))
+        tau = min(tau, largest_round(SCALE.longest * side / float(speeds.max())))
     loads: dict[Load, list[float]] = {load: [] for load in Load}
     if Overlay.FORCES in kinds:
         for push in world.pushes:
@@ -97,7 +106,7 @@ def scales(world: World, seen: Trajectory, kinds: Collection[Overlay], impacts: 
 
 def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list[Entry]:
     """The key's lines: for each scale, the largest round number in SI units whose sample is not too long."""
-    longest = SAMPLE * max(world.size)
+    longest = SCALE.sample * max(world.size)
     meter = world.pixels_per_meter
     newton = 1000 * meter  # g·px/s²
     pushed = Overlay.FORCES in kinds and any(push.load is Load.FORCE for push in world.pushes)

@@ -23,14 +23,38 @@ from physgen.photometry import decode, luminance
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
 
-LIFT = 0.25
-"""Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
-COMES = 0.5
-"""Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
-FLIES = 1.2
-"""Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
-TURN = 0.35
-"""rad by which an object that is not round may turn until then."""
+
+@dataclass(frozen=True)
+class ShadowTuning:
+    """Thresholds of the separation of shadows from the background."""
+
+    lift: float = 0.25
+    """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
+    comes: float = 0.5
+    """Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
+    flies: float = 1.2
+    """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
+    turn: float = 0.35
+    """rad by which an object that is not round may turn until then."""
+    smooth: float = 0.5
+    """px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
+    ring: int = 2
+    """px around objects where the background still shows traces of them."""
+    gap: int = 4
+    """px: half the width of gaps between objects in which no background is seen."""
+    deepest: float = 3.5
+    """-log of the least light that a shadow leaves."""
+    near: float = 0.5
+    """Of an object's size: how far around it what is dark may be its own."""
+    hidden: float = 3.0
+    """px over which the background's detail reaches under objects."""
+    faint: float = 0.006
+    """-log of light that is not missed: half a grey level of a middle grey."""
+    cells: int = 24
+    """Of the grid on which a shadow is worked out, at least so many across the object."""
+
+
+SHADOW = ShadowTuning()
 
 
 @dataclass(frozen=True)
@@ -85,7 +109,7 @@ class LitBackground:
             box, picture = dark
             if not self.lifted:  # the photo's shadow is still there: today's comes as it is left behind
                 away = np.hypot(pose.x - start.x, pose.y - start.y) / (
-                    COMES * max(min(now.coverage.shape), 1)
+                    SHADOW.comes * max(min(now.coverage.shape), 1)
                 )
                 picture = picture * np.float32(1 - np.exp(-(away**2)))
             found.append((box, picture))
@@ -106,20 +130,20 @@ class LitBackground:
         """Whether its shadow is mostly on the wall behind: it flies before one."""
         if not np.isfinite(self.setting.backdrop):
             return False
-        return start.floor is None or start.floor - start.center[1] > FLIES * start.thick
+        return start.floor is None or start.floor - start.center[1] > SHADOW.flies * start.thick
 
     def _kept(self, cast: CastShadow, now: Silhouette, turn: float) -> tuple[float, tuple[float, float]]:
         """How much of the photo's own shadow still holds, and by how much it has moved, px."""
         start = cast.start
         dx, dy = now.center[0] - start.center[0], now.center[1] - start.center[1]
         size = max(min(start.coverage.shape), 1)
-        strength = 1.0 if cast.round else float(np.exp(-((turn / TURN) ** 2)))
+        strength = 1.0 if cast.round else float(np.exp(-((turn / SHADOW.turn) ** 2)))
         if self.setting.top or self._on_wall(start):
             return strength, (dx, dy)
         if start.floor is None or now.floor is None:
-            return strength * float(np.exp(-((np.hypot(dx, dy) / (LIFT * size)) ** 2))), (0.0, 0.0)
+            return strength * float(np.exp(-((np.hypot(dx, dy) / (SHADOW.lift * size)) ** 2))), (0.0, 0.0)
         lift = (start.floor - start.center[1]) - (now.floor - now.center[1])
-        strength *= float(np.exp(-((lift / (LIFT * size)) ** 2)))
+        strength *= float(np.exp(-((lift / (SHADOW.lift * size)) ** 2)))
         return strength, (dx, now.floor - start.floor)
 
 
@@ -185,24 +209,6 @@ def shifted_picture(
     return (left, top, right, bottom), np.asarray(moved, np.float32)
 
 
-SMOOTH = 0.5
-"""px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
-RING = 2
-"""px around objects where the background still shows traces of them."""
-GAP = 4
-"""px: half the width of gaps between objects in which no background is seen."""
-DEEPEST = 3.5
-"""-log of the least light that a shadow leaves."""
-NEAR = 0.5
-"""Of an object's size: how far around it what is dark may be its own."""
-HIDDEN = 3.0
-"""px over which the background's detail reaches under objects."""
-FAINT = 0.006
-"""-log of light that is not missed: half a grey level of a middle grey."""
-CELLS = 24
-"""Of the grid on which a shadow is worked out, at least so many across the object."""
-
-
 def decompose_shadows(
     background: U8,
     clean: U8 | None,
@@ -229,11 +235,17 @@ def decompose_shadows(
         return LitBackground(setting, lit, np.ones(3, np.float32), dark, casts, lifted=False), None
     bare = decode(clean)
     dark = _log(luminance(bare)) - _log(luminance(lit))
-    np.clip(dark, -0.5, DEEPEST, out=dark)
+    np.clip(dark, -0.5, SHADOW.deepest, out=dark)
     # close to an object, and in narrow gaps between objects, the background is not to be trusted
-    unknown = cv2.dilate((coverage > 0).astype(np.uint8), np.ones((2 * RING + 1, 2 * RING + 1), np.uint8))
-    unknown = cv2.morphologyEx(unknown, cv2.MORPH_CLOSE, np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
-    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), np.ones((2 * GAP + 1, 2 * GAP + 1), np.uint8))
+    unknown = cv2.dilate(
+        (coverage > 0).astype(np.uint8), np.ones((2 * SHADOW.ring + 1, 2 * SHADOW.ring + 1), np.uint8)
+    )
+    unknown = cv2.morphologyEx(
+        unknown, cv2.MORPH_CLOSE, np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
+    )
+    reach = cv2.dilate(
+        (coverage >= 0.5).astype(np.uint8), np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
+    )
     open_ = (unknown == 0) | (reach == 0)
     weight = open_.astype(np.float32)
     everybody = [*starts, *gone]
@@ -243,7 +255,7 @@ def decompose_shadows(
     for first in firsts:
         if first is not None:
             _add(total, *first)
-    rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SMOOTH)
+    rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SHADOW.smooth)
     casts = []
     total, left = np.zeros(dark.shape, np.float32), np.zeros(dark.shape, np.float32)
     for k, (start, step, first, own) in enumerate(
@@ -255,13 +267,13 @@ def decompose_shadows(
         if cast.whole is not None:
             _add(total if k < len(starts) else left, *cast.whole)
     tint = _tint(lit, bare, dark, open_)
-    near = blurred(weight, HIDDEN)
+    near = blurred(weight, SHADOW.hidden)
     certain = np.clip(near * 4, 0, 1) / np.maximum(near, 0.02)
     plate = np.empty_like(lit)
     for c in range(3):
         depth = (total + left) * tint[c]
         detail = _log(lit[..., c]) - _log(bare[..., c]) + depth
-        inside = blurred(detail * weight, HIDDEN) * certain
+        inside = blurred(detail * weight, SHADOW.hidden) * certain
         plate[..., c] = np.where(open_, lit[..., c] * cv2.exp(depth), bare[..., c] * cv2.exp(inside))
     return LitBackground(setting, plate, tint, total, casts), left if gone else None
 
@@ -309,20 +321,20 @@ def _boxed(corner: tuple[int, int], picture: F32) -> tuple[PixelBox, F32]:
 
 def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     """The part of a picture in which anything is to be seen, fading to nothing at its border."""
-    seen = np.abs(picture) > FAINT
+    seen = np.abs(picture) > SHADOW.faint
     rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     if not len(rows):
         return (box[0], box[1], box[0], box[1]), picture[:0, :0]
     y0, y1, x0, x1 = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
     kept = picture[y0:y1, x0:x1]
-    kept = np.asarray(np.sign(kept) * np.maximum(np.abs(kept) - np.float32(FAINT), 0), np.float32)
+    kept = np.asarray(np.sign(kept) * np.maximum(np.abs(kept) - np.float32(SHADOW.faint), 0), np.float32)
     return _boxed((int(box[0] + x0), int(box[1] + y0)), kept)
 
 
 def shadow_grid_step(what: Silhouette) -> int:
     """px a side of the grid for its shadow: some 24 cells across the object, at most."""
     h, w = what.coverage.shape
-    return max(1, min(int(np.sqrt(h * w)) // CELLS, 8))
+    return max(1, min(int(np.sqrt(h * w)) // SHADOW.cells, 8))
 
 
 def _joined(parts: Sequence[tuple[tuple[int, int], F32]]) -> tuple[tuple[int, int], F32]:
@@ -361,7 +373,7 @@ def _owned(
     sum_ = np.full((H, W), 0.02, np.float32)
     for start, first in zip(starts, firsts, strict=True):
         h, w = start.coverage.shape
-        reach = NEAR * min(h, w) + 4
+        reach = SHADOW.near * min(h, w) + 4
         pad = ceil(2 * reach)
         x0, y0, x1, y1 = (
             start.corner[0] - pad,

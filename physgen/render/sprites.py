@@ -51,8 +51,27 @@ def _halved(values: F32, axis: int) -> F32:
 
 MOST_RELIGHTING = 3.0
 """Times brighter or darker than in the photo, at most: beyond, normals or light are in error."""
-FACING = 0.02
-"""Of the shading, by which it must change somewhere for the normals to be worth keeping."""
+
+
+@dataclass(frozen=True)
+class SpriteTuning:
+    """Widths and thresholds of cut-out sprites."""
+
+    facing: float = 0.02
+    """Of the shading, by which it must change somewhere for the normals to be worth keeping."""
+    soft: int = 5
+    """px beyond a mask's border that its soft coverage may reach."""
+    blur: float = 1.2
+    """px: how gently touching objects share the pixels between them."""
+    least: float = 1e-4
+    """Of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border."""
+    clean: int = 2
+    """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
+    sides: int = 12
+    """Of the shape that stands for a sprite where only its reach matters."""
+
+
+CUT = SpriteTuning()
 
 
 @dataclass(frozen=True)
@@ -111,27 +130,17 @@ def relief_of(normals: F32, known: NDArray[np.bool_], light: DistantLight) -> Re
         even=np.asarray(np.float32(light.ambient) / shade, np.float32),
     )
     changes = max(float(np.abs(found.ratio(turn)[known] - 1).mean()) for turn in (0.8, 1.6, 3.1, 4.7))
-    return found if changes > FACING else None
+    return found if changes > CUT.facing else None
 
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 
-SOFT = 5
-"""px beyond a mask's border that its soft coverage may reach."""
-BLUR = 1.2
-"""px: how gently touching objects share the pixels between them."""
-LEAST = 1e-4
-"""Of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border."""
 MARGIN = 2
 """px of nothing around a sprite, so that interpolation fades to nothing."""
-CLEAN = 2
-"""px inside the border where the photo shows the object alone, unmixed with what is behind it."""
 
 
-SIDES = 12
-"""Of the shape that stands for a sprite where only its reach matters."""
 TRUST = (0.3, 0.8)
 """Coverage up to which a pixel's own light is a guess, and from which it is the photo less the background."""
 
@@ -157,12 +166,12 @@ class Sprite:
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:
-        """px of the photo: corners of a shape with SIDES sides around all that shows anything."""
+        """px of the photo: corners of a shape with CUT.sides sides around all that shows anything."""
         rows, columns = np.nonzero(self.coverage)
         if not len(rows):
             return []
         points = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)).reshape(-1, 2)
-        angle = np.arange(SIDES) * (2 * np.pi / SIDES)
+        angle = np.arange(CUT.sides) * (2 * np.pi / CUT.sides)
         across = np.column_stack([np.cos(angle), np.sin(angle)])
         far = (points @ across.T).max(axis=0)
         # where neighbouring sides meet
@@ -213,7 +222,7 @@ def cut_sprites(
         box = np.s_[y0:y1, x0:x1]
         soft = _soft(labels[box] == k + 1)
         share: F32 = np.asarray(soft / np.maximum(total[box], 1e-6), np.float32)
-        alpha = np.where(soft > LEAST, coverage[box] * share, 0.0).astype(np.float32)
+        alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
         sprites.append(
@@ -244,11 +253,11 @@ def anchored(sprites: Sequence[Sprite], photo: F32, behind: F32, absent: NDArray
     for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
         alpha = sprite.coverage[inside]
         composite[place] = sprite.light[inside] + (1 - alpha[..., None]) * composite[place]
-        near = (_soft(alpha > 0) > LEAST) & (top[place] <= 0) | (top[place] == 0)
+        near = (_soft(alpha > 0) > CUT.least) & (top[place] <= 0) | (top[place] == 0)
         top[place][near] = -number
         top[place][alpha > 0] = number
     rest = photo - composite
-    rest[_soft(absent) > LEAST] = 0.0
+    rest[_soft(absent) > CUT.least] = 0.0
     found = []
     for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
         own = np.zeros_like(sprite.light)
@@ -259,7 +268,7 @@ def anchored(sprites: Sequence[Sprite], photo: F32, behind: F32, absent: NDArray
 
 def _soft(mask: NDArray[np.bool_]) -> F32:
     """A blurred mask: shares of touching masks add up to that of their union."""
-    return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), BLUR), np.float32)
+    return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), CUT.blur), np.float32)
 
 
 def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
@@ -273,10 +282,10 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     for k, mine in zip(present.tolist(), np.split(order, first[1:]), strict=False):
         y, x = rows[mine], columns[mine]
         boxes[k] = (
-            max(int(x.min()) - SOFT, 0),
-            max(int(y.min()) - SOFT, 0),
-            min(int(x.max()) + SOFT + 1, width),
-            min(int(y.max()) + SOFT + 1, height),
+            max(int(x.min()) - CUT.soft, 0),
+            max(int(y.min()) - CUT.soft, 0),
+            min(int(x.max()) + CUT.soft + 1, width),
+            min(int(y.max()) + CUT.soft + 1, height),
         )
     return boxes
 
@@ -288,9 +297,9 @@ def _foreground(photo: F32, behind: F32, mask: NDArray[np.bool_], alpha: F32, sh
     from inside bounds it.
     """
     inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    sure = (inside > CLEAN) & (alpha >= 1.0)
+    sure = (inside > CUT.clean) & (alpha >= 1.0)
     if not sure.any():
-        sure = inside >= min(float(inside.max()), CLEAN)
+        sure = inside >= min(float(inside.max()), CUT.clean)
     weight = sure.astype(np.float32)
     filled: F32 = photo.copy()
     known = sure.copy()

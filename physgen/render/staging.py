@@ -7,7 +7,7 @@ soft borders, supersampling, exposure, camera and size as in the frames.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, inf, radians, tan
 
@@ -38,10 +38,29 @@ PALETTE = (
     (208, 172, 82), (92, 166, 172), (170, 128, 104), (196, 134, 170), (128, 134, 146),
 )  # fmt: skip
 """sRGB, one an object in turn: apart in hue and close in lightness, so that no object shouts."""
-LARGE = 4_000_000
-"""px² that the sprite of one object may take in full."""
-FINE = 8
-"""Sub-pixels a side when lines are drawn."""
+
+
+@dataclass(frozen=True)
+class StagingTuning:
+    """Assumed depths of objects, and limits of flat drawings."""
+
+    large: int = 4_000_000
+    """px² that the sprite of one object may take in full."""
+    fine: int = 8
+    """Sub-pixels a side when lines are drawn."""
+    flat: float = 0.8
+    """Of its radius: how high a disc reaches above a table, where the scene does not say."""
+    deep: float = 0.9
+    """Of the root of its area: how far anything else reaches through the plane of motion."""
+    stray: float = 0.03
+    """Share of a ball's pixels that may lie outside its circle."""
+    thread: float = 2.0
+    """px: how thick what hangs on a ball is."""
+    steep: float = 1.2
+    """Rise over run from which a boundary is a wall, no floor."""
+
+
+STAGING = StagingTuning()
 
 
 def enlarged_world(world: World, outlines: Sequence[Outline], scale: float) -> tuple[World, list[Outline]]:
@@ -96,11 +115,11 @@ def flat_sprites(
     """
     sprites = []
     width, height = world.size
-    around = min(max(width, height), LARGE // max(width, height))
+    around = min(max(width, height), STAGING.large // max(width, height))
     for k in order:
         x0, y0, x1, y1 = bounds(outlines[k])
         window = (-around, -around, width + around, height + around)
-        alpha, (x0, y0) = coverage_box(outlines[k], window if (x1 - x0) * (y1 - y0) > LARGE else None)
+        alpha, (x0, y0) = coverage_box(outlines[k], window if (x1 - x0) * (y1 - y0) > STAGING.large else None)
         if not alpha.size:
             continue
         alpha = np.pad(alpha, MARGIN)
@@ -115,7 +134,7 @@ def flat_sprites(
 def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: float) -> F32:
     """(h, w) in 0..1: how much of a pixel the rim and spoke cover."""
     height, width = shape
-    fine = FINE if height * width < 250_000 else 2
+    fine = STAGING.fine if height * width < 250_000 else 2
     canvas = np.zeros((height * fine, width * fine), np.uint8)
     thick = max(1, round(1.5 * fine * pen))
 
@@ -169,17 +188,6 @@ def matte_coverage(frame: Frame) -> F32:
 
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
-
-FLAT = 0.8
-"""Of its radius: how high a disc reaches above a table, where the scene does not say."""
-DEEP = 0.9
-"""Of the root of its area: how far anything else reaches through the plane of motion."""
-STRAY = 0.03
-"""Share of a ball's pixels that may lie outside its circle."""
-THREAD = 2.0
-"""px: how thick what hangs on a ball is."""
-STEEP = 1.2
-"""Rise over run from which a boundary is a wall, no floor."""
 
 
 def lit_stage(
@@ -257,7 +265,7 @@ def _ghosts(
         rows, columns = np.nonzero(absent & (labels == id_))
         y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
         own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
-        thick = DEEP * float(np.sqrt(len(rows))) * (0.6 if top else 1.0)
+        thick = STAGING.deep * float(np.sqrt(len(rows))) * (0.6 if top else 1.0)
         middle = Pose(float(columns.mean()), float(rows.mean()), 0.0)
         found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, ShadowBody(None, thick)))
     return found
@@ -270,7 +278,7 @@ def floors(world: World) -> list[Array]:
         for chain in wall.chains:
             for a, b in pairwise(chain):
                 run, rise = abs(float(b[0] - a[0])), abs(float(b[1] - a[1]))
-                if run > 1 and rise < STEEP * run:
+                if run > 1 and rise < STAGING.steep * run:
                     found.append(np.array([*a, *b]))
     return found
 
@@ -297,10 +305,10 @@ def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16
 def thickness(body: Body, top: bool) -> float:
     """px that a body reaches above the table, or through the plane of motion: about its width, for want of better."""
     if body.radius is not None:
-        return 2 * body.radius if body.solid is Solid.SPHERE or not top else FLAT * body.radius
+        return 2 * body.radius if body.solid is Solid.SPHERE or not top else STAGING.flat * body.radius
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
-    return float(DEEP * np.sqrt(width * height) * (0.6 if top else 1.0))
+    return float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
 
 
 def _start(body: Body) -> Pose:
@@ -341,7 +349,7 @@ def seen_share(
 
 def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
     if loose:
-        return ShadowBody(None, THREAD)
+        return ShadowBody(None, STAGING.thread)
     ball = body.solid is Solid.SPHERE and sprite.coverage.max(initial=0) >= 1
     return ShadowBody(body.radius if ball else None, thickness(body, top))
 
@@ -353,7 +361,7 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
     x, y = body.center.tolist()
     rows, columns = np.indices(sprite.coverage.shape)
     away = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
-    if sprite.coverage[away > body.radius + 2].sum() <= STRAY * sprite.coverage.sum():
+    if sprite.coverage[away > body.radius + 2].sum() <= STAGING.stray * sprite.coverage.sum():
         return [(sprite, False)]
     # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
     within = np.clip(body.radius + 1 - away, 0, 1).astype(np.float32)

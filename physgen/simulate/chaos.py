@@ -21,17 +21,26 @@ from physgen.simulate.engine import simulate
 
 Array = NDArray[np.float64]
 
-NUDGE = 1e-4
-"""px by which every object is moved: far below what a mask can tell."""
+
+@dataclass(frozen=True)
+class ChaosTuning:
+    """Nudges and thresholds of compared runs."""
+
+    nudge: float = 1e-4
+    """px by which every object is moved: far below what a mask can tell."""
+    apart: float = 1.0
+    """px at which two runs have parted."""
+    rate: float = 120.0
+    """Samples a second at which runs are compared."""
+    sweeps: int = 40
+    """Of the run with other sweeps of the contact solver."""
+
+
+TUNING = ChaosTuning()
+
 NUDGES = 3
-APART = 1.0
-"""px at which two runs have parted."""
 WILD = 10.0
 """px beyond which a nudge has grown into chaos; a row of dominoes answers any nudge with a pixel or two, no more."""
-RATE = 120.0
-"""Samples a second at which runs are compared."""
-SWEEPS = 40
-"""Of the run with other sweeps of the contact solver."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ class Chaos:
     def as_dict(self) -> dict[str, Any]:
         """Plain data; null where runs stay together."""
         return {
-            "apart_px": APART,
+            "apart_px": TUNING.apart,
             "duration_s": self.duration,
             "verdict": self.verdict(),
             "runs": list(self.runs),
@@ -92,12 +101,12 @@ class Chaos:
         wild = nudged > WILD
         if not wild.any():
             return (
-                f"Foretold: {NUDGE:g} px at the start never become more than {float(nudged.max()):.2g} px in "
+                f"Foretold: {TUNING.nudge:g} px at the start never become more than {float(nudged.max()):.2g} px in "
                 f"{self.duration:g} s; half the step or other sweeps change places by {engine:.2g} px at most."
             )
         first = float(self.parted[wild, :NUDGES].min())
         return (
-            f"Chaos: {NUDGE:g} px at the start become {APART:g} px at {first:.2f} s and up to "
+            f"Chaos: {TUNING.nudge:g} px at the start become {TUNING.apart:g} px at {first:.2f} s and up to "
             f"{float(nudged.max()):.2g} px by the end, for {int(wild.sum())} of {len(self.names)} objects; "
             "the clip is one of many that are equally true."
         )
@@ -105,7 +114,7 @@ class Chaos:
 
 def chaos(world: World, progress: Progress = silent) -> Chaos:
     """Compare a world's run with runs of its neighbours. Raises InputError as `simulate` does."""
-    times = np.arange(int(world.duration * RATE + 1e-9) + 1) / RATE
+    times = np.arange(int(world.duration * TUNING.rate + 1e-9) + 1) / TUNING.rate
     alike: list[tuple[str, Callable[[], Array]]] = [
         (f"nudged {k + 1}", partial(_poses, _nudged(world, k), times)) for k in range(NUDGES)
     ]
@@ -114,14 +123,16 @@ def chaos(world: World, progress: Progress = silent) -> Chaos:
             "half the step",
             partial(_poses, replace(world, steps_per_second=2 * world.steps_per_second), times),
         ),
-        (f"{SWEEPS} sweeps", partial(_poses, world, times, SWEEPS)),
+        (f"{TUNING.sweeps} sweeps", partial(_poses, world, times, TUNING.sweeps)),
     ]
     own = simulate(world, times).poses
     parted, distance = [], []
     for number, (_, run) in enumerate(alike):
         progress("chaos", number, len(alike))
         apart = np.hypot(*np.moveaxis(run()[:, :, :2] - own[:, :, :2], 2, 0))
-        first = np.where((apart >= APART).any(axis=0), times[(apart >= APART).argmax(axis=0)], np.inf)
+        first = np.where(
+            (apart >= TUNING.apart).any(axis=0), times[(apart >= TUNING.apart).argmax(axis=0)], np.inf
+        )
         parted.append(first)
         distance.append(apart.max(axis=0))
     return Chaos(
@@ -145,6 +156,6 @@ def _nudged(world: World, seed: int) -> World:
         angle = random.uniform(0, 2 * np.pi)
         if body.motion is not Motion.DYNAMIC:
             return body
-        return replace(body, center=body.center + NUDGE * np.array([np.cos(angle), np.sin(angle)]))
+        return replace(body, center=body.center + TUNING.nudge * np.array([np.cos(angle), np.sin(angle)]))
 
     return replace(world, bodies=tuple(moved(body) for body in world.bodies))

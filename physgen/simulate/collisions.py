@@ -23,8 +23,28 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-SWEEPS, FEW = 300, 30
-"""Passes over points that close together, at most; few in a heap of hundreds."""
+
+@dataclass(frozen=True)
+class CollisionTuning:
+    """Limits and tolerances of the impact solver."""
+
+    sweeps: int = 300
+    few: int = 30
+    """Passes over points that close together, at most; few in a heap of hundreds."""
+    rounds: int = 400
+    """Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
+    faint: float = 1e-4
+    """Of a step's hardest impact: what closes more slowly after it is left to the engine, or echoes would never end."""
+    exact: float = 1e-13
+    nearly: float = 1e-5
+    """Relative change of an impulse at which points that close together are solved: usually, and in a heap."""
+    crowd: int = 500
+    """Contact points of a heap."""
+    together: float = 0.02
+    """Part of a step within which two contacts of one body count as simultaneous."""
+
+
+TUNING = CollisionTuning()
 
 
 def single_point_impulse(
@@ -89,7 +109,7 @@ def _swept(
     columns = np.ascontiguousarray(matrix.T)
     give = [1.0 / max(float(d), 1e-300) for d in np.diag(matrix)]
     goals = [-e * min(float(v), 0.0) for e, v in zip(elasticity, before[::2], strict=True)]
-    for _ in range(SWEEPS if exact < 1e-6 else FEW):
+    for _ in range(TUNING.sweeps if exact < 1e-6 else TUNING.few):
         change = size = 0.0
         for i, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
             n, t = 2 * i, 2 * i + 1
@@ -110,18 +130,6 @@ def _swept(
         if change <= exact * size:
             break
     return np.array(impulse)
-
-
-ROUNDS = 400
-"""Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
-FAINT = 1e-4
-"""Of a step's hardest impact: what closes more slowly after it is left to the engine, or echoes would never end."""
-EXACT, NEARLY = 1e-13, 1e-5
-"""Relative change of an impulse at which points that close together are solved: always, and in a heap of hundreds."""
-CROWD = 500
-"""Contact points of a heap."""
-TOGETHER = 0.02
-"""Part of a step within which two contacts of one body count as simultaneous."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +185,7 @@ class ImpactSolver:
         self._found, self._h, self._threshold = points, h, threshold
         self._own = points.closing > threshold
         self._earlier = points.earlier(self._own, touched, h)
-        self._exact = EXACT if len(points.first) < CROWD else NEARLY
+        self._exact = TUNING.exact if len(points.first) < TUNING.crowd else TUNING.nearly
         both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
         self._owner: list[int] = both[order].tolist()
@@ -193,8 +201,8 @@ class ImpactSolver:
     def run(self) -> Impacts:
         """Rounds until nothing closes."""
         closing = [int(k) for k in np.flatnonzero(self._own)]
-        faint = max(self._threshold, FAINT * float(self._found.closing.max()))
-        for number in range(ROUNDS):
+        faint = max(self._threshold, TUNING.faint * float(self._found.closing.max()))
+        for number in range(TUNING.rounds):
             if not closing:
                 break
             times = {k: self._time(k, number) for k in closing}
@@ -251,7 +259,7 @@ class ImpactSolver:
             p = self._point(k)
             for body in (p.a, p.b):
                 latest[body] = max(latest.get(body, -1.0), times[k])
-        slack = TOGETHER * self._h
+        slack = TUNING.together * self._h
         leads = []
         for k in closing:
             p = self._point(k)

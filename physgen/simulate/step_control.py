@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
 
@@ -14,10 +15,38 @@ from physgen.scene.scene import JointKind, Load, Motion
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SHARE = 0.3
-"""Part of its own smallest extent that a body may move in a step: its middle never crosses a line unseen."""
-MOST_PARTS_OF_FAST = 4096
-"""Parts of a step."""
+
+@dataclass(frozen=True)
+class StepTuning:
+    """Limits of steps, and of the effort of the contact solver."""
+
+    share: float = 0.3
+    """Part of its own smallest extent that a body may move in a step: its middle never crosses a line unseen."""
+    most_parts_of_fast: int = 4096
+    """Parts of a step."""
+    fewest: int = 12
+    many: int = 60
+    most: int = 120
+    """Sweeps of the contact solver a step: at least; where shapes overlap, impacts fell or joints hold; at most."""
+    work: int = 50_000
+    """Sweeps times contacts of a step: heaps of hundreds get fewer sweeps."""
+    slack: float = 0.02
+    """Closing speed that a step may leave, in units of gravity x step."""
+    deep: float = 0.02
+    """px of overlap that is pushed apart with more sweeps."""
+    rest: float = 3.0
+    """Speed, in units of gravity x step, below which contacts do not bounce."""
+    still: float = 0.01
+    """px/s below which contacts do not bounce where there is no gravity."""
+    busy: float = 6.0
+    """Impacts a step above which ever faster contacts no longer bounce, up to `loudest` x the speed of rest: 94 px/s at
+    980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""
+    loudest: float = 32.0
+    crowd: int = 200
+    """Contacts above which a step is first taken with a single sweep, only to see whether impacts fall."""
+
+
+TUNING = StepTuning()
 
 
 class StepDivider:
@@ -25,7 +54,7 @@ class StepDivider:
 
     def __init__(self, world: World, moving: Index) -> None:
         bodies = [world.bodies[k] for k in moving.tolist()]
-        self._limit = np.array([SHARE * body.size for body in bodies]).reshape(-1)
+        self._limit = np.array([TUNING.share * body.size for body in bodies]).reshape(-1)
         self._reach = np.array([body.reach for body in bodies]).reshape(-1)
         self._turns = np.array([0.0 if body.radius is not None else body.reach for body in bodies]).reshape(
             -1
@@ -82,28 +111,8 @@ class StepDivider:
             blocked = (still[:, 0] < high[k, 0]) & (still[:, 2] > low[k, 0])
             blocked &= (still[:, 1] < high[k, 1]) & (still[:, 3] > low[k, 1])
             if meets.any() or blocked.any():
-                parts = max(parts, min(MOST_PARTS_OF_FAST, ceil(ratio[k])))
+                parts = max(parts, min(TUNING.most_parts_of_fast, ceil(ratio[k])))
         return parts
-
-
-FEWEST, MANY, MOST = 12, 60, 120
-"""Sweeps of the contact solver a step: at least; where shapes overlap, impacts fell or joints hold; at most."""
-WORK = 50_000
-"""Sweeps times contacts of a step: heaps of hundreds get fewer sweeps, as the last hundredth of a pixel is not seen."""
-SLACK = 0.02
-"""Closing speed that a step may leave, in units of gravity x step."""
-DEEP = 0.02
-"""px of overlap that is pushed apart with more sweeps."""
-REST = 3.0
-"""Speed, in units of gravity x step, below which contacts do not bounce."""
-STILL = 0.01
-"""px/s below which contacts do not bounce where there is no gravity."""
-BUSY = 6.0
-"""Blows a step above which ever faster contacts no longer bounce, up to `LOUDEST` x the speed of rest: 94 px/s under
-980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""
-LOUDEST = 32.0
-CROWD = 200
-"""Contacts above which a step is first taken with a single sweep, only to see whether impacts fall."""
 
 
 class Governor:
@@ -113,10 +122,10 @@ class Governor:
         self._fixed = iterations
         self._gravity = float(np.hypot(*world.gravity))
         self._jointed = any(joint.kind is not JointKind.SPRING for joint in world.joints)
-        self._most = MOST
+        self._most = TUNING.most
         self._loud = 1.0
         self._blows = self._contacts = 0
-        self.sweeps = iterations or MANY  # the first steps find all contacts anew
+        self.sweeps = iterations or TUNING.many  # the first steps find all contacts anew
         self.most_sweeps = self.sweeps
         self.loudest = 1.0
         """Highest factor on the speed of rest so far."""
@@ -124,20 +133,20 @@ class Governor:
     @property
     def after_impacts(self) -> int:
         """Sweeps of a step that is taken again: its solver starts from impulses that are wrong by now."""
-        return self._fixed or min(self._most, max(self.sweeps, MANY))
+        return self._fixed or min(self._most, max(self.sweeps, TUNING.many))
 
     @property
     def crowded(self) -> bool:
         """Whether a try with a single sweep pays."""
-        return self._contacts > CROWD
+        return self._contacts > TUNING.crowd
 
     def threshold(self, h: float) -> float:
         """px/s below which a contact does not bounce, in a step of h seconds."""
-        return max(REST * self._loud * self._gravity * h, STILL)
+        return max(TUNING.rest * self._loud * self._gravity * h, TUNING.still)
 
     def stillest(self, h: float) -> float:
         """px/s: the highest threshold so far, for steps of h seconds."""
-        return max(REST * self.loudest * self._gravity * h, STILL)
+        return max(TUNING.rest * self.loudest * self._gravity * h, TUNING.still)
 
     def note(self, impacts: int) -> None:
         """Count the impacts of a step."""
@@ -146,18 +155,18 @@ class Governor:
     def review(self, steps: int, contacts: int, residual: float, overlap: float, h: float) -> None:
         """What the last steps left: contacts now, the fastest closing, px/s, the deepest overlap, px."""
         self._contacts = contacts
-        limit = SLACK * max(self._gravity * h, STILL)
-        self._most = max(2 * FEWEST, min(MOST, WORK // max(self._contacts, 1)))
-        now, least = self.sweeps, MANY if overlap > DEEP or self._jointed else FEWEST
+        limit = TUNING.slack * max(self._gravity * h, TUNING.still)
+        self._most = max(2 * TUNING.fewest, min(TUNING.most, TUNING.work // max(self._contacts, 1)))
+        now, least = self.sweeps, TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest
         if residual > limit:
             now += now // 2
         elif residual < limit / 10:
             now -= now // 8
         self.sweeps = self._fixed or min(self._most, max(least, now))
         self.most_sweeps = max(self.most_sweeps, self.sweeps)
-        if self._blows > BUSY * steps:
-            self._loud = min(LOUDEST, self._loud * 2)
-        elif self._blows < BUSY * steps / 4:
+        if self._blows > TUNING.busy * steps:
+            self._loud = min(TUNING.loudest, self._loud * 2)
+        elif self._blows < TUNING.busy * steps / 4:
             self._loud = max(1.0, self._loud / 2)
         self.loudest = max(self.loudest, self._loud)
         self._blows = 0

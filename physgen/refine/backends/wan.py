@@ -79,8 +79,8 @@ class Wan:
         )  # fmt: skip
         mask = read.attention_mask.to(self._device)
         found = self.pipe.text_encoder(read.input_ids.to(self._device), mask).last_hidden_state
-        text: Tensor = found.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
-        return text
+        encoded: Tensor = found.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
+        return encoded
 
     def shown(self, frame: Tensor, latents: int) -> tuple[Tensor, Tensor | None] | None:
         """(1, 4 + C, F', h, w), which frames are given and what they show; and what CLIP sees in it, where asked."""
