@@ -49,9 +49,9 @@ def test_weights_that_are_not_here_are_named(weights, message):
 def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
     dino, sam = tiny.setup("segment", "grounding-dino+sam").weights.split(",")
     run = registry.make("segment", "grounding-dino+sam", Setup(f"{dino}", "cpu"))
-    assert run.weights == (dino, "facebook/sam-vit-huge")
+    assert run._weights == (dino, "facebook/sam-vit-huge")
     run = registry.make("segment", "grounding-dino+sam", Setup(f",{sam}", "cpu"))
-    assert run.weights == ("IDEA-Research/grounding-dino-tiny", sam)
+    assert run._weights == ("IDEA-Research/grounding-dino-tiny", sam)
     (tmp_path / "config.json").write_text("{")
     run = registry.make("segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu"))
     with pytest.raises(InputError, match="does not load as SAM"):
