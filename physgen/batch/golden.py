@@ -545,7 +545,9 @@ def _made(then: Made, now: Made) -> list[tuple[str, str, str]]:
         }
         for made in (then, now)
     ]
-    return [(name, *(side.get(name, "none") for side in sides)) for name in {**sides[0], **sides[1]}]
+    then_side, now_side = sides
+    names = {**then_side, **now_side}
+    return [(name, then_side.get(name, "none"), now_side.get(name, "none")) for name in names]
 
 
 def _capital(text: str) -> str:
