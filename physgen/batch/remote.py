@@ -1,4 +1,7 @@
-"""Remote folders by fsspec: recognise URLs, list, read and write files."""
+"""Remote folders by fsspec: recognise URLs, list, read and write files.
+
+The command line imports this module at its start, so that other modules are imported where they are needed.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,11 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from physgen.problems import InputError
-from physgen.scene.pack_format import fault_of
 
 LOCAL = ("file", "local")
 PRIVATE = ("memory",)
@@ -151,7 +152,7 @@ class RemoteFolder:
             return {
                 path[start:]: RemoteFile(int(info.get("size") or 0), _time(info))
                 for path, info in found.items()
-                if path[start:] and fault_of(path[start:]) is None
+                if path[start:] and _is_safe(path[start:])
             }
 
     def top(self) -> list[str]:
@@ -163,7 +164,7 @@ class RemoteFolder:
             except FileNotFoundError:
                 return []
             names = [str(path).rstrip("/").rpartition("/")[2] for path in paths]
-            return [name for name in names if fault_of(name) is None]
+            return list(filter(_is_safe, names))
 
     def write(self, name: str, data: bytes) -> None:
         """Writes a file, which appears complete."""
@@ -204,7 +205,16 @@ class RemoteFolder:
             raise OSError(errno.EIO, f"{type(error).__name__}: {error}", url) from error
 
 
+def _is_safe(name: str) -> bool:
+    """Whether a name stays within its folder and can be a file's everywhere."""
+    from physgen.scene.pack_format import fault_of
+
+    return fault_of(name) is None
+
+
 def _time(info: Mapping[str, Any]) -> float:
+    from datetime import datetime
+
     for key in TIME_KEYS:
         value = info.get(key)
         if isinstance(value, str):
