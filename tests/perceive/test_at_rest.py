@@ -172,25 +172,6 @@ def block(x: float, y: float, w: float, h: float) -> Region:
     return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
 
 
-def test_friction_decides_whether_a_block_stays_on_a_slope():
-    a = np.radians(20)
-    turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
-    outline = Region((Ring(block(0, 0, 40, 20).rings[0].outer @ turn),))
-    ground = np.array([[-50.0, 0], [100, 0]]) @ turn
-    found = contacts([outline], [ground])
-    assert unstable_objects([outline], found, {}, default=np.tan(a) * 1.2) == []
-    assert unstable_objects([outline], found, {}, default=np.tan(a) * 0.8) == [0]
-
-
-def test_what_overhangs_too_far_falls_and_a_counterweight_holds_it():
-    ground = np.array([[-100.0, 0], [300, 0]])
-    foot, beam = block(0, 0, 40, 40), block(22, -40, 100, 10)
-    found = contacts([foot, beam], [ground])
-    assert unstable_objects([foot, beam], found, {}) == [1]
-    both = [foot, block(0, -40, 70, 10), block(0, -50, 30, 60)]
-    assert unstable_objects(both, contacts(both, [ground]), {}) == []
-
-
 def test_three_balls_roll_apart_unless_something_is_beside_them():
     ground = np.array([[-100.0, 0], [100, 0]])
     balls = [

@@ -99,7 +99,7 @@ def _remove_ambient(
     found = [
         (what.id, *cast) for what in silhouettes if (cast := shadow_darkness(what, shade.setting)) is not None
     ]
-    casts = [(who, box, np.asarray(shade.factor * dark, np.float32)) for who, box, dark in found]
+    casts = [(i, box, np.asarray(shade.factor * dark, np.float32)) for i, box, dark in found]
     dark = np.zeros(coverage.shape, np.float32)
     for _, (x0, y0, x1, y1), values in casts:
         dark[y0:y1, x0:x1] += values

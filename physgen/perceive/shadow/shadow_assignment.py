@@ -30,28 +30,28 @@ def shadow_owners(
 
     `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
     """
-    who, most = _strongest(casts, coverage.shape)
+    owner, most = _strongest(casts, coverage.shape)
     dark = (1 - SHARE) * removed_light(background, clean, coverage) + SHARE * most > FAINT
-    return assign_regions(dark & (coverage < 0.5), who)
+    return assign_regions(dark & (coverage < 0.5), owner)
 
 
 def shadow_owners_by_model(
     coverage: F32, casts: Iterable[tuple[int, PixelBox, F32]], dark: F32
 ) -> Labels | None:
     """The same where `dark` (H, W), -log of light, is known, and the photo too coarse to say more."""
-    who, _ = _strongest(casts, coverage.shape)
-    return assign_regions((dark > FAINT) & (coverage < 0.5), who)
+    owner, _ = _strongest(casts, coverage.shape)
+    return assign_regions((dark > FAINT) & (coverage < 0.5), owner)
 
 
 def _strongest(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...]) -> tuple[Labels, F32]:
     """(H, W) the object that blocks most light, and -log of the light left."""
-    who, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
+    owner, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
         part = np.s_[y0:y1, x0:x1]
         more = values > np.maximum(most[part], PREDICTED)
-        who[part][more] = number
+        owner[part][more] = number
         most[part][more] = values[more]
-    return who, most
+    return owner, most
 
 
 def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
@@ -70,20 +70,20 @@ def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
     return np.asarray(np.maximum(removed, contact), np.float32)
 
 
-def assign_regions(dark: Mask, who: Labels) -> Labels | None:
-    """`who` (H, W) where it is `dark`, elsewhere the nearest; specks left out. None where nothing is left."""
-    if not who.any():
+def assign_regions(dark: Mask, owner: Labels) -> Labels | None:
+    """`owner` (H, W) where it is `dark`, elsewhere the nearest; specks left out. None where nothing is left."""
+    if not owner.any():
         return None
     count, names, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8), connectivity=8)
-    owned = np.bincount(names[who > 0], minlength=count) > 0  # a patch that no object predicts is no shadow
+    owned = np.bincount(names[owner > 0], minlength=count) > 0  # a patch that no object predicts is no shadow
     kept = owned & (stats[:, cv2.CC_STAT_AREA] >= SPECK)
     kept[0] = False
     there = kept[names]
     if not there.any():
         return None
     _, nearest = cv2.distanceTransformWithLabels(
-        (who == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        (owner == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
     ids = np.zeros(int(nearest.max()) + 1, np.uint16)
-    ids[nearest[who > 0]] = who[who > 0]
+    ids[nearest[owner > 0]] = owner[owner > 0]
     return np.where(there, ids[nearest], 0).astype(np.uint16)

@@ -121,6 +121,7 @@ def test_what_a_person_wrote_stays(scene: Path) -> None:
     assert anew["mask"] == before["mask"]
 
 
+@pytest.mark.slow
 def test_a_mass_set_by_hand_outlives_a_repeated_prompt_and_doubts_stay(scene: Path) -> None:
     x, y = CENTRES["ball-2"]
     first, second = scene.with_name("first.yaml"), scene.with_name("second.yaml")
@@ -144,6 +145,7 @@ def test_a_mass_set_by_hand_outlives_a_repeated_prompt_and_doubts_stay(scene: Pa
     assert on["from"]["mask"] == "learned 0.2"
 
 
+@pytest.mark.slow
 def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_nothing(scene: Path) -> None:
     before = yaml.safe_load(scene.read_text())
     document = yaml.safe_load(scene.read_text())
@@ -164,6 +166,7 @@ def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_
     assert yaml.safe_load(scene.with_name("again.yaml").read_text()) == first
 
 
+@pytest.mark.slow
 def test_labels_beside_a_refresh_keep_names_and_bring_the_scale(scene: Path) -> None:
     before = yaml.safe_load(scene.read_text())
     assert before["world"]["pixels_per_meter"] == 100
@@ -201,6 +204,7 @@ def test_a_refreshed_scene_needs_a_place(scene: Path, capsys: pytest.CaptureFixt
     assert before == {path.name: path.read_bytes() for path in scene.parent.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_a_small_thing_before_a_large_one(tmp_path: Path) -> None:
     """Boxes in either order; a refresh changes nothing; a box round the small one leaves the large one its name."""
     rgb = np.full((220, 300, 3), (200, 196, 188), np.uint8)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import av
 import cv2
+import icc_profiles as profiles
 import numpy as np
-import profiles
 import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageCms

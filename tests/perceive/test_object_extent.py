@@ -128,6 +128,7 @@ def weighed(scenes: list[str], *, true_scale: bool) -> tuple[int, int]:
     return right, count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("half", "given", "labels"), [("tune", 0.92, 0.57), ("test", 0.84, 0.65)])
 def test_masses_of_the_studio(half: str, given: float, labels: float):
     """Within a factor of 2: shares at the true scale, and where the labels must tell the scale, too."""

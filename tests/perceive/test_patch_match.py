@@ -11,6 +11,7 @@ from physgen.perceive.inpaint.patch_match import thin_out
 MIB = 2**20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("height", "width"), [(20, 3000), (90, 1600), (1600, 90)])
 def test_long_photos_take_little_memory(height: int, width: int) -> None:
     """A ramp with a stripe along it and grain: the fill is like what was there."""
@@ -33,6 +34,7 @@ def test_long_photos_take_little_memory(height: int, width: int) -> None:
     assert abs(filled[hole] - truth[hole]).mean() < 12
 
 
+@pytest.mark.slow
 def test_a_long_line_through_a_long_hole_takes_little_memory() -> None:
     y, x = np.mgrid[:90, :1600]
     photo = np.where(y < 40, 60, 160)[..., None].repeat(3, 2).astype(np.uint8)
