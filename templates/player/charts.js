@@ -144,7 +144,7 @@ function makeChart(what, data, motion, units, seek, hovering) {
   };
 }
 
-// Touches as bars, blows as ticks, on the same axis.
+// Contacts as bars, impacts as ticks, on the same axis.
 function makeLane(data, motion, units, seek, hovering, nameOf) {
   const TALL = 58, REACH = 7;
   const plot = shape("svg", { role: "img", class: "plot lane" });
@@ -177,8 +177,8 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
       plot.append(shape("line", { class: "blow", x1: x, x2: x, y1: TALL - 22, y2: TALL - 22 - tall }));
     }
     lines.span(4, TALL);
-    const blows = data.blows.length;
-    plot.setAttribute("aria-label", `${data.touches.length} contacts and ${blows} blow${blows === 1 ? "" : "s"} over ${digits(motion.end)} s; they are listed in the table of contacts.`);
+    const impacts = data.blows.length;
+    plot.setAttribute("aria-label", `${data.touches.length} contacts and ${impacts} impact${impacts === 1 ? "" : "s"} over ${digits(motion.end)} s; they are listed in the table of contacts.`);
   }
 
   // clicks near a tick mean the tick
