@@ -72,11 +72,12 @@ class Store:
         path = self.root / f"{key}{SUFFIX}"
         try:
             content = path.read_bytes()
-            os.utime(path)
         except OSError:
             return None
         head = len(MAGIC) + 4
         if content[:head] == MAGIC + _checksum(content[head:]):
+            with suppress(OSError):  # a folder that can only be read, or an entry that is removed now
+                os.utime(path)
             return content[head:]
         with suppress(OSError):
             path.unlink()
@@ -133,8 +134,10 @@ class Store:
         for path in self.root.iterdir():
             if path.is_dir():  # an entry of an earlier layout
                 shutil.rmtree(path, ignore_errors=True)
-            elif path.suffix == ".part" and path.stat().st_mtime < time.time() - ABANDONED:
-                path.unlink(missing_ok=True)
+            elif path.suffix == ".part":
+                with suppress(FileNotFoundError):  # it was renamed now
+                    if path.stat().st_mtime < time.time() - ABANDONED:
+                        path.unlink()
         entries = self.sizes()
         left = total = sum(entry.bytes for entry in entries)
         count = 0
