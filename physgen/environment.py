@@ -13,13 +13,13 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Machine:
-    """What runs here."""
+    """The machine that physgen runs on."""
 
     machine: str
     """Kind of processor: `x86_64`."""
     system: str
     processor: str
-    """Its model; `""` where nobody says."""
+    """Its model; `""` if unknown."""
     cores: int
     """Those that this process may use."""
     memory_gib: float | None
@@ -42,11 +42,11 @@ def this_machine() -> Machine:
 
 @cache
 def gpu() -> str:
-    """The GPU's model and memory as its driver's program tells them; `""` where there is none."""
-    asked = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"]
+    """The GPU's model and memory, from nvidia-smi; `""` where there is none."""
+    command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"]
     with suppress(OSError, subprocess.SubprocessError):
-        told = subprocess.run(asked, capture_output=True, text=True, timeout=10, check=True)
-        return "; ".join(line.strip() for line in told.stdout.splitlines() if line.strip())
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+        return "; ".join(line.strip() for line in done.stdout.splitlines() if line.strip())
     return ""
 
 

@@ -12,9 +12,6 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-# ----------------------------------------------------------------------
-# Name of a shipped file -> its path, in an editable install and in the wheel alike.
-
 _PACKAGE = Path(__file__).resolve().parent
 _ROOTS = (_PACKAGE / "_data", _PACKAGE.parent)
 
@@ -32,9 +29,6 @@ def resource(*parts: str) -> Path:
     raise FileNotFoundError(f"physgen was installed without {'/'.join(parts)}; install it again")
 
 
-# ----------------------------------------------------------------------
-# Bytes -> files that appear whole or not at all, and never over something of the user's.
-
 _PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+(-[0-9a-f]+)?\.part$")
 
 
@@ -42,12 +36,12 @@ Stamp = tuple[int, int, int, int]
 
 
 def file_stamp(path: Path) -> Stamp:
-    """What changes when a file is written: its times, size and number on the disk; zeros where there is none."""
+    """Times, size and inode of a file, which change when it is written; zeros where there is none."""
     try:
-        told = os.stat(path)
+        status = os.stat(path)
     except (OSError, ValueError):
         return 0, 0, 0, 0
-    return told.st_mtime_ns, told.st_ctime_ns, told.st_size, told.st_ino
+    return status.st_mtime_ns, status.st_ctime_ns, status.st_size, status.st_ino
 
 
 def partial(path: Path, kind: str = "part") -> Path:
@@ -57,7 +51,7 @@ def partial(path: Path, kind: str = "part") -> Path:
 
 @cache
 def machine_id() -> str:
-    """Tells apart those on which a process may have the same number: machines, and containers on one."""
+    """An id of the machine or container: processes of two may have the same number."""
     parts = [os.uname().nodename]
     with suppress(OSError):
         parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
@@ -66,7 +60,7 @@ def machine_id() -> str:
 
 
 def final_name(path: str) -> str:
-    """The name that a reader knows for a partial one.
+    """The final name of a partial file.
 
     >>> meant("out/.a.npz.123-0a1b2c3d.part")
     'out/a.npz'
@@ -87,20 +81,20 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 
 def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = lambda kept: None) -> None:
-    """As `write_whole`; a file that is there already and differs is kept as `NAME~` (`NAME~2`, ...), and told of."""
+    """As `write_atomic`; an existing file that differs is kept as `NAME~` (`NAME~2`, ...), which `keep` gets."""
     if path.is_file() and path.read_bytes() != data:
         back_up(path, keep)
     write_atomic(path, data)
 
 
 def back_up(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
-    """A file that is there becomes `NAME~` (`NAME~2`, ...), and `keep` is told of it."""
+    """An existing file becomes `NAME~` (`NAME~2`, ...), which `keep` gets."""
     if path.is_file():
         _aside(path, keep)
 
 
 def move_with_backup(beside: Path, path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
-    """What was made `beside`, a file or a folder of files, becomes `path`; what is there and differs is kept."""
+    """Moves `beside`, a file or a folder of files, to `path`; an existing one that differs is kept."""
     if path.exists() and _same(beside, path):
         shutil.rmtree(beside) if beside.is_dir() else beside.unlink()
         return

@@ -1,4 +1,4 @@
-"""What is wrong with an input, as data: collected, sorted by place, printed together."""
+"""Problems of an input, as data: collected, sorted by place, printed together."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ class Place(NamedTuple):
         return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
 
 
-_CALLED: dict[str, str] = {}
-"""Folder -> the file that what is in it was in."""
+_NAMES: dict[str, str] = {}
+"""Folder -> the pack or the like whose files are in it."""
 
 
-def call(folder: Path, name: str) -> None:
-    """From now on problems of files below `folder` are told as `NAME: FILE`: its reader knows no such folder."""
+def name_folder(folder: Path, name: str) -> None:
+    """From now on messages show files below `folder`, which the user does not know, as `NAME: FILE`."""
     for path in (str(folder), os.path.normpath(folder)):
-        _CALLED[path] = name
+        _NAMES[path] = name
 
 
-def _called(place: Place) -> Place:
-    """The place as its reader knows it."""
+def _renamed(place: Place) -> Place:
+    """The place as the user knows it."""
     file = PurePath(place.file)
-    for folder in file.parents if _CALLED else ():
-        if (name := _CALLED.get(str(folder))) is not None:
+    for folder in file.parents if _NAMES else ():
+        if (name := _NAMES.get(str(folder))) is not None:
             return place._replace(file=f"{name}: {file.relative_to(folder)}")
     return place
 
@@ -49,7 +49,7 @@ class Severity(Enum):
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong, with what to do about it.
+    """One error or warning, with its fix.
 
     `str(problem)` is `file:line:column: path: found expected; fix`, for example
     `scene.yaml:14:11: objects.cue.mass: "heavy" is not a number; write grams, e.g. 170`.
@@ -67,7 +67,7 @@ class Problem:
     severity: Severity = Severity.ERROR
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "place", _called(self.place))
+        object.__setattr__(self, "place", _renamed(self.place))
 
     def __str__(self) -> str:
         where = f"{self.place}: " + (f"{self.path}: " if self.path else "")
@@ -90,11 +90,11 @@ class Problem:
 
 
 Warn = Callable[[Problem], None]
-"""Told of everything that is allowed and probably not meant."""
+"""Receives warnings: what is allowed and probably not intended."""
 
 
 def ignore_warning(problem: Problem) -> None:
-    """Warnings that nobody reads."""
+    """Drops a warning."""
 
 
 def by_place(problems: Iterable[Problem]) -> list[Problem]:

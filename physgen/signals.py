@@ -1,4 +1,8 @@
-"""Ctrl-C and termination signals that arrive while C code calls Python."""
+"""Ctrl-C and termination signals that arrive while C code calls Python.
+
+An exception that Python raises in a callback of C code is printed and lost, and C continues with a wrong result. The
+physics engine is such code. A lost interrupt is therefore raised again after a moment, until Python's own code gets it.
+"""
 
 from __future__ import annotations
 
@@ -7,28 +11,28 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
-SOON = 0.001
-"""s."""
+DELAY = 0.001
+"""s after which a lost interrupt is raised again."""
 
 
 def install_handler() -> None:
-    """From now on, in the main thread of this process."""
+    """Raises lost interrupts again, in the main thread of this process."""
     before = sys.unraisablehook
-    if getattr(before, "heeds", False):
+    if getattr(before, "is_ours", False):
         return
 
-    def hook(told: sys.UnraisableHookArgs) -> None:
-        wish = told.exc_value
-        if not isinstance(wish, KeyboardInterrupt | SystemExit):
-            before(told)
+    def hook(unraisable: sys.UnraisableHookArgs) -> None:
+        error = unraisable.exc_value
+        if not isinstance(error, KeyboardInterrupt | SystemExit):
+            before(unraisable)
             return
 
         def again(number: int, frame: object) -> NoReturn:
-            raise wish.with_traceback(None)
+            raise error.with_traceback(None)
 
-        with suppress(ValueError):  # another thread: signals are none of its business
+        with suppress(ValueError):  # not the main thread, which alone gets signals
             signal.signal(signal.SIGALRM, again)
-            signal.setitimer(signal.ITIMER_REAL, SOON)
+            signal.setitimer(signal.ITIMER_REAL, DELAY)
 
-    hook.heeds = True  # type: ignore[attr-defined]
+    hook.is_ours = True  # type: ignore[attr-defined]
     sys.unraisablehook = hook

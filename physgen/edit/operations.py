@@ -22,8 +22,7 @@ from physgen.problems import InputError
 from physgen.scene.document import Node, Source, plain, read
 from physgen.scene.files import with_bases
 from physgen.scene.overlay import SEALED, Edit, apply, kind_of, merge, parse_key, rivals
-from physgen.scene.schema import published
-from physgen.scene.write import schema_at
+from physgen.scene.schema import published, schema_at
 from physgen.text import KeyPath, dotted
 
 Data = dict[str, Any]

@@ -35,7 +35,8 @@ from physgen.edit.yaml_tree import (
     reach,
     same,
 )
-from physgen.scene.write import entry_lines, flow_text, key_text, schema_at
+from physgen.scene.schema import schema_at
+from physgen.scene.write import entry_lines, flow_text, key_text
 from physgen.text import KeyPath, dotted
 
 COMMENT_WIDTH = 100

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from physgen.files import Stamp, file_stamp
-from physgen.problems import call
+from physgen.problems import name_folder
 from physgen.scene.pack_format import is_pack
 
 MOST_UNPACKED = 64
@@ -59,5 +59,5 @@ def scene_in(key: str, data: Callable[[], bytes], name: str) -> Path:
     while len(_UNPACKED) > MOST_UNPACKED:
         _UNPACKED.popitem(last=False)[1][0].cleanup()
     folder, scene = _UNPACKED[key]
-    call(Path(folder.name, "files"), name)
+    name_folder(Path(folder.name, "files"), name)
     return scene

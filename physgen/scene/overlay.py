@@ -12,7 +12,7 @@ from functools import cache
 
 from physgen.problems import InputError, Problem
 from physgen.scene.document import Node, Source, read
-from physgen.scene.schema import Schema, expanded
+from physgen.scene.schema import schema_at
 from physgen.text import KeyPath, dotted, nearest, quoted
 
 SEALED = ("extends", "variants")
@@ -27,7 +27,7 @@ _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d{1,9}|\*)\])*)(?:\.|$)")
 @cache
 def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
     """Key -> keys of the same mapping that it rules out: mass and density, kinds of shape, mask and wall."""
-    part = _part(schema_path)
+    part = schema_at(schema_path)
     if part is None:
         return {}
     groups = [list(group) for group in part.get("x-exclusive", [])]
@@ -36,20 +36,9 @@ def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
     return {key: frozenset(group) - {key} for group in groups for key in group}
 
 
-def _part(schema_path: KeyPath) -> Schema | None:
-    part: Schema = expanded()
-    for key in schema_path:
-        inner = part.get("items") if isinstance(key, int) else part.get("properties", {}).get(key)
-        inner = part.get("additionalProperties") if inner is None else inner
-        if not isinstance(inner, dict):
-            return None
-        part = inner
-    return part
-
-
 def _default(path: KeyPath, like: Node) -> Node | None:
     """The list that stands where a file has none, so that velocity.0 alone can be set; None: there is no such."""
-    default = (_part(kind_of(path)) or {}).get("default")
+    default = (schema_at(kind_of(path)) or {}).get("default")
     if not isinstance(default, list) or not default:
         return None
     return like.with_value([like.with_value(item) for item in default])

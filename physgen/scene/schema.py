@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from physgen.files import resource
-from physgen.text import UNITS, example, listed, number
+from physgen.text import UNITS, KeyPath, example, listed, number
 
 Schema = dict[str, Any]
 
@@ -51,6 +51,26 @@ def at(path: str) -> Schema:
     part = expanded()
     for key in path.split(".") if path else ():
         part = part["additionalProperties"] if key == "*" else part["properties"][key]
+    return part
+
+
+def inner(schema: Schema | None, key: str | int) -> Schema | None:
+    """The schema of a key's value, or of an item of a list; None where there is none."""
+    if schema is None:
+        return None
+    if isinstance(key, int):
+        prefix = schema.get("prefixItems", [])
+        part = prefix[key] if key < len(prefix) else schema.get("items")
+    else:
+        part = schema.get("properties", {}).get(key, schema.get("additionalProperties"))
+    return part if isinstance(part, dict) else None
+
+
+def schema_at(path: KeyPath) -> Schema | None:
+    """The schema of the value at a path of a scene; None where it has none."""
+    part: Schema | None = expanded()
+    for key in path:
+        part = inner(part, key)
     return part
 
 

@@ -204,8 +204,8 @@ def _scene(archive: zipfile.ZipFile, names: Container[str], name: str) -> str:
     info = archive.getinfo(CONTENTS)
     page = b"".join(_blocks(archive, info, MOST_CONTENTS, MOST_WHOLE, name))
     try:
-        page_ = json.loads(page)
-        version, scene = page_["pack"], page_["scene"]
+        contents_page = json.loads(page)
+        version, scene = contents_page["pack"], contents_page["scene"]
     except (ValueError, TypeError, KeyError, RecursionError):
         raise InputError.of(name, CONTENTS, "cannot be understood", AGAIN) from None
     if version != VERSION:

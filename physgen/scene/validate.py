@@ -231,13 +231,8 @@ class _Fault:
             inner: Any = node.value
             node = inner[key]
             self.chain.append(node)
-            if isinstance(key, int):
-                prefix = schema.get("prefixItems", [])
-                schema = prefix[key] if key < len(prefix) else schema["items"]
-            else:
-                schema = schema.get("properties", {}).get(key) or schema["additionalProperties"]
-                self.unit = ""
-            self.unit = schema.get("x-unit", self.unit)
+            schema = inner(schema, key) or {}
+            self.unit = schema.get("x-unit", self.unit if isinstance(key, int) else "")
         self.node, self.schema = node, schema
         kinds = schema.get("type", "")
         self.kinds: list[str] = [kinds] if isinstance(kinds, str) else kinds

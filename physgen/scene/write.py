@@ -13,7 +13,7 @@ import yaml
 from yaml.events import ScalarEvent
 
 from physgen.scene.document import Node, RefusedNumberError, resolve
-from physgen.scene.schema import Schema, expanded
+from physgen.scene.schema import Schema, expanded, inner, schema_at
 from physgen.text import KeyPath, dotted, number
 
 
@@ -94,17 +94,6 @@ def key_text(key: str) -> str:
     return _key(key)
 
 
-def schema_at(path: KeyPath) -> Schema | None:
-    """The schema of the value at a path; None where it has none."""
-    part: Schema | None = expanded()
-    for key in path:
-        if part is None:
-            return None
-        items = part.get("items") if isinstance(key, int) else None
-        part = _part(part, str(key)) if items is None else items
-    return part
-
-
 class _Writer:
     def __init__(self, comments: Mapping[str, str]) -> None:
         self.comments = comments
@@ -115,7 +104,7 @@ class _Writer:
         self, value: Mapping[str, Any], indent: str, path: KeyPath, schema: Schema | None
     ) -> Iterator[str]:
         for key in _ordered(value, schema):
-            part = _part(schema, key)
+            part = inner(schema, key)
             yield from self.entry(value[key], f"{indent}{_key(key)}:", indent + "  ", (*path, key), part)
 
     def entry(
@@ -207,19 +196,11 @@ def _ordered(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
     return [key for key in known if key in value] + [key for key in value if key not in known]
 
 
-def _part(schema: Schema | None, key: str) -> Schema | None:
-    """The schema of a key's value."""
-    if schema is None:
-        return None
-    part = schema.get("properties", {}).get(key, schema.get("additionalProperties"))
-    return part if isinstance(part, dict) else None
-
-
 def _flow(value: Any, schema: Schema | None) -> str:
     """A value on one line."""
     value = _data(value)
     if isinstance(value, Mapping):
-        pairs = (f"{_key(key)}: {_flow(value[key], _part(schema, key))}" for key in _ordered(value, schema))
+        pairs = (f"{_key(key)}: {_flow(value[key], inner(schema, key))}" for key in _ordered(value, schema))
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         items = schema.get("items") if schema else None
