@@ -228,8 +228,8 @@ class _Fault:
         self.path: KeyPath = (*path, *error.path)
         self.unit = schema.get("x-unit", "")
         for key in error.path:
-            inner: Any = node.value
-            node = inner[key]
+            content: Any = node.value
+            node = content[key]
             self.chain.append(node)
             schema = inner(schema, key) or {}
             self.unit = schema.get("x-unit", self.unit if isinstance(key, int) else "")
@@ -291,7 +291,7 @@ class _Fault:
             self.schema["prefixItems"][0] if "prefixItems" in self.schema else self.schema.get("items", {})
         )
         kinds = {"number": "numbers", "integer": "whole numbers", "array": "points", "object": "mappings"}
-        what = kinds.get(inner.get("type", ""), "names" if inner.get("type") == "string" else "values")
+        what = kinds.get(part.get("type", ""), "names" if part.get("type") == "string" else "values")
         fewest, most = self.schema.get("minItems", 0), self.schema.get("maxItems")
         return what, f"{fewest} {what}" if fewest == most else what
 
