@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from physgen.problems import Place, Problem
 from physgen.scene.document import Node, plain
 from physgen.scene.overlay import NAMED
-from physgen.scene.schema import Schema, advice, at, bounds, expanded, limit, measure
+from physgen.scene.schema import Schema, advice, at, bounds, expanded, inner, limit, measure
 from physgen.text import UNITS, KeyPath, dotted, example, listed, nearest, quoted, shown
 
 if TYPE_CHECKING:
@@ -287,9 +287,7 @@ class _Fault:
 
     def _count(self) -> tuple[str, str]:
         """What a list holds: `points`, and with its number `2 points`."""
-        inner = (
-            self.schema["prefixItems"][0] if "prefixItems" in self.schema else self.schema.get("items", {})
-        )
+        part = inner(self.schema, 0) or {}
         kinds = {"number": "numbers", "integer": "whole numbers", "array": "points", "object": "mappings"}
         what = kinds.get(part.get("type", ""), "names" if part.get("type") == "string" else "values")
         fewest, most = self.schema.get("minItems", 0), self.schema.get("maxItems")
