@@ -19,12 +19,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import cv2
-import numpy as np
-
 from physgen import __version__
 from physgen.evaluate.measure import RESULT, Findings, Progress, Section, Table, counted, write_files
-from physgen.evaluate.methods import Entry, Methods
+from physgen.evaluate.methods import Entry, Methods, read_clip, within
 from physgen.export.video import Format, open_video
 from physgen.files import resource, write_atomic
 from physgen.photos import read_photo
@@ -34,7 +31,7 @@ from physgen.report.films import SIDE, strip_columns, strip_frames
 from physgen.report.gallery import ClipPictures, clip_pictures, link, sweep_files
 from physgen.report.html import script_json, template, webp
 from physgen.text import natural
-from physgen.videos import Video, plays_anywhere, read_video
+from physgen.videos import plays_anywhere
 
 OWN = "leaderboard"
 FILES = "index.files"
@@ -239,7 +236,9 @@ class Screened:
 
 def screened(entry: Entry, files: Path, single: bool) -> Screened:
     """Films, posters and strips go to `files`, unless they go into a `single` file. Raises InputError."""
-    path, clip, fps = _readable(entry)
+    path = entry.film
+    assert path is not None
+    clip, fps = read_clip(path)
     seal = sha256(path.read_bytes()).hexdigest()[:20]
 
     def of(film: Path) -> Screened:
@@ -264,18 +263,6 @@ def screened(entry: Entry, files: Path, single: bool) -> Screened:
             files.mkdir(parents=True, exist_ok=True)
             write_atomic(film, made.read_bytes())
     return of(film)
-
-
-def _readable(entry: Entry) -> tuple[Path, Video, float]:
-    """File, frames and frame rate of a clip. Raises InputError."""
-    path = entry.film
-    assert path is not None
-    clip = read_video(path)
-    if len(clip.frames) < 2:
-        raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
-    if clip.fps is None:
-        raise InputError.of(str(path), "", "does not say how fast it plays", "save it as MP4")
-    return path, clip, clip.fps
 
 
 @dataclass(frozen=True)
@@ -304,10 +291,11 @@ def make_board(
     shown, broken = {}, {}
     entries = [entry for entry in methods.entries.values() if entry.film is not None]
     for done, entry in enumerate(entries):
+        assert entry.film is not None
         progress("clips", done, len(entries))
         try:
             if folder is None:
-                _readable(entry)
+                read_clip(entry.film)
             else:
                 shown[entry.method, entry.scene] = screened(entry, folder / FILES, single)
         except InputError as error:
@@ -497,6 +485,4 @@ def _photo(path: Path) -> str:
         rgb = read_photo(path).rgb
     except InputError:
         return ""
-    part = min(SIDE / max(rgb.shape[:2]), 1)
-    size = max(round(rgb.shape[1] * part), 1), max(round(rgb.shape[0] * part), 1)
-    return webp(np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8), QUALITY)
+    return webp(within(rgb, SIDE), QUALITY)

@@ -10,10 +10,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from physgen.problems import InputError, Place, Problem
 from physgen.report.clips import ENDING, clips_in, read_failure
 from physgen.text import natural
-from physgen.videos import is_picture, plays
+from physgen.videos import Video, is_picture, plays, read_video
+
+U8 = NDArray[np.uint8]
 
 FILMS = (".mp4", ".webm", ".mov", ".m4v", ".mkv", ".avi", ".gif", ".webp")
 """What a clip may be, the best first."""
@@ -172,3 +178,23 @@ def _moves(path: Path) -> bool:
         return is_picture(path) and plays(path)
     except InputError:
         return False
+
+
+def read_clip(path: Path) -> tuple[Video, float]:
+    """A clip and its frames a second. Raises InputError for one that is no video."""
+    clip = read_video(path)
+    if len(clip.frames) < 2:
+        raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
+    if clip.fps is None:
+        raise InputError.of(str(path), "", "does not say how fast it plays", "save it as MP4")
+    return clip, clip.fps
+
+
+def within(rgb: U8, side: int) -> U8:
+    """(H, W, 3) sRGB with no side longer than `side` px."""
+    high, wide = rgb.shape[:2]
+    part = side / max(high, wide)
+    if part >= 1:
+        return rgb
+    size = max(round(wide * part), 1), max(round(high * part), 1)
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)

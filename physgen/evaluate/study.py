@@ -15,18 +15,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.evaluate.measure import Progress
-from physgen.evaluate.methods import Methods
+from physgen.evaluate.methods import Methods, read_clip, within
 from physgen.export.video import Format, open_video
 from physgen.files import resource, write_with_backup
 from physgen.photos import read_photo
 from physgen.problems import InputError, Problem
 from physgen.report.html import script_json, template, webp
-from physgen.videos import read_video
 
 U8 = NDArray[np.uint8]
 
@@ -215,7 +213,7 @@ def make(
             problems += error.problems
     for scene in (scene for scene in scenes if scene in methods.photos):
         try:
-            photos[scene] = webp(_within(read_photo(methods.photos[scene]).rgb), QUALITY)
+            photos[scene] = webp(within(read_photo(methods.photos[scene]).rgb, SIDE), QUALITY)
         except InputError as error:
             problems += error.problems
     if problems:
@@ -233,28 +231,14 @@ def make(
 
 def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
     """As an MP4 of ours, and its size. Raises InputError."""
-    clip = read_video(path)
-    if len(clip.frames) < 2:
-        raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
-    if clip.fps is None:
-        raise InputError.of(str(path), "", "does not say how fast it plays", "save it as MP4")
-    first = _within(clip.frames[0])
+    clip, fps = read_clip(path)
+    first = within(clip.frames[0], SIDE)
     size = first.shape[1], first.shape[0]
     with TemporaryDirectory() as place:
-        with open_video(Path(place), Format.MP4, size, clip.fps) as write:
+        with open_video(Path(place), Format.MP4, size, fps) as write:
             for frame in clip.frames:
-                write(_within(frame))
+                write(within(frame, SIDE))
         return (Path(place) / Format.MP4.file).read_bytes(), size
-
-
-def _within(rgb: U8) -> U8:
-    """No side longer than SIDE."""
-    high, wide = rgb.shape[:2]
-    part = SIDE / max(high, wide)
-    if part >= 1:
-        return rgb
-    size = max(round(wide * part), 1), max(round(high * part), 1)
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 # ---- the page ----------------------------------------------------------------------------------------------------
