@@ -30,8 +30,33 @@ FEATURES = (
 )  # fmt: skip
 RANGES = (range(0, 2), range(2, 6), range(6, 8))
 """Indices of OFFSETS: near, farther and far pairs."""
-ASIDE = 3
-"""px of the grid around a proposal that count as its surroundings."""
+
+
+@dataclass(frozen=True)
+class CandidateConstants:
+    """Constants of proposals from the network; areas are in px of its grid."""
+
+    surroundings: int = 3
+    """px of the grid around a proposal that count as its surroundings."""
+    on: float = 0.3
+    """Foreground from which a basin may be part of an object."""
+    levels: tuple[float, ...] = (0.35, 0.5, 0.65, 0.8)
+    """Foreground above which a connected region is a proposal, too."""
+    border_share: float = 0.6
+    """Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
+    edge_share: float = 0.7
+    """Share of a border that needs an edge in the photo, which fixes its exact course."""
+    score_middle: float = 0.8
+    """Score of the selection by edges whose confidence is a half; chosen on tune and validation data."""
+    score_width: float = 0.05
+    """Width of the logistic from score to confidence."""
+    least_foreground: float = 0.2
+    """Mean foreground of a proposal below which it is dropped."""
+    smallest: int = 14
+    """px of the network's grid, of the smallest proposal."""
+
+
+CANDIDATES = CandidateConstants()
 
 
 def proposal_features(proposals: Sequence[Proposal], seen: NetworkMaps) -> Array:
@@ -51,12 +76,13 @@ def _features(one: Proposal, seen: NetworkMaps, rim: F32, reach: int) -> list[fl
     mask = np.zeros(seen.foreground[box].shape, bool)
     mask[top - y0 : bottom - y0, left - x0 : right - x0] = one.mask
     near = np.s_[
-        max(top - ASIDE - y0, 0) : bottom + ASIDE - y0, max(left - ASIDE - x0, 0) : right + ASIDE - x0
+        max(top - CANDIDATES.surroundings - y0, 0) : bottom + CANDIDATES.surroundings - y0,
+        max(left - CANDIDATES.surroundings - x0, 0) : right + CANDIDATES.surroundings - x0,
     ]
     small = mask[near].astype(np.uint8)
     foreground, boundary = seen.foreground[box], seen.boundary[box]
     on = foreground[mask]
-    kernel = np.ones((2 * ASIDE + 1, 2 * ASIDE + 1), np.uint8)
+    kernel = np.ones((2 * CANDIDATES.surroundings + 1, 2 * CANDIDATES.surroundings + 1), np.uint8)
     around = (cv2.dilate(small, kernel) > 0) & (small == 0)
     inner = cv2.erode(small, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
     contour = outline(one.mask)
@@ -149,16 +175,6 @@ def _judge() -> dict[str, Any]:
     }
 
 
-ON = 0.3
-"""Foreground from which a basin may be part of an object."""
-LEVELS = (0.35, 0.5, 0.65, 0.8)
-"""Foreground above which a connected region is a proposal, too."""
-GROUND = 0.6
-"""Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
-LINE = 0.7
-"""Share of a border that needs an edge in the photo, which fixes its exact course."""
-
-
 def border_relief(seen: NetworkMaps) -> F32:
     """(h, w) 0..1: how likely a border runs here."""
     apart = np.zeros_like(seen.boundary)
@@ -169,7 +185,9 @@ def border_relief(seen: NetworkMaps) -> F32:
             there = cv2.warpAffine(1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE)
             apart = np.maximum(apart, there)
     apart = apart * seen.foreground
-    return np.asarray(GROUND * seen.boundary + (1 - GROUND) * apart, np.float32)
+    return np.asarray(
+        CANDIDATES.border_share * seen.boundary + (1 - CANDIDATES.border_share) * apart, np.float32
+    )
 
 
 def network_proposals(seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
@@ -177,7 +195,7 @@ def network_proposals(seen: NetworkMaps, smallest: int, largest: int) -> list[Pr
     height = border_relief(seen)
     labels = basins(cv2.GaussianBlur(height, (0, 0), 1.0).astype(np.float32))
     found = _joined(labels, seen.foreground, height * np.float32(EDGE_CAP), smallest, largest)
-    for level in LEVELS:
+    for level in CANDIDATES.levels:
         mask = seen.foreground > level
         _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
         for k, (x, y, w, h, size) in enumerate(stats.tolist()):
@@ -194,7 +212,11 @@ def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, large
     foreground = np.clip(cv2.resize(seen.foreground, size, interpolation=cv2.INTER_LINEAR), 0, 1)
     labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
     sharp = np.minimum(gradient.strength, EDGE_CAP) / EDGE_CAP
-    edge = np.float32(EDGE_CAP) * border * (np.float32(1 - LINE) + np.float32(LINE) * sharp)
+    edge = (
+        np.float32(EDGE_CAP)
+        * border
+        * (np.float32(1 - CANDIDATES.edge_share) + np.float32(CANDIDATES.edge_share) * sharp)
+    )
     found = _joined(labels, foreground.astype(np.float32), edge.astype(np.float32), smallest, largest)
     return [one for one in found if one is not None and one.area <= largest]
 
@@ -205,7 +227,7 @@ def _joined(
     """Every union of basins (h, w) on objects, joined two by two where `edge` (h, w) between them is least."""
     count = int(labels.max()) + 1
     on = np.bincount(labels.ravel(), foreground.ravel(), count) / np.bincount(labels.ravel(), minlength=count)
-    kept = on >= ON
+    kept = on >= CANDIDATES.on
     if not kept.any():
         return []
     # the background is one region that is never joined
@@ -222,14 +244,6 @@ def _joined(
             continue
         found.append(node_region(ranks, boxes, first, last, smallest))
     return found
-
-
-SCORE_MIDDLE, SCORE_WIDTH = 0.8, 0.05
-"""Of the logistic from a score of the selection by edges to a confidence; chosen on tune and validation data."""
-LEAST_FOREGROUND = 0.2
-"""Mean foreground of a proposal below which it is dropped."""
-SMALLEST = 14
-"""px of the network's grid, of the smallest proposal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +266,7 @@ def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
     shape, grid = by_edges.shape, seen.foreground.shape
     cells = grid[0] * grid[1]
     least, most = WIDEST_AREAS
-    own = network_proposals(seen, max(SMALLEST, round(least * cells)), round(most * cells))
+    own = network_proposals(seen, max(CANDIDATES.smallest, round(least * cells)), round(most * cells))
     bounds = (max(12, round(part * shape[0] * shape[1])) for part in (least, most))
     both_ways = distinct([*by_edges.proposals, *guided_proposals(by_edges.gradient, seen, *bounds)])
     pool: list[tuple[Proposal | None, Proposal | None, bool]] = [
@@ -260,11 +274,13 @@ def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
     ]
     pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
     confident = np.zeros(len(pool))
-    confident[: len(by_edges.chosen)] = 1 / (1 + np.exp((SCORE_MIDDLE - by_edges.scores) / SCORE_WIDTH))
+    confident[: len(by_edges.chosen)] = 1 / (
+        1 + np.exp((CANDIDATES.score_middle - by_edges.scores) / CANDIDATES.score_width)
+    )
     both = [
         (fine, rough, learned, agreed)
         for (fine, rough, learned), agreed in zip(pool, confident.tolist(), strict=True)
-        if fine is not None and rough is not None and _on(rough, seen) >= LEAST_FOREGROUND
+        if fine is not None and rough is not None and _on(rough, seen) >= CANDIDATES.least_foreground
     ]
     return Candidates(
         shape,
