@@ -53,10 +53,8 @@ A number that you have set is no guess any more: take its entry out of from, whi
 UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
 """Before boundaries are found."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
-MOST_IDS, MOST_OBJECTS = (
-    200,
-    5000,
-)  # ids from which mostly specks, and objects from which anything, is no label map
+# ids from which mostly specks, and objects from which anything, is no label map
+MOST_IDS, MOST_OBJECTS = (200, 5000)
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",

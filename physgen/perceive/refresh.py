@@ -38,14 +38,11 @@ from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, photo_sc
 from physgen.perceive.segment.prompts import Box, Point, from_prompts
 from physgen.scene.scene import BoxPrompt, MaskId, Object
 
-OVERLAP = (
-    0.5,
-    0.3,
-)  # share of the smaller mask, and of the old one, from which a new prompt means an existing object
+# share of the smaller mask, and of the old one, from which a new prompt means an existing object
+OVERLAP = (0.5, 0.3)
 EQUAL = 0.01  # relative difference of equal numbers: outlines are written to 0.01 px
-NEAR = (
-    0.5  # px between walls that are one: outlines of stored masks are a little rounder than those first found
-)
+# px between walls that are one: outlines of stored masks are a little rounder than those first found
+NEAR = 0.5
 LABELLED_KEYS = ("label", "solid", "mass", "friction", "elasticity")
 """Keys of an object that the user may have set: those that its `from` does not name stay."""
 PIXEL_KEYS = ("mask", "shape", "prompt", "from")

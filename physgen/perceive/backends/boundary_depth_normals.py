@@ -55,9 +55,8 @@ EVEN = 0.25  # of how far objects stand out: up to so much farther above than be
 UP = 0.6  # -y of a normal from which a surface faces up
 ENOUGH = 0.02  # of the background that faces up, from which there is a floor
 THROUGH = 2.0  # px that an edge may run within an outline: an error of the mask, or of the depth beside it
-SECTION = (
-    0.9  # cosine between the way an edge's surface faces and the way out of it, from which it is its section
-)
+# cosine between the way an edge's surface faces and the way out of it, from which it is its section
+SECTION = 0.9
 SLOPE = 8.0  # degrees from level where slopes begin
 
 

@@ -12,9 +12,8 @@ FROM_ABOVE = DistantLight((0.0, -0.6, 0.8), 0.8, 0.4)
 """The usual place of lamps and skies: above and in front of the scene."""
 FULL = 1.2  # shading of a surface that faces the light: there it shows its own colour
 LEAST = 0.1  # of the differences of light, that must be explained for a light to be found
-ENOUGH = (
-    0.2  # of the same, from which only rivals make the light unsure: prints and reflections stay unexplained
-)
+# of the same, from which only rivals make the light unsure: prints and reflections stay unexplained
+ENOUGH = 0.2
 
 
 def shading() -> Light:

@@ -15,9 +15,8 @@ from physgen.photometry import decode
 
 REACH = 1.0  # px from one half to 0 or 1
 SHIFT = 2.75  # px by which the photo may move the border
-CONTRAST = (
-    0.08  # difference of square roots of linear light from which colours separate object and background
-)
+# difference of square roots of linear light from which colours separate object and background
+CONTRAST = 0.08
 
 
 def edge() -> Matte:

@@ -43,9 +43,8 @@ class _Limits:
 
     slope: float = 0.35  # from which an object bulges ...
     slope_range: float = 0.1  # ... and over how much more it surely does
-    shaded: float = (
-        0.05  # the same of the change of light across it: its spread times its smooth share squared
-    )
+    # the same of the change of light across it: its spread times its smooth share squared
+    shaded: float = 0.05
     shaded_range: float = 0.05
     clear_spread: float = 0.15  # spread and ...
     clear_smooth: float = 0.95  # ... smooth share of that change which no flat faces have,

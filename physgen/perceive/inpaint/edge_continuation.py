@@ -40,13 +40,8 @@ class _Matching:
     drift: float = 0.06  # share of its length by which a straight edge may miss: its direction is not exact
     fainter: float = 0.5  # of its contrast where it enters, the least where it leaves
     corner_sine: float = 0.5  # of the angle between two edges from which they make a corner
-    beyond: tuple[int, ...] = (
-        8,
-        14,
-        20,
-        30,
-        40,
-    )  # px beyond the hole where an edge that leaves it is looked for
+    # px beyond the hole where an edge that leaves it is looked for
+    beyond: tuple[int, ...] = (8, 14, 20, 30, 40)
 
     def similar_sides(self, near: float, contrasts: float) -> bool:
         """Whether the more similar side, off by `near`, may be the same; `contrasts` of both ends together."""

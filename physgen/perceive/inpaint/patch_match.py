@@ -30,25 +30,18 @@ class _Tuning:
 
     radius: int = 3  # px: patches are 7 px wide
     max_pairs: int = 4_000_000  # pairs of patches that are all compared
-    max_first_pairs: int = (
-        20_000_000  # the same where nothing is known yet: sources are then thinned out evenly
-    )
+    # the same where nothing is known yet: sources are then thinned out evenly
+    max_first_pairs: int = 20_000_000
     chunk: int = 1_000_000  # pairs that are held in memory
     loose: int = 1  # scales above this one keep the continued edges
-    rounds: tuple[int, ...] = (
-        1,
-        1,
-        3,
-        6,
-    )  # of search and vote: finest scale (a vote alone), the two above, others
+    # of search and vote: finest scale (a vote alone), the two above, others
+    rounds: tuple[int, ...] = (1, 1, 3, 6)
     trust: float = 1.3  # a px deeper in the hole is this many times less trusted
-    distance_cost: float = (
-        60.0  # squared levels a pixel (of 128) for borrowing from as far as the picture is wide
-    )
+    # squared levels a pixel (of 128) for borrowing from as far as the picture is wide
+    distance_cost: float = 60.0
     max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
-    wide: int = (
-        30_000  # px: a coarsest scale with more is halved again (photos over three times as wide as high)
-    )
+    # px: a coarsest scale with more is halved again (photos over three times as wide as high)
+    wide: int = 30_000
     max_direction_cost: float = 4.0  # of borrowing across layers (before it is squared)
     grain_blur: float = 2.0  # px, standard deviation of the blur that separates grain from colour
     grain_margin: int = 10  # px around a piece of the hole whose grain it takes on

@@ -28,17 +28,14 @@ class _Tuning:
     """Light is linear, costs are shares of what would explain everything."""
 
     pairs: int = 2400  # in all, at most
-    alike: float = (
-        0.12  # between the chromaticities (logarithms of red and blue over green) of a pair, at most
-    )
+    # between the chromaticities (logarithms of red and blue over green) of a pair, at most
+    alike: float = 0.12
     turned: float = 0.35  # between its normals, at least
-    most: float = (
-        0.5  # of the logarithm of light: a larger error is a print, a highlight or another object's shadow
-    )
+    # of the logarithm of light: a larger error is a print, a highlight or another object's shadow
+    most: float = 0.5
     sky: int = 420  # directions tried
-    bulging: float = (
-        0.9  # mean z of the normals, under which an object has more to it than a face's rounded rim
-    )
+    # mean z of the normals, under which an object has more to it than a face's rounded rim
+    bulging: float = 0.9
     ball_z: float = 0.2  # z of the normals under which a ball's are not trusted
     other_z: float = 0.4  # and those of all others
     below: float = 0.1  # cost of a light from straight below: lamps and skies are mostly above

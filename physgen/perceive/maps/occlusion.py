@@ -31,9 +31,8 @@ class _Limits:
     rounded: float = 0.04  # of its radius, and at least ...
     coarse: float = 0.8  # ... this: by how much the border of a round object may lie off its circle
     fits: float = 0.95  # share of the seen border that lies so near to the circle
-    open: float = (
-        0.04  # share of a circle that may show the background, where the object would be if it went on
-    )
+    # share of a circle that may show the background, where the object would be if it went on
+    open: float = 0.04
     filled: float = 0.8  # share of a bay or a hole that another object fills
     whole: float = 0.97  # share of its circle that is seen of a round object in front
     near: float = 2.6  # between borders that two objects share

@@ -34,10 +34,8 @@ class _Tuning:
     """Sizes are shares of an object's, across and down; depths are -log of light."""
 
     longest: int = 512  # px: longer side of the picture that is analysed
-    skies: tuple[tuple[float, float], ...] = (
-        (0.0, 5.7),
-        (0.6, 9.6),
-    )  # direct share; degrees the camera looks down
+    # direct share; degrees the camera looks down
+    skies: tuple[tuple[float, float], ...] = ((0.0, 5.7), (0.6, 9.6))
     wide: float = 40.0  # degrees: half the width of such a light
     deep: float = 0.05  # predicted depth that is compared with ...
     faint: float = 0.02  # ... places of less than this
@@ -54,18 +52,13 @@ class _Tuning:
     """Reach and weight of like surfaces on a floor seen from the side: a row is equally far."""
     around: tuple[tuple[float, float, float], ...] = ((0.5, 0.5, 1.0), (1.0, 1.0, 0.05), (3.0, 3.0, 2e-3))
     """The same on a table seen from above."""
-    smooth: tuple[float, float] = (
-        3.0,
-        1.2,
-    )  # px, standard deviations; from above the mean of both, both ways
+    # px, standard deviations; from above the mean of both, both ways
+    smooth: tuple[float, float] = (3.0, 1.2)
     visible: float = 0.4  # share of a place that must be free ...
     least: int = 40  # ... and px of it, to count
     quiet: float = 5e-3  # contrast: no surface is more even
-    rims: tuple[float, ...] = (
-        30.0,
-        8.0,
-        2.0,
-    )  # px: widths of the means by which a rim's depth is carried behind it
+    # px: widths of the means by which a rim's depth is carried behind it
+    rims: tuple[float, ...] = (30.0, 8.0, 2.0)
 
 
 TUNING = _Tuning()

@@ -47,14 +47,10 @@ class _Tuning:
     widths: tuple[float, ...] = (0.03, 0.08)  # over which slopes are smoothed
     least_seen: float = 0.1  # share of the predicted slopes that must be in sight
     well: float = 0.5  # confidence of a light from shading from which it counts most
-    deviation: tuple[float, float] = (
-        20.0,
-        7.0,
-    )  # degrees, standard deviation of such lights: trusted, trusted well
-    beyond: tuple[float, float] = (
-        40.0,
-        2.5,
-    )  # degrees, and standard deviations: no light is tried farther from it
+    # degrees, standard deviation of such lights: trusted, trusted well
+    deviation: tuple[float, float] = (20.0, 7.0)
+    # degrees, and standard deviations: no light is tried farther from it
+    beyond: tuple[float, float] = (40.0, 2.5)
     pull: float = 0.02  # correlation that one standard deviation from it must gain
     telling: int = 3  # objects, or groups of them, that the light is searched by at first; the largest
     half_seen: float = 0.3  # correlation with a wall before the light has been searched with it
@@ -65,9 +61,8 @@ class _Tuning:
     wall_sizes: tuple[float, ...] = (1.0, 0.94, 0.88, 0.82)  # of shadows on a wall, in perspective
     farthest: float = 5.0  # from an object to its shadow on a wall
     in_sight: float = 0.5  # share of all outlines that must lie in the photo, and free
-    steepest: float = (
-        97  # percentile of the photo's slopes: steeper ones are edges of objects, and cut to this
-    )
+    # percentile of the photo's slopes: steeper ones are edges of objects, and cut to this
+    steepest: float = 97
 
 
 TUNING = _Tuning()

@@ -52,9 +52,8 @@ class _Refill:
     gap: int = 6  # px: half the width of gaps between objects that are too dark to show anything
     near: int = 8  # px from an object within which shadows have entered the first fill
     deep: float = 0.45  # share of its light below which, near an object, nothing is seen in a shadow
-    fade: float = (
-        0.03  # of the photo's longer side: how far into a hole from a removed shadow it is filled again
-    )
+    # of the photo's longer side: how far into a hole from a removed shadow it is filled again
+    fade: float = 0.03
     visible: int = 3  # grey levels: a smaller change is no shadow
 
 

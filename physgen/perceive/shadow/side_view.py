@@ -66,12 +66,8 @@ class _Limits:
     seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
-    walls: tuple[float, ...] = (
-        0.3,
-        0.6,
-        1.2,
-        2.4,
-    )  # of an object's size: distances behind at which a wall is tried
+    # of an object's size: distances behind at which a wall is tried
+    walls: tuple[float, ...] = (0.3, 0.6, 1.2, 2.4)
     rough: int = 240  # px: longer side of the picture in which shadows on a wall are searched
 
 

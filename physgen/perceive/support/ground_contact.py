@@ -56,9 +56,8 @@ class _LevelLimits:
     is lifted as the camera's usual tilt requires for an object as deep as it is wide.
     """
 
-    tilt: float = (
-        2.0  # degrees: with 4 (`world.tilt`) a peer photo's floor is missed by 3.3 px, with 0 ours by 4
-    )
+    # degrees: with 4 (`world.tilt`) a peer photo's floor is missed by 3.3 px, with 0 ours by 4
+    tilt: float = 2.0
     max_lift: float = 2.0
     askew: float = 2.5  # by which the foot of a narrow object may rise and be level
     nearer: float = 4.0  # by which a flat foot may be lower than those of most and be lifted to their line
@@ -66,9 +65,8 @@ class _LevelLimits:
     alike: float = 1.5  # between feet up to which they stand on one straight line
     even: float = 0.05  # between feet at one height
     level: float = 0.08  # slope of a foot up to which it is level, and its slope an error of the mask
-    sloped: float = (
-        0.03  # slope of a line through three feet or more from which it is no level floor seen askew
-    )
+    # slope of a line through three feet or more from which it is no level floor seen askew
+    sloped: float = 0.03
     wide: float = 0.35  # share of its width that a flat foot has
 
 
@@ -79,9 +77,8 @@ class _BoxLimits:
     covered: float = 0.97  # intersection over union of outline and rectangle
     ragged: float = 1.5  # about a side, in which the border is that side's
     upright: float = 0.5  # degrees off upright
-    rounded: float = (
-        3.0  # and 12 % of the shorter side at most, by which a corner is rounded or a side bulges
-    )
+    # and 12 % of the shorter side at most, by which a corner is rounded or a side bulges
+    rounded: float = 3.0
     overlap: float = 0.05  # with a neighbour
 
 

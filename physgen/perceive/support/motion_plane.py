@@ -23,10 +23,8 @@ BLEEDS = 4  # px at 512 by which an object's depth runs over its outline in the 
 SLACK = 0.02  # of the photo's depth, by which a surface may lie behind the objects' plane and still be in it
 SOFT = 1.5  # px: standard deviation of the blur that smooths a border
 NEAR = 1.0  # of the foreground's depth, by which a surface may lie before all objects and still be among them
-THIN, DEEP = (
-    0.05,
-    0.2,
-)  # least depth of the foreground, of the photo's: where its objects stand; for its shelves
+# least depth of the foreground, of the photo's: where its objects stand; for its shelves
+THIN, DEEP = (0.05, 0.2)
 LEAST_FACING = 0.85  # cosine from which a surface faces the viewer
 
 

@@ -30,23 +30,16 @@ class _Limits:
     step: float = 0.5  # between the points at which a chain is tested against the objects
     skin: float = 0.05  # that a chain may lie within an outline: rounding
     shortest: float = 1.5  # a shorter piece of a chain carries nothing
-    wall_friction: float = (
-        0.4  # counted on; less than most objects have, so that what stands so stands for sure
-    )
+    # counted on; less than most objects have, so that what stands so stands for sure
+    wall_friction: float = 0.4
     object_friction: float = 0.25  # the same between objects
     slender: float = 0.75  # height over width from which an object may be leaning, not lying askew
     many: int = 40  # objects, beyond which all that would fall get their ledges at once
     rounds: int = 5  # of that, after which what would still fall is held
     from_below: float = 0.3  # sine of the angle by which a surface under an object faces up
     lean: float = 0.35  # share of its height, from the top, in which an object leans against a neighbour
-    wedge_sides: tuple[float, ...] = (
-        0.0,
-        180.0,
-        30.0,
-        150.0,
-        60.0,
-        120.0,
-    )  # degrees; upright first: they carry nothing
+    # degrees; upright first: they carry nothing
+    wedge_sides: tuple[float, ...] = (0.0, 180.0, 30.0, 150.0, 60.0, 120.0)
     wedge_length: float = 0.4  # of the object's radius: half the length of a wedge
     wedge_rest: float = 0.15  # of its radius: the least length of a wedge on either side of the contact
 
