@@ -238,7 +238,7 @@ def test_libraries_that_are_missing_are_named(lesson: Path, capsys, monkeypatch)
 
 def test_flags_that_would_lose_clips_are_refused(lesson: Path, capsys) -> None:
     assert main(["render", str(lesson), "-o", "memory://clips", "--jobs", "2"]) == 2
-    assert "memory:// is seen by one process alone" in capsys.readouterr().err
+    assert "memory:// is visible to one process only" in capsys.readouterr().err
     assert main(["render", "memory://a/scene.yaml", "--watch"]) == 2
     assert "--watch: watches files of this machine" in capsys.readouterr().err
     with pytest.raises(SystemExit):
