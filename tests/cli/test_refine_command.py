@@ -245,7 +245,7 @@ def test_without_masks_everything_may_change_and_that_is_said(frames: Path, tmp_
     assert main(["refine", "frames", "-o", "new"]) == 0
     assert capsys.readouterr().err.splitlines() == [
         "frames: warning: has no masks, so objects may change as all else; hold them: --masks DIR",
-        "frames: warning: is refined by a model that is not told what it shows; say it, e.g. "
+        "frames: warning: is refined by a model without a prompt; say it, e.g. "
         '--prompt "billiard balls on green cloth"',
     ]
     rgb, cover = drawn()

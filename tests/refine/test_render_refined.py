@@ -162,7 +162,7 @@ def test_a_bare_name_takes_the_weights_of_the_configuration(monkeypatch: pytest.
 
 def test_settings_of_nobody_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     rendered("--set", "refine.lock=1")
-    assert "refine.lock: warning: 1.0 has no effect: nobody refines" in capsys.readouterr().err
+    assert "refine.lock: warning: 1.0 has no effect: no backend refines" in capsys.readouterr().err
     assert rendered("--refine", "exat", code=2)["frames"]
     assert '--refine: "exat" is no backend that refines; did you mean exact?' in capsys.readouterr().err
 
