@@ -247,7 +247,7 @@ def test_flags_of_the_film_hold_for_every_format_and_the_duration_stays(
     command = ["export", str(photo / "scene.yaml"), "--format", "events,trajectory", "-o", str(tmp_path)]
     assert main([*command, "--frames", "5", "--fps", "20", "--size", "40x32"]) == 0
     told = capsys.readouterr().err
-    assert "5 frames at 20 fps play for 0.25 s; the duration of the motion stays" in told
+    assert "5 frames at 20 fps play for 0.25 s; the duration of the motion is still that of the scene" in told
     (home,) = tmp_path.iterdir()
     events = json.loads((home / "events" / "events.json").read_text())
     assert (events["frames"], events["fps"], events["size"]) == (5, 20, [40, 32])
