@@ -1,1 +1,1 @@
-"""Photo -> Percepts and an editable scene file: one role after the other, each with swappable backends."""
+"""Perception: a photo becomes percepts and an editable scene file; each role has swappable backends."""

@@ -1,1 +1,0 @@
-"""Photo -> proposals of whole objects -> the subset that explains the photo best, without training."""
