@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Place, Problem
+from physgen.progress import Progress, silent
 from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
 from physgen.refine.latents import (
     Span,
@@ -180,7 +181,6 @@ def _around(values: F32) -> tuple[slice, slice]:
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
-Progress = Callable[[str, int, int], None]
 
 HOLD = 0.3
 """s of playing over which the photo turns into the refined video."""
@@ -232,7 +232,7 @@ class Refinement:
         how: RefineSettings,
         size: tuple[int, int],
         count: int,
-        progress: Progress = lambda stage, done, total: None,
+        progress: Progress = silent,
         weight: Weight = rising,
     ) -> None:
         """`size` (W, H) px and `count` of the frames to come. `weight` is the algorithm's own unless a test asks."""
