@@ -551,8 +551,8 @@ def test_help_shows_an_example(capsys) -> None:
     [
         (["nowhere.yaml"], "nowhere.yaml: no such file"),
         (["."], "a folder; name a scene file in it"),
-        (["scene.yaml", "--port", "99999"], "99999 is not a port"),
-        (["scene.yaml", "--port", "x"], "x is not a port"),
+        (["scene.yaml", "--port", "99999"], "99999 is not a whole number from 0 to 65535"),
+        (["scene.yaml", "--port", "x"], "x is not a whole number from 0 to 65535"),
         (
             ["scene.yaml", "--host", "no.such.host.example"],
             "--host no.such.host.example: cannot be listened on",
