@@ -45,15 +45,17 @@ MAX_ITEM_CHANGES = 40
 """Items of a list that are changed one by one; with more, the list is written anew."""
 REASONS = {"mass": ("g: ",), "friction": ("friction", "ordinary friction"), "layer": ("in front: ",)}
 """How comments of perception begin that give the reason of a value, by key; other comments are the user's."""
+UNSEEN_FRICTION = ("friction cannot be seen", "nobody can see friction")
+"""As perception writes it, and as it did in version 1."""
 GUESSES = {
     "mass": ("g: ",),
     "density": ("g: ",),
-    "friction": ("friction", "ordinary friction", "at least this much", "nobody can see friction"),
+    "friction": ("friction", "ordinary friction", "at least this much", *UNSEEN_FRICTION),
     "layer": ("in front: ",),
     "motion": ("cut off by the photo's border", "nothing that is seen keeps", "nothing visible"),
     "pixels_per_meter": ("1 px = 1 cm", "from the ordinary size", "as given; masses", "as it was, for what"),
     "view": ("side or top: ",),
-    "table": ("nobody can see friction", "friction cannot be seen"),
+    "table": UNSEEN_FRICTION,
 }
 """The same for all values that a user may set in place of a guess."""
 
