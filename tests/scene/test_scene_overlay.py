@@ -62,17 +62,6 @@ def test_mappings_merge(scene: Path) -> None:
     assert list(named(found)) == ["ball", "crate"]
 
 
-def test_parts_of_a_shape_merge(scene: Path) -> None:
-    found = load(over(scene, "objects: {ball: {shape: {circle: {radius: 9}}}}\n"))
-    assert named(found)["ball"].shape == model.Circle((20, 20), 9)
-
-
-def test_lists_replace(scene: Path) -> None:
-    found = load(over(scene, "forces: []\nobjects: {crate: {shape: {box: {center: [1, 2]}}}}\n"))
-    assert found.forces == ()
-    assert named(found)["crate"].shape == model.Box((1, 2), (8, 6))
-
-
 @pytest.mark.parametrize(("key", "other"), [("mass", "density"), ("density", "mass")])
 def test_mass_and_density_drop_each_other(key: str, other: str, scene: Path) -> None:
     name = "crate" if key == "mass" else "ball"
@@ -86,19 +75,20 @@ def test_mass_and_density_drop_each_other(key: str, other: str, scene: Path) -> 
         assert getattr(item, other) is None
 
 
-def test_another_kind_of_shape_replaces(scene: Path) -> None:
-    found = load(over(scene, "objects: {ball: {shape: {polygon: [[0, 0], [9, 0], [0, 9]]}}}\n"))
-    assert named(found)["ball"].shape == model.Polygon((model.Ring(((0, 0), (9, 0), (0, 9))),))
+TRIANGLE = ((0, 0), (9, 0), (0, 9))
 
 
-def test_another_kind_of_wall_replaces(scene: Path) -> None:
-    found = load(over(scene, "boundaries: {wall: {polyline: [[0, 0], [5, 5], [9, 5]]}}\n"))
-    (wall,) = found.boundaries
-    assert (wall.points, wall.friction) == (((0, 0), (5, 5), (9, 5)), 0.1)
-
-
-def test_another_kind_of_load_replaces(scene: Path) -> None:
-    found = load(scene, ["forces[0].force=[0, 5]", "forces[1].impulse=[1, 1]"])
+def test_lists_and_other_kinds_replace_and_parts_of_a_shape_merge(scene: Path) -> None:
+    text = "forces: []\nobjects: {ball: {shape: {circle: {radius: 9}}}, crate: {shape: {box: {center: [1, 2]}}}}\n"
+    found = load(over(scene, text))
+    assert found.forces == ()
+    assert named(found)["ball"].shape == model.Circle((20, 20), 9)
+    assert named(found)["crate"].shape == model.Box((1, 2), (8, 6))
+    text = "objects: {ball: {shape: {polygon: [[0, 0], [9, 0], [0, 9]]}}}\n"
+    text += "boundaries: {wall: {polyline: [[0, 0], [5, 5]]}}\n"
+    found = load(over(scene, text), ["forces[0].force=[0, 5]", "forces[1].impulse=[1, 1]"])
+    assert named(found)["ball"].shape == model.Polygon((model.Ring(TRIANGLE),))
+    assert (found.boundaries[0].points, found.boundaries[0].friction) == (((0, 0), (5, 5)), 0.1)
     assert [force.load for force in found.forces] == [model.Load.FORCE, model.Load.IMPULSE]
 
 
@@ -252,16 +242,9 @@ def test_star_is_every_object(scene: Path) -> None:
     assert found.boundaries[0].friction == 0.7
 
 
-def test_star_of_nothing_is_nothing(scene: Path) -> None:
+def test_star_of_nothing_and_the_last_set(scene: Path) -> None:
     assert load(scene, ["objects={}", "forces=[]", "objects.*.mass=3"]).objects == ()
-
-
-def test_star_takes_away_where_it_can(scene: Path) -> None:
-    found = load(scene, ["objects.*.friction=null"])
-    assert [item.friction for item in found.objects] == [0.5, 0.5]
-
-
-def test_the_last_set_wins(scene: Path) -> None:
+    assert [item.friction for item in load(scene, ["objects.*.friction=null"]).objects] == [0.5, 0.5]
     assert named(load(scene, ["objects.ball.mass=1", "objects.ball.mass=2"]))["ball"].mass == 2
     assert named(load(scene, ["objects.ball.mass=1", "objects.ball.density=2"]))["ball"].mass is None
 
