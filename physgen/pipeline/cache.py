@@ -12,11 +12,9 @@ import shutil
 import time
 import zlib
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-
-from filelock import FileLock
 
 from physgen.files import write_atomic
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
@@ -94,7 +92,7 @@ class Store:
         try:
             self.root.mkdir(parents=True, exist_ok=True, mode=0o700)  # photos may be private
             write_atomic(self.root / f"{key}{SUFFIX}", MAGIC + _checksum(data) + data)
-            with FileLock(self.root / ".lock"):
+            with self._locked():
                 if self._due(len(data)):
                     self._shrink(self.most_bytes, int(SHRINK_TO * self.most_bytes))
         except OSError as error:
@@ -115,8 +113,13 @@ class Store:
         """Remove all entries. Raises OSError."""
         if not self.root.is_dir():
             return Freed(0, 0)
-        with FileLock(self.root / ".lock"):
+        with self._locked():
             return self._shrink(-1, -1)
+
+    def _locked(self) -> AbstractContextManager[object]:
+        from filelock import FileLock  # not before an entry is written: its import takes 20 ms
+
+        return FileLock(self.root / ".lock")
 
     def _due(self, grown: int) -> bool:
         """Whether it is time to list the entries, after `grown` bytes more."""
