@@ -5,13 +5,12 @@ pytest loads this module in every session, so that only light modules are import
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from physgen.batch.tolerances import FRAMES, MOTION, PIXELS, SIDE, GoldenOptions, Motion, Pixels
+from physgen.batch.tolerances import GoldenOptions, Motion, Pixels
 
 if TYPE_CHECKING:
     from physgen.batch.golden import Check
@@ -65,21 +64,13 @@ class GoldenFixture:
         self,
         scene: str | Path,
         *,
-        overrides: Sequence[str] = (),
-        variant: str | None = None,
-        frames: int | Sequence[int] = FRAMES,
-        side: int = SIDE,
-        motion: Motion | None = MOTION,
-        pixels: Pixels | None = PIXELS,
-        until: float | None = None,
         basename: str | None = None,
-        allow_outside: bool = False,
+        **options: Any,
     ) -> Trajectory:
         """Makes the clip and compares it; returns its motion, for further assertions.
 
-        `scene` is looked for beside the test's file, then in pytest's rootdir. The options are those of GoldenOptions;
-        `motion` and `pixels` are tolerances, and None leaves that part out. `basename` names the files of a test that
-        checks several clips. `allow_outside` lets the scene read files outside its folder.
+        `scene` is looked for beside the test's file, then in pytest's rootdir. `options` are fields of GoldenOptions.
+        `basename` names the files of a test that checks several clips.
 
         Raises AssertionError where the clip differs, with the path of a page that shows how; fails where there are no
         golden files yet, or with `--force-regen`, once they are written.
@@ -91,11 +82,11 @@ class GoldenFixture:
         from physgen.batch.golden_files import PICTURE
         from physgen.problems import InputError
 
-        options = GoldenOptions(overrides, variant, allow_outside, frames, side, motion, pixels, until)
+        golden = GoldenOptions(**options)
         path, name = self._found(scene)
         reason = ""
         try:
-            check = checked(path, name, self._request.node.nodeid, options, self._of("_physgen_warm"))
+            check = checked(path, name, self._request.node.nodeid, golden, self._of("_physgen_warm"))
         except InputError as error:
             reason = str(error)
         if reason:

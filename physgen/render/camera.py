@@ -218,7 +218,7 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
 def play_order(play: Play, count: int) -> tuple[int, ...]:
     """Samples in the order in which a clip shows them.
 
-    >>> played(Play.THERE_AND_BACK, 3)
+    >>> play_order(Play.THERE_AND_BACK, 3)
     (0, 1, 2, 1, 0)
     """
     there = tuple(range(count))
