@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from percepts import photos
 
+from physgen.cli.arguments import Parser
 from physgen.cli.perceive import add_backends
 from physgen.perceive.perceive import perceive
 from physgen.registry import Backends, load_plan
@@ -67,9 +68,7 @@ def line(row: dict) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="photos; default: all")
     parser.add_argument("--out", type=Path, help="raw figures as JSON")
     add_backends(parser)

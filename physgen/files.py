@@ -62,7 +62,7 @@ def machine_id() -> str:
 def final_name(path: str) -> str:
     """The final name of a partial file.
 
-    >>> meant("out/.a.npz.123-0a1b2c3d.part")
+    >>> final_name("out/.a.npz.123-0a1b2c3d.part")
     'out/a.npz'
     """
     return _PARTIAL.sub(r"\g<name>", path)

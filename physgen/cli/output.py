@@ -129,6 +129,7 @@ class Counter:
         if self._total and self._done and not self._bar.as_json:
             rate = self._done / max(time.monotonic() - self._start, 1e-3)
             speed = f"{rate:.1f}/s" if rate >= 1 else f"{60 * rate:.1f}/min"
-            left = time.strftime("%H:%M:%S", time.gmtime((self._total - self._done) / rate))
+            minutes, seconds = divmod(round((self._total - self._done) / rate), 60)
+            left = f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
             failed = f", {self._failed:,} failed" if self._failed else ""
             self._bar.write(f"{self._done:,}/{self._total:,}, {speed}, {left} left{failed}")

@@ -6,13 +6,14 @@ counts as missing. An entry is read whole, so removing it disturbs no reader. Th
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
 import time
 import zlib
-from collections.abc import Mapping
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from physgen.files import write_atomic
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 
 SUFFIX = ".entry"
+NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
+"""What file systems without locks answer."""
 MAGIC = b"physgen1"
 """The first bytes of an entry; a checksum of 4 bytes and the data follow."""
 MOST_BYTES = 5_000_000_000
@@ -116,10 +119,23 @@ class Store:
         with self._locked():
             return self._shrink(-1, -1)
 
-    def _locked(self) -> AbstractContextManager[object]:
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """Holds the store's lock; without one where the file system has none, as two processes may both clear up."""
         from filelock import FileLock  # not before an entry is written: its import takes 20 ms
 
-        return FileLock(self.root / ".lock")
+        lock = FileLock(self.root / ".lock")
+        try:
+            lock.acquire()
+        except NotImplementedError:
+            pass
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise
+        try:
+            yield
+        finally:
+            lock.release()
 
     def _due(self, grown: int) -> bool:
         """Whether it is time to list the entries, after `grown` bytes more."""

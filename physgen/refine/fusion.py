@@ -181,7 +181,6 @@ def _around(values: F32) -> tuple[slice, slice]:
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
-
 HOLD = 0.3
 """s of playing over which the photo turns into the refined video."""
 LEAST_HELD = 3

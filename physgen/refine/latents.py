@@ -126,7 +126,7 @@ def over_time(values: F32, grid: Grid) -> F32:
 def hold_weights(frames: int, over: int) -> F32:
     """(F,) how much of the guidance stays in each frame: 1 in the first, falling smoothly to 0 over so many.
 
-    >>> held(6, 4).tolist()
+    >>> hold_weights(6, 4).tolist()
     [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
     """
     if over <= 0:
@@ -144,7 +144,7 @@ def window_spans(total: int, window: int, overlap: int, group: int = 1) -> list[
 
     All begin at multiples of `group`; `total` and `window` are such multiples.
 
-    >>> spans(30, 16, 8)
+    >>> window_spans(30, 16, 8)
     [(0, 16), (7, 23), (14, 30)]
     """
     if total <= window:

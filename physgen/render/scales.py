@@ -157,7 +157,7 @@ def nearest_round(value: float) -> float:
 def value_text(value: float, unit: str) -> str:
     """A round number with its unit.
 
-    >>> worded(0.005, "N·s"), worded(2000.0, "N"), worded(0.5, "m/s")
+    >>> value_text(0.005, "N·s"), value_text(2000.0, "N"), value_text(0.5, "m/s")
     ('5 mN·s', '2 kN', '0.5 m/s')
     """
     power = floor(log10(value) + 1e-9)

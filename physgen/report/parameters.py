@@ -185,7 +185,9 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
     path = f"objects.{item.name}"
 
     def cell(text: str, key: str) -> Cell:
-        return Cell(text, sources.of(f"{path}.{key}", item.provenance.get(key), written_at=f"{path}.from.{key}"))
+        return Cell(
+            text, sources.of(f"{path}.{key}", item.provenance.get(key), written_at=f"{path}.from.{key}")
+        )
 
     cells = {
         "shape": cell(_shape(body), "shape"),

@@ -19,7 +19,7 @@ from network import Network
 from onnx import numpy_helper
 
 HERE = Path(__file__).resolve().parent
-SHIPPED = HERE.parents[1] / "physgen/perceive/learned/segmentation.onnx"
+SHIPPED = HERE.parents[1] / "physgen/perceive/segment/segmentation.onnx"
 CLOSE = 0.1
 """What 16-bit weights may change of a logit."""
 

@@ -14,6 +14,8 @@ from dask_cluster import alarmed, waited
 
 from physgen.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 SBATCH = """\
 #!{python}
 import pathlib, shutil, subprocess, sys
@@ -37,8 +39,6 @@ jobqueue:
 REFUSING = """\
 #!{python}
 import sys
-
-pytestmark = pytest.mark.slow
 sys.exit("sbatch: error: invalid partition specified: fast")
 """
 

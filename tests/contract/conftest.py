@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def video(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Callable[...,
 
 
 @pytest.fixture
-def torchvision_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def torchvision_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """In torchvision's place, networks that say the same flow of all pictures: the real ones weigh 600 MB."""
     from tests.contract.tiny_judges import TORCHVISION
 
@@ -73,6 +73,9 @@ def torchvision_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "torchvision"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.syspath_prepend(folder.parent.parent)
+    yield
+    for name in [name for name in sys.modules if name.partition(".")[0] == "torchvision"]:
+        del sys.modules[name]  # later tests find it missing again
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
 import random
@@ -189,3 +190,21 @@ def test_entries_are_listed_once_a_hundredth_of_the_bound_was_added(
         store.write(f"s-{number:x}", bytes(2000))
     assert len(looked) in range(7, 11)
     assert len(store.sizes()) == 40
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS])
+def test_without_locks_the_bound_holds_and_clearing_works(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(descriptor: int, how: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", none)
+    warnings: list[Problem] = []
+    store = Store(tmp_path / "store", 3000, warnings.append)
+    for k in range(20):
+        store.write(f"motion-{k}", bytes(500))
+    assert sum(entry.bytes for entry in store.sizes()) <= 3000
+    store.clear()
+    assert store.sizes() == []
+    assert warnings == []
