@@ -52,7 +52,7 @@ TIMEOUT = 900  # s: of one command; it only ends a command that hangs
 MAX_TEXT = 200_000  # characters: longer texts are recorded as a hash
 
 INTENDED: dict[str, str] = {
-    "commands/fan/*fan.csv": "draws are SciPy's, which differ in the last digit",
+    "commands/fan/*fan.csv": "draws are the standard library's and NumPy's, which differ in the last digit",
     "commands/fan/*verdict": "sentences in plainer words",
     "*/physics.json/units/*": "descriptions of units are in plainer words",
     "commands/schema*": "descriptions of keys are in plainer words",
