@@ -163,7 +163,7 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
     plot.setAttribute("viewBox", `0 0 ${wide} ${TALL}`);
     plot.setAttribute("width", wide);
     plot.setAttribute("height", TALL);
-    plot.append(shape("text", { class: "tick", x: GUTTER - 8, y: 22, "text-anchor": "end" }, "blows"), shape("text", { class: "tick", x: GUTTER - 8, y: TALL - 9, "text-anchor": "end" }, "touch"));
+    plot.append(shape("text", { class: "tick", x: GUTTER - 8, y: 22, "text-anchor": "end" }, "impacts"), shape("text", { class: "tick", x: GUTTER - 8, y: TALL - 9, "text-anchor": "end" }, "touch"));
     let touches = "", begins = "";
     for (const [, , begin, end] of data.touches) {
       const x1 = across(begin), x2 = across(Math.min(end === null ? motion.end : end, motion.end));
