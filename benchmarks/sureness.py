@@ -24,14 +24,14 @@ TOLD = ("names and the scale", "names", "nothing")
 
 
 def measure() -> dict:
-    """Of every photo and what is told: masses by kind of thing, and the light."""
+    """Of every photo and what is told: masses by kind of object."""
     from percepts import labels_of, photos
 
     from physgen.perceive.perceive import perceive
     from physgen.perceive.segment.prompts import from_masks
     from physgen.scene.provenance import source
 
-    masses, lights = [], []
+    masses = []
     for photo in photos():
         if photo.truth is None:
             continue
@@ -55,18 +55,7 @@ def measure() -> dict:
                 off = float(np.mean([row[2] for row in group]))
                 masses.append({"photo": photo.name, "half": photo.half, "told": told, "label": label, "sure": sure,
                                "log_true_by_said": round(off, 4)})  # fmt: skip
-            if told == "names":
-                sure = source(document["light"]["from"]).sure
-                off = angle(document, photo)
-                lights.append({"photo": photo.name, "half": photo.half, "sure": sure, "degrees_off": off})
-    return {"masses": masses, "lights": lights}
-
-
-def angle(document: dict, photo: object) -> float:
-    """degrees between the light that is said and the true one."""
-    said, true = (np.array(d["light"]["direction"], float) for d in (document, photo.truth))
-    cosine = said @ true / np.linalg.norm(said) / np.linalg.norm(true)
-    return round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 2)
+    return {"masses": masses}
 
 
 def table(found: dict) -> str:
@@ -84,29 +73,11 @@ def table(found: dict) -> str:
             lines.append(f"| {told} | {half} | {len(z)} | {_rms(z):.2f} | {_part(z, 1)} | {_part(z, 2)} |")
     lines += [
         "",
-        "| light | photos | degrees off | as drawn | within 9 of 10 |",
-        "| --- | ---: | ---: | ---: | ---: |",
-        *lights(found["lights"]),
-        "",
         "| number of the table | sources with a range | half of it | drawn at 0.4 |",
         "| --- | ---: | ---: | ---: |",
         *ranges(),
     ]
     return "\n".join(lines)
-
-
-def lights(rows: list[dict]) -> Iterator[str]:
-    from physgen.simulate.uncertain_values import cone
-
-    for half in ("tune", "test"):
-        part = [row for row in rows if row["half"] == half]
-        cones = [cone((0.0, 0.0, 1.0), row["sure"]) for row in part]
-        off = np.array([row["degrees_off"] for row in part])
-        drawn = np.degrees([np.sqrt(2 / one.concentration) for one in cones])
-        within = np.mean(
-            [one.within(np.radians(row["degrees_off"])) <= 0.9 for one, row in zip(cones, part, strict=True)]
-        )
-        yield f"| {half} | {len(part)} | {_rms(off):.1f} | {_rms(drawn):.1f} | {100 * within:.0f} % |"
 
 
 def ranges() -> Iterator[str]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from physgen.report.uncertainty import UncertaintySection
     from physgen.simulate.trajectory import Trajectory
     from physgen.simulate.uncertainty import Ensemble
-    from physgen.simulate.uncertainty_summary import ShadowSpread, Verdict
+    from physgen.simulate.uncertainty_summary import Verdict
 
 U8 = NDArray[np.uint8]
 
@@ -184,11 +184,11 @@ class _Run:
 
     def _draws(self) -> Draws | None:
         """Simulations with drawn values; None, and a warning, where no value of the scene is uncertain."""
-        from physgen.simulate.uncertainty import uncertain
-        from physgen.simulate.uncertainty_summary import shadow_spread, verdicts
+        from physgen.simulate.uncertain_values import uncertain_values
+        from physgen.simulate.uncertainty_summary import verdicts
 
         scene, compiled, options = self.scene, self.film.compiled, self.options
-        if not uncertain(scene, options.variant):
+        if not uncertain_values(scene, options.variant):
             fix = 'say who guessed a number and how sure, as in from: {mass: "by eye 0.6"}; perceive does'
             what, found = (
                 "so every draw would be the same and none is made",
@@ -197,7 +197,7 @@ class _Run:
             self.warn(Problem(scene.place("objects"), "--fan", found, what, fix, Severity.WARNING))
             return None
         made = fan(scene, compiled, options.draws, options.draw_seed, options.variant, self.progress)
-        return Draws(made, verdicts(made), shadow_spread(scene, made))
+        return Draws(made, verdicts(made))
 
     def draw(self, trajectory: Trajectory, folder: Path) -> U8:
         """Write the video and the labels; returns the first frame."""
@@ -272,7 +272,6 @@ class Draws:
 
     ensemble: Ensemble
     verdicts: list[Verdict]
-    shadows: ShadowSpread | None
 
     def as_dict(self) -> dict[str, Any]:
         """For the manifest."""
@@ -285,7 +284,6 @@ class Draws:
                 "value": doubt.value,
                 "from": doubt.source.text,
                 "sure": doubt.source.sure,
-                "distribution": doubt.spread.name,
                 "alike": doubt.alike,
             }
             for doubt in ensemble.doubts
@@ -296,7 +294,6 @@ class Draws:
             "simulated": len(ensemble.whole),
             "verdict": headline(ensemble, self.verdicts),
             "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
-            "light": None if self.shadows is None else self.shadows.as_dict(),
             "drawn": drawn,
             "failures": [str(problem) for problem in ensemble.failures],
             "table": TABLE,
@@ -310,7 +307,7 @@ class Draws:
         """For the report."""
         from physgen.report.uncertainty import uncertainty_section
 
-        return uncertainty_section(self.ensemble, self.verdicts, self.shadows, world)
+        return uncertainty_section(self.ensemble, self.verdicts, world)
 
 
 def _manifest(folder: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from physgen.compile.world import World
 from physgen.report.html import fitted, jpeg
 from physgen.simulate.uncertain_values import UncertainValue
 from physgen.simulate.uncertainty import Ensemble, Fate
-from physgen.simulate.uncertainty_summary import VERBS, ShadowSpread, Verdict, headline, percent
+from physgen.simulate.uncertainty_summary import VERBS, Verdict, headline, percent
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -33,19 +33,12 @@ VISIBLE = 0.01
 Z90 = 1.6448536269514722
 """Of the normal distribution: 9 of 10 draws are within."""
 PLURAL = {Fate.STAYS: "stay", Fate.MOVES: "move", Fate.LEAVES: "leave the photo", Fate.FALLS: "fall"}
-STICK, BALL = 46.0, 50.0
-"""Units of the light's picture: height of the stick that casts shadows, and radius of the ball beside it."""
-LONGEST_SHADOW = 3.4
-"""Of the stick's height, as drawn."""
-
 UncertaintySection = dict[str, Any]
 """Variables of `fan.html.j2`."""
 
 
-def uncertainty_section(
-    fan: Ensemble, found: Sequence[Verdict], lights: ShadowSpread | None, world: World
-) -> UncertaintySection:
-    """`found` are the ensemble's verdicts, `lights` the spread of its shadows.
+def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -> UncertaintySection:
+    """`found` are the ensemble's verdicts.
 
     `ways` are paths of bodies in draws, `ends` their final outlines, `own` the paths in the clip, `groups` bodies
     with equal sentences, `alike` those with a certain outcome, `rows` and `drawn` the tables.
@@ -79,7 +72,6 @@ def uncertainty_section(
         "alike": alike,
         "rows": [_row(verdict) for verdict in found],
         "drawn": [_distribution(doubt) for doubt in fan.doubts],
-        "light": None if lights is None else _light(lights),
         "failures": [str(problem) for problem in fan.failures],
     }
 
@@ -106,8 +98,7 @@ def dimmed_photo(rgb: U8) -> str:
 
 def _facts(fan: Ensemble) -> str:
     draws, what = len(fan.outcomes), len(fan.doubts)
-    numbers = f"{what} number{'s' * (what != 1)}" if what else ""
-    drawn = " and ".join(filter(None, (numbers, "the light's direction" if fan.light is not None else "")))
+    drawn = f"{what} number{'s' * (what != 1)}"
     lost = draws - len(fan.whole)
     failed = f"; {lost} could not be simulated" if lost else ""
     return (
@@ -203,7 +194,6 @@ def _bar(v: Verdict) -> dict[str, Any]:
 
 
 def _row(v: Verdict) -> dict[str, Any]:
-    touches = ", ".join(f"{name} {count}" for name, count in list(v.touches.items())[:4])
     return {
         "name": v.name,
         "counts": [v.counts[fate] for fate in sorted(Fate, reverse=True)],
@@ -211,9 +201,6 @@ def _row(v: Verdict) -> dict[str, Any]:
         "event": VERBS[v.event],
         "radius": f"{v.radius:.3g}",
         "size": f"{v.size:.3g}",
-        "parted": "never" if np.isinf(v.parted) else f"{v.parted:.2f} s",
-        "rests": v.rests,
-        "touches": touches + (" ..." if len(v.touches) > 4 else ""),
         "clip": VERBS[v.own],
     }
 
@@ -225,30 +212,4 @@ def _distribution(doubt: UncertainValue) -> dict[str, Any]:
         "source": doubt.source,
         "low": f"{doubt.spread.at(-Z90):.3g}",
         "high": f"{doubt.spread.at(Z90):.3g}",
-        "family": doubt.spread.name,
-    }
-
-
-def _light(lights: ShadowSpread) -> dict[str, Any]:
-    """Shadows of an upright stick, and the brightest point of a ball, in each draw."""
-
-    def tip(reach: Array) -> tuple[str, str]:
-        long = float(np.hypot(*reach))
-        x, y = reach * STICK * min(1.0, LONGEST_SHADOW / max(long, 1e-9))
-        return f"{x:.1f}", f"{y:.1f}"
-
-    def spot(light: Array) -> dict[str, Any]:
-        x, y, z = light.tolist()
-        return {"x": f"{BALL * x:.1f}", "y": f"{BALL * y:.1f}", "behind": z < 0}
-
-    drawn = lights.drawn[:MOST_DRAWS]
-    return {
-        "lines": lights.sentences(),
-        "stick": STICK,
-        "ball": BALL,
-        "tips": [tip(reach) for reach in drawn],
-        "own": tip(lights.own),
-        "spots": [spot(light) for light in lights.lights[:MOST_DRAWS]],
-        "own_spot": spot(lights.own_light),
-        "faint": round(float(np.clip(2.2 / np.sqrt(len(drawn)), 0.25, 0.8)), 2),
     }

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
-from math import atan, exp, inf, log, pi, sqrt
+from math import exp, inf, log, sqrt
 from statistics import NormalDist
 from typing import Any
 
@@ -28,8 +28,6 @@ POWERS = {"mass": 1.0, "density": 1.0, "friction": 0.5, "rolling": 0.75, "elasti
 """Powers of 1 / confidence in one standard deviation: at 0.5 a mass has a factor of 2, a friction of 1.4."""
 MIN_CONFIDENCE = 0.05
 """Lower confidences widen nothing further."""
-CONCENTRATION = 10.0
-"""Of light directions at the confidence 1 / e: directions are 26 degrees off, as root mean square."""
 MAX_VALUES = {"mass": 1e15, "density": inf, "friction": 10.0, "rolling": 10.0}
 """As the schema allows."""
 CERTAIN_ELASTICITY = 1e-9
@@ -55,13 +53,6 @@ class Spread:
     at_least: bool = False
     """Only the part above the median."""
     logit: bool = False
-
-    @property
-    def name(self) -> str:
-        """Of its family."""
-        if self.logit:
-            return "logit-normal"
-        return "log-normal above its median" if self.at_least else "log-normal"
 
     def at(self, z: float) -> float:
         """The value at a quantile of the standard normal distribution; rises with `z`."""
@@ -94,47 +85,6 @@ def spread(parameter: str, value: float, confidence: float, at_least: bool = Fal
 
 
 @dataclass(frozen=True)
-class Cone:
-    """Directions about one: the distribution of von Mises and Fisher (Fisher, Proc. R. Soc. A 217, 295, 1953)."""
-
-    direction: tuple[float, float, float]
-    concentration: float
-
-    def at(self, share: float, turn: float) -> Array:
-        """(3,) the unit vector at the quantile `share` of the angle, 0..1, and `turn` of a circle about the axis."""
-        c = self._cosine(share)
-        axis = np.array(self.direction, np.float64)
-        first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        first /= np.linalg.norm(first)
-        about = np.cos(2 * pi * turn) * first + np.sin(2 * pi * turn) * np.cross(axis, first)
-        return np.asarray(c * axis + sqrt(1 - c * c) * about)
-
-    def within(self, angle: float) -> float:
-        """0..1: the share of directions that are at most `angle` rad off."""
-        k = self.concentration
-        return float(np.expm1(-k * (1 - np.cos(angle))) / np.expm1(-2 * k))
-
-    def angle(self, share: float) -> float:
-        """rad within which a share of the directions lies.
-
-        >>> round(float(np.degrees(Cone((0, 0, 1), 100.0).angle(0.9))), 1)
-        12.3
-        """
-        c = self._cosine(share)
-        return 2 * atan(sqrt((1 - c) / (1 + c))) if c > -1 else pi
-
-    def _cosine(self, share: float) -> float:
-        k = self.concentration
-        return float(min(max(1 + np.log1p(-share * -np.expm1(-2 * k)) / k, -1.0), 1.0))
-
-
-def cone(direction: tuple[float, float, float], confidence: float) -> Cone | None:
-    """The distribution of a light's direction; None where it is certain."""
-    vague = -log(min(max(confidence, MIN_CONFIDENCE), 1.0))
-    return None if vague == 0 else Cone(direction, CONCENTRATION / vague)
-
-
-@dataclass(frozen=True)
 class UncertainValue:
     """One value that was guessed."""
 
@@ -158,29 +108,12 @@ class UncertainValue:
         return f"{self.section}.{self.name}.{self.parameter}"
 
 
-@dataclass(frozen=True)
-class UncertainLight:
-    """A light direction that was guessed."""
-
-    source: Source
-    cone: Cone
-
-
 def uncertain_values(scene: Scene, variant: str | None = None) -> tuple[UncertainValue, ...]:
     """Every uncertain value, of objects, then of boundaries; `variant` is the one that was applied."""
     provenance = Provenance(scene, variant)
     of_objects = [value for item in scene.objects for value in _of_object(scene, item, provenance)]
     of_boundaries = [value for item in scene.boundaries for value in _of_boundary(scene, item, provenance)]
     return (*of_objects, *of_boundaries)
-
-
-def uncertain_light(scene: Scene, variant: str | None = None) -> UncertainLight | None:
-    """None where the light is certain, or there is none."""
-    if scene.light is None or not scene.light.provenance:
-        return None
-    found = Provenance(scene, variant).of("light.direction", scene.light.provenance, written_at="light.from")
-    made = None if found.sure is None else cone(scene.light.direction, found.sure)
-    return None if made is None else UncertainLight(found, made)
 
 
 def _of_object(scene: Scene, item: Object, provenance: Provenance) -> Iterator[UncertainValue]:
@@ -233,12 +166,6 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
         return [value.spread.at(each) for each in z.tolist()]
 
     return np.array([column(value) for value in values]).T.reshape(count, len(values))
-
-
-def draw_directions(light: UncertainLight, seed: int, count: int) -> Array:
-    """(count, 3) unit vectors towards the light."""
-    shares, turns = uniform(seed, count, "light", "off"), uniform(seed, count, "light", "turn")
-    return np.array([light.cone.at(*pair) for pair in zip(shares.tolist(), turns.tolist(), strict=True)])
 
 
 def uniform(seed: int, count: int, *key: str) -> Array:

@@ -1,4 +1,4 @@
-"""Statistics of an ensemble of simulations, and sentences that summarise objects and shadows."""
+"""Statistics of an ensemble of simulations, and sentences that summarise objects."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.shadows import LEAST_LIGHT_HEIGHT
-from physgen.scene.scene import Scene, View
 from physgen.simulate.uncertainty import SIZE_SHARE, Ensemble, Fate, Outcome
 
 Array = NDArray[np.float64]
@@ -22,8 +20,6 @@ LEVEL = 0.95
 MOST = 0.9
 """Share of the draws that a radius holds."""
 VERBS = {Fate.STAYS: "stays", Fate.MOVES: "moves", Fate.LEAVES: "leaves the photo", Fate.FALLS: "falls"}
-MIN_SIDE_REACH = 0.1
-"""px sideways per px of height, up to which a shadow falls to neither side."""
 
 
 def wilson(count: int, total: int) -> tuple[float, float]:
@@ -116,12 +112,6 @@ class Verdict:
     """px about the median of its final places within which 9 of 10 lie."""
     size: float
     """px; see `uncertainty.size`."""
-    parted: float
-    """s from which 9 of 10 draws need a circle larger than its size; infinite: never."""
-    rests: int
-    """Draws in which it rests at the end."""
-    touches: Mapping[str, int]
-    """What it touches first, and in how many draws; `nothing` for no contact."""
     cause: Cause | None
     """Of what is not decided: of its fate before its place."""
     own: Fate
@@ -151,42 +141,26 @@ class Verdict:
         """What is decided and what is not, without the body's name."""
         low, high = (percent(end) for end in self.interval)
         count, total, verb = self.counts[self.event], self.total, VERBS[self.event]
+        interval = f"95 % interval {low} to {high}"
         if self.decided:
-            lines = [f"Decided by the photo: {verb} in all {total} draws (95 % interval {low} to {high})."]
+            lines = [f"Decided by the photo: {verb} in all {total} draws ({interval})."]
         else:
-            others = [
+            others = ", ".join(
                 f"{VERBS[fate]} in {self.counts[fate]}"
                 for fate in sorted(Fate, reverse=True)
                 if fate is not self.event and self.counts[fate]
-            ]
+            )
             lines = [
-                f"Not decided: {verb} in {count} of {total} draws "
-                f"({percent(self.share)}, 95 % interval {low} to {high}), {', '.join(others)}."
+                f"Not decided: {verb} in {count} of {total} draws ({percent(self.share)}, {interval}), {others}."
             ]
-        if self.event is not Fate.STAYS and not (self.placed and not self.decided):
-            lines.append(self._place())
+        if self.event is not Fate.STAYS:
+            decided = "is" if self.placed else "is not"
+            lines.append(f"Where it ends {decided} decided: 9 of 10 draws lie within {self.radius:.3g} px.")
         if self.cause is not None:
-            size, text = f"{abs(self.cause.correlation):.2f}", self.cause.text
-            if self.cause.outcome == "place":  # the direction of the line has no meaning
-                lines.append(f"What matters most for where: {text} (rank correlation {size}).")
-            else:
-                change, sign = ("larger", "") if self.cause.correlation > 0 else ("smaller", "−")
-                lines.append(
-                    f"What matters most: {text}; the {change}, the more often it {verb} "
-                    f"(rank correlation {sign}{size})."
-                )
+            outcome = "where it ends" if self.cause.outcome == "place" else f"whether it {verb}"
+            size = f"rank correlation {self.cause.correlation:.2f}"
+            lines.append(f"What matters most for {outcome}: {self.cause.text} ({size}).")
         return lines
-
-    def _place(self) -> str:
-        if self.placed:
-            return f"Where it ends is decided, too: 9 of 10 draws lie within {self.radius:.3g} px."
-        parts = (
-            "" if np.isinf(self.parted) else f"; from {self.parted:.2f} s on they are apart by its own size"
-        )
-        return (
-            f"Where it ends is not decided: 9 of 10 draws lie within {self.radius:.3g} px of their middle, "
-            f"{self.radius / self.size:.2g} times its size{parts}."
-        )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -206,9 +180,6 @@ class Verdict:
             "place_decided": self.placed,
             "place_radius_px": round(self.radius, 3),
             "size_px": round(self.size, 3),
-            "parted_s": None if np.isinf(self.parted) else round(self.parted, 6),
-            "rests": self.rests,
-            "touches_first": dict(self.touches),
             "clip": self.own.name.lower(),
             "matters_most": cause,
             "verdict": " ".join(self.sentences()),
@@ -221,51 +192,32 @@ def verdicts(fan: Ensemble) -> list[Verdict]:
     outcomes = [outcome for outcome in fan.outcomes if outcome is not None]
     columns = _columns(fan, whole)
     bodies = range(len(fan.names)) if whole else ()
-    return [_verdict(fan, b, outcomes, fan.poses[whole, :, b, :2], columns) for b in bodies]
+    return [_verdict(fan, b, outcomes, columns) for b in bodies]
 
 
 def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:
     """One sentence about all bodies."""
     if not found:
-        if not fan.names:
-            return "Nothing is there to move."
-        return f"None of the {len(fan.outcomes)} draws could be simulated."
+        return (
+            f"None of the {len(fan.outcomes)} draws could be simulated." if fan.names else "Nothing can move."
+        )
     count, fates = len(found), sum(v.decided for v in found)
     places = sum(v.decided and v.placed for v in found)
-    if count == 1:
-        if not fates:
-            return "The photo does not decide what becomes of the one object."
-        where = "and where it ends" if places else "but not where it ends"
-        return f"The photo decides what becomes of the one object, {where}."
-    if fates == places == count:
-        return f"The photo decides what becomes of all {count} objects, and where they end."
-    if not fates:
-        return f"The photo decides of none of {count} objects what becomes of it."
-    every = f"all {count}" if fates == count else f"{fates} of {count}"
-    where = "not where any ends" if not places else f"where {places} of them end{'s' * (places == 1)}"
-    if places == fates:
-        where = "where it ends" if fates == 1 else "where they end"
-    return f"The photo decides what becomes of {every} objects, {'and ' if places else 'but '}{where}."
+    objects = f"{count} object{'s' * (count != 1)}"
+    return f"The photo decides what becomes of {fates} of {objects}, and where {places} of {count} end."
 
 
-def _verdict(
-    fan: Ensemble, b: int, outcomes: list[Outcome], paths: Array, columns: list[tuple[Array, Cause]]
-) -> Verdict:
+def _verdict(fan: Ensemble, b: int, outcomes: list[Outcome], columns: list[tuple[Array, Cause]]) -> Verdict:
     fates = np.array([outcome.fates[b] for outcome in outcomes])
     counts = {fate: int((fates == fate).sum()) for fate in Fate}
     event = max(fate for fate in Fate if counts[fate])
-    last, size = paths[:, -1], float(fan.sizes[b])
-    widths = [2 * radius(paths[:, k]) for k in range(paths.shape[1])]
-    apart = [float(t) for t, px in zip(fan.times.tolist(), widths, strict=True) if px > size]
+    last, size = np.array([outcome.final[b, :2] for outcome in outcomes]), float(fan.sizes[b])
     far = radius(last)
     cause = None
     if counts[event] < len(outcomes):
-        cause = _best_cause((fates == event).astype(np.float64), columns)
+        cause = _best_cause((fates == event).astype(np.float64), columns, "fate")
     if cause is None and far > SIZE_SHARE * size:
-        cause = _best_cause(along(last), columns)
-        cause = cause and replace(cause, outcome="place")
-    firsts = [int(outcome.first[b]) for outcome in outcomes]
-    touches = {("nothing" if k < 0 else fan.surfaces[k]): firsts.count(k) for k in sorted(set(firsts))}
+        cause = _best_cause(along(last), columns, "place")
     return Verdict(
         name=fan.names[b],
         counts=counts,
@@ -273,9 +225,6 @@ def _verdict(
         interval=wilson(counts[event], len(outcomes)),
         radius=far,
         size=size,
-        parted=min(apart, default=float("inf")),
-        rests=sum(bool(np.isfinite(outcome.rests[b])) for outcome in outcomes),
-        touches=dict(sorted(touches.items(), key=lambda item: -item[1])),
         cause=cause,
         own=Fate(int(fan.own.fates[b])),
     )
@@ -298,108 +247,12 @@ def _columns(fan: Ensemble, whole: list[int]) -> list[tuple[Array, Cause]]:
     return found
 
 
-def _best_cause(outcomes: Array, columns: list[tuple[Array, Cause]]) -> Cause | None:
+def _best_cause(outcomes: Array, columns: list[tuple[Array, Cause]], outcome: str) -> Cause | None:
     """The value that correlates best with outcomes (N,), if that is significant."""
-    found = [replace(cause, correlation=correlation(values, outcomes)) for values, cause in columns]
+    found = [
+        replace(cause, correlation=correlation(values, outcomes), outcome=outcome)
+        for values, cause in columns
+    ]
     best = max(found, key=lambda cause: abs(cause.correlation), default=None)
-    if best is None or abs(best.correlation) < chance_level(len(outcomes), len(columns)):
-        return None
-    return best
-
-
-@dataclass(frozen=True)
-class ShadowSpread:
-    """How shadows and shading vary over N draws of the light."""
-
-    source: str
-    """Who found the light, and the confidence."""
-    apart: float
-    """degrees from the file's direction within which 9 of 10 draws lie."""
-    own: Array
-    """(2,) px in the photo by which the shadow of an object 1 px high reaches, for the file's light."""
-    drawn: Array
-    """(N, 2): the same of each draw."""
-    sides: tuple[tuple[str, int], ...]
-    """Where shadows fall, and in how many draws; the most frequent first."""
-    own_light: Array
-    """(3,) the file's direction."""
-    lights: Array
-    """(N, 3)."""
-
-    def sentences(self) -> list[str]:
-        """What the photo decides."""
-        total = len(self.drawn)
-        side, count = self.sides[0]
-        lines = [
-            f"Light ({self.source}): 9 of 10 draws come from within {self.apart:.0f}° of the file's direction. "
-            "It moves nothing, but shadows and shading turn with it."
-        ]
-        if count == total:
-            lines.append(f"Decided by the photo: shadows fall {side} in all {total} draws.")
-        else:
-            low, high = (percent(end) for end in wilson(count, total))
-            others = ", ".join(f"{other} in {n}" for other, n in self.sides[1:])
-            lines.append(
-                f"Not decided: shadows fall {side} in {count} of {total} draws ({percent(count / total)}, "
-                f"95 % interval {low} to {high}), {others}."
-            )
-        lengths = 100 * np.hypot(*self.drawn.T)
-        shortest, longest = np.quantile(lengths, [(1 - MOST) / 2, (1 + MOST) / 2])
-        lines.append(
-            f"An object 100 px high casts one of {shortest:.0f} to {longest:.0f} px in 9 of 10 draws; "
-            f"the file's light one of {100 * float(np.hypot(*self.own)):.0f} px."
-        )
-        return lines
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "from": self.source,
-            "within_degrees": round(self.apart, 2),
-            "shadows": dict(self.sides),
-            "verdict": " ".join(self.sentences()),
-        }
-
-
-def shadow_spread(scene: Scene, fan: Ensemble) -> ShadowSpread | None:
-    """None where the light is certain, or there is none."""
-    if fan.light is None or scene.light is None:
-        return None
-    drawn = _reach(fan.directions, scene)
-    sides = [_side(reach, scene.world.view) for reach in drawn]
-    counts = {side: sides.count(side) for side in dict.fromkeys(sides)}
-    source = fan.light.source
-    return ShadowSpread(
-        source=f"{source.text}, {percent(source.sure or 0.0)} sure",
-        apart=float(np.degrees(fan.light.cone.angle(MOST))),
-        own=_reach(np.array([scene.light.direction]), scene)[0],
-        drawn=drawn,
-        sides=tuple(sorted(counts.items(), key=lambda item: -item[1])),
-        own_light=np.array(scene.light.direction),
-        lights=fan.directions,
-    )
-
-
-def _reach(lights: Array, scene: Scene) -> Array:
-    """(N, 2) px of the photo by which a shadow on the floor or table reaches per px of height.
-
-    As in `geometry.shadows`: light lower than `LEAST_LIGHT_HEIGHT` casts no longer ones.
-    """
-    x, y, z = lights.T
-    if scene.world.view is View.TOP:
-        rise = np.maximum(z, LEAST_LIGHT_HEIGHT)
-        return np.stack([-x / rise, -y / rise], axis=1)
-    rise = np.maximum(-y, LEAST_LIGHT_HEIGHT)
-    depth_scale = float(np.tan(np.radians(scene.world.tilt)))
-    """px of the photo per px of the floor's depth."""
-    return np.stack([-x / rise, -z / rise * depth_scale], axis=1)
-
-
-def _side(reach: Array, view: View) -> str:
-    """Where a shadow falls; on a table seen from above, the nearest of four directions."""
-    across, away = reach.tolist()
-    if view is View.TOP and abs(away) > abs(across):
-        across, sides = away, ("up", "down")
-    else:
-        sides = ("to the left", "to the right")
-    return "to neither side" if abs(across) <= MIN_SIDE_REACH else sides[across > 0]
+    significant = best is not None and abs(best.correlation) >= chance_level(len(outcomes), len(columns))
+    return best if significant else None

@@ -14,7 +14,7 @@ from browser import opened, report
 from physgen import pipeline
 from physgen.problems import Severity
 from physgen.simulate.uncertainty import simulate_ensemble
-from physgen.simulate.uncertainty_summary import percent, verdicts
+from physgen.simulate.uncertainty_summary import percent
 
 EDGE = """\
 physgen: 1
@@ -52,8 +52,8 @@ def test_manifest_and_table_tell_the_same(clip: Path) -> None:
     assert made["objects"]["ball"]["draws"] == {"falls": sum(falls), "moves": DRAWS - sum(falls)}
     assert made["objects"]["block"]["decided"]
     assert f"falls in {sum(falls)} of {DRAWS}" in made["objects"]["ball"]["verdict"]
-    assert "smaller" in made["objects"]["ball"]["verdict"], "what rolls with less resistance gets to the edge"
     assert made["objects"]["ball"]["matters_most"]["paths"] == ["objects.ball.rolling"]
+    assert made["objects"]["ball"]["matters_most"]["rank_correlation"] < 0, "less resistance, more falls"
     rolling = [float(row["objects.ball.rolling"]) for row in rows]
     assert max(r for r, fell in zip(rolling, falls, strict=True) if fell) < min(
         r for r, fell in zip(rolling, falls, strict=True) if not fell
@@ -61,12 +61,9 @@ def test_manifest_and_table_tell_the_same(clip: Path) -> None:
     heading = (clip / "fan.csv").read_text().partition("\n")[0].split(",")
     assert heading == ["draw", *(one["path"] for one in made["drawn"]), *heading[4:]]
     told = (Path(__file__).parents[2] / "docs" / "fan.md").read_text()
-    assert all(f"NAME.{name.partition('.')[2]}`" in told for name in heading[7:])
+    assert all(f"NAME.{name.partition('.')[2]}`" in told for name in heading[4:])
     turned = [float(row["ball.angle_degrees"]) for row in rows]
     assert max(turned) > 90, "it rolls"
-    assert all(
-        abs(a) <= float(row["ball.turned_degrees"]) + 1e-9 for a, row in zip(turned, rows, strict=True)
-    )
     assert {one["path"] for one in made["drawn"]} == {
         "objects.ball.rolling",
         "objects.ball.mass",
@@ -100,7 +97,6 @@ def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
             width = section.locator(f".share i.{fate}").first.get_attribute("style")
             assert float(re.search(r"[\d.]+", width)[0]) == pytest.approx(100 * count / DRAWS, abs=0.01)
         assert section.locator(".own path").count() == 1, "of what moves in the clip"
-        assert section.locator(".cast path").count() == section.locator("circle.spot").count() == DRAWS
         guesses = section.locator(".guesses").inner_text()
         assert "rolling of ball, 0.12 (table, 40 % sure); friction of block" in guesses
         assert guesses.endswith(
@@ -158,15 +154,6 @@ def test_a_fan_that_nobody_asks_for_again_goes_and_is_told(tmp_path: Path) -> No
     ]
     assert not (folder / "fan.csv").exists()
     assert json.loads((folder / "manifest.json").read_text())["warnings"] == []
-
-
-def test_light_alone_moves_nothing(tmp_path: Path) -> None:
-    (tmp_path / "lit.yaml").write_text(re.sub(r",\s+from: {[^}]*}", "", EDGE))
-    scene = pipeline.load(tmp_path / "lit.yaml")
-    found = simulate_ensemble(scene, pipeline.compile(scene, None), 9)
-    assert (found.poses == found.own_poses).all()
-    assert all(told.decided and told.placed for told in verdicts(found))
-    assert len(found.directions) == 9
 
 
 def test_shares_are_told_as_they_are() -> None:

@@ -7,17 +7,7 @@ import pytest
 from scipy import stats
 
 from physgen.scene.provenance import Source
-from physgen.simulate.uncertain_values import (
-    POWERS,
-    Cone,
-    UncertainLight,
-    UncertainValue,
-    cone,
-    draw_directions,
-    draw_values,
-    spread,
-    uniform,
-)
+from physgen.simulate.uncertain_values import POWERS, UncertainValue, draw_values, spread, uniform
 
 MANY = 3000
 SOURCE = Source("guess", "table", 0.5)
@@ -95,26 +85,6 @@ def test_less_sure_is_wider_and_sure_is_a_point(parameter: str) -> None:
     assert len(set(widths)) == len(widths)
     assert spread(parameter, 0.1, 1.0) is None
     assert spread(parameter, 0.0, 0.3) is None, "nothing is a factor of 0"
-
-
-def test_directions_are_as_von_mises_and_fisher_have_them() -> None:
-    axis = np.array([0.3, -0.6, 0.74]) / np.linalg.norm([0.3, -0.6, 0.74])
-    for sure in (0.2, 0.9):
-        made = cone(tuple(axis), sure)
-        drawn = draw_directions(UncertainLight(SOURCE, made), 2, MANY)
-        assert np.allclose(np.linalg.norm(drawn, axis=1), 1)
-        known = stats.vonmises_fisher(axis, made.concentration).rvs(MANY, random_state=4)
-        assert stats.ks_2samp(drawn @ axis, known @ axis).pvalue > 1e-3
-        off = np.arccos(drawn @ axis)
-        assert stats.kstest(off, np.vectorize(made.within)).pvalue > 1e-3
-        assert np.mean(off < made.angle(0.9)) == pytest.approx(0.9, abs=0.02)
-        across = drawn - (drawn @ axis)[:, None] * axis
-        about = np.arctan2(
-            across @ np.cross(axis, [0, 0, 1.0]), across @ np.cross(axis, np.cross(axis, [0, 0, 1.0]))
-        )
-        assert stats.kstest(about, stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > 1e-3, "to every side alike"
-    assert cone(tuple(axis), 1.0) is None
-    assert Cone(tuple(axis), 50.0).at(0.0, 0.3) @ axis == pytest.approx(1)
 
 
 def test_what_is_half_alike_keeps_its_own_distribution() -> None:

@@ -9,13 +9,7 @@ import pytest
 
 from physgen import pipeline
 from physgen.compile.compile import compile_shapes
-from physgen.simulate.uncertain_values import (
-    draw_directions,
-    draw_values,
-    uncertain_light,
-    uncertain_values,
-    with_draw,
-)
+from physgen.simulate.uncertain_values import draw_values, uncertain_values, with_draw
 
 BASE = """\
 physgen: 1
@@ -55,7 +49,6 @@ def test_only_what_somebody_guessed_is_drawn(tmp_path: Path) -> None:
     """No mass of what does not move, nothing that is sure, no mask."""
     scene = load(tmp_path)
     assert paths(scene) == ALL
-    assert uncertain_light(scene).source.text == "shadows"
     assert paths(load(tmp_path, BASE.replace(" 0.4, friction: table 0.7", ", friction: table"))) == ALL - {
         "ball.mass",
         "ball.friction",
@@ -79,11 +72,6 @@ def test_what_a_person_set_is_certain(
     assert paths(load(tmp_path, BASE, overrides, variant), variant) == ALL - gone
 
 
-def test_a_light_that_a_person_turned_is_certain(tmp_path: Path) -> None:
-    assert uncertain_light(load(tmp_path, BASE, ["light.direction=[0, -1, 0]"])) is None
-    assert uncertain_light(load(tmp_path, BASE.replace(", from: shadows 0.8", ""))) is None
-
-
 def test_what_a_later_file_says_is_certain(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(BASE)
     text = "extends: base.yaml\nobjects: {ball: {mass: 9}, other: {mass: 30, from: {mass: by eye 0.5}}}\n"
@@ -105,8 +93,6 @@ def test_draws_are_their_own(tmp_path: Path) -> None:
         assert np.array_equal(column, found[doubt.path]), doubt.path
     other = draw_values(uncertain_values(scene), 8, 40)
     assert not (other == np.array(list(found.values())).T).any()
-    lit = uncertain_light(scene)
-    assert np.array_equal(draw_directions(lit, 7, 40)[:5], draw_directions(lit, 7, 5))
 
 
 def test_what_is_called_alike_is_alike(tmp_path: Path) -> None:
