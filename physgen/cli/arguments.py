@@ -255,20 +255,6 @@ def moments(text: str) -> int | list[int]:
     return found[0]
 
 
-def width(text: str) -> tuple[float, None] | tuple[None, int]:
-    """`84`, `84mm`, `8.4cm`, `3.3in` -> mm; `1600px` -> px."""
-    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|px|)\s*", text)
-    value = float(found[1]) if found else 0.0
-    unit = found[2] if found else ""
-    if unit == "px" and value.is_integer() and 100 <= value <= 30_000:
-        return None, int(value)
-    millimetres = value * {"cm": 10.0, "in": 25.4, "px": 0.0}.get(unit, 1.0)
-    if 20 <= millimetres <= 2000:
-        return millimetres, None
-    expected = "is not a width from 20 mm to 2 m, or from 100px to 30000px, e.g. 84mm"
-    raise argparse.ArgumentTypeError(f"{text} {expected}")
-
-
 def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     """`x,y` or `x,y,w,h` px, the value of a flag; raises InputError."""
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.cli.arguments import CURVES, Command, Parser, among, count, moments, names, positive, width
+from physgen.cli.arguments import CURVES, Command, Parser, among, moments, names, number, positive
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import OK, Bar
 from physgen.problems import InputError
@@ -15,24 +15,13 @@ def plot(options: argparse.Namespace) -> int:
     from physgen import pipeline
     from physgen.pipeline.plotting import PlotRequest
     from physgen.pipeline.plotting import plot as draw
-    from physgen.report.plots.style import PlotStyle
 
     if options.variant == "all":
         raise InputError.of("--variant", "all", "names more than one", "write one name")
     scenes = options.scenes if options.what == "strip" else [options.scene]
-    millimetres, pixels = options.width or (None, None)
-    look = PlotStyle(millimetres, pixels, options.dpi, options.dark, options.si)
-    request = PlotRequest(
-        objects=getattr(options, "objects", ()),
-        curves=getattr(options, "curves", ()),
-        frames=getattr(options, "frames", 0),
-        columns=getattr(options, "columns", None),
-        names=getattr(options, "names", False),
-        overrides=options.set,
-        variant=options.variant,
-        allow_outside=options.allow_outside,
-        look=look,
-    )
+    keys = ("objects", "curves", "frames", "names", "width", "dpi", "variant", "allow_outside")
+    chosen = {key: getattr(options, key) for key in keys if hasattr(options, key)}
+    request = PlotRequest(overrides=options.set, **chosen)
     name = pipeline.output_name(scenes[0], options.variant) if len(scenes) == 1 else "scenes"
     output = options.output or Path(f"{name}-{options.what}.png")
     bar = Bar()
@@ -57,10 +46,8 @@ def add(parser: Parser) -> None:
             sub.add_argument("scene", metavar="SCENE")
         output = f"write here; .png, .svg or .pdf; default: NAME-{name}.png in this folder"
         sub.option("-o --output", "FILE", Path, output)
-        sub.option("--width", "WIDTH", width, "of the figure: 84 or 84mm for a column, or 1600px")
+        sub.option("--width", "MM", number(20, 2000), "of the figure, mm, e.g. 84 for a column")
         sub.option("--dpi", "N", positive, "pixels per inch of a PNG; default: 300")
-        sub.flag("--si", "SI units only")
-        sub.flag("--dark", "light lines on a dark background, for slides")
         add_overlays(sub)
         return sub
 
@@ -80,7 +67,6 @@ def add(parser: Parser) -> None:
     sub = kind("strip", about, "strip scenes/*/scene.yaml --frames 6 --names -o strip.pdf")
     about = "number of frames at even times, or a list of frames, from 0: 0,12,24; default: 5"
     sub.option("--frames", "N", moments, about, 5)
-    sub.option("--columns", "N", count, "pictures side by side; default: all of a scene")
     sub.flag("--names", "write each scene's name beside its row")
 
 

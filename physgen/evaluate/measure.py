@@ -25,9 +25,10 @@ from physgen.files import back_up, write_atomic
 from physgen.problems import InputError
 from physgen.report.html import template
 from physgen.report.plots.style import (
+    DPI,
     MM,
+    PALETTE,
     Palette,
-    PlotStyle,
     add_axes,
     figure_bytes,
     new_figure,
@@ -304,9 +305,8 @@ def plotted(
 ) -> Figure:
     """An SVG plot, `width` x `height` mm, the same bytes on every run. Raises InputError without matplotlib."""
     require_matplotlib()
-    look = PlotStyle()
-    with plot_settings(look):
-        figure = new_figure(look, width / MM, height / MM)
+    with plot_settings():
+        figure = new_figure(width / MM, height / MM, dpi=DPI)
         place = (LEFT, BELOW, width - LEFT - RIGHT, height - BELOW - ABOVE)
-        draw(add_axes(figure, *(side / MM for side in place)), look.palette)
-    return Figure(figure_bytes(figure, "svg", about, look).decode(), about)
+        draw(add_axes(figure, *(side / MM for side in place)), PALETTE)
+    return Figure(figure_bytes(figure, "svg", about).decode(), about)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,16 +17,9 @@ from physgen.progress import Progress, silent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from physgen.compile.world import World
-    from physgen.report.plots.frames import StripRow
-    from physgen.report.plots.style import PlotStyle
+    from physgen.report.plots.strip import StripRow
     from physgen.scene.scene import Scene
-    from physgen.simulate.trajectory import Trajectory
 
-
-KINDS = ("energy", "trajectory", "contacts", "strip")
-FRAMES = 5
-"""Of a strip, after the photo."""
 FINER, MOST = 8, 2_000_000
 """Samples a frame, so that curves show what happens there; and samples times objects, at most."""
 CLOSE = 1200
@@ -41,17 +34,17 @@ class PlotRequest:
     """Names; empty: all."""
     curves: Sequence[str] = ()
     """Below a trajectory's paths: any of x, y, speed, angle."""
-    frames: int | Sequence[int] = FRAMES
-    """Of a strip: so many at even times to the last, or which, from 0."""
-    columns: int | None = None
-    """Pictures side by side in a strip."""
+    frames: int | Sequence[int] = 5
+    """Of a strip, after the photo: so many at even times to the last, or which, from 0."""
     names: bool = False
     """Whether a strip's rows have their scenes' names."""
     overrides: Sequence[str] = ()
     variant: str | None = None
     allow_outside: bool = False
-    look: PlotStyle | None = field(default=None)
-    """Width, dpi, dark or light, SI; see `physgen.report.plots.style.PlotStyle`."""
+    width: float | None = None
+    """mm; None: as suits the kind of figure."""
+    dpi: float | None = None
+    """px an inch of a PNG; None: 300, or in a strip so many that frames keep their pixels."""
 
 
 def plot(
@@ -61,84 +54,59 @@ def plot(
     asked: PlotRequest | None = None,
     progress: Progress = silent,
 ) -> Path:
-    """Draws one of KINDS into `output`, a PNG, SVG or PDF by its ending, and returns it; raises InputError.
+    """Draws `energy`, `trajectory`, `contacts` or `strip` into `output`, a PNG, SVG or PDF by its ending.
 
-    A strip takes several scenes, a row each; the others take one.
+    A strip takes several scenes, a row each; the others take one. Returns `output`; raises InputError.
     """
-    from physgen.report.plots.style import PlotStyle, check_name, require_matplotlib, write_figure
+    from physgen.report.plots.style import check_name, require_matplotlib, write_figure
 
     asked = asked or PlotRequest()
     check_name(output)
     require_matplotlib()
-    look = asked.look or PlotStyle()
     if kind == "strip":
-        figure, name = _strip(paths, asked, look, output.suffix.lower() == ".png", progress)
+        from physgen.report.plots.strip import strip_figure
+
+        rows = [_strip_row(path, asked, progress) for path in paths]
+        figure, name = strip_figure(rows, asked.width, names=asked.names), ", ".join(row.name for row in rows)
     else:
-        if len(paths) != 1:
-            raise InputError.of("plot", f"{len(paths)} scenes", "are not one", "only a strip takes several")
-        figure, name = _curves(kind, paths[0], asked, look, progress)
+        scene = load(paths[0], asked.overrides, asked.variant, asked.allow_outside)
+        figure, name = _curves(kind, scene, asked, progress), scene.name
     progress("draw", 0, 1)
-    write_figure(figure, output, f"{name}: {kind}", look)
+    write_figure(figure, output, f"{name}: {kind}", asked.dpi)
     return output
 
 
-def _curves(
-    kind: str, path: str | Path, asked: PlotRequest, look: PlotStyle, progress: Progress
-) -> tuple[Figure, str]:
-    """Energy, trajectory or contacts of one scene, and its name."""
+def _curves(kind: str, scene: Scene, asked: PlotRequest, progress: Progress) -> Figure:
+    """Energy, trajectory or contacts of one scene."""
     from physgen.render.contacts import find_impacts, sample_times
-    from physgen.report.plots.contacts import contacts_figure
-    from physgen.report.plots.energy import energy_figure
-    from physgen.report.plots.paths import trajectory_figure
+    from physgen.report.plots.curves import contacts_figure, energy_figure, trajectory_figure
+    from physgen.report.plots.style import DPI
+    from physgen.simulate.engine import simulate as run
 
-    scene = load(path, asked.overrides, asked.variant, asked.allow_outside)
-    _known(scene, asked.objects)
+    _check_names(scene, asked.objects)
     maps = percepts(scene)
     world = compile(scene, maps).world
+    width, dpi = asked.width, asked.dpi or DPI
     progress("simulate", 0, 1)
     bodies = max(len(world.bodies), 1)
     if kind == "energy":  # at ends of steps, where energies are exact
         every = max(1, ceil(world.duration * world.steps_per_second / min(CLOSE, MOST // bodies)))
         ends = np.arange(0, int(world.duration * world.steps_per_second + 1e-6) + 1, every)
-        return energy_figure(
-            scene, world, _at(world, ends / world.steps_per_second, progress), look
-        ), scene.name
+        return energy_figure(scene, world, run(world, ends / world.steps_per_second, progress), width, dpi)
     coarse = simulate(world, progress=progress)
-    seen = _at(world, sample_times(_to_the_end(coarse, world), FINER, MOST // bodies), progress)
+    to_the_end = replace(coarse, times=np.append(coarse.times, world.duration))  # the last frame is before it
+    seen = run(world, sample_times(to_the_end, FINER, MOST // bodies), progress)
     if kind == "trajectory":
         photo = None if maps is None else maps.rgb
-        figure = trajectory_figure(
-            scene, world, seen, photo, look, objects=asked.objects, curves=asked.curves
-        )
-        return figure, scene.name
-    struck = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
-    return contacts_figure(scene, world, seen, struck, look, asked.objects), scene.name
+        objects, curves = asked.objects, asked.curves
+        return trajectory_figure(scene, world, seen, photo, objects=objects, curves=curves, size=(width, dpi))
+    impacts = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
+    return contacts_figure(scene, world, seen, impacts, asked.objects, width, dpi)
 
 
-def _at(world: World, times: np.ndarray, progress: Progress) -> Trajectory:
-    from physgen.simulate.engine import simulate as run
-
-    return run(world, times, progress)
-
-
-def _to_the_end(trajectory: Trajectory, world: World) -> Trajectory:
-    """The same with the clip's end among its times: the last frame is taken before it."""
-    return replace(trajectory, times=np.append(trajectory.times, world.duration))
-
-
-def _strip(
-    paths: Sequence[str | Path], asked: PlotRequest, look: PlotStyle, exact: bool, progress: Progress
-) -> tuple[Figure, str]:
-    from physgen.report.plots.frames import strip_figure
-
-    reels = [_reel(path, asked, progress) for path in paths]
-    figure = strip_figure(reels, look, columns=asked.columns, names=asked.names, exact=exact)
-    return figure, ", ".join(reel.scene.name for reel in reels)
-
-
-def _reel(path: str | Path, asked: PlotRequest, progress: Progress) -> StripRow:
+def _strip_row(path: str | Path, asked: PlotRequest, progress: Progress) -> StripRow:
     """One scene's photo and frames, drawn as `render` draws them; refinement is left out."""
-    from physgen.report.plots.frames import StripRow
+    from physgen.report.plots.strip import StripRow
     from physgen.report.record import RunRecord
 
     scene = load(path, asked.overrides, asked.variant, asked.allow_outside)
@@ -155,7 +123,7 @@ def _reel(path: str | Path, asked: PlotRequest, progress: Progress) -> StripRow:
         progress("render", k + 1, len(order))
         frames.append((frame.time, frame.rgb.copy()))
     lens = shot(scene, trajectory).affine(0.0)
-    return StripRow(scene, compiled.world, trajectory, photo, lens, frames)
+    return StripRow(scene.name, compiled.world, photo, lens, frames)
 
 
 def chosen(frames: int | Sequence[int], count: int) -> list[int]:
@@ -174,7 +142,7 @@ def chosen(frames: int | Sequence[int], count: int) -> list[int]:
     return list(frames)
 
 
-def _known(scene: Scene, names: Sequence[str]) -> None:
+def _check_names(scene: Scene, names: Sequence[str]) -> None:
     """Raises InputError for names that are not those of objects."""
     there = [item.name for item in scene.objects]
     problems = []
