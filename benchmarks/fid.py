@@ -213,7 +213,7 @@ def fid(folder: Path) -> list[dict]:
     halves["motion_fid_by_frame"] = by_frame.found[MOTION].halves
     return [
         *map(rounded, rows),
-        rounded({"method": "halves", **halves, "settings": told._settings(found)}),
+        rounded({"method": "halves", **halves, "settings": told.settings_record(found)}),
         guesses(),
     ]
 

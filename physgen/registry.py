@@ -202,9 +202,6 @@ BACKENDS: tuple[Backend, ...] = (
             weights=(Weights("", "0.1 GB", "Apache-2.0",
                              "save inception-2015-12-05.pt from a trusted source (it is a program), "
                              "write --features inception:PATH"),)),
-    Backend("features", "module", f"{_EVALUATE}.features_module:own",
-            "A user's function from pictures to features: module:PACKAGE.MODULE:FACTORY or module:FILE.py:FACTORY.",
-            takes_setup=True),
     Backend("flow", "dis", f"{_EVALUATE}.flow_dis:dis",
             "Dense Inverse Search, OpenCV's, for evaluate fid."),
     Backend("flow", "raft", f"{_EVALUATE}.flow_raft:raft",
@@ -381,7 +378,7 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
 }
 """Built-in profiles: role to backend; other roles have their defaults."""
 SWITCHES = {"keep": bool, "fallback": bool, "device": str, "dtype": str, "profile": str}
-PROGRAMS = ("lama", "inception", "module")
+PROGRAMS = ("lama", "inception")
 """Backends whose weights are a program."""
 TRUSTED = f"say it on the command line, with --config, or in ~/.config/physgen/{CONFIGURATION}"
 DTYPES = ("auto", "float32", "float16", "bfloat16")

@@ -20,8 +20,8 @@ ENTRY_POINTS = {"physgen.__main__": "cli", "physgen.pytest_plugin": "batch"}
 MODEL_LIBRARIES = {"torch", "transformers", "diffusers", "accelerate", "openai", "jax", "tensorflow"}
 WITH_MODELS = {"backends", "torch_frames"}
 """Folders and modules that may import them."""
-BY_NAME = {"physgen.registry", "physgen.evaluate.backends.features_module"}
-"""The registry of backends, and the backend that loads a module which the user names."""
+BY_NAME = {"physgen.registry"}
+"""The registry of backends."""
 VAGUE = {"utils", "helpers", "common", "misc", "manager", "base"}
 
 

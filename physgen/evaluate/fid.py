@@ -1,4 +1,4 @@
-"""Image-FID and Motion-FID of clips against a reference (paper, section 4.3), with intervals over clips, and KID.
+"""Image-FID and Motion-FID of clips against a reference (paper, section 4.3), with intervals over clips.
 
 Motion pictures colour the flow between two frames as Baker et al. do (A Database and Evaluation Methodology for
 Optical Flow, IJCV 92, 2011): hue is direction, saturation is speed. The speed that is full colour decides what a
@@ -14,15 +14,14 @@ from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.backends.roles import F32, F64, U8, Features, Flow
 from physgen.evaluate.clip_frames import Fit, Rule, Source, one_shape
-from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, photo, plotted
+from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, plotted
 from physgen.export.flow import coloured
 from physgen.problems import InputError, Place, Problem, Severity
 
@@ -31,28 +30,62 @@ if TYPE_CHECKING:
 
     from physgen.report.plots.style import Palette
 
+U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
 
 IMAGE, MOTION, REFERENCE = "image", "motion", "reference"
 WORDS = {IMAGE: "Image-FID", MOTION: "Motion-FID"}
-LEVEL = 0.95
-"""Of intervals."""
-HALVINGS = 8
-"""Random halvings of the reference."""
-FEW = 8
-"""Clips of a side below which resampling them says little."""
-SHOWN = 8
-"""Frames of a clip that are kept for the page."""
-PEAK = 99.9
-"""% of pixels that are no faster than the speed of a pair of frames: outliers do not count."""
-LEAST_COLOUR = 1.0
-"""px of motion that are full colour, at least."""
-TINY_FLOW = 1e-5
-"""px that RAFT's pictures add before they divide."""
-ROUNDING = 1e-9
-"""Distances below it are 0."""
-TILE, GAP = 128, 4
-"""px of a picture's height on the page, and between two."""
-MARKERS = "osD^v"
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Choices of the measure that a user does not make."""
+
+    level: float = 0.95
+    """Of intervals."""
+    halvings: int = 8
+    """Random halvings of the reference."""
+    few: int = 8
+    """Clips of a side below which resampling them says little."""
+    peak: float = 99.9
+    """% of pixels that are no faster than the speed of a pair of frames: outliers do not count."""
+    least_colour: float = 1.0
+    """px of motion that are full colour, at least."""
+    tiny_flow: float = 1e-5
+    """px that RAFT's pictures add before they divide."""
+    rounding: float = 1e-9
+    """Distances below it are 0."""
+
+
+CONSTANTS = Constants()
+
+
+class Features(Protocol):
+    """Role `features` of backends."""
+
+    comparable: bool
+    """Whether these are the features that published FIDs are made of."""
+
+    def __call__(self, pictures: U8) -> F64:
+        """(N, H, W, 3) sRGB -> (N, D), all finite."""
+        ...
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record: what it was, exactly."""
+        ...
+
+
+class Flow(Protocol):
+    """Role `flow` of backends."""
+
+    def __call__(self, one: U8, other: U8) -> F32:
+        """Two frames (H, W, 3) sRGB -> (H, W, 2) px, right and down, that each point of `one` moves until `other`."""
+        ...
+
+    def note(self) -> Mapping[str, Any]:
+        """For the record."""
+        ...
 
 
 # ---- distances ---------------------------------------------------------------------------------------------------
@@ -95,43 +128,6 @@ def frechet(one: Moments, other: Moments) -> float:
 
 
 @dataclass(frozen=True)
-class Blocks:
-    """Sums of a kernel over the pairs of frames of every pair of clips, and the number of pairs; (A, B) each."""
-
-    sums: F64
-    pairs: F64
-
-    def mean(self, weights: F64) -> float | None:
-        count = float((self.pairs * weights).sum())
-        return float((self.sums * weights).sum()) / count if count else None
-
-
-def blocks(one: F64, first: NDArray[np.intp], other: F64, second: NDArray[np.intp]) -> Blocks:
-    """Kernel (x·y / D + 1)³ of features (N, D) and (M, D), whose clips `first` (N,) and `second` (M,) count from 0."""
-    kernel = (one @ other.T / one.shape[1] + 1) ** 3
-    sums = np.zeros((first.max() + 1, len(other)))
-    np.add.at(sums, first, kernel)
-    both = np.zeros((first.max() + 1, second.max() + 1))
-    np.add.at(both.T, second, sums.T)
-    return Blocks(both, np.outer(np.bincount(first), np.bincount(second)).astype(np.float64))
-
-
-def kid(one: Blocks, other: Blocks, across: Blocks, first: F64, second: F64) -> float | None:
-    """Squared kernel distance without bias; below 0 by chance, where two sets are alike. None for a single clip.
-
-    Binkowski et al., Demystifying MMD GANs, ICLR 2018. Frames of one clip depend on each other, so within a set only
-    pairs of frames of different clips count. `first` and `second` say how often each clip counts; a clip that counts
-    twice is no pair with itself.
-    """
-    within = one.mean(np.outer(first, first) * (1 - np.eye(len(first))))
-    beside = other.mean(np.outer(second, second) * (1 - np.eye(len(second))))
-    between = across.mean(np.outer(first, second))
-    if within is None or beside is None or between is None:
-        return None
-    return within + beside - 2 * between
-
-
-@dataclass(frozen=True)
 class Cloud:
     """Features (N, D) of one side's pictures, and the clip (N,) of each, from 0."""
 
@@ -169,7 +165,7 @@ class Distance:
         """The middle 95 % of the draws."""
         if not self.draws:
             return None
-        low, high = np.quantile(self.draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        low, high = np.quantile(self.draws, [(1 - CONSTANTS.level) / 2, (1 + CONSTANTS.level) / 2])
         return max(float(low), self.least), max(float(high), self.least)
 
     @property
@@ -177,30 +173,20 @@ class Distance:
         """Share of draws above 0: how sure a difference is."""
         return float(np.mean(np.asarray(self.draws) > 0)) if self.draws else None
 
-    def less(self, other: Distance) -> Distance:
-        """The difference, draw by draw."""
-        same = len(self.draws) == len(other.draws)
-        draws = tuple(a - b for a, b in zip(self.draws, other.draws, strict=True)) if same else ()
-        return Distance(self.value - other.value, draws)
-
 
 @dataclass(frozen=True)
 class Distances:
     """Of one kind of picture, by method."""
 
     frechet: Mapping[str, Distance]
-    kernel: Mapping[str, Distance | None]
-    """None where a side has a single clip."""
     halves: float | None
     """Mean Fréchet distance between two halves of the reference; None below four clips."""
 
     def apart(self, one: str, other: str) -> Distance:
-        """How much farther `one` is than `other`."""
-        return self.frechet[one].less(self.frechet[other])
-
-    def apart_by_kernel(self, one: str, other: str) -> Distance | None:
-        first, second = self.kernel[one], self.kernel[other]
-        return None if first is None or second is None else first.less(second)
+        """How much farther `one` is than `other`, draw by draw."""
+        first, second = self.frechet[one], self.frechet[other]
+        draws = tuple(a - b for a, b in zip(first.draws, second.draws, strict=True))
+        return Distance(first.value - second.value, draws)
 
 
 def distances(
@@ -217,42 +203,21 @@ def distances(
     clips, which moves a Fréchet distance up: only deviations of the draws from their own mean are taken.
     """
     middle = reference.features.mean(axis=0)  # a common offset would cost digits
-    # KID's kernel takes features as they are
-    first_kernel = blocks(reference.features, reference.clips, reference.features, reference.clips)
-    kernels = {
-        name: (
-            blocks(one.features, one.clips, one.features, one.clips),
-            blocks(reference.features, reference.clips, one.features, one.clips),
-        )
-        for name, one in methods.items()
-    }
     reference = Cloud(reference.features - middle, reference.clips)
     methods = {name: Cloud(one.features - middle, one.clips) for name, one in methods.items()}
     draws = draws if min(side.count for side in (reference, *methods.values())) > 1 else 0
     found: dict[str, list[float]] = {name: [] for name in methods}
-    kids: dict[str, list[float]] = {name: [] for name in methods}
     random = np.random.default_rng(seed)
     for done in range(draws):
         often = {count: _drawn(random, count) for count in sorted({side.count for side in methods.values()})}
-        first = _drawn(random, reference.count)
-        drawn = reference.weighted(first)
+        drawn = reference.weighted(_drawn(random, reference.count))
         for name, one in methods.items():
-            second = often[one.count]
-            found[name].append(frechet(drawn, one.weighted(second)))
-            if (value := kid(first_kernel, *kernels[name], first, second)) is not None:
-                kids[name].append(value)
+            found[name].append(frechet(drawn, one.weighted(often[one.count])))
         progress(done + 1, draws)
     whole = moments(reference.features)
-    kernel: dict[str, Distance | None] = {}
-    for name, one in methods.items():
-        value = kid(first_kernel, *kernels[name], np.ones(reference.count), np.ones(one.count))
-        kernel[name] = None if value is None else _around(value, kids[name])
     values = {name: frechet(whole, moments(one.features)) for name, one in methods.items()}
-    return Distances(
-        {name: _around(value, found[name], 0.0) for name, value in values.items()},
-        kernel,
-        _halves(reference, seed),
-    )
+    around = {name: _around(value, found[name]) for name, value in values.items()}
+    return Distances(around, _halves(reference, seed))
 
 
 def _drawn(random: np.random.Generator, count: int) -> F64:
@@ -260,9 +225,9 @@ def _drawn(random: np.random.Generator, count: int) -> F64:
     return np.bincount(random.integers(0, count, count), minlength=count).astype(np.float64)
 
 
-def _around(value: float, draws: Sequence[float], least: float = -inf) -> Distance:
+def _around(value: float, draws: Sequence[float]) -> Distance:
     shift = value - float(np.mean(draws)) if draws else 0.0
-    return Distance(value, tuple(draw + shift for draw in draws), least)
+    return Distance(value, tuple(draw + shift for draw in draws), 0.0)
 
 
 def _halves(reference: Cloud, seed: int) -> float | None:
@@ -270,7 +235,7 @@ def _halves(reference: Cloud, seed: int) -> float | None:
         return None
     random = np.random.default_rng(seed)
     found = []
-    for _ in range(HALVINGS):
+    for _ in range(CONSTANTS.halvings):
         half = np.zeros(reference.count)
         half[random.permutation(reference.count)[: reference.count // 2]] = 1
         found.append(frechet(reference.weighted(half), reference.weighted(1 - half)))
@@ -281,7 +246,7 @@ def _halves(reference: Cloud, seed: int) -> float | None:
 
 
 class Normalise(Enum):
-    """What is full colour, where no number of px is given."""
+    """What is full colour."""
 
     REFERENCE = "reference"
     FRAME = "frame"
@@ -292,8 +257,7 @@ class Settings:
     """How all clips are compared."""
 
     rule: Rule = field(default_factory=Rule)
-    normalise: Normalise | float = Normalise.REFERENCE
-    """Full colour, or its number of px."""
+    normalise: Normalise = Normalise.REFERENCE
     kinds: tuple[str, ...] = (IMAGE, MOTION)
     draws: int = 200
     seed: int = 0
@@ -308,10 +272,6 @@ class Side:
     """Frames of each clip."""
     features: dict[str, list[F64]] = field(default_factory=dict)
     """By kind, of each clip."""
-    shown: tuple[tuple[U8, ...], tuple[U8, ...]] = ((), ())
-    """Of the middle clip: frames, and pictures of flow."""
-    which: str = ""
-    """That clip."""
 
     def count(self, kind: str) -> int:
         """Number of pictures."""
@@ -343,8 +303,8 @@ def pictured(moved: F32, full: float | None) -> U8:
     """(H, W, 3) sRGB of a flow (H, W, 2); `full` px and more are full colour. None: this flow's fastest."""
     speed = cv2.magnitude(moved[..., 0], moved[..., 1])
     if full is None:
-        full = float(speed.max()) + TINY_FLOW
-    held = np.minimum(1.0, full / np.maximum(speed, TINY_FLOW)).astype(np.float32)
+        full = float(speed.max()) + CONSTANTS.tiny_flow
+    held = np.minimum(1.0, full / np.maximum(speed, CONSTANTS.tiny_flow)).astype(np.float32)
     return np.ascontiguousarray(coloured(moved * held[..., None], full)[..., ::-1])
 
 
@@ -364,7 +324,7 @@ def measure(
         sides[name] = side = Side(name, features={kind: [] for kind in settings.kinds})
         for k, clip in enumerate(clips):
             progress(f"look at {name}", k, len(clips))
-            _add_clip(side, clip, k == len(clips) // 2, features, flow, settings, full)
+            _add_clip(side, clip, features, flow, settings, full)
     truth = sides.pop(REFERENCE)
     found = {}
     for kind in settings.kinds:
@@ -384,8 +344,8 @@ def _check(
     """Read every clip once, before anything is computed; the px that are full colour, by the reference's motion."""
     problems: list[Problem] = []
     shape: tuple[tuple[int, int], Source] | None = None
-    peaks: list[float] = []
-    wants_peak = MOTION in settings.kinds and settings.normalise is Normalise.REFERENCE
+    peaks = [CONSTANTS.least_colour]
+    by_reference = MOTION in settings.kinds and settings.normalise is Normalise.REFERENCE
     for name, clips in sides.items():
         lengths = []
         for k, clip in enumerate(clips):
@@ -403,17 +363,15 @@ def _check(
                 expected = f"and {other.path} is {first[1] / first[0]:.3g} times"
                 fix = "give --fit crop for the middle square of all, or --fit stretch"
                 problems.append(Problem(Place(str(clip.path)), "", found, expected, fix))
-            elif wants_peak and name == REFERENCE:
+            elif by_reference and name == REFERENCE:
                 for moved in flows(frames, flow):
                     speed = cv2.magnitude(moved[..., 0], moved[..., 1])
-                    peaks.append(float(np.percentile(speed, PEAK)))
+                    peaks.append(float(np.percentile(speed, CONSTANTS.peak)))
         if len(lengths) == len(clips):
             problems += _too_few(name, lengths, settings.kinds)
     if problems:
         raise InputError(dict.fromkeys(problems))  # a clip of two sides is named once
-    if MOTION not in settings.kinds or settings.normalise is Normalise.FRAME:
-        return None
-    return max(LEAST_COLOUR, *peaks) if isinstance(settings.normalise, Normalise) else settings.normalise
+    return max(peaks) if by_reference else None
 
 
 def _too_few(name: str, lengths: Sequence[int], kinds: Sequence[str]) -> list[Problem]:
@@ -431,13 +389,7 @@ def _too_few(name: str, lengths: Sequence[int], kinds: Sequence[str]) -> list[Pr
 
 
 def _add_clip(
-    side: Side,
-    clip: Source,
-    shown: bool,
-    features: Features,
-    flow: Flow,
-    settings: Settings,
-    full: float | None,
+    side: Side, clip: Source, features: Features, flow: Flow, settings: Settings, full: float | None
 ) -> None:
     frames = settings.rule.frames(clip)
     side.lengths.append(len(frames))
@@ -449,14 +401,6 @@ def _add_clip(
                 expected = "gives numbers that are not finite"
                 raise InputError.of("--features", "", expected, "choose another extractor")
             side.features[kind].append(found)
-    if shown:
-        side.shown, side.which = (_some(frames), _some(moving)), str(clip.path)
-
-
-def _some(pictures: Sequence[U8]) -> tuple[U8, ...]:
-    if len(pictures) <= SHOWN:
-        return tuple(pictures)
-    return tuple(pictures[k] for k in np.rint(np.linspace(0, len(pictures) - 1, SHOWN)).astype(int))
 
 
 def _warnings(truth: Side, sides: Mapping[str, Side], wide: Mapping[str, int]) -> Iterator[Problem]:
@@ -470,61 +414,46 @@ def _warnings(truth: Side, sides: Mapping[str, Side], wide: Mapping[str, int]) -
             if (count := side.count(kind)) <= features:
                 pictures = f"{count} pictures" if kind == IMAGE else f"{count} pictures of motion"
                 expected = f"for {features} features: fewer pictures make a Fréchet distance larger"
-                yield warn(side.name, pictures, expected, "compare equal numbers, and read KID beside it")
+                yield warn(side.name, pictures, expected, "compare equal numbers")
         if clips < 2:
-            yield warn(side.name, "", "is a single clip: no interval, no KID", "name more clips")
-        elif clips < FEW:
-            yield warn(
-                side.name, f"{clips} clips", "are few: intervals and KID say little", "name more clips"
-            )
-        if MOTION in wide and min(side.lengths) < 2:
-            short = f"{sum(length < 2 for length in side.lengths)} of {clips} clips"
-            yield warn(side.name, short, "are one frame: no motion", "leave them out")
+            yield warn(side.name, "", "is a single clip: no interval", "name more clips")
+        elif clips < CONSTANTS.few:
+            yield warn(side.name, f"{clips} clips", "are few: intervals say little", "name more clips")
     for side in sides.values():
         one, other = (float(np.median(a.lengths)) for a in (truth, side))
         if MOTION in wide and one != other:
             expected = f"beside the reference's {one:g}: flow is then over other times"
             yield warn(side.name, f"{other:g} frames a clip", expected, f"give --frames {min(one, other):g}")
-    for first, second in pairwise(sides.values()):
-        if first.count(IMAGE) != second.count(IMAGE):
-            expected = (
-                f"beside the {first.count(IMAGE)} of {first.name}: distances of fewer frames are larger"
-            )
-            yield warn(second.name, f"{second.count(IMAGE)} frames", expected, "compare equal numbers")
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
 BIASED = (
     "Intervals are the middle 95 % of draws in which whole clips are drawn again. A Fréchet distance of few pictures "
-    "is too large, the more so the fewer they are; KID is not, and is below 0 by chance where two sets are alike.",
+    "is too large, the more so the fewer they are.",
 )
 
 
 def findings(found: Measured, tools: Mapping[str, Any], comparable: bool, pictures: bool = False) -> Findings:
     """`tools` names extractor and flow with their notes; `pictures` asks for plots, which only a page shows."""
     heads = {kind: word if comparable else f"{word}, {tools['features']}" for kind, word in WORDS.items()}
-    sections = [Section("Distances", BIASED, tuple(_tables(found, heads)))]
-    if len(found.methods) > 1:
-        sections.append(_apart(found, heads))
+    tables: list[Table | Figure] = [_table(found, kind, heads[kind]) for kind in found.found]
     if pictures:
-        sections[0] = Section("Distances", BIASED, (*sections[0].parts, _plot(found, heads)))
-        sections.append(Section("What was compared", (), tuple(_sheets(found))))
-    sections.append(Section("How", tuple(_how(found, tools))))
-    halves = {kind: one.halves for kind, one in found.found.items()}
+        tables += [_plot(found, kind, heads[kind]) for kind in found.found]
+    sections = (
+        Section("Distances", BIASED, tuple(tables)),
+        Section("How", tuple(_how(found, tools))),
+    )
     more = {
         **tools,
         "comparable": comparable,
-        "settings": _settings(found),
+        "settings": settings_record(found),
         "reference": _counts(found.reference),
+        "halves_of_reference": {kind: one.halves for kind, one in found.found.items()},
     }
+    sentences = tuple(_sentences(found, heads, tools, comparable))
     return Findings(
-        "fid",
-        "Frames and motion against a reference",
-        tuple(_sentences(found, heads, tools, comparable)),
-        tuple(sections),
-        rows(found),
-        more={**more, "halves_of_reference": halves},
+        "fid", "Frames and motion against a reference", sentences, sections, rows(found), more=more
     )
 
 
@@ -535,25 +464,22 @@ def rows(found: Measured) -> list[dict[str, Any]]:
     for name, side in found.methods.items():
         row: dict[str, Any] = {"method": name, **_counts(side)}
         for kind, one in found.found.items():
-            kernel = one.kernel[name]
-            row[f"{kind}_fid"], row[f"{kind}_fid_95"] = one.frechet[name].value, _pair(one.frechet[name])
-            row[f"{kind}_kid"] = None if kernel is None else kernel.value
-            row[f"{kind}_kid_95"] = None if kernel is None else _pair(kernel)
+            row[f"{kind}_fid"], row[f"{kind}_fid_95"] = one.frechet[name].value, one.frechet[name].interval
             if name != first:
                 more = one.apart(name, first)
-                row[f"{kind}_fid_more"], row[f"{kind}_fid_more_95"] = more.value, _pair(more)
+                row[f"{kind}_fid_more"], row[f"{kind}_fid_more_95"] = more.value, more.interval
                 row[f"{kind}_fid_more_sure"] = more.above
         result.append(row)
     return result
 
 
-def _settings(found: Measured) -> dict[str, Any]:
+def settings_record(found: Measured) -> dict[str, Any]:
+    """Settings as JSON."""
     chosen = found.settings
-    normalise = chosen.normalise.value if isinstance(chosen.normalise, Normalise) else chosen.normalise
     return {
         "frames": str(chosen.rule),
         "frames_a_clip": chosen.rule.count,
-        "full_colour": normalise if MOTION in chosen.kinds else None,
+        "full_colour": chosen.normalise.value if MOTION in chosen.kinds else None,
         "full_colour_px": found.full,
         "draws": chosen.draws,
         "seed": chosen.seed,
@@ -566,18 +492,15 @@ def _counts(side: Side) -> dict[str, Any]:
     return {"clips": len(side.lengths), "frames": sum(side.lengths), "pairs": pairs}
 
 
-def _pair(distance: Distance) -> list[float] | None:
-    return None if distance.interval is None else list(distance.interval)
-
-
 def _number(value: float | None) -> str:
     if value is None:
         return "-"
-    return "0" if abs(value) < ROUNDING else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+    tiny = abs(value) < CONSTANTS.rounding
+    return "0" if tiny else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def _between(distance: Distance | None) -> str:
-    if distance is None or distance.interval is None:
+def _between(distance: Distance) -> str:
+    if distance.interval is None:
         return "-"
     low, high = distance.interval
     return f"[{_number(low)}, {_number(high)}]"
@@ -591,73 +514,53 @@ def _sentences(
     found: Measured, heads: Mapping[str, str], tools: Mapping[str, Any], comparable: bool
 ) -> Iterator[str]:
     """The order of the methods, and what limits it."""
-    if len(found.methods) == 1:
-        [name] = found.methods
-        values = []
-        for kind, one in found.found.items():
-            distance = one.frechet[name]
-            after = "" if distance.interval is None else f" {_between(distance)}"
-            values.append(f"{heads[kind]} {_number(distance.value)}{after}")
-        yield f"{name}: {'; '.join(values)}."
-    else:
-        for kind, one in found.found.items():
-            order = sorted(found.methods, key=lambda name: one.frechet[name].value)
-            names = order[:1]
-            for before, name in pairwise(order):
-                more = one.apart(name, before)
-                sure = more.interval is None or more.interval[0] > 0
-                names.append(name if sure else f"{name} (not surely farther: in {_share(more)} of the draws)")
-            yield f"By {heads[kind]}, the nearest first: {', '.join(names)}."
-    least = min(len(side.lengths) for side in (found.reference, *found.methods.values()))
-    if least < FEW:
-        clips = "clip" if least == 1 else "clips"
-        yield f"A side of {least} {clips} is small: below {FEW}, distances and intervals say little of others."
-    if not comparable:
-        what = (
-            "colours and edges in fields of the picture" if tools["features"] == "bank" else tools["features"]
-        )
-        yield (
-            f"NOT comparable with published FIDs: these are distances of {what}. Name the Inception file with "
-            "--features inception:PATH for those; see docs/fid.md."
-        )
-
-
-def _tables(found: Measured, heads: Mapping[str, str]) -> Iterator[Table]:
-    for kind, all_of in found.found.items():
-        by_kid = heads[kind].replace("FID", "KID")
-        lines = []
-        for name, side in found.methods.items():
-            one, kernel = all_of.frechet[name], all_of.kernel[name]
-            clips, pictures = str(len(side.lengths)), str(side.count(kind))
-            by_kernel = _number(kernel.value if kernel else None), _between(kernel)
-            lines.append((name, clips, pictures, _number(one.value), _between(one), *by_kernel))
-        note = f"Reference: {len(found.reference.lengths)} clips, {found.reference.count(kind)} pictures."
-        if all_of.halves is not None:
-            note += (
-                f" One half of its clips is {_number(all_of.halves)} from the other: about what no difference looks "
-                "like among half as many."
-            )
-        yield Table(
-            ("method", "clips", "pictures", heads[kind], "95 %", by_kid, "95 %"), tuple(lines), note=note
-        )
-
-
-def _apart(found: Measured, heads: Mapping[str, str]) -> Section:
-    first, *others = found.methods
-    tables = []
     for kind, one in found.found.items():
-        lines = []
-        for name in others:
-            more, kernel = one.apart(name, first), one.apart_by_kernel(name, first)
-            by_kernel = "-" if kernel is None else f"{kernel.value:+.3g}", _between(kernel)
-            lines.append((name, f"{more.value:+.3g}", _between(more), _share(more), *by_kernel))
-        by_kid = heads[kind].replace("FID", "KID")
-        tables.append(Table(("method", heads[kind], "95 %", "farther in", by_kid, "95 %"), tuple(lines)))
-    sentence = (
-        f"How much farther from the reference than {first} each is, and in how many of the draws; all share the draws, "
-        "so that what methods have in common cancels."
-    )
-    return Section(f"Against {first}", (sentence,), tuple(tables))
+        order = sorted(found.methods, key=lambda name: one.frechet[name].value)
+        if len(order) == 1:
+            distance = one.frechet[order[0]]
+            yield f"{order[0]}: {heads[kind]} {_number(distance.value)}, 95 %: {_between(distance)}."
+            continue
+        names = order[:1]
+        for before, name in pairwise(order):
+            more = one.apart(name, before)
+            sure = more.interval is None or more.interval[0] > 0
+            names.append(name if sure else f"{name} (not surely farther: in {_share(more)} of the draws)")
+        yield f"By {heads[kind]}, the nearest first: {', '.join(names)}."
+    if not comparable:
+        yield (
+            f"NOT comparable with published FIDs: these are distances of {tools['features']}, colours and edges in "
+            "fields of the picture. Name the Inception file with --features inception:PATH for those; see docs/fid.md."
+        )
+
+
+def _table(found: Measured, kind: str, head: str) -> Table:
+    one = found.found[kind]
+    first, *others = found.methods
+    lines = []
+    for name, side in found.methods.items():
+        distance = one.frechet[name]
+        line = [
+            name,
+            str(len(side.lengths)),
+            str(side.count(kind)),
+            _number(distance.value),
+            _between(distance),
+        ]
+        if others:
+            more = one.apart(name, first)
+            line += ["-"] * 3 if name == first else [f"{more.value:+.3g}", _between(more), _share(more)]
+        lines.append(tuple(line))
+    note = f"Reference: {len(found.reference.lengths)} clips, {found.reference.count(kind)} pictures."
+    if one.halves is not None:
+        note += (
+            f" One half of its clips is {_number(one.halves)} from the other: about what no difference looks like "
+            "among half as many."
+        )
+    heads = ("method", "clips", "pictures", head, "95 %")
+    if others:
+        heads += (f"farther than {first}", "95 %", "farther in")
+        note += " All methods share the draws, so that what they have in common cancels in differences."
+    return Table(heads, tuple(lines), note=note)
 
 
 def _how(found: Measured, tools: Mapping[str, Any]) -> Iterator[str]:
@@ -667,76 +570,36 @@ def _how(found: Measured, tools: Mapping[str, Any]) -> Iterator[str]:
         count += f" (but the first {tools['skipped']} of the methods')"
     note = _note(tools["features_note"])
     yield f"Frames: {count} of each clip, {chosen.rule}. Features: {tools['features']}, {note}."
-    if MOTION not in chosen.kinds:
-        return
-    if found.full is None:
+    if MOTION in chosen.kinds:
         full = "each picture's own fastest pixel, so that speed is not seen and noise is where nothing moves"
-    elif chosen.normalise is Normalise.REFERENCE:
-        full = f"{found.full:.4g} px, the speed of the reference's fastest pair ({PEAK} % of its pixels), for all clips"
-    else:
-        full = f"{found.full:.4g} px, for all clips"
-    yield (
-        f"Motion: flow from each frame to the next, by {tools['flow']} ({_note(tools['flow_note'])}), coloured as "
-        f"Baker et al. (2011) do; full colour is {full}."
-    )
+        if found.full is not None:
+            full = (
+                f"{found.full:.4g} px, the speed of the reference's fastest pair ({CONSTANTS.peak} % of its pixels), "
+                "for all clips"
+            )
+        yield (
+            f"Motion: flow from each frame to the next, by {tools['flow']} ({_note(tools['flow_note'])}), coloured as "
+            f"Baker et al. (2011) do; full colour is {full}."
+        )
 
 
 def _note(note: Mapping[str, Any]) -> str:
     return ", ".join(str(value) if key == "name" else f"{key} {value}" for key, value in note.items())
 
 
-def _plot(found: Measured, heads: Mapping[str, str]) -> Figure:
-    """Distances with their intervals: both kinds against each other, or the one alone."""
-    kinds = tuple(found.found)
-
-    def reach(distance: Distance) -> Any:
-        if distance.interval is None:
-            return None
-        low, high = distance.interval
-        return np.array([[max(distance.value - low, 0)], [max(high - distance.value, 0)]])
+def _plot(found: Measured, kind: str, head: str) -> Figure:
+    """Distances with their intervals, a line a method."""
 
     def draw(axes: Axes, palette: Palette) -> None:
-        for k, name in enumerate(found.methods):
-            spots = [found.found[kind].frechet[name] for kind in kinds]
-            two = len(kinds) > 1
-            axes.errorbar(
-                [spots[0].value], [spots[1].value if two else float(k)], label=name, elinewidth=0.8, capsize=2,
-                xerr=reach(spots[0]), yerr=reach(spots[1]) if two else None, markersize=4,
-                color=palette.lines[k % len(palette.lines)], fmt=MARKERS[k // len(palette.lines) % len(MARKERS)],
-            )  # fmt: skip
-        axes.set_xlabel(heads[kinds[0]])
-        if len(kinds) > 1:
-            axes.set_ylabel(heads[kinds[1]])
-            axes.set_ylim(bottom=0)
-        else:
-            axes.set_yticks([])
-            axes.set_ylim(-0.6, len(found.methods) - 0.2)
+        for k, distance in enumerate(found.found[kind].frechet.values()):
+            low, high = distance.interval or (distance.value, distance.value)
+            axes.plot([low, high], [k, k], color=palette.soft)
+            axes.plot(distance.value, k, "o", color=palette.blue, markersize=4)
+        axes.set_yticks(range(len(found.methods)), list(found.methods))
+        axes.set_ylim(len(found.methods) - 0.5, -0.5)
         axes.set_xlim(left=0)
-        if len(found.methods) > 1:
-            axes.legend(loc="best", fontsize=6, frameon=False, ncols=1 + len(found.methods) // 12)
+        axes.set_xlabel(head)
+        axes.set_position((0.24, 0.22, 0.72, 0.74))  # names need room
 
-    about = f"{' and '.join(heads[kind] for kind in kinds)} of every method, with 95 % intervals; nearer 0 is better."
-    return plotted(draw, about)
-
-
-def _sheets(found: Measured) -> Iterator[Figure]:
-    """Of each side, the middle clip: a row of frames and, between them below, their flow."""
-    for side in (found.reference, *found.methods.values()):
-        frames, moving = ([_small(picture) for picture in row] for row in side.shown)
-        wide = frames[0].shape[1]
-        page = np.full(
-            ((1 + bool(moving)) * (TILE + GAP) - GAP, len(frames) * (wide + GAP) - GAP, 3), 255, np.uint8
-        )
-        for line, row in enumerate((frames, moving)):
-            shift = (wide + GAP) // 2 if line and len(row) < len(frames) else 0
-            for k, picture in enumerate(row):
-                top, left = line * (TILE + GAP), shift + k * (wide + GAP)
-                page[top : top + TILE, left : left + wide] = picture[:, :wide]
-        what = "frames" + (" and the flow between them" if moving else "")
-        yield photo(page, f"{side.name}: {what}, {side.which}", ".png")
-
-
-def _small(picture: U8) -> U8:
-    height, width = picture.shape[:2]
-    size = max(1, round(width * TILE / height)), TILE
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    height = 20.0 + 6 * len(found.methods)
+    return plotted(draw, f"{head} of every method, with 95 % intervals; nearer 0 is better.", height=height)

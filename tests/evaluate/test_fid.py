@@ -76,7 +76,6 @@ def test_what_differs_is_farther(clips: Path, capsys: pytest.CaptureFixture[str]
     for row in (fast, still):
         assert row["motion_fid"] > 3 * alike["motion_fid"]
         assert row["motion_fid_more_sure"] == 1.0
-        assert row["motion_kid"] > alike["motion_kid"]
     assert painted["image_fid"] > 2 * max(alike["image_fid"], still["image_fid"])
     assert painted["motion_fid"] < fast["motion_fid"]
     for row in found["rows"]:
@@ -147,9 +146,7 @@ def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.Captu
     assert 0 < filmed["image_fid"] < 0.1 * painted["image_fid"]  # compressed, as videos are
 
 
-def test_a_page_with_plots_and_pictures(
-    clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_page_with_plots(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "page"
     arguments = [
         "evaluate",
@@ -166,7 +163,7 @@ def test_a_page_with_plots_and_pictures(
         assert "NOT comparable with published FIDs" in text
         assert "Image-FID, bank" in text
         assert "3 frames, evenly" in text
-    assert page.count("<img ") == 3  # the plot, the reference, the clips
+    assert page.count("<img ") == 2  # a plot of each kind
     assert json.loads((out / "result.json").read_text())["rows"][0]["frames"] == 36
 
 
@@ -204,20 +201,6 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
     (root / "mute").mkdir()
     (root / "mute" / "clips.json").write_text('{"frames": 8}')
     (root / "weights.pth").write_bytes(b"no archive")
-    (root / "judge.py").write_text(
-        "import numpy as np\n"
-        "def build(): return lambda p: np.full((len(p), 4), np.nan)\n"
-        "def wrong(): return lambda p: p\n"
-        "def none(): return None\n"
-        "def lame(): raise RuntimeError('no weights here')\n"
-        "def weak():\n"
-        "    def look(p):\n"
-        "        raise ValueError('too dark')\n"
-        "    return look\n"
-        "def torn(): return lambda p: [[1, 2], [3]]\n"
-    )
-    (root / "rash.py").write_text("import json\n\njson.loads('{')\n")
-    judge = f"module:{root / 'judge.py'}"
     return {
         "nothing": ([], ["has nothing to compare with the reference"]),
         "absent": ([str(root / "nowhere")], ["no such file or folder"]),
@@ -233,19 +216,9 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "no size": ([str(root / "mute")], ["clips.json: frame: null is not the width and height"]),
         "unnamed file": ([true, "--features", "inception"], ['--features: "inception" names no file']),
         "no file": ([true, "--features", "inception:/nowhere.pt"], ['"/nowhere.pt" no such file']),
-        "bank of": ([true, "--features", "bank:3"], ['--features: "bank:3" names weights for what has none']),
+        "bank of": ([true, "--features", "bank:3"], ['--features: "features=bank:3" names weights for what has none']),
         "no script": ([true, "--features", f"inception:{root / 'weights.pth'}"], ["to be a TorchScript file"]),
-        "not finite": ([true, "--features", f"{judge}:build"], ["--features: gives numbers that are not finite"]),
-        "no rows": ([true, "--features", f"{judge}:wrong"], ["not one row each"]),
-        "no callable": ([true, "--features", f"{judge}:none"], ["gives NoneType, which cannot be called"]),
-        "no factory": ([true, "--features", f"{judge}:lost"], ["has no lost that can be called"]),
-        "raises": ([true, "--features", f"{judge}:lame"], ["RuntimeError: no weights here, at judge.py:5; mend"]),
-        "raises late": ([true, "--features", f"{judge}:weak"], ["fails: ValueError: too dark, at judge.py:8"]),
-        "uneven rows": ([true, "--features", f"{judge}:torn"], [":torn\" fails: ValueError"]),
-        "rash": ([true, "--features", f"module:{root / 'rash.py'}:f"], ["imported (JSONDecodeError", "rash.py:3"]),
         "twice": (["--method", f"a={true}", "--method", f"a={one}"], ['--method: "a" stands for two methods']),
-        "device": ([true, "--device", "cuda"], ['"cuda" has no model to run there: bank and dis need no model']),
-        "no module": ([true, "--features", "module:nowhere_at_all:f"], ["cannot be imported"]),
         "raft": ([true, "--flow", "raft:/nowhere.pth"], ["--flow: ", "needs torchvision", "physgen[raft]"]),
         "name": ([one, "--method", f"reference={one}"], ["is the other side's name"]),
     }  # fmt: skip
@@ -304,7 +277,12 @@ def test_faults_are_told(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize(
-    ("network", "expected"), [("Plain", "takes no return_features"), ("Narrow", "not (")]
+    ("network", "expected"),
+    [
+        ("Plain", "takes no return_features: is not that network"),
+        ("Narrow", "2048): is not that network"),
+        ("Blank", "gives numbers that are not finite"),
+    ],
 )
 def test_a_script_that_is_another_network(
     clips: Path, tmp_path: Path, network: str, expected: str, capsys: pytest.CaptureFixture[str]
@@ -320,8 +298,7 @@ def test_a_script_that_is_another_network(
         f"inception:{file}",
     ]
     assert main(["evaluate", "fid", *arguments, "--draws", "0"]) == 2
-    assert expected in (said := capsys.readouterr().err)
-    assert "is not that network" in said
+    assert expected in capsys.readouterr().err
 
 
 def test_a_persons_own_file_is_called_as_the_official_one_is(
@@ -346,8 +323,6 @@ def test_a_persons_own_file_is_called_as_the_official_one_is(
     assert found["settings"]["features_of_a_picture"] == {"image": 2048, "motion": 2048}
     (row,) = found["rows"]
     assert row["motion_fid"] > 0
-    assert row["motion_fid_95"] is row["motion_kid"] is None
+    assert row["motion_fid_95"] is None
     assert "5 pictures for 2048 features: fewer pictures make a Fréchet distance larger" in printed.err
-    assert "is a single clip: no interval, no KID" in printed.err
-    assert main(["evaluate", "fid", *arguments]) == 0
-    assert "A side of 1 clip is small" in capsys.readouterr().out
+    assert "is a single clip: no interval" in printed.err

@@ -1,4 +1,4 @@
-"""The Fréchet distance against torchmetrics, scipy's root of a matrix, and closed forms; KID against a plain sum."""
+"""The Fréchet distance against torchmetrics, scipy's root of a matrix, and closed forms."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import pytest
 import scipy.linalg
 import torch
 from torchmetrics.image.fid import FrechetInceptionDistance
-from torchmetrics.image.kid import KernelInceptionDistance
 
-from physgen.evaluate.fid import Moments, blocks, cloud, distances, frechet, kid, moments
+from physgen.evaluate.fid import Moments, cloud, distances, frechet, moments
 
 RANDOM = np.random.default_rng
 
@@ -109,52 +108,6 @@ def test_weights_are_repetitions() -> None:
     one, other = moments(features, often.astype(float)), moments(np.repeat(features, often, axis=0))
     assert np.allclose(one.root.T @ one.root, other.root.T @ other.root)
     assert np.allclose(one.mean, other.mean)
-
-
-def test_kid_of_single_frames_is_that_of_torchmetrics() -> None:
-    one, other = correlated(7, 60, 24) / 5, correlated(8, 60, 24) / 5
-    judge = KernelInceptionDistance(feature=Passed(24), subsets=1, subset_size=60, normalize=True)
-    judge.used_custom_model = True
-    for real, features in ((True, one), (False, other)):
-        pictures = np.zeros((60, 3 * 8 * 8))
-        pictures[:, :24] = features
-        judge.update(torch.from_numpy(pictures).reshape(-1, 3, 8, 8), real=real)
-    found = distances(cloud(one[:, None]), {"it": cloud(other[:, None])}, draws=0).kernel["it"]
-    assert found is not None
-    assert found.value == pytest.approx(float(judge.compute()[0]), rel=1e-4)
-
-
-def test_kid_leaves_out_pairs_of_one_clip() -> None:
-    """Frames that repeat each other tell nothing new: KID does not change, though there are three times as many."""
-    one, other = correlated(9, 12, 5) / 4, correlated(10, 15, 5) / 4
-    each = distances(cloud(one[:, None]), {"it": cloud(other[:, None])}, draws=0).kernel["it"]
-    thrice = distances(
-        cloud(np.repeat(one[:, None], 3, axis=1)),
-        {"it": cloud(np.repeat(other[:, None], 3, axis=1))},
-        draws=0,
-    ).kernel["it"]
-    assert each is not None
-    assert thrice is not None
-    assert each.value == pytest.approx(thrice.value)
-    clips = np.zeros(3, int)
-    single = blocks(one[:3], clips, one[:3], clips)
-    assert kid(single, single, single, np.ones(1), np.ones(1)) is None
-
-
-def test_kid_has_no_bias_and_fid_has() -> None:
-    """Two sets of one distribution: KID is around 0 on the mean, and the Fréchet distance grows as sets shrink."""
-    random, kids, fids = RANDOM(11), [], {10: [], 40: []}
-    for _ in range(60):
-        for count in fids:
-            walks = random.normal(size=(2, count, 1, 8)) + 0.1 * random.normal(size=(2, count, 4, 8))
-            found = distances(cloud(walks[0]), {"it": cloud(walks[1])}, draws=0)
-            fids[count].append(found.frechet["it"].value)
-            if count == 40:
-                kernel = found.kernel["it"]
-                assert kernel is not None
-                kids.append(kernel.value)
-    assert abs(np.mean(kids)) < 3 * np.std(kids) / np.sqrt(len(kids))
-    assert np.mean(fids[10]) > 3 * np.mean(fids[40])
 
 
 def test_intervals_are_of_clips_not_of_frames() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from physgen.evaluate.backends.roles import F32, F64, U8, Features
+from physgen.evaluate.fid import F32, F64, U8, Features
 
 SIDE = 128
 """px."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from physgen.evaluate.backends.roles import F64, U8, Features
+from physgen.evaluate.fid import F64, U8, Features
 from physgen.perceive.backends.models import (
     Flag,
     check_torchscript,

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from physgen.evaluate.backends.roles import F32, U8, Flow
+from physgen.evaluate.fid import F32, U8, Flow
 
 
 class Dis:

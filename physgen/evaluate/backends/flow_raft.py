@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from physgen.evaluate.backends.roles import F32, U8, Flow
+from physgen.evaluate.fid import F32, U8, Flow
 from physgen.perceive.backends.models import Flag, device_of, free_memory, load_weights, run_note
 from physgen.problems import InputError
 from physgen.registry import Setup
