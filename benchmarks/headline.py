@@ -88,7 +88,7 @@ def found(path: Path, truth: Path) -> dict:
     maps = pipeline.percepts(pipeline.load(path))
     assert maps is not None
     said, known = (list(patches(ids).values()) for ids in (maps.labels, true.astype(np.uint16)))
-    judged = judge(overlaps(said, known), np.ones(len(said)), np.zeros(len(known), np.bool_))
+    judged = judge(overlaps(said, known), np.ones(len(said)))
     hits = judged.overlap[judged.right]
     return {"true": len(known), "met": len(hits), "iou": round(float(hits.mean()), 3) if len(hits) else None}
 

@@ -74,13 +74,9 @@ def segmentation(folder: Path) -> list[dict]:
             cpu = (process_time() - before) / len(some)
             if way == "both":
                 rows += [{"set": name, "way": way, **row} for row in found.rows]
-            total = found.totals["all"]
-            rows.append(
-                {
-                    "set": name, "way": way, "photo": "", **total["micro"], "ap50": total["ap50"],
-                    "whole": found.totals["whole"]["micro"], "error": found.reliability.error, "cpu": cpu,
-                }
-            )  # fmt: skip
+            total = {key: value for key, value in found.total.items() if key not in ("ap", "ap_by_iou")}
+            error = found.reliability.error
+            rows.append({"set": name, "way": way, "photo": "", **total, "error": error, "cpu": cpu})
     return rounded(rows)
 
 

@@ -458,7 +458,7 @@ def _segmentation(rows: list[dict]) -> list[str]:
 
     sets = [
         [
-            row["set"], row["way"], *cells(row), *cells(row["whole"])[3:5],
+            row["set"], row["way"], *cells(row),
             "-" if row["ap50"] is None else f"{row['ap50']:.2f}", f"{row['error']:.2f}", f"{row['cpu']:.1f}",
         ]
         for row in rows
@@ -471,9 +471,9 @@ def _segmentation(rows: list[dict]) -> list[str]:
         "",
         "Without masks, at an intersection over union of 0.5, see [segmentation.md](segmentation.md). Tune and",
         "test are halves of the studio's photos, homes those of `studio/segmentation/validation`, peers real photos.",
-        "Whole: without objects that the border cuts. Error: of confidences. CPU: seconds a photo.",
+        "Error: of confidences. CPU: seconds a photo.",
         "",
-        *_table(["set", "by", *counts, "whole: precision", "recall", "AP50", "error", "CPU"], sets),
+        *_table(["set", "by", *counts, "AP50", "error", "CPU"], sets),
         "",
         "Each photo, by both:",
         "",

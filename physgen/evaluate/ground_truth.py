@@ -1,8 +1,7 @@
-"""Photos with true masks: label maps beside photos, folders of both, or COCO files."""
+"""Photos with true masks: label maps beside photos, photos with their assets as `perceive` writes them, COCO files."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import read_labels
-from physgen.perceive.import_coco import CocoImage, coco_photos, coco_strays, decode_segmentation
+from physgen.perceive.import_coco import CocoImage, coco_photos, decode_segmentation
 from physgen.photos import read_photo
 from physgen.problems import InputError, Place, Problem, Severity
 
@@ -22,13 +21,11 @@ ENDINGS = (".png", ".jpg", ".jpeg", ".webp")
 """Of photos."""
 LABELS = ".labels.png"
 """Ends the name of a label map beside its photo."""
-PHOTOS, MAPS, ASSETS = ("photo", "original"), ("masks.png", "mask.png"), "photo.assets"
-"""Names in a folder that holds one photo."""
+ASSETS = "photo.assets/masks.png"
+"""The label map of a folder that holds one `photo.*`."""
 UNJUDGED = 65535
 """Id in a 16-bit label map where truth is unknown."""
-MOST_OBJECTS = 10_000
-"""On a photo."""
-HOW = "put NAME.labels.png beside each NAME.png, masks.png beside each photo.png in folders, or a COCO file with them"
+HOW = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each photo.png in folders, or name a COCO file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +55,6 @@ class Patch:
     def box(self) -> tuple[int, int, int, int]:
         """Left, top, right, bottom px; the last two just outside."""
         return self.x, self.y, self.x + self.mask.shape[1], self.y + self.mask.shape[0]
-
-    def cut_by(self, size: tuple[int, int]) -> bool:
-        """Whether it touches the border of a photo of `size` (W, H), which then probably cuts the object off."""
-        left, top, right, bottom = self.box
-        return bool(self.mask.size) and (left <= 0 or top <= 0 or right >= size[0] or bottom >= size[1])
 
     def part(self, where: Mask) -> Mask:
         """(h, w): the pixels of a whole photo's `where` (H, W) below the cut-out."""
@@ -103,13 +95,6 @@ class Truth:
     masks: tuple[Patch, ...]
     unjudged: Mask
     """(H, W): where truth is unknown."""
-    labels: tuple[str, ...] = ()
-    """COCO's category of each; none of a label map."""
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """W, H px."""
-        return self.rgb.shape[1], self.rgb.shape[0]
 
 
 @dataclass(frozen=True)
@@ -129,57 +114,35 @@ class Pair:
             return self._annotated(self.coco, rgb)
         labels = read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
-            found = f"{labels.shape[1]} x {labels.shape[0]} px"
-            expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
-            raise InputError.of(str(self.truth), found, expected, "make it the photo's size")
+            raise self._size(labels.shape[1], labels.shape[0], rgb)
         unjudged = labels == UNJUDGED
-        masks = tuple(patches(np.where(unjudged, np.uint16(0), labels)).values())
-        self._refuse_many(len(masks))
-        return Truth(rgb, masks, unjudged)
+        return Truth(rgb, tuple(patches(np.where(unjudged, np.uint16(0), labels)).values()), unjudged)
+
+    def _size(self, width: int, height: int, rgb: NDArray[np.uint8]) -> InputError:
+        expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
+        return InputError.of(str(self.truth), f"{width} x {height} px", expected, "make it the photo's size")
 
     def _annotated(self, coco: CocoImage, rgb: NDArray[np.uint8]) -> Truth:
         size = rgb.shape[1], rgb.shape[0]
-        self._refuse_many(len(coco.annotations))
         if coco.size is not None and coco.size != size:
-            found = f"{coco.size[0]} x {coco.size[1]} px"
-            expected = f"are given for {self.photo.name}, which has {size[0]} x {size[1]}"
-            raise InputError.of(str(self.truth), found, expected, "annotate the photo as it is")
-        unjudged = np.zeros(rgb.shape[:2], np.bool_)
-        masks, labels, problems = list[Patch](), list[str](), list[Problem]()
-
-        def wrong(number: object, expected: str, fix: str) -> None:
-            problems.append(Problem(Place(str(self.truth)), self.name, f"annotation {number}", expected, fix))
-
+            raise self._size(*coco.size, rgb)
+        unjudged, masks, problems = np.zeros(rgb.shape[:2], np.bool_), list[Patch](), list[Problem]()
         for crowd, regions in ((False, coco.annotations), (True, coco.crowds)):
             for number, annotation in enumerate(regions):
-                number = annotation.get("id", number)
                 try:
                     mask = decode_segmentation(annotation.get("segmentation"), size)
                 except ValueError as error:
-                    wrong(number, str(error), "export it again")
+                    found = f"annotation {annotation.get('id', number)}"
+                    place = Place(str(self.truth))
+                    problems.append(Problem(place, self.name, found, str(error), "export it again"))
                     continue
                 if crowd:
                     unjudged |= mask
-                elif not mask.any() and _outside(annotation.get("segmentation"), size):
-                    wrong(number, "lies outside the photo", "leave it out, or mend its outline")
                 else:
                     masks.append(Patch.of(mask))
-                    labels.append(coco.label(annotation))
         if problems:
             raise InputError(problems)
-        return Truth(rgb, tuple(masks), unjudged, tuple(labels))
-
-    def _refuse_many(self, count: int) -> None:
-        if count > MOST_OBJECTS:
-            fix = "give each object one id, without smoothing"
-            raise InputError.of(str(self.truth), f"{count:,} objects", "are more than a scene holds", fix)
-
-
-def _outside(outline: object, size: tuple[int, int]) -> bool:
-    """Whether polygons have no point within a photo of `size` (W, H); one smaller than a pixel may lie within."""
-    points = [part for polygon in outline for part in polygon] if isinstance(outline, list) else []
-    xy = np.asarray(points, np.float64).reshape(-1, 2)
-    return not ((xy >= 0) & (xy <= size)).all(axis=1).any()
+        return Truth(rgb, tuple(masks), unjudged)
 
 
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
@@ -187,107 +150,52 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     if not folder.exists():
         raise InputError.of(str(folder), "", "no such folder", "check the path")
     if folder.is_file() and folder.suffix.lower() == ".json":
-        return _named(list(_coco(folder)), folder.parent), _strays(folder)
+        return _named([Pair(image.file, folder, image) for image in coco_photos(folder)], folder.parent), []
     if not folder.is_dir():
         raise InputError.of(str(folder), "", "is not a folder", "name the folder that holds the photos")
-    found: list[Pair] = []
-    alone: list[Path] = []
-    inner = (p for p in folder.rglob("*") if p.is_dir() and not _hidden(p, folder))
-    for place in (folder, *sorted(inner)):
-        if place.suffix != ".assets":  # a scene's maps
-            more, lonely = _beside(place)
-            found, alone = found + more, alone + lonely
-        found += [pair for pair in _of_folder(place) if pair.photo not in {other.photo for other in found}]
-    strays: list[Problem] = []
-    for file in sorted(folder.glob("*.json")):
-        if _is_coco(file):
-            found += _coco(file)
-            strays += _strays(file)
+    found, warnings = list[Pair](), list[Problem]()
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not _hidden(path, folder)]
+    photos = [path for path in files if path.suffix.lower() in ENDINGS and not path.name.endswith(LABELS)]
+    for path in photos:
+        beside, assets = path.with_name(path.stem + LABELS), path.parent / ASSETS
+        truth = beside if beside.is_file() else assets if path.stem == "photo" else None
+        if truth is not None and truth.is_file():
+            found.append(Pair(path, truth))
+        else:
+            expected = "is left out: it has no label map"
+            warnings.append(Problem(Place(str(path)), "", "", expected, HOW, Severity.WARNING))
     if not found:
         raise InputError.of(str(folder), "", "holds no photo with a label map", HOW)
-    taken = {pair.photo for pair in found} | {pair.truth for pair in found}
-    warnings = []
-    for path in alone:
-        if path not in taken:
-            no_photo = path.name.endswith(LABELS)
-            expected = "has no photo" if no_photo else "is left out: it has no label map"
-            fix = "name both alike" if no_photo else HOW
-            warnings.append(Problem(Place(str(path)), "", "", expected, fix, Severity.WARNING))
-    return _named(found, folder), [*warnings, *strays]
+    matched: dict[Path, Path] = {}
+    for one in found:
+        other = matched.setdefault(one.truth, one.photo)
+        if other != one.photo:
+            names = f"{other.name} and {one.photo.name}"
+            raise InputError.of(str(one.truth), names, "could both be its photo", "keep one of them")
+    for path in files:
+        if path.name.endswith(LABELS) and path not in matched:
+            place = Place(str(path))
+            warnings.append(Problem(place, "", "", "has no photo", "name both alike", Severity.WARNING))
+    return _named(found, folder), warnings
 
 
 def _hidden(path: Path, folder: Path) -> bool:
-    return any(part.startswith(".") for part in path.relative_to(folder).parts)
-
-
-def _photos(folder: Path, stem: str) -> list[Path]:
-    """Photos of a name, whatever their ending."""
-    literal = re.sub(r"([*?[])", r"[\1]", stem)
-    return [p for p in sorted(folder.glob(f"{literal}.*")) if p.stem == stem and _is_photo(p)]
-
-
-def _is_photo(path: Path) -> bool:
-    return path.suffix.lower() in ENDINGS and not path.name.endswith(LABELS) and path.is_file()
-
-
-def _beside(folder: Path) -> tuple[list[Pair], list[Path]]:
-    """`NAME.png` with `NAME.labels.png`, and the files of such a folder without a partner."""
-    found, alone = [], []
-    for path in [p for p in sorted(folder.glob(f"*{LABELS}")) if p.is_file()]:
-        photos = _photos(folder, path.name.removesuffix(LABELS))
-        if len(photos) > 1:
-            names = " and ".join(p.name for p in photos)
-            raise InputError.of(str(path), names, "could both be its photo", "keep one of them")
-        if photos:
-            found.append(Pair(photos[0], path))
-        else:
-            alone.append(path)
-    matched = {pair.photo for pair in found}
-    alone += [p for p in sorted(folder.iterdir()) if _is_photo(p) and p not in matched and p.name not in MAPS]
-    return found, alone
-
-
-def _of_folder(folder: Path) -> list[Pair]:
-    """`photo.png` or `original.png` with `masks.png` or `mask.png`, there or in `photo.assets/`."""
-    photos = [p for stem in PHOTOS for p in _photos(folder, stem)]
-    maps = [folder / inner / name for inner in ("", ASSETS) for name in MAPS]
-    truth = next((p for p in maps if p.is_file()), None)
-    return [Pair(photos[0], truth)] if photos and truth else []
-
-
-def _is_coco(file: Path) -> bool:
-    """Whether a JSON file, which may be anything, lists photos and annotations."""
-    try:
-        data = json.loads(file.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(data, dict) and isinstance(data.get("annotations"), list) and bool(data.get("images"))
-
-
-def _coco(file: Path) -> Iterator[Pair]:
-    for image in coco_photos(file):
-        yield Pair(image.file, file, image)
-
-
-def _strays(file: Path) -> list[Problem]:
-    """A warning of annotations without a photo: detections of those objects would count as false."""
-    count = coco_strays(file)
-    if not count:
-        return []
-    found = f"{count} annotation{'s' * (count > 1)}"
-    fix = "give each the image_id of a photo"
-    return [Problem(Place(str(file)), "", found, "of no photo in it: left out", fix, Severity.WARNING)]
+    """Whether it lies in a hidden folder, or among the maps of a scene."""
+    parts = path.relative_to(folder).parts
+    return any(part.startswith(".") or part.endswith(".assets") for part in parts)
 
 
 def _named(found: list[Pair], folder: Path) -> list[Pair]:
     """The pairs by name: a photo's path in the folder, or its own folder's where that holds one photo."""
+    return sorted(_names(found, folder), key=lambda pair: pair.name)
+
+
+def _names(found: list[Pair], folder: Path) -> Iterator[Pair]:
     used: dict[str, int] = {}
-    result = []
     for pair in found:
         way = pair.photo.relative_to(folder) if pair.photo.is_relative_to(folder) else Path(pair.photo.name)
-        alone = pair.photo.stem in PHOTOS and pair.coco is None and not pair.truth.name.endswith(LABELS)
+        alone = pair.truth == pair.photo.parent / ASSETS
         parts = way.parent.parts or (folder.resolve().name,) if alone else way.with_suffix("").parts
         name = re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo"
         used[name] = used.get(name, 0) + 1
-        result.append(replace(pair, name=name if used[name] == 1 else f"{name}-{used[name]}"))
-    return sorted(result, key=lambda pair: pair.name)
+        yield replace(pair, name=name if used[name] == 1 else f"{name}-{used[name]}")

@@ -1,14 +1,13 @@
 """Objects found on photos against true masks, matched as COCO does: counts, average precision, calibration.
 
 T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014), and `pycocotools.cocoeval`, with which tests
-compare. Counts are taken over all true objects, and over whole ones: objects cut by the photo's border may then be
-found or missed without effect.
+compare.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,6 @@ from numpy.typing import NDArray
 from physgen import registry
 from physgen.evaluate.ground_truth import Mask, Pair, Patch, Truth, patches
 from physgen.evaluate.measure import (
-    PAGE,
     RESULT,
     Bar,
     Figure,
@@ -48,17 +46,12 @@ Floats = NDArray[np.float64]
 Detections = tuple[tuple[Patch, ...], Floats]
 """Masks, and confidences (N,)."""
 
-IOU = 0.5
-"""At which counts are taken."""
 THRESHOLDS: tuple[float, ...] = tuple(np.linspace(0.5, 0.95, 10).tolist())
-"""COCO's, of IoU."""
+"""COCO's, of IoU; counts are taken at the first."""
 RECALLS = np.linspace(0.0, 1.0, 101)
 """COCO's, at which precision is read."""
-DRAWN = (0.5, 0.75, 0.9)
-"""Thresholds of IoU with drawn curves."""
 BINS = 10
 """Of confidence."""
-SCOPES = {"all": "all objects", "whole": "whole objects only"}
 
 
 # ---- matching ----------------------------------------------------------------------------------------------------
@@ -83,46 +76,40 @@ class Judged:
     """(N,)."""
     match: NDArray[np.int64]
     """(N,): the true mask of each; -1 for none."""
-    counted: Mask
-    """(N,): false for matches with an ignored true mask, which are neither right nor false."""
     overlap: Floats
     """(N,): IoU with the match; 0 without."""
-    ignored: Mask
-    """(M,): true masks that may be found or missed without effect."""
+    true: int
+    """M."""
 
     @property
     def right(self) -> Mask:
-        """(N,): matched and counted."""
-        return self.counted & (self.match >= 0)
+        """(N,): whether it has a match."""
+        return self.match >= 0
 
     @property
     def missed(self) -> list[int]:
-        """True masks, not ignored ones, without a match."""
-        found = set(self.match.tolist())
-        return [j for j, out in enumerate(self.ignored.tolist()) if not out and j not in found]
+        """True masks without a match."""
+        return sorted(set(range(self.true)) - set(self.match.tolist()))
 
 
-def judge(overlap: Floats, confidence: Floats, ignored: Mask, threshold: float = IOU) -> Judged:
+def judge(overlap: Floats, confidence: Floats, threshold: float = THRESHOLDS[0]) -> Judged:
     """Match masks by falling confidence, each with the free true mask of largest `overlap` (N, M), `threshold` or
     more.
 
-    A true mask that counts goes before an ignored one (M,); of equal overlaps the last wins, of equal confidences the
-    first chooses, as in COCO. Every true mask is matched once.
+    Of equal overlaps the last wins, of equal confidences the first chooses, as in COCO. Every true mask is matched
+    once.
     """
     found, true = overlap.shape
-    match = np.full(found, -1, np.int64)
-    counts, free = np.ones(found, np.bool_), np.ones(true, np.bool_)
+    match, free = np.full(found, -1, np.int64), np.ones(true, np.bool_)
     least = min(threshold, 1 - 1e-10)
     for i in np.argsort(-confidence, kind="stable").tolist():
-        for group in (free & ~ignored, free & ignored):
-            near = np.flatnonzero(group & (overlap[i] >= least))
-            if len(near):
-                best = overlap[i, near]
-                j = int(near[len(near) - 1 - int(best[::-1].argmax())])
-                match[i], free[j], counts[i] = j, False, not ignored[j]
-                break
+        near = np.flatnonzero(free & (overlap[i] >= least))
+        if len(near):
+            best = overlap[i, near]
+            match[i] = near[len(near) - 1 - int(best[::-1].argmax())]
+            free[match[i]] = False
     achieved = np.where(match >= 0, overlap[np.arange(found), match] if true else 0.0, 0.0)
-    return Judged(np.asarray(confidence, np.float64), match, counts, achieved, ignored)
+    return Judged(np.asarray(confidence, np.float64), match, achieved, true)
 
 
 def counts(photos: Sequence[Judged]) -> dict[str, Any]:
@@ -131,9 +118,8 @@ def counts(photos: Sequence[Judged]) -> dict[str, Any]:
 
     None where a value has no meaning.
     """
-    found = sum(int(one.counted.sum()) for one in photos)
-    true = sum(int((~one.ignored).sum()) for one in photos)
-    reached = np.concatenate([one.overlap[one.right] for one in photos]) if photos else np.zeros(0)
+    found, true = sum(len(one.match) for one in photos), sum(one.true for one in photos)
+    reached = np.concatenate([one.overlap[one.right] for one in photos] or [np.zeros(0)])
     hit = len(reached)
     return {
         "said": found,
@@ -153,7 +139,7 @@ class Curve:
     confidence: Floats
     """Falling."""
     recall: Floats
-    """Rising."""
+    """Rising; NaN where nothing is true."""
     precision: Floats
 
     @property
@@ -161,34 +147,20 @@ class Curve:
         """(K,): the highest precision at this recall or a larger one."""
         return np.maximum.accumulate(self.precision[::-1])[::-1]
 
-    def points(self) -> list[dict[str, float | None]]:
-        """As JSON."""
-        columns = {
-            "confidence": self.confidence, "recall": self.recall, "precision": self.precision, "falling": self.falling,
-        }  # fmt: skip
-        return [
-            {name: _finite(values[k]) for name, values in columns.items()} for k in range(len(self.recall))
-        ]
-
 
 def curve(photos: Sequence[Judged]) -> Curve:
     """Of all photos together; of equal confidences, those of earlier photos come first."""
-    true = sum(int((~one.ignored).sum()) for one in photos)
-    parts = []
-    for one in photos:
-        order = np.argsort(-one.confidence, kind="stable")
-        order = order[one.counted[order]]
-        parts.append(np.stack([one.confidence[order], one.right[order]]))
-    confidence, right = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
+    confidence = np.concatenate([one.confidence for one in photos] or [np.zeros(0)])
+    right = np.concatenate([one.right for one in photos] or [np.zeros(0, np.bool_)])
     order = np.argsort(-confidence, kind="stable")
     hits = np.cumsum(right[order])
-    recall = hits / true if true else np.full(len(order), np.nan)
-    return Curve(confidence[order], recall, hits / np.arange(1, len(order) + 1))
+    true = sum(one.true for one in photos) or np.nan
+    return Curve(confidence[order], hits / true, hits / np.arange(1, len(order) + 1))
 
 
 def average_precision(photos: Sequence[Judged]) -> float | None:
     """COCO's AP at the threshold at which the photos were judged; None where nothing is true."""
-    if not any((~one.ignored).any() for one in photos):
+    if not any(one.true for one in photos):
         return None
     line = curve(photos)
     best = np.append(line.falling, 0.0)  # 0 beyond the largest recall
@@ -216,34 +188,24 @@ class Reliability:
         off = np.where(self.count > 0, np.abs(self.right - self.confidence), 0.0)
         return float((self.count * off).sum() / total)
 
-    def as_dict(self) -> dict[str, Any]:
-        bins = [
-            {
-                "from": round(float(self.edges[k]), 9),
-                "to": round(float(self.edges[k + 1]), 9),
-                "count": int(self.count[k]),
-                "confidence": _finite(self.confidence[k]),
-                "right": _finite(self.right[k]),
-            }
-            for k in range(len(self.count))
-        ]
-        return {"error": self.error, "bins": bins}
+    def bins(self) -> list[dict[str, Any]]:
+        """As JSON."""
+        columns = self.edges[:-1], self.edges[1:], self.count, self.confidence, self.right
+        names = ("from", "to", "count", "confidence", "right")
+        rows = [dict(zip(names, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
+        return [{key: None if np.isnan(value) else value for key, value in row.items()} for row in rows]
 
 
 def reliability(photos: Sequence[Judged]) -> Reliability:
     """Of all photos together."""
-    confidence = np.concatenate([one.confidence[one.counted] for one in photos] or [np.zeros(0)])
-    right = np.concatenate([one.right[one.counted].astype(np.float64) for one in photos] or [np.zeros(0)])
+    confidence = np.concatenate([one.confidence for one in photos] or [np.zeros(0)])
+    right = np.concatenate([one.right.astype(np.float64) for one in photos] or [np.zeros(0)])
     edges = np.linspace(0, 1, BINS + 1)
     place = np.clip(np.searchsorted(edges, confidence, side="left") - 1, 0, BINS - 1)
     count = np.bincount(place, minlength=BINS)
     with np.errstate(invalid="ignore"):
         means = [np.bincount(place, values, BINS) / count for values in (confidence, right)]
     return Reliability(edges, count, means[0], means[1])
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 # ---- the measure -------------------------------------------------------------------------------------------------
@@ -256,14 +218,12 @@ class Photo:
     name: str
     truth: Truth
     found: Detections
-    judged: Mapping[str, tuple[Judged, ...]]
-    """By scope, at each of COCO's thresholds."""
+    judged: tuple[Judged, ...]
+    """At each of COCO's thresholds."""
 
     def as_dict(self) -> dict[str, Any]:
-        """A row: counts at 0.5 over all objects; over whole ones under `whole`."""
-        every, whole = (counts([self.judged[scope][0]]) for scope in SCOPES)
-        cut = sum(patch.cut_by(self.truth.size) for patch in self.truth.masks)
-        return {"photo": self.name, **every, "cut": cut, "whole": whole}
+        """A row: counts at 0.5."""
+        return {"photo": self.name, **counts([self.judged[0]])}
 
 
 def masks_of(segments: Segments) -> Detections:
@@ -285,11 +245,7 @@ def judge_photo(name: str, truth: Truth, found: Detections) -> Photo:
         masks = tuple(Patch.of(known[k], masks[k].x, masks[k].y) for k in kept)
         confidence = confidence[kept]
     overlap = overlaps(masks, truth.masks)
-    cut = np.array([one.cut_by(truth.size) for one in truth.masks], np.bool_)
-    judged = {
-        scope: tuple(judge(overlap, confidence, ignored, threshold) for threshold in THRESHOLDS)
-        for scope, ignored in zip(SCOPES, (np.zeros(len(cut), np.bool_), cut), strict=True)
-    }
+    judged = tuple(judge(overlap, confidence, threshold) for threshold in THRESHOLDS)
     return Photo(name, truth, (masks, confidence), judged)
 
 
@@ -298,27 +254,17 @@ class Found:
     """Over all photos."""
 
     rows: list[dict[str, Any]]
-    totals: Mapping[str, dict[str, Any]]
-    """By scope: `micro`, `macro`, `ap50`, `ap`, and `ap_by_iou` at each of COCO's thresholds."""
-    labels: list[dict[str, Any]]
-    """By label of the true objects, where COCO's categories name it."""
-    curves: Mapping[str, Curve]
-    """By scope, at 0.5."""
-    strict: Mapping[float, Curve]
-    """By threshold of IoU, of all objects."""
+    """One a photo."""
+    total: Mapping[str, Any]
+    """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds."""
+    curve: Curve
+    """At 0.5."""
     reliability: Reliability
-    """Of all objects."""
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON, beside `rows`."""
-        return {
-            "iou": IOU,
-            "totals": self.totals,
-            "labels": self.labels,
-            "curve": {scope: line.points() for scope, line in self.curves.items()},
-            "curve_by_iou": {f"{threshold:g}": line.points() for threshold, line in self.strict.items()},
-            "reliability": self.reliability.as_dict(),
-        }
+        reliability = {"error": self.reliability.error, "bins": self.reliability.bins()}
+        return {"iou": THRESHOLDS[0], "total": self.total, "reliability": reliability}
 
 
 def evaluate(
@@ -341,166 +287,82 @@ def evaluate(
             problems += error.problems
     if problems:
         raise InputError(problems)
-    rows, names = [], list[tuple[str, ...]]()
-    judged = {scope: list[tuple[Judged, ...]]() for scope in SCOPES}
+    rows, judged = [], list[tuple[Judged, ...]]()
     for k, pair in enumerate(pairs):
         progress(pair.name, k, len(pairs))
         truth = pair.read()
         found = judge_photo(pair.name, truth, masks_of(segment(truth.rgb)))
         rows.append(found.as_dict())
-        names.append(truth.labels)
-        for scope in SCOPES:
-            judged[scope].append(found.judged[scope])
+        judged.append(found.judged)
         each(found)
-    at_half = {scope: [one[0] for one in judged[scope]] for scope in SCOPES}
-    every = judged["all"]
-    return Found(
-        rows,
-        {scope: _totals(rows, judged[scope], scope) for scope in SCOPES},
-        by_label(every, names),
-        {scope: curve(at_half[scope]) for scope in SCOPES},
-        {iou: curve([one[_at(iou)] for one in every]) for iou in DRAWN},
-        reliability(at_half["all"]),
-    )
-
-
-def _at(threshold: float) -> int:
-    return int(np.argmin(np.abs(np.array(THRESHOLDS) - threshold)))
-
-
-def by_label(judged: Sequence[tuple[Judged, ...]], names: Sequence[tuple[str, ...]]) -> list[dict[str, Any]]:
-    """Of each true label, the commonest first: `true`, `hit`, `recall` and `iou` at 0.5, `ar`: mean recall over
-    COCO's IoUs.
-
-    False detections have no label, so that there is no precision. Photos without labels are left out.
-    """
-    hits: dict[str, list[Floats]] = {}
-    for found, labels in zip(judged, names, strict=True):
-        reached = np.zeros((len(THRESHOLDS), len(labels)))
-        for t, one in enumerate(found):
-            if labels:
-                reached[t, one.match[one.right]] = one.overlap[one.right]
-        for k, label in enumerate(labels):
-            hits.setdefault(label or "without a label", []).append(reached[:, k])
-    rows = []
-    for label, columns in hits.items():
-        reached = np.stack(columns, axis=1)
-        half = reached[_at(IOU)]
-        hit = int((half > 0).sum())
-        row = {"label": label, "true": len(columns), "hit": hit, "recall": hit / len(columns)}
-        rows.append(
-            {**row, "iou": float(half[half > 0].mean()) if hit else None, "ar": float((reached > 0).mean())}
-        )
-    return sorted(rows, key=lambda one: (-one["true"], one["label"]))
-
-
-def _totals(
-    rows: Sequence[Mapping[str, Any]], judged: Sequence[tuple[Judged, ...]], scope: str
-) -> dict[str, Any]:
-    """Objects pooled, means over photos, and average precision at 0.5 and over COCO's thresholds."""
-    own = [row if scope == "all" else row["whole"] for row in rows]
-    values = {key: [row[key] for row in own if row[key] is not None] for key in SHARES}
-    ap = [average_precision([one[t] for one in judged]) for t in range(len(THRESHOLDS))]
+    by_iou = [[one[t] for one in judged] for t in range(len(THRESHOLDS))]
+    ap = [average_precision(photos) for photos in by_iou]
     known = [value for value in ap if value is not None]
-    return {
-        "micro": counts([one[0] for one in judged]),
-        "macro": {key: float(np.mean(some)) if some else None for key, some in values.items()},
+    total = {
+        **counts(by_iou[0]),
         "ap50": ap[0],
         "ap": float(np.mean(known)) if known else None,
         "ap_by_iou": [{"iou": round(iou, 2), "ap": value} for iou, value in zip(THRESHOLDS, ap, strict=True)],
     }
+    return Found(rows, total, curve(by_iou[0]), reliability(by_iou[0]))
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
 BARS = {"precision": "precision", "recall": "recall", "iou": "mean IoU"}
 """What a bar may be set for, of all objects of all photos."""
-COUNTS, SHARES = ("true", "said", "hit"), ("precision", "recall", "f", "iou")
 HEADS = ("photo", "true", "found", "hit", "precision", "recall", "F", "IoU")
-WHOLE = ("whole: true", "found", "hit", "precision", "recall", "F")
-CURVES = "Precision over recall"
+CURVES, CALIBRATION = "Precision over recall", "Calibration"
 PAPER = "The paper: precision 0.93 and recall 0.82 at the same IoU, on 10 photos of its own with 118 objects."
 
 
 def findings(found: Found, bars: Mapping[str, float]) -> Findings:
     """`bars`: the least that precision, recall or mean IoU of all objects together must be."""
-    micro = found.totals["all"]["micro"]
+    total, bins = found.total, found.reliability.bins()
     met = tuple(
-        Bar(f"{BARS[name]} of all together", _share(micro[name]), f"{bar:g}", (micro[name] or 0.0) >= bar)
+        Bar(f"{BARS[name]} of all together", _share(total[name]), f"{bar:g}", (total[name] or 0.0) >= bar)
         for name, bar in bars.items()
     )
-    sections = [Section("Photo by photo", (), (_photo_table(found),))]
-    if found.labels:
-        rows = tuple(
-            (
-                one["label"],
-                str(one["true"]),
-                str(one["hit"]),
-                *(_share(one[key]) for key in ("recall", "iou", "ar")),
-            )
-            for one in found.labels
-        )
-        note = (
-            "Labels are those of the truth; false detections have none, so that there is no precision. AR: recall, its "
-            "mean over IoU 0.50, 0.55 .. 0.95."
-        )
-        sections.append(
-            Section(
-                "By label", (), (Table(("label", "true", "hit", "recall", "IoU", "AR"), rows, note=note),)
-            )
-        )
+    rows = tuple(_cells(row) for row in (*found.rows, {"photo": "all together", **total}))
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
-    lines = tuple(
-        (name, *(_share(one["ap"]) for one in found.totals[scope]["ap_by_iou"]))
-        for scope, name in SCOPES.items()
+    by_iou = ("all objects", *(_share(one["ap"]) for one in total["ap_by_iou"]))
+    calibration = tuple(
+        (
+            f"{one['from']:.1f} to {one['to']:.1f}",
+            f"{one['count']:.0f}",
+            _share(one["confidence"]),
+            _share(one["right"]),
+        )
+        for one in bins
     )
-    sections.append(Section(CURVES, (), (Table(heads, lines),)))
+    sections = (
+        Section("Photo by photo", (), (Table(HEADS, rows),)),
+        Section(CURVES, (), (Table(heads, (by_iou,)),)),
+        Section(CALIBRATION, (), (Table(("confidence", "found", "mean", "share right"), calibration),)),
+    )
     sentences = (
-        f"On {counted(len(found.rows), 'photo')}, {micro['hit']} of {micro['true']} objects are found (recall "
-        f"{_share(micro['recall'])}), and {micro['hit']} of {micro['said']} detections are right (precision "
-        f"{_share(micro['precision'])}), at an IoU of {IOU:g} or more; mean IoU {_share(micro['iou'])}.",
-        *(
-            f"AP50 {_share(found.totals[scope]['ap50'])}, AP50:95 {_share(found.totals[scope]['ap'])}: {name}."
-            for scope, name in SCOPES.items()
-        ),
+        f"On {counted(len(found.rows), 'photo')}, {total['hit']} of {total['true']} objects are found (recall "
+        f"{_share(total['recall'])}), and {total['hit']} of {total['said']} detections are right (precision "
+        f"{_share(total['precision'])}), at an IoU of {THRESHOLDS[0]:g} or more; mean IoU {_share(total['iou'])}.",
+        f"AP50 {_share(total['ap50'])}, AP50:95 {_share(total['ap'])}.",
         f"Expected calibration error {_share(found.reliability.error)}: confidence against the share right.",
         PAPER,
     )
-    return Findings(
-        "segmentation", "Are objects found?", sentences, tuple(sections), found.rows, met, found.as_dict()
-    )
+    title = "Are objects found?"
+    return Findings("segmentation", title, sentences, sections, found.rows, met, found.as_dict())
 
 
 def _share(value: float | None) -> str:
     return number(value, ".3f")
 
 
-def _photo_table(found: Found) -> Table:
-    totals = found.totals
-    together, means = ({**totals["all"][kind], "whole": totals["whole"][kind]} for kind in ("micro", "macro"))
-
-    def cells(row: Mapping[str, Any], name: str) -> tuple[str, ...]:
-        whole = row["whole"]
-        return (
-            name,
-            *(str(row.get(key, "")) for key in COUNTS),
-            *(_share(row[key]) for key in SHARES),
-            *(str(whole.get(key, "")) for key in COUNTS),
-            *(_share(whole[key]) for key in SHARES[:3]),
-        )
-
-    rows = [*(cells(row, row["photo"]) for row in found.rows), cells(together, "all together")]
-    cut = sum(row["cut"] for row in found.rows)
-    them = f"the {cut} objects" if cut > 1 else "the object"
-    note = f"Whole: without {them} that a photo's border cuts off, which may be found or not." if cut else ""
-    return Table((*HEADS, *WHOLE), (*rows, cells(means, "mean of photos")), note=note)
+def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    numbers = (str(row[key]) for key in ("true", "said", "hit"))
+    return (row["photo"], *numbers, *(_share(row[key]) for key in ("precision", "recall", "f", "iou")))
 
 
-PLOTS = {
-    "precision-recall.svg": "Precision over recall at an IoU of 0.5: as it is (thin), and as AP reads it (bold).",
-    "precision-recall-by-iou.svg": "The same of all objects at three IoUs: how well outlines must fit.",
-    "reliability.svg": "Share that is right over confidence; on the diagonal, confidences can be believed.",
-}
+PLOTS = {CURVES: "precision-recall.svg", CALIBRATION: "reliability.svg"}
+"""File of each section's plot."""
 ON_PAGE = 24
 """Photos on the page; the folder has all."""
 
@@ -508,125 +370,88 @@ ON_PAGE = 24
 class Folder:
     """Writes marked photos and plots into a folder, made at once; files of an earlier run are replaced."""
 
-    def __init__(self, folder: Path, pairs: Sequence[Pair] = ()) -> None:
-        """Raises InputError where one of the measured `pairs` would be overwritten."""
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError where `photos` holds other files."""
         check_folder(folder, plots=True)
         self._photos, self._folder, self._pictures = folder / "photos", folder, list[Figure]()
-        ours = {(self._photos / f"{pair.name}.png").resolve() for pair in pairs}
-        ours |= {(folder / name).resolve() for name in (*PLOTS, PAGE, RESULT)}
-        fix = "name another folder with -o"
-        for path in (path for pair in pairs for path in (pair.photo, pair.truth)):
-            if path.resolve() in ours:
-                raise InputError.of("-o", f'"{path}"', "would be written over by the marked photos", fix)
         if self._photos.exists() and any(self._photos.iterdir()) and not (folder / RESULT).exists():
-            raise InputError.of("-o", f'"{self._photos}"', "holds files that are not of an earlier run", fix)
+            expected, fix = "holds files that are not of an earlier run", "name another folder with -o"
+            raise InputError.of("-o", f'"{self._photos}"', expected, fix)
         self._photos.mkdir(parents=True, exist_ok=True)
 
     def photo(self, found: Photo) -> None:
-        """`photos/NAME.png`: outlines of what is found, missed and false, with confidences."""
-        path = self._photos / f"{found.name}.png"
-        path.unlink(missing_ok=True)
-        picture = marked(found)
-        write_png(path, picture)
+        """`photos/NAME.png`: outlines of what is found, missed and false."""
+        picture, row = marked(found), found.as_dict()
+        write_png(self._photos / f"{found.name}.png", picture)
         if len(self._pictures) < ON_PAGE:
-            row = found.as_dict()
-            about = f"{found.name}: {row['hit']} of {row['true']} found, {row['said'] - row['hit']} false."
+            about = f"{found.name}: {row['hit']} of {row['true']} found (blue), {row['said'] - row['hit']} false (red)."
             self._pictures.append(photo(picture, about))
 
     def illustrated(self, findings: Findings, found: Found) -> Findings:
         """With plots, which are written as files too, and the marked photos."""
-        figures = list(plots(found))
-        for name, figure in zip(PLOTS, figures, strict=True):
-            assert isinstance(figure.picture, str)
-            write_atomic(self._folder / name, figure.picture.encode())
-        shown = findings.with_parts({CURVES: figures}, first=False)
-        sections = (*shown.sections, Section("The photos", (), tuple(self._pictures)))
-        return Findings(
-            shown.measure, shown.title, shown.sentences, sections, shown.rows, shown.bars, shown.more
-        )
+        figures = dict(zip(PLOTS, plots(found), strict=True))
+        for title, figure in figures.items():
+            write_atomic(self._folder / PLOTS[title], str(figure.picture).encode())
+        shown = findings.with_parts({title: (figure,) for title, figure in figures.items()}, first=False)
+        photos = Section("The photos", (), tuple(self._pictures))
+        return replace(shown, sections=(*shown.sections, photos))
 
 
 def plots(found: Found) -> Iterator[Figure]:
-    """The figures of `PLOTS`."""
-    known = {one["iou"]: one["ap"] for one in found.totals["all"]["ap_by_iou"]}
-    by_scope = {name: (found.curves[scope], found.totals[scope]["ap50"]) for scope, name in SCOPES.items()}
-    by_iou = {f"IoU {iou:.2f}": (found.strict[iou], known[iou]) for iou in DRAWN}
-    first, second, third = PLOTS.values()
-    for lines, about in ((by_scope, first), (by_iou, second)):
+    """Of precision over recall, and of calibration."""
+    line, bins = found.curve, found.reliability
 
-        def precision(axes: Axes, palette: Palette, lines: dict[str, Any] = lines) -> None:
-            for (name, (line, ap)), colour in zip(lines.items(), palette.lines, strict=False):
-                axes.plot(line.recall, line.precision, color=colour, linewidth=0.5, alpha=0.6)
-                label = f"{name}: AP {_share(ap)}"
-                axes.step(line.recall, line.falling, color=colour, linewidth=1.4, where="pre", label=label)
-            axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
-            axes.legend(loc="lower left")
+    def precision(axes: Axes, palette: Palette) -> None:
+        axes.plot(line.recall, line.precision, color=palette.blue, linewidth=0.5, alpha=0.6)
+        axes.step(line.recall, line.falling, color=palette.blue, linewidth=1.4, where="pre")
+        axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
-        yield plotted(precision, about, 100, 90)
-    bins = found.reliability
+    yield plotted(
+        precision, "Precision over recall at an IoU of 0.5: as it is (thin), as AP reads it (bold).", 100, 90
+    )
 
     def diagram(axes: Axes, palette: Palette) -> None:
         middles = (bins.edges[1:] + bins.edges[:-1]) / 2
         axes.bar(middles, np.nan_to_num(bins.right), 0.9 / BINS, color=palette.blue, alpha=0.4)
         axes.plot(bins.confidence, bins.right, "o", color=palette.orange, markersize=3)
         axes.plot([0, 1], [0, 1], color=palette.soft, linestyle="--", linewidth=0.7)
-        for x, count in zip(middles, bins.count.tolist(), strict=True):
-            axes.text(x, 1.03, f"{count:,}", ha="center", fontsize=5.5)
-        label = f"confidence; expected calibration error {_share(bins.error)}"
-        axes.set(xlabel=label, ylabel="share that is right", xlim=(0, 1), ylim=(0, 1.1))
+        axes.set(xlabel="confidence", ylabel="share that is right", xlim=(0, 1), ylim=(0, 1.1))
 
-    yield plotted(diagram, third, 100, 90)
+    yield plotted(
+        diagram, "Share that is right over confidence; on the diagonal, confidences can be believed.", 100, 90
+    )
 
 
-SMALLEST, LARGEST = 960, 1920
+SIDES = 960, 1920
 """px: limits of the longer side of a marked photo."""
 COLOURS = {"found": (86, 190, 255), "missed": (250, 226, 70), "false": (255, 96, 70)}
 """sRGB, after Okabe and Ito's palette."""
-WHITE, PAPER_COLOUR = (255, 255, 255), (24, 26, 32)
 
 
 def marked(found: Photo) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB: the photo, larger where it is small, with outlines and confidences, and a key above."""
+    """(H, W, 3) sRGB: the photo, larger where it is small, with outlines, and confidences on what was found."""
     rgb = found.truth.rgb
     longer = max(rgb.shape[:2])
-    zoom = float(np.clip(longer, SMALLEST, LARGEST)) / longer
+    zoom = float(np.clip(longer, *SIDES)) / longer
     method = cv2.INTER_CUBIC if zoom > 1 else cv2.INTER_AREA
     picture = np.array(cv2.resize(rgb, None, fx=zoom, fy=zoom, interpolation=method), np.uint8)
-    thick = max(1, round(max(picture.shape[:2]) / 420))
-    judged, (masks, confidence) = found.judged["all"][0], found.found
-    right = judged.right.tolist()
-    groups = {
-        "found": [mask for mask, hit in zip(masks, right, strict=True) if hit],
-        "missed": [found.truth.masks[j] for j in judged.missed],
-        "false": [mask for mask, hit in zip(masks, right, strict=True) if not hit],
-    }
-    for name, some in groups.items():
-        for patch in some:
-            large = cv2.resize(np.pad(patch.mask, 1).astype(np.float32), None, fx=zoom, fy=zoom)
-            rings, _ = cv2.findContours(
-                (large > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE,
-                offset=(round((patch.x - 1) * zoom), round((patch.y - 1) * zoom)),
-            )  # fmt: skip
-            cv2.drawContours(picture, rings, -1, COLOURS[name], thick, cv2.LINE_AA)
-    for patch, value in zip(masks, confidence.tolist(), strict=True):
-        if patch.mask.any():
-            depth = cv2.distanceTransform(np.pad(patch.mask, 1).astype(np.uint8), cv2.DIST_L2, 5)
-            row, column = np.unravel_index(int(depth.argmax()), depth.shape)
-            _write(
-                picture, f"{value:.2f}", ((patch.x + int(column)) * zoom, (patch.y + int(row)) * zoom), WHITE
+    judged, (masks, confidence) = found.judged[0], found.found
+    thick, size = max(1, round(longer * zoom / 420)), longer * zoom / 1600
+
+    def outline(patch: Patch, kind: str) -> None:
+        large = cv2.resize(np.pad(patch.mask, 1).astype(np.float32), None, fx=zoom, fy=zoom)
+        offset = round((patch.x - 1) * zoom), round((patch.y - 1) * zoom)
+        inside = (large > 0.5).astype(np.uint8)
+        rings, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE, offset=offset)
+        cv2.drawContours(picture, rings, -1, COLOURS[kind], thick, cv2.LINE_AA)
+
+    for j in judged.missed:
+        outline(found.truth.masks[j], "missed")
+    for patch, right, sure in zip(masks, judged.right.tolist(), confidence.tolist(), strict=True):
+        outline(patch, "found" if right else "false")
+        at = round(patch.x * zoom), round((patch.y + patch.mask.shape[0] / 2) * zoom)
+        for colour, width in (((24, 26, 32), 3), ((255, 255, 255), 1)):
+            cv2.putText(
+                picture, f"{sure:.2f}", at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, width, cv2.LINE_AA
             )
-    strip = np.full((48, picture.shape[1], 3), PAPER_COLOUR, np.uint8)
-    words = [(f"{name} {len(some)}", COLOURS[name]) for name, some in groups.items()]
-    for k, (text, colour) in enumerate([*words, ("numbers: confidence", WHITE)]):
-        _write(strip, text, ((2 * k + 1) * picture.shape[1] / 8, 24), colour)
-    return np.concatenate([strip, picture])
-
-
-def _write(
-    picture: NDArray[np.uint8], text: str, middle: tuple[float, float], colour: tuple[int, ...]
-) -> None:
-    font, size = cv2.FONT_HERSHEY_SIMPLEX, max(picture.shape[1], 640) / 1600
-    (wide, high), _ = cv2.getTextSize(text, font, size, 1)
-    at = round(middle[0] - wide / 2), round(middle[1] + high / 2)
-    cv2.putText(picture, text, at, font, size, PAPER_COLOUR, 3, cv2.LINE_AA)
-    cv2.putText(picture, text, at, font, size, colour, 1, cv2.LINE_AA)
+    return picture

@@ -66,13 +66,6 @@ def coco_photos(path: Path) -> list[CocoImage]:
     return found
 
 
-def coco_strays(path: Path) -> int:
-    """Annotations whose photo the file does not name. Raises InputError as `coco_photos` does."""
-    annotations, images, _ = _lists(path)
-    known = {repr(image["id"]) for image in images}
-    return sum(repr(annotation.get("image_id")) not in known for annotation in annotations)
-
-
 def read_coco(path: Path, image: Path | None = None) -> CocoImage:
     """The photo called as `image`, or the only one. Raises InputError: unreadable, no such photo, nothing annotated."""
     annotations, images, categories = _lists(path)

@@ -33,12 +33,8 @@ def precisions(line: Curve) -> NDArray[np.float64]:
     return np.append(line.falling, 0.0)[np.searchsorted(line.recall, RECALLS, side="left")]
 
 
-OUTSIDE = 1e11
-"""An area outside of COCO's range "all", which makes COCO ignore a true object."""
-
-
-def random_photo(rng: np.random.Generator) -> tuple[Masks, NDArray[np.bool_], Masks, NDArray[np.float64]]:
-    """True masks and which of them are ignored, said masks that may overlap, confidences with many ties."""
+def random_photo(rng: np.random.Generator) -> tuple[Masks, Masks, NDArray[np.float64]]:
+    """True masks, said masks that may overlap, confidences with many ties."""
 
     def rectangles(count: int) -> Masks:
         masks = []
@@ -55,7 +51,7 @@ def random_photo(rng: np.random.Generator) -> tuple[Masks, NDArray[np.bool_], Ma
         for _ in range(int(rng.integers(0, 3))):
             said.append(np.roll(mask, rng.integers(-3, 4, 2), (0, 1)))
     confidence = np.round(rng.random(len(said)), 1)
-    return true, rng.random(len(true)) < 0.3, said, confidence
+    return true, said, confidence
 
 
 def by_pycocotools(photos: list) -> Any:
@@ -67,16 +63,15 @@ def by_pycocotools(photos: list) -> Any:
         return rle.encode(np.asfortranarray(mask.astype(np.uint8)))
 
     annotations, results = [], []
-    for k, (true, ignored, said, confidence) in enumerate(photos):
-        for mask, out in zip(true, ignored, strict=True):
-            area = OUTSIDE if out else float(mask.sum())
+    for k, (true, said, confidence) in enumerate(photos):
+        for mask in true:
             annotations.append(
                 {
                     "id": len(annotations) + 1,
                     "image_id": k,
                     "category_id": 1,
                     "iscrowd": 0,
-                    "area": area,
+                    "area": float(mask.sum()),
                     "segmentation": encode(mask),
                 }
             )
@@ -107,9 +102,9 @@ def test_pycocotools_says_the_same(seed: int) -> None:
     theirs = by_pycocotools(photos).eval
     assert theirs is not None
     judged = []
-    for true, ignored, said, confidence in photos:
+    for true, said, confidence in photos:
         overlap = overlaps([Patch.of(m) for m in said], [Patch.of(m) for m in true])
-        judged.append([judge(overlap, confidence, ignored, t) for t in THRESHOLDS])
+        judged.append([judge(overlap, confidence, t) for t in THRESHOLDS])
     for t in range(len(THRESHOLDS)):
         at = [one[t] for one in judged]
         expected = theirs["precision"][t, :, 0, 0, -1]
@@ -129,13 +124,12 @@ def test_label_maps_are_judged_as_pycocotools_does() -> None:
         photos.append(
             (
                 [true == i for i in maps[0]],
-                np.zeros(len(maps[0]), bool),
                 [said == i for i in maps[1]],
                 confidence,
             )
         )
         overlap = overlaps(list(maps[1].values()), list(maps[0].values()))
-        judged.append([judge(overlap, confidence, np.zeros(len(maps[0]), np.bool_), t) for t in THRESHOLDS])
+        judged.append([judge(overlap, confidence, t) for t in THRESHOLDS])
     theirs = by_pycocotools(photos).eval
     assert theirs is not None
     ours = [average_precision([one[t] for one in judged]) for t in range(len(THRESHOLDS))]
@@ -154,7 +148,7 @@ def test_a_case_worked_out_by_hand() -> None:
     overlap = overlaps(said, true)
     assert overlap[1, 0] == pytest.approx(90 / 110)
     assert overlap[2, 1] == pytest.approx(80 / 120)
-    judged = judge(overlap, confidence, np.zeros(3, np.bool_))
+    judged = judge(overlap, confidence)
     assert judged.match.tolist() == [
         -1,
         0,
@@ -174,28 +168,16 @@ def test_a_case_worked_out_by_hand() -> None:
     assert line.precision.tolist() == pytest.approx([1, 1 / 2, 2 / 3, 1 / 2])
     # of the recalls 0, 0.01 .. 1, 34 lie up to 1/3, 33 more up to 2/3
     assert average_precision([judged]) == pytest.approx((34 + 33 * 2 / 3) / 101)
-    strict = judge(overlap, confidence, np.zeros(3, np.bool_), 0.75)
+    strict = judge(overlap, confidence, 0.75)
     assert counts([strict])["hit"] == 1
 
 
-def test_ignored_objects_are_neither_missed_nor_false() -> None:
-    true, said = [square(0, 0), square(20, 0)], [square(0, 0), square(60, 0)]
-    overlap, confidence = overlaps(said, true), np.array([0.9, 0.8])
-    judged = judge(overlap, confidence, np.array([True, False]))
-    found = counts([judged])
-    assert (found["said"], found["true"], found["hit"]) == (1, 1, 0)
-    nothing = judge(np.zeros((0, 2)), np.zeros(0), np.array([True, True]))
+def test_where_nothing_is_true_shares_have_no_value() -> None:
+    nothing = judge(np.zeros((0, 0)), np.zeros(0))
     assert average_precision([nothing]) is None
     assert counts([nothing]) == dict.fromkeys(("said", "true", "hit"), 0) | dict.fromkeys(
         ("precision", "recall", "f", "iou")
     )
-
-
-def test_one_at_the_border_is_cut() -> None:
-    assert square(0, 5).cut_by((40, 40))
-    assert square(30, 5).cut_by((40, 40))
-    assert not square(29, 29).cut_by((40, 40))
-    assert not Patch.of(np.zeros((4, 4), np.bool_)).cut_by((40, 40))
 
 
 def test_patches_hold_every_pixel() -> None:
@@ -212,8 +194,7 @@ def test_patches_hold_every_pixel() -> None:
 
 def said_and_right(confidence: NDArray[np.float64], right: NDArray[np.bool_]) -> Judged:
     match = np.where(right, np.arange(len(right)), -1)
-    full = np.ones(len(right), np.bool_)
-    return Judged(confidence, match, full, right.astype(np.float64), np.zeros(len(right), np.bool_))
+    return Judged(confidence, match, right.astype(np.float64), len(right))
 
 
 def test_perfect_candour_has_no_error() -> None:

@@ -50,8 +50,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     put(root / "c" / "photo.png", rgb)
     put(root / "c" / "photo.assets" / "masks.png", labels)
-    put(root / "d" / "original.png", rgb)
-    put(root / "d" / "mask.png", labels.astype(np.uint8))
+    put(root / "d.webp", rgb)
+    put(root / "d.labels.png", labels.astype(np.uint8))
     return root
 
 
@@ -62,15 +62,17 @@ def test_every_layout_tells_the_same(folder: Path, capsys: pytest.CaptureFixture
     found = json.loads(told.out)
     assert [row["photo"] for row in found["rows"]] == ["a", "b", "c", "d"]
     for row in found["rows"]:
-        assert (row["true"], row["cut"], row["hit"]) == (4, 1, 4)
-        assert row["whole"]["true"] == row["whole"]["hit"] == 3
+        assert (row["true"], row["hit"]) == (4, 4)
         assert row["iou"] > 0.9
-    micro = found["totals"]["all"]["micro"]
-    assert micro["true"] == 16
-    assert micro["recall"] == 1
+    total = found["total"]
+    assert total["true"] == 16
+    assert total["recall"] == 1
     assert found["passed"] is True
-    assert sum(part["count"] for part in found["reliability"]["bins"]) == micro["said"]
-    assert len(found["curve"]["all"]) == micro["said"]
+    assert sum(part["count"] for part in found["reliability"]["bins"]) == total["said"]
+    by_iou = total["ap_by_iou"]
+    assert [one["iou"] for one in by_iou] == [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95]
+    assert np.mean([one["ap"] for one in by_iou]) == pytest.approx(total["ap"])
+    assert by_iou[0]["ap"] == total["ap50"] >= by_iou[-1]["ap"]
 
 
 def test_bars_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -84,17 +86,16 @@ def test_bars_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.C
     record = json.loads((out / "result.json").read_text())
     assert (record["measure"], record["passed"]) == ("segmentation", False)
     page = (out / "index.html").read_text()
-    assert page.count("data:image/svg+xml") == 3
+    assert page.count("data:image/svg+xml") == 2
     assert page.count("data:image/jpeg") == 4
-    for name in ("precision-recall.svg", "precision-recall-by-iou.svg", "reliability.svg"):
+    for name in ("precision-recall.svg", "reliability.svg"):
         assert ElementTree.parse(out / name).getroot().tag.endswith("svg")
     rgb, _ = drawn()
     for name in "abcd":
         picture = read_image(out / "photos" / f"{name}.png")
-        assert picture.shape[1] == 960
-        assert picture.shape[0] > 960  # the key stands above
+        assert picture.shape[:2] == (960, 960)
         plain = cv2.resize(rgb, (960, 960), interpolation=cv2.INTER_CUBIC)
-        marks = np.abs(picture[-960:].astype(int) - plain).max(2) > 40
+        marks = np.abs(picture.astype(int) - plain).max(2) > 40
         assert 0.005 < marks.mean() < 0.2  # there are lines, and they leave the photo to be seen
     assert main([*arguments[:3], "--markdown"]) == 0
     assert "| photo | true |" in capsys.readouterr().out
@@ -120,54 +121,10 @@ def test_a_coco_file_and_its_crowds(tmp_path: Path, capsys: pytest.CaptureFixtur
         )
     data = {"images": [{"id": 7, "file_name": "images/x.png"}], "annotations": annotations, "categories": []}
     (tmp_path / "instances.json").write_text(json.dumps(data))
-    for where in (tmp_path, tmp_path / "instances.json"):
-        assert main(["evaluate", "segmentation", str(where), "--json"]) == 0
-        (row,) = json.loads(capsys.readouterr().out)["rows"]
-        assert row["photo"] == "images-x"
-        assert (row["true"], row["said"], row["hit"]) == (3, 3, 3)  # what lies in the crowd is not judged
-
-
-def test_labels_of_a_coco_file_have_a_recall_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two of three balls are what the segmenter finds, one a third as wide; a cup that no photo shows is missed."""
-    rgb, _ = drawn()
-    put(tmp_path / "x.png", rgb)
-
-    def disc(number: int, category: int, x: float, y: float, radius: float) -> dict[str, object]:
-        turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-        ring = np.stack([x + 0.5 + radius * np.cos(turn), y + 0.5 + radius * np.sin(turn)], axis=1)
-        return {"id": number, "image_id": 1, "category_id": category, "segmentation": [ring.ravel().tolist()]}
-
-    (a, b, c, _), thin = DISCS, 1 / 3
-    annotations = [
-        disc(1, 5, *a),
-        disc(2, 5, *b),
-        disc(3, 5, c[0], c[1], thin * c[2]),
-        disc(4, 6, 200, 200, 12),
-    ]
-    categories = [{"id": 5, "name": "ball"}, {"id": 6, "name": "cup"}]
-    data = {
-        "images": [{"id": 1, "file_name": "x.png"}],
-        "annotations": annotations,
-        "categories": categories,
-    }
-    (tmp_path / "instances.json").write_text(json.dumps(data))
     assert main(["evaluate", "segmentation", str(tmp_path / "instances.json"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    ball, cup = found["labels"]
-    assert (ball["label"], ball["true"], ball["hit"]) == ("ball", 3, 2)
-    assert ball["recall"] == pytest.approx(2 / 3)
-    assert 0.9 < ball["iou"] <= 1
-    assert 0.5 < ball["ar"] <= 2 / 3
-    assert (cup["label"], cup["hit"], cup["recall"], cup["iou"], cup["ar"]) == ("cup", 0, 0, None, 0)
-    assert sum(one["hit"] for one in found["labels"]) == found["totals"]["all"]["micro"]["hit"]
-    (tmp_path / "instances.json").write_text(
-        json.dumps({**data, "annotations": [*annotations[:2], {**annotations[2], "image_id": 7}]})
-    )
-    assert main(["evaluate", "segmentation", str(tmp_path), "--json"]) == 0
-    assert "1 annotation of no photo in it: left out" in capsys.readouterr().err
-    (tmp_path / "instances.json").write_text(json.dumps(data))
-    assert main(["evaluate", "segmentation", str(tmp_path / "instances.json")]) == 0
-    assert re.search(r"^cup +1 +0 +0\.000 +- +0\.000$", capsys.readouterr().out, re.M)
+    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    assert row["photo"] == "images-x"
+    assert (row["true"], row["said"], row["hit"]) == (3, 3, 3)  # what lies in the crowd is not judged
 
 
 @pytest.mark.parametrize(
@@ -176,9 +133,8 @@ def test_labels_of_a_coco_file_have_a_recall_each(tmp_path: Path, capsys: pytest
         (
             {"width": 100, "height": 100},
             [1, 1, 9, 1, 9, 9],
-            "100 x 100 px are given for x.png, which has 220 x 220",
+            "100 x 100 px differs from the 220 x 220 px of x.png",
         ),
-        ({}, [500, 500, 509, 500, 509, 509], "annotation 3 lies outside the photo"),
         ({"again": True}, [1, 1, 9, 1, 9, 9], '"x.png" is listed twice'),
     ],
 )
@@ -210,19 +166,7 @@ def test_what_is_smaller_than_a_pixel_is_there_and_missed(
     (tmp_path / "c.json").write_text(json.dumps(data))
     assert main(["evaluate", "segmentation", str(tmp_path / "c.json"), "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["rows"]
-    assert (row["true"], row["hit"], row["cut"]) == (1, 0, 0)
-
-
-def test_stricter_thresholds_find_less(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "segmentation", str(folder), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    by_iou = found["totals"]["all"]["ap_by_iou"]
-    assert [one["iou"] for one in by_iou] == [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95]
-    assert np.mean([one["ap"] for one in by_iou]) == pytest.approx(found["totals"]["all"]["ap"])
-    assert by_iou[0]["ap"] == found["totals"]["all"]["ap50"] >= by_iou[-1]["ap"]
-    last = {iou: line[-1]["recall"] for iou, line in found["curve_by_iou"].items()}
-    assert list(last) == ["0.5", "0.75", "0.9"]
-    assert last["0.5"] == found["totals"]["all"]["micro"]["recall"] >= last["0.9"]
+    assert (row["true"], row["hit"]) == (1, 0)
 
 
 def test_where_nobody_judges_nothing_counts() -> None:

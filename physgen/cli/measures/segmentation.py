@@ -19,8 +19,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "folder",
         metavar="FOLDER",
         type=Path,
-        help="photos with label maps: NAME.png and NAME.labels.png, folders of photo.png and masks.png, "
-        "or a COCO file (*.json) with its photos",
+        help="photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and "
+        "photo.assets/masks.png; or a COCO file (*.json) with its photos",
     )
     parser.add_argument(
         "--backend", metavar="ROLE=NAME", action="append", default=[], help="what segments: segment=NAME"
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     bars = {name: bar for name in BARS if (bar := getattr(options, name)) is not None}
     found, warnings = pairs(options.folder)
     print_problems(warnings)
-    folder = None if options.output is None else Folder(options.output, found)
+    folder = None if options.output is None else Folder(options.output)
     bar = Bar()
     segment = Backends(Plan(chosen)).get("segment")
     result = evaluate(found, segment, folder.photo if folder else lambda photo: None, bar.show)
