@@ -29,7 +29,7 @@ from physgen.batch.run import Job
 from physgen.pipeline import Page, RenderOptions, load
 
 CLIPS, TURNS = 100, 5
-WAYS = {"processes": [], "dask": ["--cluster", "dask"], "dask, shipped": ["--cluster", "dask", "--ship"]}
+WAYS = {"processes": [], "dask": ["--cluster", "dask"]}
 
 
 def local(clips: int = CLIPS, turns: int = TURNS) -> list[dict]:
@@ -64,23 +64,16 @@ def local(clips: int = CLIPS, turns: int = TURNS) -> list[dict]:
     return rows
 
 
-def handing(clips: int = 400) -> list[dict]:
+def handing(clips: int = 400) -> float:
     """CPU ms a clip of the process that hands out, with client, scheduler and workers' loops in it."""
-    rows = []
-    for ship in (False, True):
-        code = f"import cluster; cluster.handed({clips}, {ship})"
-        run = subprocess.run(
-            [sys.executable, "-c", code],
-            check=True,
-            capture_output=True,
-            text=True,
-            cwd=Path(__file__).parent,
-        )
-        rows.append({"shipped": ship, "ms": float(run.stdout)})
-    return rows
+    run = subprocess.run(
+        [sys.executable, "-c", f"import cluster; cluster.handed({clips})"],
+        check=True, capture_output=True, text=True, cwd=Path(__file__).parent,
+    )  # fmt: skip
+    return float(run.stdout)
 
 
-def handed(clips: int, ship: bool) -> None:
+def handed(clips: int) -> None:
     """Prints it; of clips that are hardly any work, without what starting takes."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -94,7 +87,7 @@ def handed(clips: int, ship: bool) -> None:
             for k in range(clips)
         ]
         begun = 0.0
-        for number, done in enumerate(farm.run_on_cluster("dask", 2, jobs, ship)):
+        for number, done in enumerate(farm.run_on_cluster("dask", 2, jobs)):
             assert done.folder is not None
             if number == clips // 4:
                 begun = _own()

@@ -48,7 +48,7 @@ def figures(batch: Mapping[str, Any], cluster: Mapping[str, Any]) -> dict[str, A
     share = dask["rate"][1]  # of the throughput of processes, the median of turns
     core = two["rate"] / two["jobs"] * share  # clips a second
     # s of the process that hands out
-    handing = next(row["ms"] / 1000 for row in cluster["handing"] if not row["shipped"])
+    handing = cluster["handing"] / 1000
     sizes = {row["file"]: row["bytes"] for row in batch["sizes"]}
     drawing, handed = CLIPS / (core * CORES), CLIPS * handing
     return {
@@ -117,8 +117,6 @@ def _told(f: Mapping[str, Any]) -> str:
             *(f"| {' | '.join(row)} |" for row in sizes),
             "",
             "Reports, and pictures for a gallery, are here for comparison: no such run makes any.",
-            "With `--ship`, scenes travel once to each worker and clips once back, over the network of the process",
-            f"that hands out: {data(sum(f['sizes'][name] for name in BY_CLIP[:3]) * CLIPS)} in all.",
             "",
             "## Load",
             "",

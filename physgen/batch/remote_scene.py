@@ -8,69 +8,32 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from physgen.batch.remote import RemoteFolder, open_folder
-from physgen.pipeline.packs import pack_key, scene_in
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError
+from physgen.report.folders import process_folder
 from physgen.scene.document import MAX_BYTES, Node, children
 from physgen.scene.files import MAPS, MAX_EXTENDS, SUFFIXES, RefusedError, confined, read_scene, with_bases
-from physgen.scene.load import Opened
-from physgen.scene.pack import pack_scene, pictures_named
+from physgen.scene.pack import pictures_named
 from physgen.scene.pack_format import MOST_PICTURE
 
-MAX_KEYS = 10_000
-_KEYS: dict[tuple[str, tuple[str, ...]], str] = {}
-"""URL and overrides that name files -> key of the scene's pack."""
+_FETCHED: dict[tuple[str, tuple[str, ...]], Path] = {}
+"""URL and overrides that name files -> local file of the scene."""
+_NUMBERS = count()
 
 
-def fetch_scene(url: str, overrides: Sequence[str] = (), variant: str | None = None) -> Path:
+def fetch_scene(url: str, overrides: Sequence[str] = ()) -> Path:
     """The scene's file in a local folder, fetched once by a process, with the files that `overrides` name.
 
     Raises InputError with what is wrong with the scene, OSError where the place cannot be reached.
     """
     scene = url, file_overrides(overrides)
-    if scene in _KEYS:
-        return scene_in(_KEYS[scene], lambda: fetched_pack(url, overrides, variant), url)
-    data = fetched_pack(url, overrides, variant)
-    if len(_KEYS) >= MAX_KEYS:
-        _KEYS.clear()
-    _KEYS[scene] = pack_key(data)
-    return scene_in(_KEYS[scene], lambda: data, url)
-
-
-def fetched_pack(url: str, overrides: Sequence[str] = (), variant: str | None = None) -> bytes:
-    """The same as a pack."""
-    with TemporaryDirectory(prefix="physgen-") as folder:
-        return packed_for(_fetch(url, overrides, Path(folder)), overrides, variant, shown=url)
-
-
-def packed_for(
-    path: str | Path,
-    overrides: Sequence[str],
-    variant: str | None,
-    allow_outside: bool = False,
-    shown: str | None = None,
-) -> bytes:
-    """A scene's pack, the same for all its variants and for all overrides with the same `file_overrides`.
-
-    Raises InputError with what is wrong with the scene as it would be rendered, or where files lie outside its folder.
-    """
-    moved: list[Problem] = []
-    try:
-        data = pack_scene(path, file_overrides(overrides), allow_outside, moved.append)
-    except InputError:  # it may be right with all overrides of the command
-        Opened(path, allow_outside, shown).scene(overrides, variant)
-        moved.clear()
-        data = pack_scene(path, overrides, allow_outside, moved.append, variant)
-    if moved:
-        fix = "keep the scene's files below its folder, or give the workers that folder"
-        raise InputError(
-            Problem(at.place, at.path, at.found, "lies outside the scene's folder, and cannot be sent", fix)
-            for at in moved
-        )
-    return data
+    if scene not in _FETCHED:
+        folder = process_folder() / f"scene-{next(_NUMBERS)}"
+        _FETCHED[scene] = _fetch(url, scene[1], folder)
+    return _FETCHED[scene]
 
 
 def file_overrides(overrides: Sequence[str]) -> tuple[str, ...]:

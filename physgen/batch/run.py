@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 import time
 import traceback
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -26,13 +25,12 @@ from physgen.files import file_stamp, final_name
 from physgen.problems import InputError, Problem
 from physgen.registry import Plan, load_plan
 from physgen.report.clips import failure_of, remove_failure, write_failure
+from physgen.report.folders import temporary_folder
 from physgen.report.record import source_of
 from physgen.simulate.trajectory import read_trajectory
 from physgen.tables import Cell
 
 MANIFEST = "manifest.json"
-SENDING = ".sending.json"
-"""Names the files of a remote clip that are being replaced."""
 MAX_FETCHED_BYTES = 200_000_000
 """Of a manifest or a trajectory."""
 
@@ -46,17 +44,9 @@ class Refiner:
     config: Path | None = None
     """In place of the files physgen.toml."""
     device: str | None = None
-    resolved: Plan | tuple[Problem, ...] | None = field(default=None, compare=False, repr=False)
-    """The plan of the user's machine, or what is wrong with it, for a process on another machine."""
-    resolved_text: str = ""
-    """The same as text, for comparison."""
 
     def plan(self) -> Plan:
         """With the configuration files. Raises InputError."""
-        if isinstance(self.resolved, Plan):
-            return self.resolved
-        if self.resolved is not None:
-            raise InputError(self.resolved)
         plan = load_plan(config=self.config, device=self.device)
         choice = plan.choices.get("refine")
         if not self.setting or (
@@ -80,16 +70,6 @@ class Refiner:
 
 DEFAULT_OPTIONS = pipeline.RenderOptions()
 DEFAULT_REFINER = Refiner()
-
-
-@cache
-def resolve_refiner(refiner: Refiner) -> Refiner:
-    """The same refiner, independent of the configuration files of the machine that it is sent to."""
-    try:
-        plan: Plan | tuple[Problem, ...] = refiner.plan()
-    except InputError as error:
-        plan = tuple(error.problems)
-    return replace(refiner, resolved=plan, resolved_text=repr(plan))
 
 
 @dataclass(frozen=True)
@@ -307,19 +287,19 @@ def record_failure(done: Done, out: Path, gallery: bool) -> None:
 
 
 # Remote clips: an object store has no rename, so a clip's manifest is removed before its files change and written
-# after the last of them. A clip without manifest does not exist; `.sending.json` identifies the files of a killed run.
+# after the last of them. A clip without manifest does not exist.
 
 
-def run_remote(job: Job, progress: pipeline.Progress = pipeline.silent, scene: str | None = None) -> Done:
-    """Makes one clip, unless it exists, from a copy of its scene: `scene`, or one that is fetched."""
+def run_remote(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
+    """Makes one clip, unless it exists, from a copy of its scene."""
     try:
-        scene = scene or local_copy(job.scene, job.options.overrides, job.options.variant)
+        scene = local_copy(job.scene, job.options.overrides)
         if not is_url(job.out):
             return with_user_names(run(job.with_local(scene, job.out), progress), job)
         remote = open_folder(job.out).below(job.name)
         if unchanged := unchanged_remote(job, remote, scene):
             return unchanged
-        with own_folder() as out:
+        with temporary_folder() as out:
             done = with_user_names(run(job.with_local(scene, str(out)), progress), job, str(out))
             send_clip(out / job.name, remote, done)
             return done
@@ -327,9 +307,9 @@ def run_remote(job: Job, progress: pipeline.Progress = pipeline.silent, scene: s
         return failed(job, error)
 
 
-def local_copy(path: str, overrides: Sequence[str] = (), variant: str | None = None) -> str:
+def local_copy(path: str, overrides: Sequence[str] = ()) -> str:
     """A path where a scene can be read: its own, or that of a fetched copy. Raises InputError or OSError."""
-    return str(fetch_scene(path, overrides, variant)) if is_url(path) else path
+    return str(fetch_scene(path, overrides)) if is_url(path) else path
 
 
 def with_user_names(done: Done, job: Job, out: str = "") -> Done:
@@ -360,7 +340,7 @@ def unchanged_remote(job: Job, remote: RemoteFolder, scene: str) -> Done | None:
         expected: Mapping[str, int] = manifest["sizes"]
         files = remote.files()
         sizes = {name: files[name].size for name in files.keys() & expected.keys()}
-        if expected.keys() != manifest["files"].keys() or SENDING in files or sizes != expected:
+        if expected.keys() != manifest["files"].keys() or sizes != expected:
             return None
         done = Done(job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED)
     except (ValueError, KeyError, TypeError, AttributeError):
@@ -371,15 +351,15 @@ def unchanged_remote(job: Job, remote: RemoteFolder, scene: str) -> Done | None:
         return None  # an input that is gone
     if job.tracked is None:
         return done
-    with own_folder() as folder:
+    with temporary_folder() as folder:
         file = folder / "trajectory.npz"
         remote.fetch(file.name, file, MAX_FETCHED_BYTES)
         return with_outcomes(done, file)
 
 
-def _read_manifest(remote: RemoteFolder, name: str = MANIFEST) -> dict[str, Any] | None:
+def _read_manifest(remote: RemoteFolder) -> dict[str, Any] | None:
     try:
-        manifest = json.loads(remote.read(name, MAX_FETCHED_BYTES) or b"")
+        manifest = json.loads(remote.read(MANIFEST, MAX_FETCHED_BYTES) or b"")
         return manifest if isinstance(manifest, dict) else None
     except ValueError:
         return None
@@ -401,23 +381,12 @@ def send_clip(folder: Path, remote: RemoteFolder, done: Done) -> None:
     files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
     manifest = files.pop(MANIFEST)
     old = remote.files()
-    interrupted = _read_manifest(remote, SENDING) or {}
-    ours = {MANIFEST, SENDING, *(old_manifest or {}).get("files", ()), *interrupted.get("sending", ())}
+    ours = {MANIFEST, *files, *(old_manifest or {}).get("files", ())}
     if strange := sorted(old.keys() - ours):
         found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
         expected = f"would be replaced, and holds {found}, which physgen did not make"
         raise InputError.of(remote.url, "", expected, "move it out, or choose another folder with -o")
-    names = sorted({*files, *(old.keys() - {MANIFEST, SENDING})})
-    remote.write(SENDING, json.dumps({"sending": names}).encode())
-    remote.remove([MANIFEST] if MANIFEST in old else [])
+    remote.remove([MANIFEST])
     remote.send(files)
-    remote.remove([name for name in old if name not in (*files, MANIFEST, SENDING)])
+    remote.remove([name for name in old if name not in (*files, MANIFEST)])
     remote.write(MANIFEST, manifest.read_bytes())
-    remote.remove([SENDING])
-
-
-@contextmanager
-def own_folder() -> Iterator[Path]:
-    """A temporary folder of this process, removed when the block ends."""
-    with tempfile.TemporaryDirectory(prefix="physgen-") as folder:
-        yield Path(folder)

@@ -12,11 +12,12 @@ from typing import Any
 
 from physgen.batch.axes import Listed, read_axes
 from physgen.batch.remote import RemoteFolder, is_url, open_folder, url_below
-from physgen.batch.run import Done, own_folder
+from physgen.batch.run import Done
 from physgen.batch.sweep import Design, Point, Sweep
 from physgen.batch.values import cell
 from physgen.files import back_up
 from physgen.problems import InputError, Place, Problem, Severity
+from physgen.report.folders import temporary_folder
 from physgen.report.record import file_hash, versions, write_json
 from physgen.report.sweep_keys import unit
 from physgen.simulate.trajectory import REST_DURATION, REST_SPEED, REST_TURN, START_TIME
@@ -176,7 +177,7 @@ def sweep_folder(out: str) -> Iterator[SweepFolder]:
         return
     remote = open_folder(out)
     existing = {SWEEP_FILE, *TABLES} & set(remote.top())
-    with own_folder() as folder:
+    with temporary_folder() as folder:
         if SWEEP_FILE in existing:
             remote.fetch(SWEEP_FILE, folder / SWEEP_FILE, MAX_FILE_BYTES)
         if existing and read_sweep_record(folder) is None:

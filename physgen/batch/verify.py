@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
@@ -33,6 +32,7 @@ from physgen.files import final_name
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
+from physgen.report.folders import temporary_folder
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, json_text, versions
 from physgen.scene.scene import Scene
 from physgen.scene.write import scene_text
@@ -469,7 +469,7 @@ def _recorded(
         if path is not None and key in manifest.document:
             document[key] = str(path)
     try:
-        with tempfile.TemporaryDirectory(prefix="physgen-") as folder:
+        with temporary_folder() as folder:
             path = Path(folder) / "recorded.yaml"
             path.write_text(scene_text(document), encoding="utf-8")
             take = _Take(pipeline.load(path, allow_outside=True), request.device, progress)
@@ -635,7 +635,7 @@ def _measure(
     assert kind is not None
     counts, loss = {}, 0
     film = clip.folder / kind.named(manifest.film)
-    with tempfile.TemporaryDirectory(prefix="physgen-") as folder:
+    with temporary_folder() as folder:
         with open_video(Path(folder), kind, scene.video_size, scene.render.fps) as write:
             for k, frame in enumerate(now.draw()):
                 write(frame.rgb)

@@ -6,7 +6,7 @@ import argparse
 import json
 from collections import Counter as Counts
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing, nullcontext, suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,13 +18,13 @@ from physgen.cli.output import FAILED, OK, Bar, Counter, print_error, print_line
 from physgen.problems import InputError
 
 if TYPE_CHECKING:
-    from physgen.batch.gallery import ResultsFolder
     from physgen.batch.run import Done, Job, Refiner
     from physgen.scene.load import Opened
 
 
 PREVIEW_FRAMES = 24
 """Frames of a preview, at most."""
+INDEX = "index.html"
 GALLERY_CLIPS = 20_000
 """Clips of one gallery, at most: the page of more is slow to open."""
 
@@ -114,13 +114,12 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
 def check_places(options: argparse.Namespace) -> None:
     """Refuses flags that cannot work with the places of scenes and results."""
     places = [options.output, *getattr(options, "scenes", [getattr(options, "scene", "")])]
-    if options.jobs > 1 and not options.cluster and any(map(is_private, places)):
+    if (options.jobs > 1 or options.cluster) and any(map(is_private, places)):
         expected = "cannot be used, as memory:// is visible to one process only"
-        raise InputError.of(f"--jobs {options.jobs}", "", expected, "leave it out")
+        flag = "--cluster" if options.cluster else f"--jobs {options.jobs}"
+        raise InputError.of(flag, "", expected, "leave it out")
     if getattr(options, "watch", False) and (options.cluster or any(map(is_url, places))):
         raise InputError.of("--watch", "", "watches files of this machine, and renders here", "leave it out")
-    if options.ship and not options.cluster:
-        raise InputError.of("--ship", "", "is for clusters", "add --cluster, or leave it out")
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
@@ -230,14 +229,17 @@ def make_all(
 
     `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
     """
-    from physgen.batch.gallery import results_folder
+    from physgen.batch.run import record_failure
+    from physgen.report.folders import cleaned_up
 
-    results = results_folder(options.output)
-    gallery = gallery and (count > 1 or results.has_index())
+    out = None if is_url(options.output) else Path(options.output)
+    index = None if out is None else out / INDEX
+    gallery = gallery and index is not None and (count > 1 or index.exists())
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar, counter = Tally(), Bar(), Counter(count if count > 1 else 0)
-    with results.cleaned_up(), closing(_made(jobs, count, options, bar, counter)) as done_ones:
+    unfinished = nullcontext() if out is None else cleaned_up(out)
+    with unfinished, closing(_made(jobs, count, options, bar, counter)) as done_ones:
         for done in done_ones:
             bar.clear()
             if done.disk_full:  # every further clip would fail the same way
@@ -246,16 +248,23 @@ def make_all(
             tally.add(done)
             for line in tally.new_warnings(done):
                 counter.tell(line)
-            results.ended(done, gallery)
+            if out is not None:
+                record_failure(done, out, gallery)
             on_done(done)
             _print_done(done, options.json, counter)
             counter.step(tally.counts["failed"])
     counter.clear()
     files = finish()
     is_new = tally.counts["made"] or tally.counts["failed"]
-    if gallery and not tally.disk_full and (is_new or not results.has_index(tally.newest)):
-        _write_gallery(results, bar, tally, options.output)
-    return _sum_up(tally, count, results, files, options)
+    if index is not None and gallery and not tally.disk_full and (is_new or _is_older(index, tally.newest)):
+        _write_gallery(index, bar, tally)
+    shown = index if index is not None and count > 1 and index.exists() else None
+    return _sum_up(tally, count, shown, files, options)
+
+
+def _is_older(index: Path, time: float) -> bool:
+    """Whether a gallery is missing, or was written before `time`, s since 1970."""
+    return not index.exists() or index.stat().st_mtime < time
 
 
 def _made(
@@ -266,7 +275,7 @@ def _made(
     if getattr(options, "cluster", None):
         from physgen.batch.cluster import run_on_cluster
 
-        return run_on_cluster(options.cluster, workers, jobs, options.ship, counter.tell)
+        return run_on_cluster(options.cluster, workers, jobs, counter.tell)
     from physgen.batch.run import run_all
 
     show = bar.show if count == 1 or bar.as_json else lambda stage, done, total: None
@@ -291,34 +300,37 @@ def _print_done(done: Done, as_json: bool, counter: Counter) -> None:
         counter.line(done.where)
 
 
-def _write_gallery(results: ResultsFolder, bar: Bar, tally: Tally, out: str) -> None:
+def _write_gallery(index: Path, bar: Bar, tally: Tally) -> None:
+    from physgen.report.gallery import write_gallery
+
     if tally.counts.total() > GALLERY_CLIPS:
-        print_error(f"{out}: too many clips for one gallery; physgen gallery shows parts of them")
-        return
-    message = f"{results.index}: was there already and differed; kept as "
-    results.write_index(bar.show, lambda name: print_error(f"{message}{name}"), tally.counts.total())
-    bar.clear()
+        print_error(f"{index.parent}: too many clips for one gallery; physgen gallery shows parts of them")
+    elif index.parent.is_dir():
+        message = f"{index}: was there already and differed; kept as "
+        write_gallery(
+            [index.parent], index, progress=bar.show, keep=lambda path: print_error(f"{message}{path.name}")
+        )
+        bar.clear()
 
 
 def _sum_up(
-    tally: Tally, count: int, results: ResultsFolder, files: Sequence[str], options: argparse.Namespace
+    tally: Tally, count: int, index: Path | None, files: Sequence[str], options: argparse.Namespace
 ) -> int:
     """Prints the last line; returns the exit code."""
     made, unchanged, failed = (tally.counts[name] for name in ("made", "unchanged", "failed"))
-    index = results.index if count > 1 and results.has_index() else None
     if options.json:
         line = {
             "clips": count,
             "made": made,
             "unchanged": unchanged,
             "failed": failed,
-            "index": index,
+            "index": None if index is None else str(index),
             **{file.rpartition("/")[2]: file for file in files},
             "passed": failed == 0 and tally.counts.total() == count,
         }
         print_line(json.dumps(line))
     else:
-        for file in ([] if index is None else [index]) + [*files]:
+        for file in ([] if index is None else [str(index)]) + [*files]:
             print_line(file)
     if tally.disk_full:
         missing = f"{count - made - unchanged:,} of {count:,} clips are missing"
@@ -355,8 +367,6 @@ def add_clips(parser: Parser) -> None:
         "scheduler (or dask=FILE.json, a scheduler file); slurm, --jobs workers as jobs of Slurm; see docs/clusters.md"
     )
     parser.option("--cluster", "WHERE", cluster, about)
-    about = "with --cluster: send scenes to workers and fetch clips from them, without shared folders"
-    parser.flag("--ship", about)
     parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
     parser.flag("--chaos", "report how long the motion is predictable; see simulate")
     about = (

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
+import shutil
 from collections import OrderedDict
-from collections.abc import Callable
+from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from physgen.files import Stamp, file_stamp
 from physgen.problems import name_folder
+from physgen.report.folders import process_folder
 from physgen.scene.pack_format import is_pack
 
-MOST_UNPACKED = 64
+MAX_UNPACKED = 64
 """Packs that a process has unpacked at a time."""
 
-_KEYS: dict[str, tuple[Stamp, str]] = {}
-"""Absolute path of a pack -> its time stamp and its key."""
-_UNPACKED: OrderedDict[str, tuple[TemporaryDirectory[str], Path]] = OrderedDict()
-"""Key of a pack -> the folder with its files, and its scene file."""
+_UNPACKED: OrderedDict[tuple[str, Stamp], tuple[Path, Path]] = OrderedDict()
+"""Absolute path and stamp of a pack -> the folder with its files, and its scene file."""
+_NUMBERS = count()
 
 
 def scene_file(path: str | Path, called: str | None = None) -> Path:
@@ -30,34 +29,15 @@ def scene_file(path: str | Path, called: str | None = None) -> Path:
     path = Path(path)
     if not is_pack(path):
         return path
-    from physgen.scene.unpack import read_pack
+    from physgen.scene.unpack import read_pack, unpack_to
 
-    name, stamp = os.path.abspath(path), file_stamp(path)
-    known, key = _KEYS.get(name, (None, ""))
-    data = b""
-    if known != stamp:
-        data = read_pack(path)
-        key = pack_key(data)
-    found = scene_in(key, lambda: data or read_pack(path), called or str(path))
-    _KEYS[name] = stamp, key
-    return found
-
-
-def pack_key(data: bytes) -> str:
-    """Identifies a pack by its bytes."""
-    return f"pack-{hashlib.sha256(data).hexdigest()[:32]}"
-
-
-def scene_in(key: str, data: Callable[[], bytes], name: str) -> Path:
-    """The scene file of the pack with that key, unpacked from its `data` where needed. Raises InputError."""
-    from physgen.scene.unpack import unpack_to
-
+    key, name = (os.path.abspath(path), file_stamp(path)), called or str(path)
     if key not in _UNPACKED or not _UNPACKED[key][1].is_file():
-        folder = TemporaryDirectory(prefix="physgen-")
-        _UNPACKED[key] = folder, unpack_to(data(), Path(folder.name, "files"), name)
+        folder = process_folder() / f"pack-{next(_NUMBERS)}"
+        _UNPACKED[key] = folder, unpack_to(read_pack(path), folder, name)
     _UNPACKED.move_to_end(key)
-    while len(_UNPACKED) > MOST_UNPACKED:
-        _UNPACKED.popitem(last=False)[1][0].cleanup()
+    while len(_UNPACKED) > MAX_UNPACKED:
+        shutil.rmtree(_UNPACKED.popitem(last=False)[1][0], ignore_errors=True)
     folder, scene = _UNPACKED[key]
-    name_folder(Path(folder.name, "files"), name)
+    name_folder(folder, name)
     return scene

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import fcntl
 import json
 import os
 import re
+import secrets
 import shutil
+import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from physgen.files import machine_id, partial
@@ -86,6 +90,28 @@ def remove_leftovers(out: Path) -> None:
                 shutil.rmtree(path, ignore_errors=True)
             elif match["kind"] == "part" and not folder and gone:
                 path.unlink(missing_ok=True)
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A temporary folder of this process, removed when the block ends; one that a killed process left, by the next."""
+    home = Path(tempfile.gettempdir())
+    remove_leftovers_once(home)
+    folder = partial(home / f"physgen-{secrets.token_hex(4)}")
+    folder.mkdir(mode=0o700)
+    try:
+        with lock_folder(folder):
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@cache
+def process_folder() -> Path:
+    """A temporary folder that is removed when this process ends."""
+    stack = ExitStack()
+    atexit.register(stack.close)
+    return stack.enter_context(temporary_folder())
 
 
 def _is_free(folder: Path, left: bool, age: float) -> bool:

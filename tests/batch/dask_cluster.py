@@ -12,14 +12,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import dask
 import pytest
 from distributed import LocalCluster
 
 PATIENCE = 180
 """s."""
-ALLOWED = {"distributed.scheduler.allowed-failures": 0}
-"""The first worker that dies of a job is told to the client."""
 
 
 def waited(
@@ -68,13 +65,13 @@ class Cluster:
         """The scheduler goes, as on a machine that is switched off."""
         self._scheduler.close(timeout=10)
 
-    def hire(self, *flags: str) -> subprocess.Popen[bytes]:
+    def hire(self) -> None:
         """One more worker, which has registered when this returns."""
         before = len(self.scheduler.workers)
         command = [sys.executable, "-m", "distributed.cli.dask_worker", self._scheduler.scheduler_address]
         command += ["--nthreads", "1", "--no-dashboard", "--no-nanny", "--local-directory", str(self._folder)]
         worker = subprocess.Popen(
-            [*command, *flags],
+            command,
             cwd=self._folder,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
             stdout=subprocess.DEVNULL,
@@ -82,7 +79,6 @@ class Cluster:
         )
         self.workers.append(worker)
         waited(lambda: len(self.scheduler.workers) > before, worker)
-        return worker
 
     def staff(self, count: int) -> None:
         """At least so many workers, and none that is dead."""
@@ -91,22 +87,16 @@ class Cluster:
         while len(self.workers) < count:
             self.hire()
 
-    def dismiss(self, worker: subprocess.Popen[bytes]) -> None:
-        worker.send_signal(signal.SIGKILL)
-        worker.wait()
-        self.staff(0)
-
 
 @contextmanager
 def cluster(folder: Path) -> Iterator[Cluster]:
-    with dask.config.set(ALLOWED):
-        scheduler = LocalCluster(
-            n_workers=0,
-            processes=True,
-            dashboard_address=None,
-            host="127.0.0.1",
-            silence_logs=logging.CRITICAL,
-        )
+    scheduler = LocalCluster(
+        n_workers=0,
+        processes=True,
+        dashboard_address=None,
+        host="127.0.0.1",
+        silence_logs=logging.CRITICAL,
+    )
     made = Cluster(scheduler, folder)
     try:
         yield made
@@ -115,17 +105,3 @@ def cluster(folder: Path) -> Iterator[Cluster]:
             worker.kill()
             worker.wait()
         scheduler.close(timeout=5)
-
-
-def hands_of(worker: int) -> list[int]:
-    """Processes that make clips for it."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if entry.name.isdecimal() and b"child_main" in (entry / "cmdline").read_bytes():
-                told = (entry / "stat").read_text().rpartition(")")[2].split()
-                if int(told[1]) == worker and told[0] != "Z":
-                    found.append(int(entry.name))
-        except OSError:
-            continue
-    return found

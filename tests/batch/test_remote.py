@@ -11,10 +11,11 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from physgen.batch import remote
+from physgen.batch import remote, remote_scene
 from physgen.batch.remote_scene import fetch_scene
 from physgen.cli.main import main
 from physgen.problems import InputError
+from physgen.scene.load import Opened
 
 SAME = ("samples", "frames", "inputs", "mark", "document", "video", "warnings", "scene", "effort")
 """What manifests of one clip agree on wherever it was made."""
@@ -23,6 +24,7 @@ SAME = ("samples", "frames", "inputs", "mark", "document", "video", "warnings", 
 @pytest.fixture
 def store() -> Iterator[fsspec.AbstractFileSystem]:
     """An object store that is empty, and that all tests of a process share."""
+    remote_scene._FETCHED.clear()
     memory = fsspec.filesystem("memory")
     memory.store.clear()
     memory.pseudo_dirs[:] = [""]
@@ -61,7 +63,6 @@ def test_a_scene_and_its_clips_behind_urls_are_those_of_files(store, pictured: P
     assert there["source"] == flags[0]
     assert rendered(capsys, *flags) == {"memory://clips/pictured": "unchanged"}
     assert rendered(capsys, str(pictured), "-o", "memory://clips") == {"memory://clips/pictured": "unchanged"}
-    assert not [name for name in store.find("/clips") if "sending" in name]
 
 
 @pytest.mark.parametrize("harm", ["cut", "gone", "unsent", "another"])
@@ -75,10 +76,7 @@ def test_what_is_not_whole_there_is_made_again(store, lesson: Path, capsys, harm
         store.rm_file("/clips/lesson/trajectory.npz")
     elif harm == "unsent":  # killed while files changed
         store.rm_file("/clips/lesson/manifest.json")
-        store.pipe_file(
-            "/clips/lesson/.sending.json", b'{"sending": ["video.mp4", "trajectory.npz", "old.gif"]}'
-        )
-        store.pipe_file("/clips/lesson/old.gif", b"half")
+        store.pipe_file("/clips/lesson/video.mp4", b"half")
     else:
         lesson.write_text(lesson.read_text() + "# another\n")
     assert rendered(capsys, *flags) == {"memory://clips/lesson": "made"}
@@ -121,27 +119,14 @@ def test_somebody_elses_files_stay(store, lesson: Path, capsys) -> None:
     assert store.find("/clips/lesson") == ["/clips/lesson/thesis.tex"]
 
 
-def test_failures_and_the_gallery_lie_beside_the_clips(store, lesson: Path, pictured: Path, capsys) -> None:
+def test_a_failed_clip_is_named_by_its_url(store, lesson: Path, pictured: Path, capsys) -> None:
     put(store, pictured.parent, "scenes/pictured")
-    text = lesson.read_text()
-    store.pipe_file("/scenes/lesson.yaml", text.replace("mass: 200", "mass: heavy").encode())
+    store.pipe_file("/scenes/lesson.yaml", lesson.read_text().replace("mass: 200", "mass: heavy").encode())
     scenes = ["memory://scenes/lesson.yaml", "memory://scenes/pictured/scene.yaml"]
     assert main(["render", *scenes, "-o", "memory://clips"]) == 2
     said = capsys.readouterr()
     assert 'memory://scenes/lesson.yaml:6:67: objects.crate.mass: "heavy"' in said.err
-    assert said.out.splitlines() == ["memory://clips/pictured", "memory://clips/index.html"]
-    page = store.cat_file("/clips/index.html").decode()
-    assert "heavy" in page
-    assert 'href="./pictured/report.html"' in page
-    posters = [name for name in store.find("/clips/index.files") if store.size(name)]
-    assert len(posters) == 2
-    assert json.loads(store.cat_file("/clips/lesson.failed.json"))["path"] == scenes[0]
-
-    store.pipe_file("/scenes/lesson.yaml", text.encode())
-    assert main(["render", *scenes, "-o", "memory://clips"]) == 0
-    assert not [name for name in store.find("/clips") if "failed" in name]
-    assert "heavy" not in store.cat_file("/clips/index.html").decode()
-    assert [name for name in store.find("/clips/index.files") if name in posters] == posters
+    assert said.out.splitlines() == ["memory://clips/pictured"]
 
 
 def test_a_sweep_behind_urls_has_the_table_of_a_local_one(store, lesson: Path, capsys) -> None:
@@ -178,8 +163,9 @@ def test_what_a_scene_extends_is_fetched_and_told_by_its_url(store, lesson: Path
     assert (scene.parent.parent / "base" / "scene.yaml").read_bytes() == lesson.read_bytes()
     store.pipe_file("/all/base/scene.yaml", lesson.read_bytes().replace(b"mass: 200", b"mass: heavy"))
     store.pipe_file("/all/mine2/scene.yaml", b"extends: ../base/scene.yaml\n")
+    mine2 = fetch_scene("memory://all/mine2/scene.yaml")
     with pytest.raises(InputError) as error:
-        fetch_scene("memory://all/mine2/scene.yaml")
+        Opened(mine2, shown="memory://all/mine2/scene.yaml").scene()
     assert [str(p.place) for p in error.value.problems] == ["memory://all/base/scene.yaml:6:67"]
 
 
@@ -210,7 +196,7 @@ def test_a_scene_from_elsewhere_may_read_what_a_local_one_may(
         store.pipe_file(name, b"physgen: 1\nsize: [9, 9]\nobjects: {}\n")
     store.pipe_file("/a/b/scene.yaml", scene.encode())
     with pytest.raises(InputError, match=said):
-        fetch_scene("memory://a/b/scene.yaml")
+        Opened(fetch_scene("memory://a/b/scene.yaml")).scene()
     assert not [name for name in asked if "secret" in name or "etc" in name]
 
 
@@ -237,8 +223,9 @@ def test_libraries_that_are_missing_are_named(lesson: Path, capsys, monkeypatch)
 
 
 def test_flags_that_would_lose_clips_are_refused(lesson: Path, capsys) -> None:
-    assert main(["render", str(lesson), "-o", "memory://clips", "--jobs", "2"]) == 2
-    assert "memory:// is visible to one process only" in capsys.readouterr().err
+    for flags in (["--jobs", "2"], ["--cluster", "dask"]):
+        assert main(["render", str(lesson), "-o", "memory://clips", *flags]) == 2
+        assert "memory:// is visible to one process only" in capsys.readouterr().err
     assert main(["render", "memory://a/scene.yaml", "--watch"]) == 2
     assert "--watch: watches files of this machine" in capsys.readouterr().err
     with pytest.raises(SystemExit):
@@ -261,7 +248,7 @@ def test_a_place_that_cannot_be_written_is_one_failed_clip(store, lesson: Path, 
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err == (
-        f"{lesson}: failed: memory://clips/lesson/.sending.json: LookupError: no credentials\n"
+        f"{lesson}: failed: memory://clips/lesson/manifest.json: LookupError: no credentials\n"
     )
 
 
