@@ -1,8 +1,8 @@
-"""Photo files of any kind, depth and colour profile, read as upright 8-bit sRGB.
+"""Photo files of 8 or 16 bits, of any colour profile, read as upright sRGB of 8 bits.
 
-ICC profiles with a matrix or for grey, and PNG's gamma and primaries, are converted here in float, so that photos of
-16 bits keep their accuracy; LittleCMS (8 bits a channel) converts by profiles with tables. Colours keep their place
-relative to white (relative colorimetric); colours beyond sRGB are clipped channel by channel.
+ICC profiles with a matrix are converted here in float, so that photos of 16 bits keep their accuracy; LittleCMS (8 bits
+a channel) converts by all others. Colours keep their place relative to white (relative colorimetric); colours beyond
+sRGB are clipped channel by channel.
 """
 
 from __future__ import annotations
@@ -10,10 +10,9 @@ from __future__ import annotations
 import io
 import struct
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,35 +50,27 @@ TURNS: dict[int, Callable[[U8], U8]] = {
     8: lambda a: a[:, ::-1].swapaxes(0, 1),
 }
 """EXIF orientation -> what makes it upright (CIPA DC-008, 4.6.4)."""
-INTEROPERABILITY, INDEX, ADOBE_INDEX = 0xA005, 1, "R03"
-"""Where cameras declare Adobe RGB in EXIF data (CIPA DC-010)."""
-BEYOND_WHITE = (16, 18)
-"""Transfers of a PNG's cICP chunk: PQ and HLG (ITU-T H.273)."""
 BITS, PHOTOMETRIC, SUBFILE, DNG = 258, 262, 254, 50706
 """Tags of TIFF."""
 SENSOR = (32803, 34892)
 """Values of PHOTOMETRIC for undeveloped sensor data."""
 FOREIGN = (
-    (0, b"\x76\x2f\x31\x01", "OpenEXR"), (0, b"#?", "Radiance"), (4, b"ftyphe", "HEIC"), (4, b"ftypmif1", "HEIC"),
-    (4, b"ftypavi", "AVIF"), (4, b"JXL ", "JPEG XL"), (0, b"\xff\x0a", "JPEG XL"), (0, b"8BPS", "Photoshop"),
-    (0, b"FUJIFILM", "raw"), (0, b"IIR", "raw"), (8, b"CR", "raw"), (4, b"ftypcrx", "raw"), (0, b"II*\0", "TIFF"),
-    (0, b"MM\0*", "TIFF"),
+    (0, b"\x76\x2f\x31\x01", "an OpenEXR file"), (0, b"#?", "a Radiance file"), (4, b"ftyphe", "a HEIC file"),
+    (4, b"ftypmif1", "a HEIC file"), (4, b"ftypavi", "an AVIF file"), (4, b"JXL ", "a JPEG XL file"),
+    (0, b"\xff\x0a", "a JPEG XL file"), (0, b"8BPS", "a Photoshop file"), (0, b"FUJIFILM", "a camera's raw file"),
+    (0, b"IIR", "a camera's raw file"), (8, b"CR", "a camera's raw file"), (4, b"ftypcrx", "a camera's raw file"),
+    (0, b"II*\0", "a TIFF of an unusual kind"), (0, b"MM\0*", "a TIFF of an unusual kind"),
 )  # fmt: skip
 """Formats that are not read: offset and bytes of their mark, and their name."""
 
-D50 = (0.9642, 1.0, 0.8249)
-"""XYZ of white where ICC profiles meet (ICC.1:2022, 7.2.16)."""
-BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-"""XYZ -> cone responses, in which one white is scaled to another (ICC.1:2022, annex E)."""
-SRGB_PRIMARIES = (0.3127, 0.3290, 0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
-"""x, y of white, red, green and blue, in the order of PNG's cHRM (IEC 61966-2-1)."""
-ADOBE_PRIMARIES = (0.3127, 0.3290, 0.64, 0.33, 0.21, 0.71, 0.15, 0.06)
-ADOBE_GAMMA = 563 / 256
-"""Adobe RGB (1998), 4.3."""
-SRGB_GAMMA = (0.43, 0.48)
-"""PNG writers store 1/2.2 = 0.45455 where they mean sRGB; values in this range are taken for it."""
-TABLES = (b"A2B0", b"A2B1", b"A2B2", b"D2B0", b"D2B1", b"D2B2")
-"""Tags of a profile that only a colour engine reads."""
+SRGB_FROM_D50 = np.array(
+    [
+        [3.1341863642368195, -1.6172089589982754, -0.49069406400638405],
+        [-0.9787485041906944, 1.9161300967735873, 0.03343339915999556],
+        [0.0719639278022468, -0.22899387345320327, 1.4057537328964442],
+    ]
+)
+"""XYZ with white at D50, where ICC profiles meet -> linear light of sRGB (IEC 61966-2-1, adapted by Bradford)."""
 
 
 @dataclass(frozen=True)
@@ -94,17 +85,6 @@ class Photo:
     """Whether its colour profile, if it has one, could be used; else the numbers were taken for sRGB."""
 
 
-@dataclass(frozen=True)
-class _PixelFormat:
-    """How to read a file's numbers."""
-
-    mode: str
-    """Pillow's mode to bring 8-bit pixels to; opacity, where there is any, is the last channel."""
-    linear: Linear | None
-    """None: they are sRGB."""
-    readable: bool = True
-
-
 def read_image(path: Path) -> U8:
     """A photo as (H, W, 3) uint8 sRGB, in the file's own axes; see `read_photo`."""
     return read_photo(path, upright=False).rgb
@@ -113,33 +93,31 @@ def read_image(path: Path) -> U8:
 def read_photo(path: Path, upright: bool = True) -> Photo:
     """A photo as a viewer shows it, turned by its EXIF data if `upright`, over white where it is transparent.
 
-    A colour profile is applied, else PNG's gamma and primaries, else EXIF's mark of Adobe RGB; any other photo is sRGB.
-    16 bits are rounded to 8 at the very end. Raises InputError.
+    A colour profile is applied; photos without one are sRGB. 16 bits are rounded to 8 at the very end. Raises
+    InputError.
     """
     with open_picture(path) as image:
         decode_picture(image, path)
         numbers = read_16_bit(image, path)
         turn = _orientation(image)
-        meaning = _pixel_format(image, path, 256 if numbers is None else 65536)
-        width, height = image.size if numbers is None else numbers.shape[1::-1]
-        rgb = np.empty((height, width, 3), np.uint8)
-        opaque = True
-        for top in range(0, height, BAND):
-            rows = slice(top, min(top + BAND, height))
-            if numbers is None:
-                band = np.asarray(image.crop((0, top, width, rows.stop)).convert(meaning.mode))
-                band = band[:, :, None] if band.ndim == 2 else band
-                has_alpha = meaning.mode.endswith("A")
-            else:
-                band = numbers[rows]
-                has_alpha = band.shape[2] in (2, 4)
-            rgb[rows], whole = _to_srgb(band, has_alpha, meaning.linear)
-            opaque &= whole
-        eight = numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
-    plain = eight and opaque and meaning.linear is None and turn == 1
+        has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
+        mode, linear, readable = _meaning(image, 256 if numbers is None else 65536)
+        plain = numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
+        if numbers is None:
+            numbers = np.asarray(image.convert(mode + "A" * has_alpha))
+            numbers = numbers[:, :, None] if numbers.ndim == 2 else numbers
+        else:
+            has_alpha = numbers.shape[2] in (2, 4)
+    rgb = np.empty((*numbers.shape[:2], 3), np.uint8)
+    opaque = True
+    for top in range(0, len(rgb), BAND):
+        rows = slice(top, top + BAND)
+        rgb[rows], whole = _to_srgb(numbers[rows], has_alpha, linear)
+        opaque &= whole
+    plain = plain and opaque and linear is None and turn == 1
     if upright and turn in TURNS:
         rgb = np.ascontiguousarray(TURNS[turn](rgb))
-    return Photo(rgb, plain, meaning.readable)
+    return Photo(rgb, plain, readable)
 
 
 def _to_srgb(band: NDArray[Any], has_alpha: bool, linear: Linear | None) -> tuple[U8, bool]:
@@ -149,85 +127,17 @@ def _to_srgb(band: NDArray[Any], has_alpha: bool, linear: Linear | None) -> tupl
     colour = band[:, :, :-1] if has_alpha else band
     opaque = alpha is None or bool((alpha == full).all())
     if linear is None and opaque:
-        levels = colour if full == 255 else cv2.convertScaleAbs(colour, alpha=1 / 257).reshape(colour.shape)
-        return np.broadcast_to(levels, (*colour.shape[:2], 3)), True
-    light = (linear or SRGB.reader(full + 1))(colour)
+        return np.broadcast_to(_eight_bits(colour), (*colour.shape[:2], 3)), True
+    light = (linear or _by_curves(full + 1, [decode]))(colour)
     if alpha is not None and not opaque:
         light = 1 + (light - 1) * (alpha.astype(np.float32) / np.float32(full))[:, :, None]
     return encode_u8(light), opaque
 
 
-def _pixel_format(image: Image.Image, path: Path, codes: int) -> _PixelFormat:
-    """The meaning of a loaded file's numbers, 0 .. `codes` - 1. Raises InputError for light beyond white."""
-    grey = image.mode in GREYS or image.mode.startswith("I")
-    mode = ("L" if grey else "RGB") + "A" * (image.mode in WITH_ALPHA or "transparency" in image.info)
-    if image.mode == "LAB":
-        from PIL import ImageCms
-
-        return _PixelFormat("LAB", _littlecms(ImageCms.createProfile("LAB"), "LAB"))
-    space: ColourSpace | None = None
-    profile = image.info.get("icc_profile")
-    if profile:
-        try:
-            kind = icc_kind(profile)
-            if kind == "CMYK" == image.mode:
-                return _PixelFormat("CMYK", _littlecms(profile, "CMYK"))
-            if image.mode == "CMYK" or not (kind == "RGB" or (kind == "GRAY" and grey)):
-                raise ProfileError
-            try:
-                space = icc_space(profile)
-            except ProfileError:
-                return _PixelFormat(mode, _littlecms(profile, "L" if kind == "GRAY" else "RGB"))
-        except ProfileError:
-            return _PixelFormat(mode, None, readable=False)
-    elif image.format == "PNG":
-        if _png_transfer(path) in BEYOND_WHITE:
-            raise too_bright(path, " PNG")
-        if "srgb" not in image.info:
-            space = png_space(image.info.get("gamma"), image.info.get("chromaticity"))
-    elif _is_adobe_rgb(image):
-        space = ColourSpace((gamma_curve(ADOBE_GAMMA),) * 3, from_d50() @ to_d50(ADOBE_PRIMARIES))
-    return _PixelFormat(mode, None if space is None or space.is_srgb else space.reader(codes))
-
-
-def _littlecms(profile: Any, mode: str) -> Linear:
-    """LittleCMS: 8 bits a channel, relative colorimetric with black point compensation.
-
-    `profile` is the file's bytes or one of Pillow's. Raises ProfileError.
-    """
-    from PIL import Image, ImageCms
-
-    try:
-        given = ImageCms.ImageCmsProfile(io.BytesIO(profile) if isinstance(profile, bytes) else profile)
-        intent, flags = ImageCms.Intent.RELATIVE_COLORIMETRIC, ImageCms.Flags.BLACKPOINTCOMPENSATION
-        srgb = ImageCms.createProfile("sRGB")
-        transform = ImageCms.buildTransform(given, srgb, mode, "RGB", intent, flags)
-    except (ImageCms.PyCMSError, OSError, ImportError) as error:  # some builds of Pillow lack LittleCMS
-        raise ProfileError from error
-
-    def linear(colour: NDArray[Any]) -> NDArray[np.float32]:
-        levels = cv2.convertScaleAbs(colour, alpha=1 / 257) if colour.dtype == np.uint16 else colour
-        levels = levels.reshape(colour.shape)
-        if mode == "RGB" and colour.shape[2] == 1:
-            levels = np.repeat(levels, 3, axis=2)
-        picture = Image.frombytes(mode, colour.shape[1::-1], levels.tobytes())
-        changed = ImageCms.applyTransform(picture, transform)
-        assert changed is not None  # it is None only where the picture is changed in place
-        return decode(np.asarray(changed))
-
-    return linear
-
-
-def _png_transfer(path: Path) -> int | None:
-    """The transfer of a PNG's cICP chunk, which Pillow does not read."""
-    with path.open("rb") as stream:
-        stream.seek(8)
-        while len(head := stream.read(8)) == 8 and head[4:] != b"IDAT":
-            length = int.from_bytes(head[:4], "big")
-            if head[4:] == b"cICP" and length == 4:
-                return stream.read(4)[1]
-            stream.seek(length + 4, 1)
-    return None
+def _eight_bits(levels: NDArray[Any]) -> U8:
+    if levels.dtype == np.uint8:
+        return np.asarray(levels, np.uint8)
+    return np.asarray(cv2.convertScaleAbs(levels, alpha=1 / 257).reshape(levels.shape), np.uint8)
 
 
 def _orientation(image: Image.Image) -> int:
@@ -241,53 +151,40 @@ def _orientation(image: Image.Image) -> int:
     return 1
 
 
-def _is_adobe_rgb(image: Image.Image) -> bool:
-    with suppress(Exception):
-        if "exif" in image.info:
-            index = image.getexif().get_ifd(INTEROPERABILITY).get(INDEX, "")
-            return str(index).strip("\0 ") == ADOBE_INDEX
-    return False
-
-
 # files
-
-
-def picture_problem(path: Path, found: str, expected: str, fix: str) -> InputError:
-    """One problem with a picture file."""
-    return InputError.of(str(path), found, expected, fix)
-
-
-def too_bright(path: Path, kind: str) -> InputError:
-    """The problem of light beyond white: the user must choose the part of it that a photo shows."""
-    fix = "tone-map it, and save it as an 8- or 16-bit PNG"
-    return picture_problem(path, "", f"is a{kind} picture of light beyond white", fix)
 
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
     """Pillow's view of a picture, its size checked before pixels are decoded. Raises InputError."""
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
+    def problem(expected: str, fix: str, found: str = "") -> InputError:
+        return InputError.of(str(path), found, expected, fix)
+
+    smaller = "is over 100 megapixels", "make the picture smaller"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
             image = Image.open(path, formats=FORMATS)
     except FileNotFoundError:
-        raise picture_problem(path, "", "no such file", "check the path") from None
+        raise problem("no such file", "check the path") from None
     except IsADirectoryError:
-        raise picture_problem(path, "", "is a folder", "name a picture in it") from None
+        raise problem("is a folder", "name a picture in it") from None
     except PermissionError:
-        raise picture_problem(path, "", "may not be read", "change its permissions") from None
+        raise problem("may not be read", "change its permissions") from None
     except Image.DecompressionBombError:
-        raise picture_problem(path, "", "is over 100 megapixels", "make the picture smaller") from None
+        raise problem(*smaller) from None
+    except UnidentifiedImageError:
+        raise _not_read(path, _foreign(path)) from None
     except Exception as error:  # for damaged headers Pillow's readers raise errors of many kinds
-        raise _unreadable(path, error) from None
+        raise _damaged(path, error) from None
     with image:
         width, height = image.size
         if width * height > MOST_PIXELS:
-            found = f"{width} x {height} px"
-            raise picture_problem(path, found, "is over 100 megapixels", "make the picture smaller")
-        _check_kind(image, path)
+            raise problem(*smaller, f"{width} x {height} px")
+        if (kind := _unusual(image, path)) is not None:
+            raise _not_read(path, kind)
         yield image
 
 
@@ -298,7 +195,7 @@ def decode_picture(image: Image.Image, path: Path) -> None:
             warnings.simplefilter("ignore")
             image.load()
     except Exception as error:
-        raise _unreadable(path, error) from None
+        raise _damaged(path, error) from None
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -328,41 +225,29 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
     Pillow cuts colours of 16 bits to 8, so OpenCV reads those.
     """
     if image.mode.startswith("I"):
-        grey = np.clip(np.asarray(image), 0, 65535).astype(np.uint16)
-        if image.format == "TIFF" and _tags(image).get(PHOTOMETRIC) == 0:  # white is 0
-            grey = 65535 - grey
-        raw = grey[:, :, None]
-    elif _bits(image, path) == 16 and image.mode in ("LA", "RGB", "RGBA"):
-        log = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, and 4: it must not print
-        level = log.getLogLevel()
-        log.setLogLevel(0)
-        try:
-            flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-            data = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
-        except cv2.error:
-            return None
-        finally:
-            log.setLogLevel(level)
-        if data is None or data.dtype != np.uint16 or data.ndim != 3:
-            return None
-        raw = cv2.cvtColor(data, cv2.COLOR_BGRA2RGBA if data.shape[2] == 4 else cv2.COLOR_BGR2RGB, data)
-    else:
+        return np.clip(np.asarray(image), 0, 65535).astype(np.uint16)[:, :, None]
+    if _bits(image, path) != 16 or image.mode not in ("LA", "RGB", "RGBA"):
         return None
-    key = image.info.get("transparency")
-    if key is not None and raw.shape[2] in (1, 3):  # one colour is transparent
-        opaque = np.where((raw == np.atleast_1d(key)).all(axis=2), 0, 65535).astype(np.uint16)
-        raw = np.concatenate([raw, opaque[:, :, None]], axis=2)
-    return np.asarray(raw, np.uint16)
-
-
-def _tags(image: Image.Image) -> Any:
-    return getattr(image, "tag_v2", {})
+    log = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, and 4: it must not print
+    level = log.getLogLevel()
+    log.setLogLevel(0)
+    try:
+        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+        data = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
+    except cv2.error:
+        return None
+    finally:
+        log.setLogLevel(level)
+    if data is None or data.dtype != np.uint16 or data.ndim != 3:
+        return None
+    order = cv2.COLOR_BGRA2RGBA if data.shape[2] == 4 else cv2.COLOR_BGR2RGB
+    return np.asarray(cv2.cvtColor(data, order, data), np.uint16)
 
 
 def _bits(image: Image.Image, path: Path) -> int:
     """Of a channel, by the file's header: Pillow's modes do not have them."""
     if image.format == "TIFF":
-        return int(max(_tags(image).get(BITS, (1,))))
+        return int(max(getattr(image, "tag_v2", {}).get(BITS, (1,))))
     return _head(path)[24] if image.format == "PNG" else 8
 
 
@@ -371,20 +256,18 @@ def _head(path: Path) -> bytes:
         return stream.read(32)
 
 
-def _check_kind(image: Image.Image, path: Path) -> None:
-    """Raises InputError for pictures that Pillow opens and that are no photos of 8 or 16 bits."""
-    if image.mode == "F":
-        raise too_bright(path, f" {image.format} float")
+def _unusual(image: Image.Image, path: Path) -> str | None:
+    """What a picture is that Pillow opens and that is no photo of 8 or 16 bits."""
+    if image.mode in ("F", "LAB"):
+        return f"a {image.format} of an unusual kind"
     if image.format != "TIFF":
-        return
-    tags = _tags(image)
-    undeveloped = DNG in tags or tags.get(PHOTOMETRIC) in SENSOR or _foreign(path) == "raw"
-    if undeveloped or tags.get(SUBFILE, 0) & 1:  # Pillow would show a thumbnail of it
-        raise _not_read(path, "raw")
-    bits = _bits(image, path)
-    if bits > 8 and bits != 16:
-        fix = "save it as an 8- or 16-bit PNG"
-        raise picture_problem(path, f"{bits} bits a channel", "are not 8 or 16", fix)
+        return None
+    tags = getattr(image, "tag_v2", {})
+    if (
+        tags.get(SUBFILE, 0) & 1 or DNG in tags or tags.get(PHOTOMETRIC) in SENSOR
+    ):  # Pillow would show a thumbnail
+        return "a camera's raw file"
+    return "a TIFF of an unusual kind" if 8 < _bits(image, path) != 16 else None
 
 
 def _foreign(path: Path) -> str | None:
@@ -393,151 +276,131 @@ def _foreign(path: Path) -> str | None:
     return next((name for at, mark, name in FOREIGN if head[at : at + len(mark)] == mark), None)
 
 
-def _not_read(path: Path, kind: str) -> InputError:
-    expected, fix = (
-        f"is {'an' if kind[0] in 'AEIO' else 'a'} {kind} file, which is not read",
-        "save it as PNG or JPEG",
-    )
-    if kind == "raw":
-        expected, fix = "is a camera's raw file", "develop it, and save it as PNG or JPEG"
-    elif kind == "TIFF":
-        expected = "is a TIFF of an unusual kind, or damaged"
-        fix = "save it as PNG, or as TIFF of 8 or 16 bits a channel"
-    return picture_problem(path, "", expected, fix)
+def _not_read(path: Path, kind: str | None) -> InputError:
+    if kind is None:
+        return InputError.of(str(path), "", "is not a picture that can be read", "save it as PNG or JPEG")
+    return InputError.of(str(path), "", f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits")
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
-    from PIL import UnidentifiedImageError
-
-    reason = f" ({(str(error) or type(error).__name__).splitlines()[0][:120]})"
-    if isinstance(error, UnidentifiedImageError):
-        kind = _foreign(path)
-        if kind in ("OpenEXR", "Radiance"):
-            return too_bright(path, f"{'n' * (kind == 'OpenEXR')} {kind}")
-        if kind is not None:
-            return _not_read(path, kind)
-        reason = ""
-    return picture_problem(path, "", f"is not a picture that can be read{reason}", "save it as PNG or JPEG")
+def _damaged(path: Path, error: Exception) -> InputError:
+    reason = (str(error) or type(error).__name__).splitlines()[0][:120]
+    expected = f"is not a picture that can be read ({reason})"
+    return InputError.of(str(path), "", expected, "save it as PNG or JPEG")
 
 
 # colour
 
 
 class ProfileError(Exception):
-    """A profile that is damaged, or of tables, or not for these pixels."""
+    """A profile that is damaged, or not for these pixels."""
 
 
-@dataclass(frozen=True, eq=False)
-class ColourSpace:
-    """A grey or RGB space: curves to linear light, then a matrix."""
-
-    curves: tuple[Curve, ...]
-    """One for grey, three for RGB."""
-    matrix: F64 | None = None
-    """(3, 3) linear light of the space -> linear light of sRGB; None: the same primaries."""
-
-    @cached_property
-    def is_srgb(self) -> bool:
-        """Whether no colour of 8 bits moves by more than one level."""
-        step = np.arange(0, 256, 15, dtype=np.uint8)
-        if len(self.curves) == 1:
-            colours = step[:, None, None]
-        else:
-            colours = np.stack(np.meshgrid(step, step, step), axis=-1).reshape(-1, 1, 3)
-        moved = encode_u8(self.reader(256)(colours)).astype(int) - colours
-        return bool(np.abs(moved).max() <= 1)
-
-    def reader(self, codes: int) -> Linear:
-        """A function of pixels (H, W, 1 or 3) of 0 .. codes - 1 -> (H, W, 3) linear light of sRGB.
-
-        Grey pixels may be in an RGB space.
-        """
-        with np.errstate(all="ignore"):  # a damaged profile has any values
-            bent = [np.nan_to_num(curve(np.arange(codes) / (codes - 1)), posinf=1.0) for curve in self.curves]
-        tables = [np.clip(light, 0.0, 1.0).astype(np.float32) for light in bent]
-
-        def linear(pixels: NDArray[Any]) -> NDArray[np.float32]:
-            light = np.empty((*pixels.shape[:2], 3), np.float32)
-            for c in range(3):
-                light[:, :, c] = tables[c % len(tables)][pixels[:, :, c % pixels.shape[2]]]
-            return light if self.matrix is None else np.asarray(cv2.transform(light, self.matrix), np.float32)
-
-        return linear
-
-
-SRGB = ColourSpace((lambda v: decode(v).astype(np.float64),))
-
-
-def gamma_curve(gamma: float) -> Curve:
-    """A pure power."""
-    return lambda v: np.asarray(v**gamma)
-
-
-def to_d50(primaries: Sequence[float]) -> F64:
-    """(3, 3): linear RGB of `primaries` (x, y of white, red, green, blue) -> XYZ, white brought to D50."""
-    xy = np.array(primaries, float).reshape(4, 2)
-    white, red, green, blue = (np.array([x / y, 1.0, (1 - x - y) / y]) for x, y in xy)
-    matrix = np.stack([red, green, blue], axis=1)
-    matrix = matrix * np.linalg.solve(matrix, white)
-    cones = np.diag((BRADFORD @ np.array(D50)) / (BRADFORD @ white))
-    return np.asarray(np.linalg.solve(BRADFORD, cones @ BRADFORD @ matrix))
-
-
-def from_d50() -> F64:
-    """(3, 3): XYZ with white at D50 -> linear light of sRGB."""
-    return np.asarray(np.linalg.inv(to_d50(SRGB_PRIMARIES)))
-
-
-def png_space(gamma: float | None, primaries: Sequence[float] | None) -> ColourSpace | None:
-    """The space of a PNG by its gAMA (the exponent of its values) and cHRM chunks; None without gAMA."""
-    if gamma is None or not 0.05 <= gamma <= 5:
-        return None
-    curve = SRGB.curves[0] if SRGB_GAMMA[0] < gamma < SRGB_GAMMA[1] else gamma_curve(1 / gamma)
-    if primaries is None or np.allclose(primaries, SRGB_PRIMARIES, atol=0.005):
-        return ColourSpace((curve,) * 3)
+def _meaning(image: Image.Image, codes: int) -> tuple[str, Linear | None, bool]:
+    """How to read a loaded file's numbers, 0 .. `codes` - 1: Pillow's mode without alpha, their linear light, and
+    whether the colour profile could be used; None for sRGB.
+    """
+    grey = image.mode in GREYS or image.mode.startswith("I")
+    mode = "L" if grey else "RGB"
+    profile = image.info.get("icc_profile")
+    if not profile:
+        return mode, None, True
     try:
-        matrix = from_d50() @ to_d50(primaries)
-    except (ZeroDivisionError, np.linalg.LinAlgError):
-        return ColourSpace((curve,) * 3)
-    return ColourSpace((curve,) * 3, matrix if np.isfinite(matrix).all() else None)
+        kind = profile[16:20].decode("latin-1").strip()
+        inks = image.mode == "CMYK"
+        if (
+            len(profile) < 132
+            or profile[36:40] != b"acsp"
+            or kind not in ({"CMYK"} if inks else {"RGB", "GRAY"})
+        ):
+            raise ProfileError
+        if kind == "GRAY" and not grey:
+            raise ProfileError
+        if inks:
+            return "CMYK", _by_littlecms(profile, "CMYK"), True
+        linear = _by_matrix(profile, codes) or _by_littlecms(profile, "L" if kind == "GRAY" else "RGB")
+        return mode, None if _is_srgb(linear, kind, codes) else linear, True
+    except ProfileError:
+        return mode, None, False
 
 
-def icc_kind(profile: bytes) -> str:
-    """The colours of a profile, `RGB`, `GRAY`, `CMYK`, ...; raises ProfileError for data that are no profile."""
-    if len(profile) < 132 or profile[36:40] != b"acsp":
-        raise ProfileError
-    return profile[16:20].decode("latin-1").strip()
+def _is_srgb(linear: Linear, kind: str, codes: int) -> bool:
+    """Whether no colour of 8 bits moves by more than one level."""
+    step = np.arange(0, 256, 15)
+    colours = (
+        step[:, None, None]
+        if kind == "GRAY"
+        else np.stack(np.meshgrid(step, step, step), -1).reshape(-1, 1, 3)
+    )
+    stored = (colours * ((codes - 1) // 255)).astype(np.uint8 if codes == 256 else np.uint16)
+    return bool(np.abs(encode_u8(linear(stored)).astype(int) - colours).max() <= 1)
 
 
-def icc_space(profile: bytes) -> ColourSpace:
-    """The space of a matrix profile, or of one for grey. Raises ProfileError for others (ICC.1:2022, 8.3 and 8.4)."""
-    kind, connects = icc_kind(profile), profile[20:24]
+def _by_littlecms(profile: bytes, mode: str) -> Linear:
+    """LittleCMS: 8 bits a channel, relative colorimetric with black point compensation. Raises ProfileError."""
+    from PIL import Image, ImageCms
+
+    try:
+        given = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        intent, flags = ImageCms.Intent.RELATIVE_COLORIMETRIC, ImageCms.Flags.BLACKPOINTCOMPENSATION
+        srgb = ImageCms.createProfile("sRGB")
+        transform = ImageCms.buildTransform(given, srgb, mode, "RGB", intent, flags)
+    except (ImageCms.PyCMSError, OSError, ImportError) as error:  # some builds of Pillow lack LittleCMS
+        raise ProfileError from error
+
+    def linear(colour: NDArray[Any]) -> NDArray[np.float32]:
+        levels = _eight_bits(colour)
+        if mode == "RGB" and levels.shape[2] == 1:
+            levels = np.repeat(levels, 3, axis=2)
+        picture = Image.frombytes(mode, colour.shape[1::-1], levels.tobytes())
+        changed = ImageCms.applyTransform(picture, transform)
+        assert changed is not None  # it is None only where the picture is changed in place
+        return decode(np.asarray(changed))
+
+    return linear
+
+
+def _by_matrix(profile: bytes, codes: int) -> Linear | None:
+    """A profile of a curve for grey, or of three and a matrix (ICC.1:2022, 8.3 and 8.4); None for others.
+
+    Raises ProfileError.
+    """
     try:
         (count,) = struct.unpack_from(">I", profile, 128)
         rows = [struct.unpack_from(">4sII", profile, 132 + 12 * k) for k in range(min(count, 200))]
-        tags: Mapping[bytes, bytes] = {name: profile[at : at + size] for name, at, size in rows}
-        if any(name in tags for name in TABLES):
-            raise ProfileError
-        if kind == "GRAY":
-            curve = _icc_curve(tags[b"kTRC"])
-            return ColourSpace((curve if connects == b"XYZ " else _from_lightness(curve),))
-        if kind != "RGB" or connects != b"XYZ ":
-            raise ProfileError
+        tags = {name: profile[at : at + size] for name, at, size in rows}
+        if b"kTRC" in tags and profile[20:24] == b"XYZ ":
+            return _by_curves(codes, [_icc_curve(tags[b"kTRC"])])
+        if b"rXYZ" not in tags or any(name[:3] in (b"A2B", b"D2B") for name in tags):
+            return None
         columns = [struct.unpack_from(">3i", tags[name], 8) for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
-        curves = tuple(_icc_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC"))
-    except (KeyError, struct.error, ValueError) as error:
+        curves = [_icc_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")]
+    except (KeyError, struct.error) as error:
         raise ProfileError from error
-    return ColourSpace(curves, from_d50() @ (np.array(columns).T / 65536))
+    return _by_curves(codes, curves, SRGB_FROM_D50 @ (np.array(columns).T / 65536))
+
+
+def _by_curves(codes: int, curves: Sequence[Curve], matrix: F64 | None = None) -> Linear:
+    """Pixels (H, W, 1 or 3) of 0 .. codes - 1 -> (H, W, 3): curves to linear light, then a matrix (3, 3)."""
+    with np.errstate(all="ignore"):  # a damaged profile has any values
+        bent = [np.nan_to_num(curve(np.arange(codes) / (codes - 1)), posinf=1.0) for curve in curves]
+    tables = [np.clip(light, 0.0, 1.0).astype(np.float32) for light in bent]
+
+    def linear(pixels: NDArray[Any]) -> NDArray[np.float32]:
+        light = np.empty((*pixels.shape[:2], 3), np.float32)
+        for c in range(3):
+            light[:, :, c] = tables[c % len(tables)][pixels[:, :, c % pixels.shape[2]]]
+        return light if matrix is None else np.asarray(cv2.transform(light, matrix), np.float32)
+
+    return linear
 
 
 def _icc_curve(tag: bytes) -> Curve:
     """`curveType`: a power or a table; `parametricCurveType`: a power with a straight foot (10.6 and 10.18)."""
     kind, count = struct.unpack_from(">4s4xI", tag)
     if kind == b"curv":
-        if count == 0:
-            return gamma_curve(1.0)
-        if count == 1:
-            return gamma_curve(struct.unpack_from(">H", tag, 12)[0] / 256)
+        if count < 2:
+            gamma = struct.unpack_from(">H", tag, 12)[0] / 256 if count else 1.0
+            return lambda v: np.asarray(v**gamma)
         table = np.array(struct.unpack_from(f">{count}H", tag, 12)) / 65535
         return lambda v: np.interp(v, np.linspace(0, 1, count), table)
     shape = count >> 16
@@ -553,13 +416,3 @@ def _icc_curve(tag: bytes) -> Curve:
         return np.asarray(np.clip(np.where(v >= d, bent, c * v + f), 0.0, 1.0))
 
     return parametric
-
-
-def _from_lightness(curve: Curve) -> Curve:
-    """A curve to CIE lightness, 0..1 for L* = 0..100 -> one to linear light (ISO 11664-4)."""
-
-    def light(v: F64) -> F64:
-        f = (100 * curve(v) + 16) / 116
-        return np.asarray(np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29)))
-
-    return light
