@@ -2,151 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import ceil, floor
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.compile import Compiled, grams, mass_path, warning
-from physgen.compile.support import WallSegments, unsupported
-from physgen.compile.world import Body
+from physgen.compile.world import Body, Wall
 from physgen.geometry.convex import distance_to_outline, overlap_depth
-from physgen.geometry.framing import held, room
+from physgen.geometry.framing import held
 from physgen.geometry.polygon import bounds, translated_outline
 from physgen.maps import Percepts
 from physgen.problems import Problem, by_place
-from physgen.scene.scene import CameraView, FieldKind, JointKind, Motion, Object, Overlay, Scene, Solid, View
+from physgen.scene.scene import JointKind, Motion, Scene, Solid, View
 
-
-def without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """What a reader would expect to change the clip, and does not."""
-    yield from _stages(scene)
-    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
-        yield from _object(scene, item, body)
-    motion = {item.name: item.motion for item in scene.objects}
-    yield from _forces(scene, motion)
-    yield from _joints(scene, motion)
-    yield from _fields(scene, motion)
-
-
-def _stages(scene: Scene) -> Iterator[Problem]:
-    yield from _refine(scene)
-    friction = scene.world.table_friction
-    if friction > 0 and scene.world.view is View.SIDE:
-        why = "has no effect seen from the side"
-        yield warning(scene, "world.table.friction", f"{friction:g}", why, "take it out, or write view: top")
-    for kind, what, there in (
-        (Overlay.FORCES, "forces", bool(scene.forces)),
-        (Overlay.WEIGHT, "gravity in the picture's plane", any(scene.world.gravity)),
-        (Overlay.BOUNDARIES, "boundaries", bool(scene.boundaries)),
-    ):
-        if kind in scene.render.overlay and not there:
-            why = f"has no effect: the scene has no {what}"
-            yield warning(scene, "render.overlay", kind.value, why, "take it out")
-    if scene.world.view is View.TOP:
-        for key in ("tilt", "backdrop"):
-            if f"world.{key}" in scene.places:
-                why = "has no effect seen from above: shadows fall on the table"
-                yield warning(scene, f"world.{key}", key, why, "take it out, or write view: side")
-
-
-def _refine(scene: Scene) -> Iterator[Problem]:
-    refine = scene.refine
-    if refine.backend == "none":
-        for path, place in scene.places.items():
-            if path.startswith("refine.") and place.file.startswith("--set") and path != "refine.backend":
-                why = "has no effect: no backend refines"
-                value = str(getattr(refine, path.removeprefix("refine.")))
-                yield warning(scene, path, value, why, "write --refine animatediff, or another backend")
-        return
-    run = floor(refine.steps * refine.strength + 0.5)
-    if refine.stop >= run:
-        why = f"leaves none of the {run} steps that run in which objects are drawn to the guidance"
-        yield warning(scene, "refine.stop", f"{refine.stop}", why, f"write less than {run}, or more steps")
-    if refine.negative and refine.guidance == 1:
-        why = "has no effect: the model listens to no prompt at guidance 1"
-        yield warning(scene, "refine.negative", refine.negative, why, "take it out, or write more guidance")
-
-
-def _object(scene: Scene, item: Object, body: Body) -> Iterator[Problem]:
-    path = f"objects.{item.name}"
-    fixed = f"has no effect on an object whose motion is {item.motion.value}"
-    if item.motion is not Motion.DYNAMIC and (any(item.velocity) or item.spin):
-        key = "velocity" if any(item.velocity) else "spin"
-        yield warning(scene, f"{path}.{key}", key, fixed, "take it out, or write motion: dynamic")
-    sphere = body.radius is not None and body.solid is Solid.SPHERE
-    above = scene.world.view is View.TOP
-    if item.rolling > 0:
-        why = fix = ""
-        if item.motion is not Motion.DYNAMIC:
-            why, fix = fixed, "take it out, or write motion: dynamic"
-        elif body.radius is None:
-            why, fix = "has no effect: only circles roll", "take it out, or write shape: {circle: ...}"
-        elif above and not sphere:
-            why = f"has no effect seen from above: a {body.solid.value} lies flat and does not roll"
-            fix = "take it out, or write solid: sphere"
-        if why:
-            yield warning(scene, f"{path}.rolling", f"{item.rolling:g}", why, fix)
-    if item.roll != "natural":
-        why = fix = ""
-        if not above:
-            why, fix = "has no effect seen from the side", "take it out, or write view: top"
-        elif item.motion is not Motion.DYNAMIC:
-            why, fix = fixed, "take it out, or write motion: dynamic"
-        elif not sphere:
-            why = f"has no effect: a {body.solid.value} does not roll on a table"
-            fix = "take it out, or write solid: sphere and shape: {circle: ...}"
-        elif scene.world.table_friction == 0:
-            why, fix = "has no effect: the table has no friction", "write world: {table: {friction: 0.2}}"
-        if why:
-            found = item.roll if isinstance(item.roll, str) else f"[{item.roll[0]:g}, {item.roll[1]:g}]"
-            yield warning(scene, f"{path}.roll", found, why, fix)
-
-
-def _forces(scene: Scene, motion: dict[str, Motion]) -> Iterator[Problem]:
-    end = scene.world.duration
-    for k, force in enumerate(scene.forces):
-        how = motion[force.object]
-        if how is not Motion.DYNAMIC:
-            why = f"has no effect: the motion of {force.object} is {how.value}"
-            fix = "take it out, or write motion: dynamic"
-            yield warning(scene, f"forces[{k}]", force.load.value, why, fix)
-        elif force.start >= end:
-            why = f"begins after the end of the clip at {end:g} s"
-            fix = "begin earlier or lengthen the duration"
-            yield warning(scene, f"forces[{k}].start", f"{force.start:g}", why, fix)
-
-
-def _joints(scene: Scene, motion: dict[str, Motion]) -> Iterator[Problem]:
-    for item in scene.joints:
-        path = f"joints.{item.name}"
-        if all(motion[name] is not Motion.DYNAMIC for name in item.objects):
-            fixed = [f"{name} is {motion[name].value}" for name in item.objects]
-            why = f"has no effect: {' and '.join(fixed)}"
-            yield warning(scene, path, item.name, why, "take it out, or write motion: dynamic")
-        elif item.collide and len(item.objects) == 1:
-            why = f"has no effect: {item.objects[0]} is joined to the world, which it bumps into anyway"
-            yield warning(scene, f"{path}.collide", "true", why, "take it out")
-
-
-def _fields(scene: Scene, motion: dict[str, Motion]) -> Iterator[Problem]:
-    for item in scene.fields:
-        path = f"fields.{item.name}"
-        fix = "take it out, or write motion: dynamic"
-        if not item.objects and all(how is not Motion.DYNAMIC for how in motion.values()):
-            yield warning(scene, path, item.name, "has no effect: no object is dynamic", fix)
-        for name in dict.fromkeys(item.objects):
-            if motion[name] is not Motion.DYNAMIC:
-                why = f"has no effect on {name}, whose motion is {motion[name].value}"
-                yield warning(scene, f"{path}.objects", item.name, why, fix)
-        key, strength = "drag", item.drag
-        if item.kind is FieldKind.ATTRACTOR:
-            key, strength = "strength", item.strength
-        if strength == 0:
-            yield warning(scene, f"{path}.{key}", f"{strength:g}", "has no effect", "write another number")
+Array = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -173,24 +48,90 @@ class WarningLimits:
     """Masses that touch or are joined: of a heavier one by a lighter, contacts come out soft or are slow to settle."""
     touch: float = 1.0
     """px between two objects that count as touching."""
-    fastest: int = 100_000
-    """steps_per_second at most, as in the schema."""
     far: float = 4.0
     """px outside an object that the end of a joint may lie, however small the object is."""
     leaps: int = 4
     """Times its size that a body may move in a step before the user is warned: a few shorter steps cost nothing."""
+    support: float = 4.0
+    """px below an object in which its support must lie; outlines and floors of photos are off by as much."""
 
 
 LIMITS = WarningLimits()
+PARTS = (1.0, 0.75, 0.5, 0.25, 0.125)
+"""Of the way down to its support, at which it is tried; 0.5 px is less than any object's height."""
 
 
-def camera_warnings(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Views that would leave the photo, or that are reached when the clip is over."""
+def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
+    """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
+    rules: tuple[Callable[[Scene, Compiled], Iterator[Problem]], ...] = (
+        _overlaps,
+        _unsupported,
+        _without_effect,
+        _masses_apart,
+        _too_fast,
+        _far_springs,
+        _missed_masks,
+        _views,
+    )
+    found = [problem for rule in rules for problem in rule(scene, compiled)]
+    return by_place([*found, *photo_differs(scene, compiled, maps)])
+
+
+def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """What a reader would expect to change the clip, and does not."""
+    motion = {item.name: item.motion for item in scene.objects}
+    above = scene.world.view is View.TOP
+    if scene.world.table_friction > 0 and not above:
+        found, why = f"{scene.world.table_friction:g}", "has no effect seen from the side"
+        yield warning(scene, "world.table.friction", found, why, "take it out, or write view: top")
+    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
+        path, dynamic = f"objects.{item.name}", item.motion is Motion.DYNAMIC
+        fixed = f"has no effect on an object whose motion is {item.motion.value}"
+        sphere = body.radius is not None and body.solid is Solid.SPHERE
+        if not dynamic and (any(item.velocity) or item.spin):
+            key = "velocity" if any(item.velocity) else "spin"
+            yield warning(scene, f"{path}.{key}", key, fixed, "take it out, or write motion: dynamic")
+        if item.rolling > 0 and not (dynamic and (sphere if above else body.radius is not None)):
+            why = fixed if not dynamic else f"has no effect: only {'spheres' if above else 'circles'} roll"
+            yield warning(scene, f"{path}.rolling", f"{item.rolling:g}", why, "take it out")
+        if item.roll != "natural" and not (dynamic and sphere and above and scene.world.table_friction > 0):
+            why = "has no effect: only dynamic spheres on a table with friction roll"
+            yield warning(scene, f"{path}.roll", "roll", why, "take it out")
+    for k, force in enumerate(scene.forces):
+        if motion[force.object] is not Motion.DYNAMIC:
+            why = f"has no effect: the motion of {force.object} is {motion[force.object].value}"
+            fix = "take it out, or write motion: dynamic"
+            yield warning(scene, f"forces[{k}]", force.load.value, why, fix)
+        elif force.start >= scene.world.duration:
+            why = f"begins after the end of the clip at {scene.world.duration:g} s"
+            fix = "begin earlier or lengthen the duration"
+            yield warning(scene, f"forces[{k}].start", f"{force.start:g}", why, fix)
+    for joint in scene.joints:
+        if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
+            why = "has no effect: no object of it is dynamic"
+            yield warning(
+                scene, f"joints.{joint.name}", joint.name, why, "take it out, or write motion: dynamic"
+            )
+    for field in scene.fields:
+        if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
+            why = "has no effect: no object of it is dynamic"
+            yield warning(
+                scene, f"fields.{field.name}", field.name, why, "take it out, or write motion: dynamic"
+            )
+
+
+def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Views of the camera that would leave the photo, or that are reached when the clip is over."""
     for index, sight in enumerate(scene.render.camera):
         path = "render.camera"
         if f"{path}[{index}]" in scene.places:
             path += f"[{index}]"
-        yield from _still(scene, sight, path)
+        if sight.center is not None:
+            x, y = held(sight.center, scene.size, scene.video_size, sight.zoom)
+            if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
+                found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
+                expected = f"is too near the photo's border for zoom {sight.zoom:g}: the view stops at [{x:g}, {y:g}]"
+                yield warning(scene, f"{path}.center", found, expected, "zoom in further, or move it there")
         end = scene.world.duration
         if sight.time > end:
             expected = f"is after the end of the motion at {end:g} s: this view is never reached"
@@ -198,29 +139,7 @@ def camera_warnings(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             yield warning(scene, f"{path}.time", f"{sight.time:g}", expected, fix)
 
 
-def _still(scene: Scene, sight: CameraView, path: str) -> Iterator[Problem]:
-    photo, video = scene.size, scene.video_size
-    if sight.center is not None:
-        x, y = held(sight.center, photo, video, sight.zoom)
-        if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
-            found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
-            expected = (
-                f"is too near the photo's border for zoom {sight.zoom:g}: the view stops at [{x:g}, {y:g}]"
-            )
-            fix = "zoom in further, or move it there"
-            yield warning(scene, f"{path}.center", found, expected, fix)
-    elif sight.follow is not None:
-        low, high = room(photo, video, sight.zoom)
-        if max(high[0] - low[0], high[1] - low[1]) < 1:
-            expected = f"has no effect: at zoom {sight.zoom:g} all of the photo is seen"
-            yield warning(
-                scene, f"{path}.follow", sight.follow, expected, "write zoom: 1.5 or more beside it"
-            )
-
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
-Mask = NDArray[np.bool_]
+# The photo's maps
 
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
@@ -290,24 +209,7 @@ def _grown(mask: Mask, by: int) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), reach) > 0)
 
 
-Array = NDArray[np.float64]
-
-
-def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
-    """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
-    rules: tuple[Callable[[Scene, Compiled], Iterator[Problem]], ...] = (
-        _overlaps,
-        unsupported,
-        without_effect,
-        _masses_apart,
-        _too_fast,
-        _paths_that_end,
-        _far_joints,
-        _missed_masks,
-        camera_warnings,
-    )
-    found = [problem for rule in rules for problem in rule(scene, compiled)]
-    return by_place([*found, *photo_differs(scene, compiled, maps)])
+# Contacts, masses and speeds
 
 
 def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -383,69 +285,28 @@ def _touch(compiled: Compiled, i: int, j: int) -> bool:
 
 
 def _too_fast(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    rate = scene.world.steps_per_second
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
-        step = float(np.hypot(*body.velocity)) / rate
+        step = float(np.hypot(*body.velocity)) / scene.world.steps_per_second
         if step > LIMITS.leaps * body.size:
             expected = (
                 f"moves {step:.0f} px a step, over its size of {body.size:.0f} px: "
                 "steps are divided where it could pass through something, which takes time"
             )
-            even = ceil(step / body.size * rate - 1e-6)
-            fix = "lower the velocity"
-            if even <= LIMITS.fastest:
-                fix += f", or write world.steps_per_second: {even} for steps of one length"
+            fix = "lower the velocity, or raise world.steps_per_second"
             yield warning(scene, f"objects.{item.name}.velocity", item.name, expected, fix)
 
 
-def _paths_that_end(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    end = scene.world.duration
-    for item in scene.objects:
-        if item.path and item.path[-1].time < end:
-            expected = (
-                f"ends at {item.path[-1].time:g} s, the clip at {end:g} s: it stays where it is from then on"
-            )
-            path = f"objects.{item.name}.motion.path"
-            yield warning(scene, path, item.name, expected, f"add a knot at {end:g} s")
-
-
-def _far_joints(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """An end of a spring, or a pin of two objects, that lies away from what it rides on.
-
-    A pin of one object may, and one between two: it is the end of a rod that is not drawn.
-    """
+def _far_springs(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Ends of springs that lie away from what they ride on: farther than the object reaches."""
     index = {item.name: k for k, item in enumerate(scene.objects)}
-    boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)
-    useful = {joint.name for joint in compiled.world.joints}
-
-    def outside(name: str, point: Array) -> float:
-        """px, 0 where it is near enough: within as far again as the object reaches."""
-        body = compiled.world.bodies[index[name]]
-        away = distance_to_outline(compiled.outlines[index[name]], point)
-        return away if away > max(body.reach, LIMITS.far) else 0.0
-
     for item in scene.joints:
-        if item.name not in useful:
-            continue
-        path = f"joints.{item.name}.{item.kind.value}"
-        points = [np.array(point) for point in item.points]
         if item.kind is JointKind.SPRING:
-            off = [outside(name, at) for name, at in zip(item.objects, points, strict=False)]
-            turned = zip(item.objects, reversed(points), strict=False)
-            swapped = len(item.objects) == 2 and not any(outside(name, at) for name, at in turned)
-            for k, away in enumerate(off):
-                if away:
-                    expected = f"{'begins' if k == 0 else 'ends'} {away:.0f} px outside {item.objects[k]}"
-                    fix = "write the two points the other way round" if swapped else "move that end onto it"
-                    yield warning(scene, path, item.name, expected, fix)
-        elif len(item.objects) == 2:
-            a, b = item.objects
-            one, other = outside(a, points[0]), outside(b, points[0])
-            both = boxes[[index[a], index[b]]].reshape(2, 2, 2)
-            between = (both[:, 0].min(axis=0) <= points[0]) & (points[0] <= both[:, 1].max(axis=0))
-            if one and other and not between.all():
-                expected = f"lies {one:.0f} px outside {a} and {other:.0f} px outside {b}"
-                yield warning(scene, path, item.name, expected, "move it onto one of them")
+            for name, point, end in zip(item.objects, item.points, ("begins", "ends"), strict=False):
+                away = distance_to_outline(compiled.outlines[index[name]], np.array(point))
+                if away > max(compiled.world.bodies[index[name]].reach, LIMITS.far):
+                    expected = f"{end} {away:.0f} px outside {name}"
+                    fix = "move that end onto it"
+                    yield warning(scene, f"joints.{item.name}.spring", item.name, expected, fix)
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -454,3 +315,118 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             expected = f"misses {missed:.0%} of its mask"
             fix = "write shape: auto, or correct the outline"
             yield warning(scene, f"objects.{item.name}.shape", "the shape", expected, fix)
+
+
+# Support
+
+
+def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Objects of a photo, at rest, with nothing under them or under what they are joined to."""
+    gravity = compiled.world.gravity
+    if scene.image is None or scene.world.view is View.TOP or not gravity.any():
+        return
+    lines = WallSegments(compiled.world.walls)
+    step = gravity / float(np.hypot(*gravity)) * LIMITS.support
+    boxes = np.array([bounds(outline) for outline in compiled.outlines]).reshape(-1, 4)
+
+    def rests(i: int) -> bool:
+        lowered = translated_outline(compiled.outlines[i], step)
+        x0, y0, x1, y1 = bounds(lowered)
+        near = np.flatnonzero(
+            (boxes[:, 0] < x1) & (boxes[:, 2] > x0) & (boxes[:, 1] < y1) & (boxes[:, 3] > y0)
+        )
+        if any(j != i and overlap_depth(lowered, compiled.outlines[j]) > 0 for j in near.tolist()):
+            return True
+        # what is thinner than the step would be past the line under it
+        return any(lines.across(compiled.world.bodies[i], step * part) for part in PARTS)
+
+    hanging = [i for group in _joined(scene) if not any(map(rests, group)) for i in group]
+    for item in (scene.objects[i] for i in sorted(hanging)):
+        if not any(item.velocity):
+            expected = "is supported by nothing and falls at once"
+            fix = "put a boundary under it, hold it with a joint, or write motion: static"
+            yield warning(scene, f"objects.{item.name}", item.name, expected, fix)
+
+
+def _joined(scene: Scene) -> list[set[int]]:
+    """The dynamic objects that joints hold together; those that are held to what does not fall are left out."""
+    index = {item.name: k for k, item in enumerate(scene.objects)}
+    root = list(range(len(scene.objects) + 1))
+    fixed = len(scene.objects)  # the world, and all that stands in it
+
+    def find(k: int) -> int:
+        while root[k] != k:
+            root[k] = k = root[root[k]]
+        return k
+
+    for k, item in enumerate(scene.objects):
+        if item.motion is not Motion.DYNAMIC:
+            root[k] = fixed
+    for joint in scene.joints:
+        ends = [index[name] for name in joint.objects]
+        root[find(ends[0])] = find(ends[1] if len(ends) == 2 else fixed)
+    groups: dict[int, set[int]] = {}
+    for k in range(len(scene.objects)):
+        if find(k) != find(fixed):
+            groups.setdefault(find(k), set()).add(k)
+    return list(groups.values())
+
+
+class WallSegments:
+    """The segments of all walls, found by where they lie."""
+
+    def __init__(self, walls: Sequence[Wall]) -> None:
+        chains = [(k, chain) for k, wall in enumerate(walls) for chain in wall.chains]
+        none = np.zeros((0, 2))
+        self.start = np.concatenate([none, *(chain[:-1] for _, chain in chains)])
+        self.end = np.concatenate([none, *(chain[1:] for _, chain in chains)])
+        self.wall = np.repeat([k for k, _ in chains], [len(chain) - 1 for _, chain in chains]).astype(np.intp)
+        self._low, self._high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
+
+    def across(self, body: Body, by: Array | None = None) -> dict[int, float]:
+        """Index of every wall that a body, moved by `by` (2,) px, reaches across, and how far, px."""
+        points = _extremes(body) + body.center + (0.0 if by is None else by)
+        meet = (self._low <= points.max(axis=0)) & (self._high >= points.min(axis=0))
+        deepest: dict[int, float] = {}
+        for k in np.flatnonzero(meet.all(axis=1)).tolist():
+            depth = _sunk(body, self.start[k], self.end[k], by)
+            wall = int(self.wall[k])
+            if depth > deepest.get(wall, 0.0):
+                deepest[wall] = depth
+        return deepest
+
+
+def _extremes(body: Body) -> Array:
+    if body.radius is not None:
+        return np.array([[-body.radius, -body.radius], [body.radius, body.radius]])
+    return np.concatenate(body.pieces)
+
+
+def _sunk(body: Body, a: Array, b: Array, by: Array | None) -> float:
+    """How far a body reaches across the segment from a to b, px; 0 when it does not touch."""
+    center = body.center if by is None else body.center + by
+    along = b - a
+    length = float(np.hypot(*along))
+    if length == 0:
+        return 0.0
+    along = along / length
+    if body.radius is not None:
+        at = float(np.clip((center - a) @ along, 0, length))
+        return max(0.0, body.radius - float(np.hypot(*(center - a - at * along))))
+    across = np.array([-along[1], along[0]])
+    places = (piece + center - a for piece in body.pieces)
+    return max(_across(points @ along, points @ across, length) for points in places)
+
+
+def _across(x: Array, y: Array, length: float) -> float:
+    """How far a convex piece lies on both sides of the segment y = 0, 0 <= x <= length, within that length, px."""
+    ends = [(x, y), (np.roll(x, -1), np.roll(y, -1))]
+    heights = [y[(x >= 0) & (x <= length)]]
+    for at in (0.0, length):  # where edges cross the segment's ends
+        (x0, y0), (x1, y1) = ends
+        cut = (x0 < at) != (x1 < at)
+        heights.append(y0[cut] + (at - x0[cut]) / (x1[cut] - x0[cut]) * (y1[cut] - y0[cut]))
+    inside = np.concatenate(heights)
+    if not len(inside):
+        return 0.0
+    return max(0.0, float(min(inside.max(), -inside.min())))

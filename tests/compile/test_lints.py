@@ -44,27 +44,14 @@ LINTS = {
     "objects.a.shape: a reaches 4.0 px across boundary floor at t = 0; ": """\
 objects: {a: {shape: {box: {center: [50, 60], size: [20, 20]}}}}
 boundaries: {floor: {segment: [[0, 66], [200, 66]]}}""",
-    "objects.a.rolling: 0.1 has no effect: only circles roll; take it out, or write shape: {circle: ...}": f"""\
+    "objects.a.rolling: 0.1 has no effect: only circles roll; take it out": f"""\
 objects: {{a: {{shape: {BOX}, rolling: 0.1}}}}""",
-    "objects.a.rolling: 0.1 has no effect seen from above: a disc lies flat and does not roll; ": f"""\
+    "objects.a.rolling: 0.1 has no effect: only spheres roll; take it out": f"""\
 {CLOTH}objects: {{a: {{shape: {BALL}, rolling: 0.1}}}}""",
     "objects.a.rolling: 0.1 has no effect on an object whose motion is static; ": f"""\
 objects: {{a: {{shape: {BALL}, rolling: 0.1, motion: static}}}}""",
-    "objects.a.roll: none has no effect seen from the side; take it out, or write view: top": f"""\
-objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
-    "objects.a.roll: [90, 0] has no effect: a disc does not roll on a table; ": f"""\
-{CLOTH}objects: {{a: {{shape: {BALL}, roll: [90, 0]}}}}""",
-    "objects.a.roll: none has no effect: the table has no friction; ": f"""\
+    "objects.a.roll: roll has no effect: only dynamic spheres on a table with friction roll; take it out": f"""\
 {TOP}objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
-    "render.overlay: forces has no effect: the scene has no forces; take it out": (
-        "objects: {}\nrender: {overlay: [forces]}"
-    ),
-    "render.overlay: weight has no effect: the scene has no gravity in the picture's plane; take it out": (
-        f"{TOP}objects: {{}}\nrender: {{overlay: [weight]}}"
-    ),
-    "world.backdrop: backdrop has no effect seen from above: shadows fall on the table; take it out, or write view": (
-        "world: {view: top, backdrop: 100}\nobjects: {}"
-    ),
     "world.table.friction: 0.2 has no effect seen from the side; take it out, or write view: top": (
         "world: {table: {friction: 0.2}}\nobjects: {}"
     ),
@@ -77,10 +64,8 @@ forces: [{{object: a, impulse: [1, 0]}}]""",
 {TOP}objects: {{a: {{shape: {BALL}}}}}
 forces: [{{object: a, impulse: [1, 0], start: 3}}]""",
     "objects.a.velocity: a moves 104 px a step, over its size of 20 px: steps are divided where it could pass "
-    "through something, which takes time; lower the velocity, or write world.steps_per_second: 5000 for steps": f"""\
+    "through something, which takes time; lower the velocity, or raise world.steps_per_second": f"""\
 {TOP}objects: {{a: {{shape: {BALL}, velocity: [1.0e5, 0]}}}}""",
-    "objects.a.motion.path: a ends at 0.5 s, the clip at 2 s: it stays where it is from then on; add": f"""\
-objects: {{a: {{shape: {BALL}, motion: {{path: [[0, 50, 60], [0.5, 90, 60]]}}}}}}""",
     "objects.a.mass: a of 0.001 g touches b, which is 5.0e+06 times as heavy: the motion is not exact; bring": f"""\
 {TOP}objects:
   a: {{shape: {BALL}, mass: 0.001}}
@@ -90,31 +75,15 @@ objects: {{a: {{shape: {BALL}, motion: {{path: [[0, 50, 60], [0.5, 90, 60]]}}}}}
   a: {{shape: {BALL}, density: 0.001}}
   b: {{shape: {BOX}, mass: 5.0e6}}
 joints: {{band: {{objects: [b, a], spring: [[120, 60], [50, 60]], stiffness: 5}}}}""",
-    "joints.glue: glue has no effect: a is static and b is static; take it out, or write motion: dynamic": f"""\
+    "joints.glue: glue has no effect: no object of it is dynamic; take it out, or write motion: dynamic": f"""\
 objects: {{a: {{shape: {BALL}, motion: static}}, b: {{shape: {BOX}, motion: static}}}}
 joints: {{glue: {{objects: [a, b], weld: [90, 60]}}}}""",
-    "joints.hinge: hinge has no effect: a is scripted; take it out, or write motion: dynamic": f"""\
-objects: {{a: {{shape: {BALL}, motion: {{path: [[0, 50, 60], [2, 90, 60]]}}}}}}
-joints: {{hinge: {{objects: [a], pivot: [50, 20]}}}}""",
-    "joints.hinge.collide: true has no effect: a is joined to the world, which it bumps into anyway; take it out": f"""\
-objects: {{a: {{shape: {BALL}}}}}
-joints: {{hinge: {{objects: [a], pivot: [50, 20], collide: true}}}}""",
     "joints.band.spring: band begins 30 px outside a; move that end onto it": f"""\
 {TOP}objects: {{a: {{shape: {BALL}}}, b: {{shape: {BOX}}}}}
 joints: {{band: {{objects: [a, b], spring: [[50, 20], [120, 60]], stiffness: 5}}}}""",
-    "joints.hinge.pivot: hinge lies 80 px outside a and 80 px outside b; move it onto one of them": f"""\
-{TOP}objects: {{a: {{shape: {BALL}}}, b: {{shape: {{circle: {{center: [110, 60], radius: 10}}}}}}}}
-joints: {{hinge: {{objects: [a, b], pivot: [80, 144.853]}}}}""",
-    "fields.breeze.objects: breeze has no effect on b, whose motion is static; ": f"""\
-objects: {{a: {{shape: {BALL}}}, b: {{shape: {BOX}, motion: static}}}}
-boundaries: {{floor: {{segment: [[0, 140], [200, 140]]}}}}
-fields: {{breeze: {{wind: [5, 0], drag: 1, objects: [a, b]}}}}""",
-    "fields.breeze: breeze has no effect: no object is dynamic; ": f"""\
+    "fields.breeze: breeze has no effect: no object of it is dynamic; ": f"""\
 objects: {{b: {{shape: {BOX}, motion: static}}}}
 fields: {{breeze: {{wind: [5, 0], drag: 1}}}}""",
-    "fields.magnet.strength: 0 has no effect; write another number": f"""\
-objects: {{a: {{shape: {BALL}}}}}
-fields: {{magnet: {{attractor: [5, 0], strength: 0}}}}""",
 }
 
 
@@ -152,19 +121,6 @@ def test_nothing_is_told(tmp_path: Path, why: str) -> None:
     assert told(tmp_path, SILENT[why]) == []
 
 
-def test_a_spring_written_the_other_way_round(tmp_path: Path) -> None:
-    said = told(
-        tmp_path,
-        f"""\
-{TOP}objects: {{a: {{shape: {BALL}}}, b: {{shape: {BOX}}}}}
-joints: {{band: {{objects: [a, b], spring: [[120, 60], [50, 60]], stiffness: 5}}}}""",
-    )
-    assert said == [
-        "joints.band.spring: band begins 60 px outside a; write the two points the other way round",
-        "joints.band.spring: band ends 60 px outside b; write the two points the other way round",
-    ]
-
-
 # Falling
 
 
@@ -173,9 +129,6 @@ def test_an_object_of_a_photo_that_hangs_in_the_air(tmp_path: Path) -> None:
     [said] = told(tmp_path, body, photo(tmp_path))
     assert "a is supported by nothing and falls at once" in said
     assert told(tmp_path, body) == []  # a lesson
-    static = "\n  b: {shape: {box: {center: [150, 120], size: [20, 20]}}, motion: static}"
-    [said] = told(tmp_path, f"objects:\n  a: {{shape: {BALL}}}{static}", photo(tmp_path))
-    assert "a is supported by nothing and falls at once" in said  # and not a second time for missing b
 
 
 HELD = {
@@ -187,8 +140,7 @@ HELD = {
 
 
 @pytest.mark.parametrize("how", HELD)
-@pytest.mark.parametrize("of_a_photo", [True, False])
-def test_what_is_held_does_not_fall(tmp_path: Path, how: str, of_a_photo: bool) -> None:
+def test_what_is_held_does_not_fall(tmp_path: Path, how: str) -> None:
     body = f"""\
 objects:
   a: {{shape: {BALL}}}
@@ -196,7 +148,7 @@ objects:
   shelf: {{shape: {{box: {{center: [180, 20], size: [20, 20]}}}}, motion: static}}
 joints:
   {HELD[how]}"""
-    assert told(tmp_path, body, photo(tmp_path) if of_a_photo else "size: [200, 150]") == []
+    assert told(tmp_path, body, photo(tmp_path)) == []
 
 
 def test_what_is_joined_falls_together(tmp_path: Path) -> None:
@@ -208,70 +160,6 @@ boundaries: {{floor: {{segment: [[100, 70], [140, 70]]}}}}"""
     assert told(tmp_path, body, photo(tmp_path)) == []
     said = told(tmp_path, body.replace("70", "50"), photo(tmp_path))
     assert ["falls at once" in line for line in said if "shape" not in line] == [True, True]
-
-
-def falling(tmp_path: Path, ball: str, rest: str, world: str = "{}") -> bool:
-    body = f"world: {world}\nobjects:\n  a: {{shape: {BALL}{ball}}}\n{rest}"
-    said = [line for line in told(tmp_path, body) if not line.startswith("joints")]
-    assert all("objects.a: a falls for ever: nothing lies below its path" in line for line in said)
-    assert len(said) <= 1
-    return bool(said)
-
-
-FLOOR = "boundaries: {{floor: {{segment: [[{}, 140], [{}, 140]]}}}}"
-
-
-def test_a_floor_under_the_path_or_not(tmp_path: Path) -> None:
-    assert not falling(tmp_path, "", FLOOR.format(0, 200))
-    assert falling(tmp_path, "", FLOOR.format(61, 200))
-    assert not falling(tmp_path, "", FLOOR.format(59, 200))  # its rim still meets it
-    assert falling(tmp_path, "", FLOOR.format(0, 200).replace("140", "20"))  # above it
-    assert not falling(tmp_path, "", FLOOR.format(0, 200).replace("140", "20"), "{gravity: [0, -980]}")
-    assert falling(tmp_path, "", FLOOR.format(0, 200), "{gravity: [980, 0]}")
-    assert not falling(tmp_path, "", FLOOR.format(0, 200), "{gravity: [0, 0]}")
-    assert not falling(tmp_path, "", FLOOR.format(61, 200), "{view: top}")
-
-
-def test_a_projectile_and_the_end_of_the_floor(tmp_path: Path) -> None:
-    """It falls 70 px to the floor at 140 in sqrt(140 / 980) = 0.378 s, by when it is 0.378 v further."""
-    assert not falling(tmp_path, ", velocity: [390, 0]", FLOOR.format(0, 200))  # x = 197
-    assert not falling(
-        tmp_path, ", velocity: [420, 0]", FLOOR.format(0, 200)
-    )  # x = 209, its rim meets the end
-    assert falling(tmp_path, ", velocity: [450, 0]", FLOOR.format(0, 200))
-    assert falling(tmp_path, ", velocity: [-450, 0]", FLOOR.format(0, 200))
-    assert not falling(
-        tmp_path, ", velocity: [450, 0]", FLOOR.format(0, 200), "{duration: 0.3}"
-    )  # still above it
-    assert not falling(tmp_path, ", velocity: [450, 0]", FLOOR.format(150, 400))  # reaches it from outside
-    assert falling(tmp_path, ", velocity: [450, 0]", FLOOR.format(300, 400))
-    assert not falling(tmp_path, ", velocity: [100, -500]", FLOOR.format(0, 200), "{duration: 1}")
-    push = "forces: [{object: a, impulse: [45000, 0]}]\n"
-    assert falling(tmp_path, ", mass: 100", push + FLOOR.format(0, 200))
-    assert not falling(tmp_path, ", mass: 1000", push + FLOOR.format(0, 200))
-
-
-def test_what_else_catches_it(tmp_path: Path) -> None:
-    far = FLOOR.format(150, 400)
-    static = "  b: {shape: {box: {center: [50, 120], size: [20, 20]}}, motion: static}\n"
-    assert not falling(tmp_path, "", static + far)
-    cart = "  b: {shape: {box: {center: [150, 120], size: [20, 20]}}, motion: {path: [[0, 150, 120], [2, 60, 120]]}}\n"
-    assert not falling(tmp_path, "", cart + far)  # drives under it
-    assert falling(tmp_path, "", cart.replace("[2, 60", "[2, 120") + far)
-    wall = "boundaries: {frame: {polyline: [[0, 0], [0, 140], [40, 140]]}, side: {segment: [[90, 0], [90, 140]]}}"
-    assert not falling(tmp_path, ", velocity: [200, 0]", wall)  # bounces off it, and who knows
-    steered = "forces: [{object: a, force: [0, -9.0e5]}]\n"
-    assert not falling(tmp_path, "", steered + far)
-    assert not falling(tmp_path, "", "fields: {magnet: {attractor: [5, 0], strength: 4.0e7}}\n" + far)
-
-
-def test_of_two_that_fall_side_by_side_none_holds_the_other(tmp_path: Path) -> None:
-    body = f"""\
-objects:
-  a: {{shape: {BALL}}}
-  b: {{shape: {{circle: {{center: [65, 47], radius: 6}}}}}}
-{FLOOR.format(150, 400)}"""
-    assert [line.partition(":")[0] for line in told(tmp_path, body)] == ["objects.a"]  # b would land on a
 
 
 # ---- masks and shapes --------------------------------------------------------------------------------------------

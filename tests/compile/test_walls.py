@@ -10,7 +10,7 @@ import pytest
 from pytest import approx
 
 from physgen import pipeline
-from physgen.compile.support import WallSegments
+from physgen.compile.warnings import WallSegments
 from physgen.geometry.polygon import Disc, polygon_moments
 from physgen.problems import InputError
 

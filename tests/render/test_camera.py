@@ -403,6 +403,5 @@ def test_a_camera_that_cannot_do_what_is_written_is_told(tmp_path) -> None:
             "render.camera[0].center",
             "is too near the photo's border for zoom 2: the view stops at [49.5, 60]",
         ),
-        ("render.camera[1].follow", "has no effect: at zoom 1 all of the photo is seen"),
         ("render.camera[2].time", "is after the end of the motion at 0.5 s: this view is never reached"),
     ]
