@@ -36,7 +36,6 @@ from collections import deque
 from functools import partial
 from pathlib import Path
 
-import alarms
 import cv2
 import editor as editing
 import fid_page
@@ -254,7 +253,6 @@ PARTS |= {
     "cluster": cluster,
     "plausibility": plausibility,
     "fid": fid,
-    "study": alarms.study,
     "editor": editing.editor,
 }
 MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
@@ -284,10 +282,6 @@ def main(names: list[str]) -> None:
     if (RESULTS / "fid.json").exists():
         text, result = fid_page.PAGE.read_text(), json.loads((RESULTS / "fid.json").read_text())
         fid_page.PAGE.write_text(fid_page.page(text, result))
-    if (RESULTS / "study.json").exists():
-        alarms.PAGE.write_text(
-            alarms.page(alarms.PAGE.read_text(), json.loads((RESULTS / "study.json").read_text()))
-        )
     if (RESULTS / "editor.json").exists():
         text, result = editing.PAGE.read_text(), json.loads((RESULTS / "editor.json").read_text())
         editing.PAGE.write_text(editing.page(text, result))

@@ -23,17 +23,6 @@ def test_the_page_is_what_its_json_says(name: str) -> None:
     assert (ROOT / "docs" / f"{name}.md").read_text() == run.stdout
 
 
-def test_the_page_of_studies_has_the_alarms_of_its_json() -> None:
-    code = (
-        "import sys, json; sys.path.insert(0, 'benchmarks'); import alarms as a;"
-        "found = json.load(open('benchmarks/results/study.json'));"
-        "sys.stdout.write(a.page(a.PAGE.read_text(), found))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs" / "study.md").read_text() == run.stdout
-    assert "| people's taste alone |" in run.stdout
-
-
 def test_masses_on_the_page_are_those_of_its_rows() -> None:
     """The share that the page tells, counted again from the answers and the shipped table."""
     from physgen.evaluate.objects import SHIPPED, read_table

@@ -25,6 +25,7 @@ from physgen.files import resource, write_with_backup
 from physgen.photos import read_photo
 from physgen.problems import InputError, Problem
 from physgen.report.html import script_json, template, webp
+from physgen.text import shown
 
 U8 = NDArray[np.uint8]
 
@@ -38,7 +39,6 @@ SCRIPTS = ("keep", "order", "save", "clip", "page")
 KEY, ANSWERS = "physgen-study-key", "physgen-study-answers"
 """Kinds of files, with the version of their form."""
 VERSION = 1
-MOST_BYTES = 16_000_000
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,6 @@ class Question:
     """As the paper has it; raters do not see it."""
     claim: str
     hint: str
-    asked: str = ""
-    """Added to the hint where raters see what was asked of the methods."""
 
 
 QUESTIONS = (
@@ -59,8 +57,7 @@ QUESTIONS = (
         "physical",
         "physical-realism",
         "The video is physically realistic.",
-        "Things move, fall and meet as they would in reality.",
-        "What happens is what was asked for.",
+        "Things move, fall and meet as they would in reality, and as was asked for, where that is shown.",
     ),
     Question(
         "photo",
@@ -90,6 +87,13 @@ class Key:
     clips: Mapping[str, tuple[str, str]]
     """Name on the page -> method and scene."""
 
+    @property
+    def fits(self) -> bool:
+        """Whether every clip is one of a known method and scene."""
+        pairs = set(self.clips.values())
+        known = {(method, scene) for method in self.methods for scene in self.scenes}
+        return bool(pairs) and len(pairs) == len(self.clips) and pairs <= known
+
     def text(self) -> str:
         clips = {name: {"method": method, "scene": scene} for name, (method, scene) in self.clips.items()}
         record = {KEY: VERSION, "study": self.study, "seed": self.seed, "methods": self.methods}
@@ -101,48 +105,36 @@ def read_key(path: Path) -> Key:
     """Raises InputError."""
     record = read_record(path, KEY)
     try:
-        methods, scenes = (tuple(map(str, record[name])) for name in ("methods", "scenes"))
-        clips = {
-            str(name): (str(clip["method"]), str(clip["scene"])) for name, clip in record["clips"].items()
-        }
-        if not clips or any(m not in methods or s not in scenes for m, s in clips.values()):
-            raise ValueError
-        if len(set(clips.values())) < len(clips):
-            raise ValueError
-        return Key(str(record["study"]), int(record["seed"]), methods, scenes, clips)
+        clips = {name: (clip["method"], clip["scene"]) for name, clip in record["clips"].items()}
+        key = Key(
+            record["study"], int(record["seed"]), tuple(record["methods"]), tuple(record["scenes"]), clips
+        )
     except (KeyError, TypeError, ValueError, AttributeError):
+        key = None
+    if key is None or not key.fits:
         expected = "is a key that was changed: parts are missing or do not fit"
-        raise InputError.of(str(path), "", expected, "use the file as it was made") from None
+        raise InputError.of(str(path), "", expected, "use the file as it was made")
+    return key
 
 
 def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     """Contents of a key or of a rater's answers. Raises InputError for a file that is not of that `kind`."""
-    if kind == KEY:
-        what, fix = (
-            "the key of a study",
-            "name the file NAME.key.json that was made with the page, with --key",
-        )
-        other, expected, other_fix = ANSWERS, "holds answers: it is not the key", fix
-    else:
-        what, fix = "a rater's answers", "name files that the page of a study saved"
-        other, expected, other_fix = KEY, "is the key of a study, not answers", "name it with --key"
+    what, fix = {
+        KEY: ("the key of a study", "name the NAME.key.json that was made with the page, with --key"),
+        ANSWERS: ("a rater's answers", "name files that the page of a study saved"),
+    }[kind]
     if not path.is_file():
         raise InputError.of(str(path), "", "no such file", "check the path")
-    if path.stat().st_size > MOST_BYTES:
-        raise InputError.of(str(path), "", f"has over {MOST_BYTES // 1_000_000} MB: it is not {what}", fix)
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        line = f" (line {error.lineno})" if isinstance(error, json.JSONDecodeError) else ""
-        raise InputError.of(str(path), "", f"cannot be read as JSON{line}", fix) from None
-    if isinstance(record, dict) and other in record:
-        raise InputError.of(str(path), "", expected, other_fix)
+    except (ValueError, RecursionError):
+        raise InputError.of(str(path), "", "cannot be read as JSON", fix) from None
     if not isinstance(record, dict) or kind not in record:
         raise InputError.of(str(path), "", f"is not {what}", fix)
     if record[kind] != VERSION:
         expected = f"is of a form that this physgen does not know (it knows {VERSION})"
         raise InputError.of(
-            str(path), f"{kind} {record[kind]}"[:60], expected, "use the physgen that made it"
+            str(path), f"{kind} {shown(record[kind])}", expected, "use the physgen that made it"
         )
     return record
 
@@ -168,15 +160,11 @@ class PageClip:
 class Study:
     """Content of the page, and the key."""
 
-    name: str
-    """Of its contents: the same study has the same."""
     clips: tuple[PageClip, ...]
     photos: dict[str, str]
     """Scene -> data URI."""
     words: dict[str, str]
     key: Key
-    left_out: tuple[str, ...]
-    """Scenes that not every method has made."""
 
 
 def choose(methods: Methods, videos: int, seed: int) -> list[str]:
@@ -225,8 +213,7 @@ def make(
     key = Key(
         name, seed, methods.names, tuple(scenes), {clip.name: (clip.method, clip.scene) for clip in clips}
     )
-    left_out = tuple(scene for scene in methods.scenes if scene not in methods.complete)
-    return Study(name, tuple(clips), photos, words, key, left_out)
+    return Study(tuple(clips), photos, words, key)
 
 
 def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
@@ -270,7 +257,7 @@ def html(study: Study, title: str = TITLE) -> str:
     data = {
         "form": ANSWERS,
         "version": VERSION,
-        "study": study.name,
+        "study": study.key.study,
         "questions": [{"key": q.key, "claim": q.claim} for q in QUESTIONS],
         "clips": [
             {"name": clip.name, "scene": scenes.index(clip.scene), "size": clip.size} for clip in study.clips

@@ -95,7 +95,7 @@ def test_the_same_folder_makes_the_same_study_and_another_seed_another(home: Pat
     again, other = make(methods_in(home), 15), make(methods_in(home), 15, seed=1)
     key = read_key(page.with_name("study.key.json"))
     assert again.key == key
-    assert other.name != key.study
+    assert other.key.study != key.study
     assert list(other.key.clips.values()) != list(key.clips.values())
 
 

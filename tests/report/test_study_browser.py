@@ -153,15 +153,6 @@ def test_films_go_round_and_photos_stand_beside_them(browser: Any, page: Path) -
         assert photos.count(True) == len(SHADES), "one scene of two has a photo"
 
 
-def test_who_asked_for_less_motion_starts_films_himself(browser: Any, page: Path) -> None:
-    with opened(browser, page, ready=False) as seen:
-        begin(seen, "Ada")
-        seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
-        assert seen.page.evaluate("() => document.querySelector('video').paused")
-        seen.page.click("[data-part=pause]")
-        seen.page.wait_for_function("() => document.querySelector('video').currentTime > 0.05")
-
-
 def test_half_an_answer_goes_not_on_and_a_skipped_clip_is_missing(
     browser: Any, page: Path, key: Key, tmp_path: Path
 ) -> None:

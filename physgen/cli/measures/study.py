@@ -29,7 +29,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         type=Path,
         help="the page to rate on, its key beside it (default: study.html, study.key.json); with --key: a folder "
-        "for a page of the result with its plots",
+        "for a page of the result",
     )
     parser.add_argument("--key", metavar="FILE", type=Path, help="read answers with the key of their study")
     parser.add_argument("--videos", metavar="N", type=count, help="scenes shown of every method; default: 15")
@@ -53,11 +53,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _make(options: argparse.Namespace) -> int:
     from physgen.evaluate.methods import methods_in
-    from physgen.evaluate.ratings import answers_in
     from physgen.evaluate.study import TITLE, check_page, make, write_study
     from physgen.report.films import size_warning
 
-    if any(path.suffix == ".json" or answers_in(path) for path in options.paths):
+    if any(path.suffix == ".json" for path in options.paths):
         fix = "name the key that was made with the page, e.g. --key study.key.json"
         raise InputError.of("--key", "", "is missing: answers are read with it", fix)
     if len(options.paths) > 1:
@@ -67,25 +66,24 @@ def _make(options: argparse.Namespace) -> int:
     page: Path = options.output or Path("study.html")
     check_page(page)
     bar = Bar()
-    made = make(
-        methods_in(options.paths[0], options.photos), options.videos or VIDEOS, options.seed, bar.show
-    )
+    methods = methods_in(options.paths[0], options.photos)
+    made = make(methods, options.videos or VIDEOS, options.seed, bar.show)
     bar.clear()
     key = write_study(made, page, options.title or TITLE, print_backup)
-    if made.left_out:
-        print_error(f"left out, since not every method has made them: {', '.join(made.left_out)}")
+    if left_out := set(methods.scenes) - set(methods.complete):
+        print_error(f"left out, since not every method has made them: {', '.join(sorted(left_out))}")
     if (large := size_warning(page, "name fewer with --videos")) is not None:
         print_problem(large)
-    methods, scenes = len(made.key.methods), len(made.key.scenes)
+    count, scenes = len(methods.names), len(made.key.scenes)
     if options.json:
-        record = {"page": str(page), "key": str(key), "study": made.name, "clips": len(made.clips)}
+        record = {"page": str(page), "key": str(key), "study": made.key.study, "clips": len(made.clips)}
         print_json({**record, "methods": made.key.methods, "scenes": made.key.scenes, "seed": options.seed})
         return OK
     print(page)
-    several = f"{methods} method{'s' * (methods != 1)}, {scenes} scene{'s' * (scenes != 1)}"
+    several = f"{count} method{'s' * (count != 1)}, {scenes} scene{'s' * (scenes != 1)}"
     clips = f"{len(made.clips)} clip{'s' * (len(made.clips) != 1)}"
     print_error(f"{clips}: {several}. Send {page.name} to those who rate.")
-    if methods == 1:
+    if count == 1:
         print_error("It is of one method alone: there is nothing to compare its scores with.")
     print_error(
         f"{key} says which clip is of which method: keep it to yourself, and read answers with --key {key}"
@@ -101,7 +99,7 @@ def _read(options: argparse.Namespace) -> int:
     for flag in ("videos", "photos", "title"):
         if getattr(options, flag) is not None:
             raise InputError.of(f"--{flag}", "", "has no part in reading answers", "leave it out, or --key")
-    check_folder(options.output, plots=True)
+    check_folder(options.output)
     key = read_key(options.key)
     answers = read_answers(files_in(options.paths, options.key), key)
-    return hand_over(findings(answers, options.output is not None, options.seed), options)
+    return hand_over(findings(answers, options.seed), options)
