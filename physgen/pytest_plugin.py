@@ -78,8 +78,7 @@ class GoldenFixture:
         __tracebackhide__ = True
         from pytest_regressions.common import perform_regression_check
 
-        from physgen.batch.golden import checked
-        from physgen.batch.golden_files import PICTURE
+        from physgen.batch.golden import PICTURE, checked
         from physgen.problems import InputError
 
         golden = GoldenOptions(**options)
@@ -123,7 +122,7 @@ class GoldenFixture:
             basename=basename,
             obtained_filename=unwritten,
         )
-        return check.clip.trajectory
+        return check.trajectory
 
     def _of(self, fixture: str) -> Any:
         """Requested late, so that a session without pytest-regressions can collect the test."""
@@ -136,12 +135,9 @@ class GoldenFixture:
         if chosen is None:
             return own
         module = Path(self._request.path).with_suffix("")
-        inside = (
-            module.relative_to(config.rootpath)
-            if module.is_relative_to(config.rootpath)
-            else Path(module.name)
-        )
-        return Path(config.invocation_params.dir, chosen, inside)
+        if module.is_relative_to(config.rootpath):
+            return Path(config.invocation_params.dir, chosen, module.relative_to(config.rootpath))
+        return Path(config.invocation_params.dir, chosen, module.name)
 
     def _found(self, scene: str | Path) -> tuple[Path, str]:
         """The scene's file, and its name in messages."""
@@ -151,12 +147,8 @@ class GoldenFixture:
             if (path := place / scene).is_file():
                 root = config.rootpath
                 return path, path.relative_to(root).as_posix() if path.is_relative_to(root) else str(scene)
-        where = (
-            str(scene)
-            if Path(scene).is_absolute()
-            else f"{scene}, in {' or '.join(map(str, dict.fromkeys(places)))}"
-        )
-        pytest.fail(f"there is no scene {where}", pytrace=False)
+        where = " or ".join(map(str, dict.fromkeys(places)))
+        pytest.fail(f"there is no scene {scene}, in {where}", pytrace=False)
 
     def _once(self, file: Path, check: Check) -> None:
         """Two clips of a test must not share files."""

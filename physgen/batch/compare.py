@@ -1,7 +1,7 @@
 """Compare two clips: motion sample by sample, pictures pixel by pixel, and what they were made of.
 
 `verify` compares a clip with its scene rendered again, bit by bit; golden tests compare a clip with kept files, within
-tolerances. Both use the distances of this module.
+tolerances. Both use the differences of this module.
 """
 
 from __future__ import annotations
@@ -9,17 +9,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.batch.tolerances import Motion
+from physgen.simulate.trajectory import Trajectory
 from physgen.text import quoted
 
 F64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Index = NDArray[np.int64]
 U8 = NDArray[np.uint8]
 
 MISSING = object()
@@ -28,101 +27,182 @@ FILE_KEYS = {("image",), ("assets",)}
 SCENE_SUFFIXES = (".yaml", ".yml", ".json")
 MAX_VALUE_LENGTH = 60
 """Characters of a value in a message."""
-
-
-class SampledMotion(Protocol):
-    """Motion of N objects at T samples: a Trajectory, or a golden file's motion."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the objects."""
-
-    @property
-    def times(self) -> F64:
-        """(T,) s."""
-
-    @property
-    def poses(self) -> F64:
-        """(T, N, 3): px, px, rad of the centres of mass."""
-
-    @property
-    def velocities(self) -> F64 | None:
-        """(T, N, 3): px/s, px/s, rad/s; None where they are not kept."""
-
-    @property
-    def turns(self) -> F64:
-        """(T, N, 4) quaternions of spheres on a table, or (T, 0, 4)."""
+MAX_NAMED = 3
+"""Objects or files that a line names; the others are counted."""
+TIME_ROUNDING = 1e-9
+"""s."""
+ROUNDING = 1 + 1e-9
+"""Factor of tolerances: 30 units of 0.01 are 0.3."""
+UNITS = {"px": " px", "degrees": "°", "px_per_s": " px/s", "degrees_per_s": "°/s"}
+"""Of the tolerances of Motion, as written after a number."""
 
 
 @dataclass(frozen=True)
-class Distances:
-    """How far the objects of two motions are apart, at the samples and for the objects that both have."""
+class Samples:
+    """Motion of N objects at T samples."""
 
     names: tuple[str, ...]
-    gone: tuple[str, ...]
-    """Objects of the first motion only."""
-    new: tuple[str, ...]
-    """Objects of the second motion only."""
     times: F64
     """(T,) s."""
-    px: F64
-    """(T, N), as all others."""
-    rad: F64
-    """In the plane of the photo, with whole turns."""
-    px_s: F64
-    rad_s: F64
-    turned: F64
-    """rad: rotation of spheres in space."""
-    differs: Flags
-    """(T, N): whether any bit differs."""
+    poses: F64
+    """(T, N, 3): px, px, rad of the centres of mass."""
+    turns: F64
+    """(T, N, 4) quaternions of spheres on a table, or (T, 0, 4)."""
+    velocities: F64 | None
+    """(T, N, 3): px/s, px/s, rad/s; None where they are not kept."""
 
-    @cached_property
-    def largest(self) -> F64:
-        """(T, N): the largest of all amounts."""
-        return np.asarray(np.max([self.px, self.rad, self.px_s, self.rad_s, self.turned], axis=0))
+    @classmethod
+    def of(cls, trajectory: Trajectory, until: float | None = None) -> Samples:
+        """The motion of a clip, up to a time, s, if one is given."""
+        times = trajectory.times
+        end = (
+            len(times) if until is None else int(np.searchsorted(times, until + TIME_ROUNDING, side="right"))
+        )
+        return cls(
+            trajectory.names,
+            times[:end],
+            trajectory.poses[:end],
+            trajectory.turns[:end],
+            trajectory.velocities[:end],
+        )
 
 
-def distances(then: SampledMotion, now: SampledMotion, rows: tuple[Index, Index]) -> Distances:
-    """Compares the samples of both motions in `rows`, pair by pair."""
+@dataclass(frozen=True)
+class ObjectDifference:
+    """How far an object is from where it was, at the first sample at which it is too far."""
+
+    object: str
+    sample: int
+    time: float
+    """s."""
+    amounts: Mapping[str, float]
+    """By the names of the tolerances of Motion: those that are too large."""
+    most_px: float
+    """The largest distance of the clip."""
+    most_time: float
+    """s."""
+
+    def __str__(self) -> str:
+        amounts = [f"{number(value)}{UNITS[key]}" for key, value in self.amounts.items()]
+        return f"{self.object} by {' and '.join(amounts) or 'less than a digit'}"
+
+
+@dataclass(frozen=True)
+class MotionDifference:
+    """How two motions differ."""
+
+    sample: int
+    """The first that differs."""
+    time: float
+    """s."""
+    samples: tuple[int, int]
+    """How many there were, and are."""
+    objects: tuple[ObjectDifference, ...] = ()
+    """Those that are too far, the first to be so first; of those at the same sample, the farthest."""
+    compared: int = 0
+    """Number of objects that both have."""
+    gone: tuple[str, ...] = ()
+    new: tuple[str, ...] = ()
+    retimed: bool = False
+    """Samples are at other times."""
+    unnamed: str = ""
+    """Why objects cannot be compared."""
+
+    def text(self) -> str:
+        """For a person."""
+        parts = []
+        before, now = self.samples
+        if before != now:
+            parts.append(f"{counted(before, 'sample')} then, {now} now")
+        if self.gone:
+            parts.append(f"without {few(self.gone)} now")
+        if self.new:
+            parts.append(f"with {few(self.new)} now")
+        if self.retimed:
+            parts.append("samples are at other times now")
+        if self.objects or not parts:
+            where = f"from sample {self.sample} ({self.time:.3f} s)"
+            at_once = [str(item) for item in self.objects if item.sample == self.sample]
+            parts.append(f"{where}: {few(at_once)}" if at_once else where)
+        if self.objects:
+            far = max(self.objects, key=lambda item: item.most_px)
+            most = f"at most {number(far.most_px)} px ({far.object} at {far.most_time:.3f} s)"
+            parts.append(f"{len(self.objects)} of {self.compared} objects, {most}")
+        return "; ".join([*parts, *([self.unnamed] if self.unnamed else [])])
+
+
+def motion_difference(then: Samples, now: Samples, allowed: Motion | None = None) -> MotionDifference | None:
+    """None for motions that agree: within what is `allowed`, or bit by bit. Common samples and objects are compared."""
     names = tuple(name for name in then.names if name in now.names)
-    first, second = ([motion.names.index(name) for name in names] for motion in (then, now))
-
-    def both(one: F64, other: F64) -> tuple[F64, F64]:
-        return one[rows[0]][:, first], other[rows[1]][:, second]
-
-    poses = both(then.poses, now.poses)
-    between = poses[1] - poses[0]
-    differs = _differing_bits(*poses)
-    change = np.zeros_like(between)
-    if then.velocities is not None and now.velocities is not None:
-        velocities = both(then.velocities, now.velocities)
-        change = velocities[1] - velocities[0]
-        differs = differs | _differing_bits(*velocities)
-    turned = np.zeros(differs.shape)
-    if names and then.turns.shape[1] == len(then.names) and now.turns.shape[1] == len(now.names):
-        turns = both(then.turns, now.turns)
-        # q and -q are the same rotation
-        near = np.minimum(*(np.linalg.norm(turns[1] - sign * turns[0], axis=-1) for sign in (1, -1)))
-        turned = 4 * np.arcsin(np.clip(near / 2, 0.0, 1.0))
-        differs = differs | _differing_bits(*turns)
-    return Distances(
-        names=names,
-        gone=tuple(name for name in then.names if name not in names),
-        new=tuple(name for name in now.names if name not in names),
-        times=now.times[rows[1]],
-        px=np.hypot(between[..., 0], between[..., 1]),
-        rad=np.abs(between[..., 2]),
-        px_s=np.hypot(change[..., 0], change[..., 1]),
-        rad_s=np.abs(change[..., 2]),
-        turned=turned,
-        differs=differs,
+    gone, new = set(then.names) - set(names), set(now.names) - set(names)
+    rows = np.flatnonzero(
+        np.abs(then.times[: len(now.times)] - now.times[: len(then.times)]) <= TIME_ROUNDING
+    )
+    amounts, differs = _amounts(then, now, names, rows)
+    excess = amounts["px"]
+    limits: dict[str, float] = {}
+    if allowed is not None:
+        limits = {key: limit for key in amounts if (limit := getattr(allowed, key)) is not None}
+        excess = np.max([amounts[key] / limit for key, limit in limits.items()], axis=0)
+        differs = excess > ROUNDING
+    objects = []
+    for k in np.flatnonzero(differs.any(axis=0)).tolist():
+        row, top = int(differs[:, k].argmax()), int(amounts["px"][:, k].argmax())
+        there = {
+            key: value
+            for key, amount in amounts.items()
+            if (value := float(amount[row, k])) > limits.get(key, 0.0 if allowed is None else np.inf)
+        }
+        most = float(amounts["px"][top, k]), float(now.times[rows[top]])
+        item = ObjectDifference(names[k], int(rows[row]), float(now.times[rows[row]]), there, *most)
+        objects.append((row, -excess[row, k], names[k], item))
+    ordered = tuple(item for *_, item in sorted(objects, key=lambda entry: entry[:3]))
+    counts = len(then.times), len(now.times)
+    retimed = len(rows) < min(counts)
+    if not (ordered or gone or new or retimed or counts[0] != counts[1]):
+        return None
+    first = ordered[0] if ordered else None
+    return MotionDifference(
+        sample=0 if first is None else first.sample,
+        time=0.0 if first is None else first.time,
+        samples=counts,
+        objects=ordered,
+        compared=len(names),
+        gone=tuple(name for name in then.names if name in gone),
+        new=tuple(name for name in now.names if name in new),
+        retimed=retimed,
     )
 
 
-def _differing_bits(one: F64, other: F64) -> Flags:
-    """(T, N): equal numbers need not have equal bits."""
-    different = np.ascontiguousarray(one).view(np.int64) != np.ascontiguousarray(other).view(np.int64)
-    return np.asarray(different.any(axis=-1), np.bool_)
+def _amounts(
+    then: Samples, now: Samples, names: Sequence[str], rows: NDArray[np.int64]
+) -> tuple[dict[str, F64], NDArray[np.bool_]]:
+    """(R, N) each, by the names of the tolerances of Motion; and where any bit differs."""
+    first, second = ([motion.names.index(name) for name in names] for motion in (then, now))
+
+    def both(one: F64, other: F64) -> tuple[F64, F64]:
+        return one[rows][:, first], other[rows][:, second]
+
+    pairs = [both(then.poses, now.poses)]
+    between = pairs[0][1] - pairs[0][0]
+    change, turned = np.zeros_like(between), np.zeros(between.shape[:2])
+    if then.velocities is not None and now.velocities is not None:
+        pairs.append(both(then.velocities, now.velocities))
+        change = pairs[-1][1] - pairs[-1][0]
+    if names and then.turns.shape[1] == len(then.names) and now.turns.shape[1] == len(now.names):
+        pairs.append(both(then.turns, now.turns))
+        one, other = pairs[-1]
+        # q and -q are the same rotation
+        near = np.minimum(*(np.linalg.norm(other - sign * one, axis=-1) for sign in (1, -1)))
+        turned = 4 * np.arcsin(np.clip(near / 2, 0.0, 1.0))
+    differs = np.any([(one != other).any(axis=-1) for one, other in pairs], axis=0)
+    amounts = {
+        "px": np.hypot(between[..., 0], between[..., 1]),
+        "degrees": np.degrees(np.maximum(np.abs(between[..., 2]), turned)),
+        "px_per_s": np.hypot(change[..., 0], change[..., 1]),
+        "degrees_per_s": np.degrees(np.abs(change[..., 2])),
+    }
+    return amounts, differs
 
 
 def level_differences(then: U8, now: U8) -> U8 | None:
@@ -179,7 +259,21 @@ def changed_environment(then: Mapping[str, str], now: Mapping[str, str]) -> Iter
                 yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
-def few(texts: Sequence[str], most: int, separator: str = ", ") -> str:
+def few(texts: Sequence[str], most: int = MAX_NAMED, separator: str = ", ") -> str:
     """The first ones, and the number of the others."""
     more = len(texts) - most
     return separator.join(texts[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and its noun."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def number(value: float) -> str:
+    """Three digits.
+
+    >>> [number(v) for v in (0.0, 0.123456, 41.26, 12345.6)]
+    ['0', '0.123', '41.3', '12346']
+    """
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from math import isfinite
 
 MIN_TOLERANCE = 1e-9
-"""Of motion: numbers are kept to a tenth of it, and a float has 16 digits."""
+"""Of motion: a float has 16 digits."""
 MAX_WIDTH = 16_383
 """px of a WebP's side."""
 

@@ -6,7 +6,7 @@ import json
 import platform
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
 from physgen.batch.compare import (
-    F64,
-    Distances,
+    MotionDifference,
+    Samples,
     changed_environment,
     changed_files,
     changed_values,
-    distances,
+    counted,
     few,
     level_differences,
+    motion_difference,
 )
 from physgen.export.video import Format, open_video
 from physgen.files import final_name
@@ -35,7 +36,6 @@ from physgen.problems import InputError, Problem
 from physgen.report.folders import temporary_folder
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, json_text, versions
 from physgen.scene.scene import Scene
-from physgen.scene.write import scene_text
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 from physgen.videos import video_frames
 
@@ -44,16 +44,9 @@ if TYPE_CHECKING:
 
 U8 = NDArray[np.uint8]
 
-ROUNDING = 1e-6
-"""px, rad, px/s and rad/s: less is a difference in rounding between machines, and invisible."""
-MAX_NAMED = 3
-"""Objects or files that a line names; the others are counted, and are in the JSON."""
 NOT_REFINED = "refinement was not run again: the clip as it was drawn is compared"
-NO_OLD_MOTION = "trajectory.npz does not hold the old motion"
-FILE_KEYS = ("image", "assets")
-"""Keys that name files. Those of the scene as it is now are taken, so that a manifest cannot name any other."""
-RESOLVED_KEYS = ("extends", "variants")
-"""Keys that are already applied in a resolved scene."""
+NO_OLD_MOTION = "objects cannot be compared: trajectory.npz does not hold the old motion"
+NO_CAUSE = "nothing that it reads has changed, nor have versions or the machine"
 
 
 @dataclass(frozen=True)
@@ -76,181 +69,40 @@ class Outcome(Enum):
     """It could not be rendered again."""
 
 
-class Recorded(Enum):
-    """What the scene as recorded in the manifest gives now."""
-
-    SAME = "the scene as the manifest has it still gives that clip"
-    OTHER = "nor does the scene as the manifest has it give that clip"
-    UNREAD = "the scene as the manifest has it cannot be read any more"
-
-
-class Why(Enum):
-    """What frames differ by."""
-
-    MOTION = "because of the motion alone"
-    """Drawn with the old motion, they are equal."""
-    DRAWING = "drawn differently: the motion is the same"
-    BOTH = "drawn differently, besides the motion"
-    """They differ even where the old motion is drawn."""
-    UNTOLD = "whether by the motion alone is not known"
-
-
-@dataclass(frozen=True)
-class ObjectDifference:
-    """How far an object is from where it was, at one sample."""
-
-    object: str
-    px: float
-    rad: float
-    """In the photo's plane, with whole turns."""
-    px_s: float
-    rad_s: float
-    turned: float
-    """rad: rotation of a sphere in space."""
-
-    @property
-    def rounding(self) -> bool:
-        """No more than rounding."""
-        return max(self.px, self.rad, self.px_s, self.rad_s, self.turned) < ROUNDING
-
-    def __str__(self) -> str:
-        if self.rounding:
-            return f"{self.object} by rounding"
-        amounts = [(self.px, "px"), (self.rad, "rad")]
-        if not any(amount for amount, _ in amounts):
-            amounts = [(self.px_s, "px/s"), (self.rad_s, "rad/s"), (self.turned, "rad in space")]
-        return (
-            f"{self.object} by {' and '.join(f'{amount:.3g} {unit}' for amount, unit in amounts if amount)}"
-        )
-
-
-@dataclass(frozen=True)
-class Farthest:
-    """The largest amount of the clip."""
-
-    amount: float
-    object: str
-    sample: int
-    time: float
-    """s."""
-
-
-@dataclass(frozen=True)
-class MotionDifference:
-    """How two motions differ."""
-
-    sample: int
-    """The first that differs by more than rounding; where none does, the first that differs at all."""
-    time: float
-    """s."""
-    objects: tuple[ObjectDifference, ...] = ()
-    """Those that differ there, the farthest first; empty where the old motion is not known."""
-    most_px: Farthest | None = None
-    most_rad: Farthest | None = None
-    rounding: tuple[int, float, tuple[str, ...]] | None = None
-    """Before that: the first sample that differs by rounding, its time, and the objects."""
-    gone: tuple[str, ...] = ()
-    new: tuple[str, ...] = ()
-    samples: tuple[int, int] = (0, 0)
-    """How many there were, and are."""
-    retimed: bool = False
-    """From that sample on, times differ, and nothing can be compared."""
-    unnamed: str = ""
-    """Why objects cannot be compared."""
-
-    def texts(self) -> Iterable[str]:
-        """For a person."""
-        before, now = self.samples
-        if before != now:
-            yield f"{_count(before, 'sample')} then, {now} now"
-        if self.gone:
-            yield f"without {few(self.gone, MAX_NAMED)} now"
-        if self.new:
-            yield f"with {few(self.new, MAX_NAMED)} now"
-        where = f"motion from sample {self.sample} ({self.time:.3g} s)"
-        if self.unnamed:
-            yield f"{where}; objects cannot be compared: {self.unnamed}"
-        elif self.objects:
-            ends = [
-                f"{end.amount:.3g} {unit} ({end.object} at {end.time:.3g} s)"
-                for end, unit in ((self.most_px, "px"), (self.most_rad, "rad"))
-                if end is not None
-            ]
-            most = f"; at most {' and '.join(ends)}" if ends else ""
-            yield f"{where}: {few([str(item) for item in self.objects], MAX_NAMED)}{most}"
-        elif not (self.gone or self.new or before != now):
-            yield where
-        if self.retimed:
-            yield "samples are at other times now"
-        if self.rounding is not None:
-            sample, time, names = self.rounding
-            yield f"by rounding from sample {sample} ({time:.3g} s): {few(names, MAX_NAMED)}"
-
-
-@dataclass(frozen=True)
-class PixelDifference:
-    """How much of one frame differs."""
-
-    frame: int
-    pixels: int
-    """Of which a channel differs by more grey levels than the film may lose."""
-    levels: int
-    """Of 255: the most by which a channel differs."""
-
-    def text(self, loss: int) -> str:
-        """For a person."""
-        if self.levels <= loss:
-            return "nothing that it shows"
-        return f"{self.pixels} px by up to {_count(self.levels, 'grey level')}"
-
-
 @dataclass(frozen=True)
 class FrameDifference:
     """How the frames differ."""
 
     frame: int
-    """The first."""
+    """The first that differs."""
     time: float
     """s of the motion that it shows."""
     differ: int
     """How many do, of those that both clips have."""
     counts: tuple[int, int]
     """How many frames there were, and are."""
-    why: Why
-    first: PixelDifference | None = None
-    """Of the first frame; None where it could not be measured."""
-    most: PixelDifference | None = None
-    """Of the frame in which most grey levels differ."""
     film: str = ""
-    """In which film that was measured; empty for one without loss."""
-    loss: int = 0
-    """Grey levels that this film loses of its own frames."""
+    """The film of the clip in which pixels are compared; the new one is encoded in the same format."""
+    pixels: int = 0
+    """Of the first frame: how many differ."""
+    levels: int = 0
+    """Of 255: the most by which a channel of it differs."""
     unmeasured: str = ""
-    drawn: int | None = None
-    """With `BOTH`: the first frame that differs though the old motion is drawn."""
-    untold: str = ""
-    """With `UNTOLD`: why."""
+    """Why pixels are not compared."""
 
-    def texts(self) -> Iterable[str]:
+    def text(self) -> str:
         """For a person."""
         before, now = self.counts
-        if before != now:
-            yield f"{_count(before, 'frame')} then, {now} now"
-        if not self.differ:
-            return
-        how = ""
-        if self.first is not None:
-            how = f": {f'in {self.film} ' if self.film else ''}{self.first.text(self.loss)}"
-            if self.most is not None and self.most.frame != self.first.frame and self.most.levels > self.loss:
-                how += f", {self.most.text(self.loss)} in frame {self.most.frame}"
-            how += f" (beyond the {self.loss} that it may lose)" if self.loss else ""
-        elif self.unmeasured:
-            how = f", how much is not known: {self.unmeasured}"
-        yield f"frames from {self.frame} ({self.time:.3g} s), {self.differ} of {min(before, now)}{how}"
-        if self.why is Why.BOTH:
-            yield f"{self.why.value}, from frame {self.drawn}"
-        else:
-            yield self.why.value + (f": {self.untold}" if self.untold else "")
+        parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
+        if self.differ:
+            text = f"frames from {self.frame} ({self.time:.3g} s), {self.differ} of {min(before, now)}"
+            if self.unmeasured:
+                text += f", how much is not known: {self.unmeasured}"
+            else:
+                amount = f"{self.pixels} px by up to {counted(self.levels, 'grey level')}"
+                text += f": {amount if self.pixels else 'nothing that shows'} in {self.film}"
+            parts.append(text)
+        return "; ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -272,8 +124,6 @@ class Verdict:
     """Output files that are not as they were written."""
     motion: MotionDifference | None = None
     pictures: FrameDifference | None = None
-    recorded: Recorded | None = None
-    """Where the scene has changed and the clip differs."""
     notes: tuple[str, ...] = ()
     problems: tuple[Problem, ...] = ()
     """Why it could not be rendered."""
@@ -287,37 +137,21 @@ class Verdict:
         parts: list[str] = []
         if self.outcome is Outcome.EQUAL:
             counts = ((self.samples, "sample"), (self.frames, "frame"), (self.files, "file"))
-            parts.append(", ".join(_count(number, noun) for number, noun in counts))
-        if self.changed:
-            parts.append(f"since then {few(self.changed, MAX_NAMED)}")
+            parts.append(", ".join(counted(number, noun) for number, noun in counts))
+        parts += [f"since then {few(self.changed)}"] if self.changed else []
         parts += [str(problem) for problem in self.problems]
-        parts += [few(self.damaged, MAX_NAMED)] if self.damaged else []
-        parts += [*self.motion.texts()] if self.motion else []
-        parts += [*self.pictures.texts()] if self.pictures else []
-        if self.outcome is Outcome.DIFFERS and (self.motion or self.pictures):
-            if self.elsewhere:
-                parts.append(few(self.elsewhere, MAX_NAMED))
-            elif not self.changed:
-                parts.append("nothing that it reads has changed, nor have versions or the machine")
-        parts += [self.recorded.value] if self.recorded else []
-        parts += self.notes
-        return f"{self.clip}: {self.outcome.value}: {'; '.join(parts)}"
+        parts += [few(self.damaged)] if self.damaged else []
+        parts += [f"motion {self.motion.text()}"] if self.motion else []
+        parts += [self.pictures.text()] if self.pictures else []
+        if self.motion or self.pictures:
+            causes = few(self.elsewhere) if self.elsewhere else "" if self.changed else NO_CAUSE
+            parts += [causes] if causes else []
+        return f"{self.clip}: {self.outcome.value}: {'; '.join([*parts, *self.notes])}"
 
     def as_dict(self) -> dict[str, Any]:
         """For a program."""
-        data = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        if self.pictures is not None:
-            data["pictures"] = {**asdict(self.pictures), "why": self.pictures.why.name.lower()}
-        return data | {
-            "outcome": self.outcome.value,
-            "motion": None if self.motion is None else asdict(self.motion),
-            "recorded": None if self.recorded is None else self.recorded.name.lower(),
-            "problems": [problem.as_dict() for problem in self.problems],
-        }
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
+        problems = [problem.as_dict() for problem in self.problems]
+        return asdict(replace(self, problems=())) | {"outcome": self.outcome.value, "problems": problems}
 
 
 def verify(request: VerifyRequest, progress: pipeline.Progress = pipeline.silent) -> Verdict:
@@ -335,10 +169,8 @@ def failed(request: VerifyRequest, error: Exception) -> Verdict:
     if isinstance(error, OSError):
         where = f"{final_name(str(error.filename))}: " if error.filename else ""
         reason = f"{where}{error.strerror or error}"
-    elif isinstance(error, MemoryError):
-        reason = "ran out of memory"
     else:
-        reason = f"{type(error).__name__}: {error}"
+        reason = "ran out of memory" if isinstance(error, MemoryError) else f"{type(error).__name__}: {error}"
     problems = InputError.of(str(request.folder), "", f"failed: {reason}", "").problems
     return Verdict(str(request.folder), Outcome.UNKNOWN, problems=tuple(problems))
 
@@ -350,20 +182,16 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     path = request.scene or _source(manifest, folder)
     scene = pipeline.load(path, manifest.overrides, manifest.variant, request.allow_outside)
     files = changed_files(manifest.inputs, inputs(scene, scene_file(path)))
-    values = list(changed_values(manifest.document, json.loads(json_text(scene.document))))
+    values = changed_values(manifest.document, json.loads(json_text(scene.document)))
     here = {
         "machine": f"{platform.machine()} {platform.system()}",
         "device": pipeline.drawn_by(request.device),
     }
     there = {"machine": manifest.machine, "device": manifest.device}
     now = _Take(scene, request.device, progress)
+    motion = _motion_difference(folder, manifest.samples, now.trajectory)
     undamaged = [file for file in manifest.files if file not in damaged]
-    clip = _Clip(manifest, folder, undamaged, stored_motion(folder / "trajectory.npz", manifest.samples))
-    motion = motion_difference(manifest.samples, clip.motion, now.trajectory)
-    recorded_take, recorded = None, None
-    if values and (motion is not None or not now.gives(manifest, progress)):
-        recorded_take, recorded = _recorded(request, manifest, scene, progress)
-    pictures = _frame_difference(clip, now, motion is not None, recorded_take, progress)
+    pictures = _frame_difference(manifest, folder, undamaged, now, progress)
     same = motion is None and pictures is None and not damaged
     return Verdict(
         clip=str(folder),
@@ -376,7 +204,6 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
         damaged=tuple(f"{name} {what}" for name, what in damaged.items()),
         motion=motion,
         pictures=pictures,
-        recorded=recorded,
         notes=(NOT_REFINED,) if manifest.refined else (),
     )
 
@@ -418,235 +245,80 @@ class _Take:
         maps = warm.maps(scene)
         compiled = warm.compile(scene, maps)
         progress("simulate", 0, 1)
+        self.scene = scene
         self.trajectory = warm.simulate(compiled.world, progress, cached=False)
-        self.filming = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm, device)
+        self._filming = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm, device)
 
-    def draw(self, trajectory: Trajectory | None = None) -> Iterator[Frame]:
-        """The clip from its first frame on, of its own motion or another."""
-        motion = trajectory or self.trajectory
-        return self.filming.annotated(self.filming.frames(motion), motion)
+    def frames(self) -> Iterator[Frame]:
+        """The clip from its first frame on."""
+        return self._filming.annotated(self._filming.frames(self.trajectory), self.trajectory)
 
-    def count(self, trajectory: Trajectory | None = None) -> int:
+    def count(self) -> int:
         """Frames of the clip."""
-        return len(self.filming.shot(trajectory or self.trajectory).order)
-
-    def differing(
-        self, hashes: Sequence[str], progress: pipeline.Progress, trajectory: Trajectory | None = None
-    ) -> tuple[dict[int, float], int]:
-        """Frames whose hashes differ, with their times, s; and the number of all frames."""
-        found, count, total = {}, 0, self.count(trajectory)
-        for count, frame in enumerate(self.draw(trajectory), 1):
-            if count <= len(hashes) and frame_hash(frame.rgb) != hashes[count - 1]:
-                found[count - 1] = frame.time
-            progress("render", count, total)
-        return found, count
-
-    def gives(self, manifest: Manifest, progress: pipeline.Progress) -> bool:
-        """Whether it is the clip of the manifest, sample by sample and frame by frame."""
-        if self.trajectory.sample_hashes() != list(manifest.samples):
-            return False
-        return self.differing(manifest.frames, progress) == ({}, len(manifest.frames))
+        return len(self._filming.shot(self.trajectory).order)
 
 
-@dataclass(frozen=True)
-class _Clip:
-    """The clip to compare with."""
-
-    manifest: Manifest
-    folder: Path
-    undamaged: Sequence[str]
-    """Its files that are as they were written."""
-    motion: Trajectory | None
-    """None: it was lost."""
-
-
-def _recorded(
-    request: VerifyRequest, manifest: Manifest, scene: Scene, progress: pipeline.Progress
-) -> tuple[_Take | None, Recorded]:
-    """The scene as the manifest has it, if that still gives the clip: then all differences come from the scene."""
-    document = {k: v for k, v in manifest.document.items() if k not in (*FILE_KEYS, *RESOLVED_KEYS)}
-    for key, path in zip(FILE_KEYS, (scene.image, scene.assets), strict=True):
-        if path is not None and key in manifest.document:
-            document[key] = str(path)
-    try:
-        with temporary_folder() as folder:
-            path = Path(folder) / "recorded.yaml"
-            path.write_text(scene_text(document), encoding="utf-8")
-            take = _Take(pipeline.load(path, allow_outside=True), request.device, progress)
-    except (InputError, ValueError, RecursionError):  # a manifest is untrusted
-        return None, Recorded.UNREAD
-    return (take, Recorded.SAME) if take.gives(manifest, progress) else (None, Recorded.OTHER)
-
-
-def stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
+def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
     """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
     if not path.is_file():
         return None
     try:
         trajectory = read_trajectory(path)
         count, bodies = len(trajectory.times), len(trajectory.names)
-        arrays = (trajectory.poses, trajectory.velocities, trajectory.turns)
         complete = (
             trajectory.poses.shape == trajectory.velocities.shape == (count, bodies, 3)
             and trajectory.turns.shape in ((count, 0, 4), (count, bodies, 4))
-            and {array.dtype for array in arrays} == {np.dtype(float)}
+            and trajectory.sample_hashes() == list(samples)
         )
-        return trajectory if complete and trajectory.sample_hashes() == list(samples) else None
+        return trajectory if complete else None
     except (OSError, ValueError, KeyError, TypeError, EOFError, AttributeError):
         return None
     except (zipfile.BadZipFile, zlib.error):
         return None
 
 
-def motion_difference(
-    samples: Sequence[str], then: Trajectory | None, now: Trajectory
-) -> MotionDifference | None:
-    """None for equal motions; `samples` are the hashes of the old one, `then` itself, where it is known."""
+def _motion_difference(folder: Path, samples: Sequence[str], now: Trajectory) -> MotionDifference | None:
+    """None for equal motions; `samples` are the hashes of the old one."""
     hashes = now.sample_hashes()
+    if hashes == list(samples):
+        return None
     counts = len(samples), len(hashes)
-    first = next((k for k, (a, b) in enumerate(zip(samples, hashes, strict=False)) if a != b), None)
-    if first is None and counts[0] != counts[1]:
-        first = min(counts)
-
-    def time(sample: int) -> float:
-        return float(now.times[min(sample, len(now.times) - 1)]) if len(now.times) else 0.0
-
+    pairs = enumerate(zip(samples, hashes, strict=False))
+    first = next((k for k, (a, b) in pairs if a != b), min(counts))
+    time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
+    then = _stored_motion(folder / "trajectory.npz", samples)
     if then is None:
-        if first is None:
-            return None
-        return MotionDifference(first, time(first), samples=counts, unnamed=NO_OLD_MOTION)
-    same_times = then.times[: min(counts)] == now.times[: min(counts)]
-    count = len(same_times) if same_times.all() else int(same_times.argmin())
-    found = distances(then, now, (np.arange(count), np.arange(count)))
-    if first is None and not found.differs.any():
-        return None
-    common = MotionDifference(0, 0.0, gone=found.gone, new=found.new, samples=counts)
-    rows = np.flatnonzero(found.differs.any(axis=1))
-    if not len(rows):  # objects came or went, or the clip is longer, or sampled at other times
-        at = first or 0
-        return replace(common, sample=at, time=time(at), retimed=at >= count < min(counts))
-    row, rounding, differs = int(rows[0]), None, found.differs
-    large = found.largest >= ROUNDING
-    if large.any():
-        first_large = int(np.flatnonzero(large.any(axis=1))[0])
-        if first_large > row:
-            names = tuple(found.names[k] for k in np.flatnonzero(differs[row]))
-            rounding = row, time(row), names
-        row, differs = first_large, large
-    objects = [_object_difference(found, row, int(k)) for k in np.flatnonzero(differs[row])]
-    objects.sort(key=lambda item: (-item.px, -item.rad, -item.px_s, -item.rad_s, -item.turned, item.object))
-    return replace(
-        common,
-        sample=row,
-        time=time(row),
-        objects=tuple(objects),
-        most_px=_farthest(found, found.px),
-        most_rad=_farthest(found, found.rad),
-        rounding=rounding,
-        retimed=count < min(counts),
-    )
-
-
-def _object_difference(found: Distances, row: int, k: int) -> ObjectDifference:
-    amounts = (found.px, found.rad, found.px_s, found.rad_s, found.turned)
-    return ObjectDifference(found.names[k], *(float(amount[row, k]) for amount in amounts))
-
-
-def _farthest(found: Distances, amounts: F64) -> Farthest | None:
-    """None where all are 0."""
-    if not amounts.size or amounts.max() <= 0:
-        return None
-    sample, k = divmod(int(amounts.argmax()), amounts.shape[1])
-    return Farthest(float(amounts.max()), found.names[k], sample, float(found.times[sample]))
+        return MotionDifference(first, time, counts, unnamed=NO_OLD_MOTION)
+    found = motion_difference(Samples.of(then), Samples.of(now))
+    return found or MotionDifference(first, time, counts)
 
 
 def _frame_difference(
-    clip: _Clip, now: _Take, moved: bool, recorded: _Take | None, progress: pipeline.Progress
+    manifest: Manifest, folder: Path, undamaged: Sequence[str], now: _Take, progress: pipeline.Progress
 ) -> FrameDifference | None:
-    """None for equal frames. `moved`: the motion differs; `recorded`: the recorded scene, if it gives the clip."""
-    hashes = clip.manifest.frames
-    found, count = now.differing(hashes, progress)
-    counts = len(hashes), count
-    if not found:
-        why = Why.MOTION if moved else Why.DRAWING
-        return None if counts[0] == counts[1] else FrameDifference(min(counts), 0.0, 0, counts, why)
-    first = next(iter(found))
-    what = FrameDifference(first, found[first], len(found), counts, Why.DRAWING)
-    if moved:
-        what = _explained(what, clip, now, progress)
-    old = None if recorded is None else recorded.draw()
-    if old is None and what.why is Why.MOTION:  # the old motion drawn now gives the old frames
-        old = now.draw(clip.motion)
-    try:
-        amounts, film, loss = _measure(clip, now, old, found.keys(), progress)
-    except InputError as error:
-        return replace(what, unmeasured="; ".join(problem.expected for problem in error.problems))
-    most = max(amounts, key=lambda item: (item.levels, item.pixels), default=None)
-    return replace(what, first=amounts[0] if amounts else None, most=most, film=film, loss=loss)
-
-
-def _explained(
-    what: FrameDifference, clip: _Clip, now: _Take, progress: pipeline.Progress
-) -> FrameDifference:
-    """Whether frames differ by the motion alone: the old motion is drawn now."""
-    unknown = ""
-    if clip.motion is None:
-        unknown = NO_OLD_MOTION
-    elif now.filming.scene.render.motion_blur > 0:
-        unknown = "it has no moments between frames, which motion blur shows"
-    elif clip.motion.names != now.trajectory.names:
-        unknown = "objects came or went"
-    if unknown:
-        return replace(what, why=Why.UNTOLD, untold=unknown)
-    found, count = now.differing(clip.manifest.frames, progress, clip.motion)
-    if not found and count == len(clip.manifest.frames):
-        return replace(what, why=Why.MOTION)
-    return replace(what, why=Why.BOTH, drawn=next(iter(found), count))
-
-
-def _measure(
-    clip: _Clip, now: _Take, old: Iterator[Frame] | None, differ: Set[int], progress: pipeline.Progress
-) -> tuple[list[PixelDifference], str, int]:
-    """How much the frames `differ`; the film in which that was measured, if it loses anything; and its loss.
-
-    Frames are compared with the `old` ones, if there are any, or with those of the clip's best film. A film other than
-    PNG has lost detail, so the new frames are encoded, too, and both are compared as decoded; less than what the film
-    loses of its own frames is not significant. Raises InputError with the reason where that cannot be measured.
-    """
-    scene, manifest, total = now.filming.scene, clip.manifest, now.count()
-    if scene.video_size != manifest.size:
-        sizes = [f"{width} x {height} px" for width, height in (manifest.size, scene.video_size)]
-        raise InputError.of("", "", f"they were {sizes[0]}, and are {sizes[1]}", "")
-    kind = _best_film(manifest, clip.undamaged)
-    if old is None and kind is None:
-        raise InputError.of("", "", "no film is left as it was written", "")
-    if old is not None or kind is Format.PNG:
-        frames = clip.folder / Format.PNG.named(manifest.film)
-        amounts = []
-        for k, frame in enumerate(now.draw()):
-            progress("compare", k + 1, total)
-            before = None if old is None else next(old, None)
-            if k in differ:
-                stored = next(video_frames(frames / f"{k:05d}.png")).rgb if old is None else None
-                rgb = before.rgb if before is not None else stored
-                if rgb is not None:
-                    amounts.append(_pixel_difference(k, _levels(k, rgb, frame.rgb), 0))
-        return amounts, "", 0
-    assert kind is not None
-    counts, loss = {}, 0
-    film = clip.folder / kind.named(manifest.film)
-    with temporary_folder() as folder:
-        with open_video(Path(folder), kind, scene.video_size, scene.render.fps) as write:
-            for k, frame in enumerate(now.draw()):
-                write(frame.rgb)
-                progress("compare", k + 1, total)
-        films = zip(video_frames(film), video_frames(Path(folder) / kind.file), now.draw(), strict=False)
-        for k, (stored_frame, new, frame) in enumerate(films):
-            height, width = frame.rgb.shape[:2]  # a film may have a row and a column more
-            loss = max(loss, int(np.flatnonzero(_levels(k, new.rgb[:height, :width], frame.rgb)).max()))
-            if k in differ:
-                counts[k] = _levels(k, stored_frame.rgb, new.rgb)
-    return [_pixel_difference(k, levels, loss) for k, levels in counts.items()], film.name, loss
+    """None for equal frames."""
+    times: dict[int, float] = {}
+    count, total = 0, now.count()
+    for count, frame in enumerate(now.frames(), 1):
+        if count <= len(manifest.frames) and frame_hash(frame.rgb) != manifest.frames[count - 1]:
+            times[count - 1] = frame.time
+        progress("render", count, total)
+    counts = len(manifest.frames), count
+    if not times:
+        return None if counts[0] == counts[1] else FrameDifference(min(counts), 0.0, 0, counts)
+    first = next(iter(times))
+    found = FrameDifference(first, times[first], len(times), counts)
+    kind = _best_film(manifest, undamaged)
+    if now.scene.video_size != manifest.size:
+        sizes = [f"{width} x {height} px" for width, height in (manifest.size, now.scene.video_size)]
+        return replace(found, unmeasured=f"they were {sizes[0]}, and are {sizes[1]}")
+    if kind is None:
+        return replace(found, unmeasured="no film is left as it was written")
+    film = kind.named(manifest.film)
+    levels = _levels(now, kind, folder / film, first)
+    if levels is None:
+        return replace(found, unmeasured=f"{film} cannot be compared")
+    return replace(found, film=film, pixels=int((levels > 0).sum()), levels=int(levels.max()))
 
 
 def _best_film(manifest: Manifest, undamaged: Sequence[str]) -> Format | None:
@@ -659,14 +331,20 @@ def _best_film(manifest: Manifest, undamaged: Sequence[str]) -> Format | None:
     return None
 
 
-def _levels(frame: int, old: U8, new: U8) -> NDArray[np.int64]:
-    """(256,): number of pixels by the most grey levels by which a channel differs. Raises InputError."""
-    differences = level_differences(old, new)
-    if differences is None:
-        sizes = [f"{shape[1]} x {shape[0]} px" for shape in (old.shape, new.shape)]
-        raise InputError.of(f"frame {frame}", "", f"was {sizes[0]}, is {sizes[1]}", "")
-    return np.bincount(differences.max(axis=2).ravel(), minlength=256)
+def _levels(now: _Take, kind: Format, film: Path, index: int) -> NDArray[np.uint8] | None:
+    """(H, W) grey levels by which a frame of the clip's film and of the new one differ, both as decoded."""
+    with temporary_folder() as folder:
+        with open_video(folder, kind, now.scene.video_size, now.scene.render.fps) as write:
+            for frame in now.frames():
+                write(frame.rgb)
+        pair = [_decoded(path, index) for path in (film, folder / kind.file)]
+    if pair[0] is None or pair[1] is None:
+        return None
+    differences = level_differences(pair[0], pair[1])
+    return None if differences is None else np.asarray(differences.max(axis=2), np.uint8)
 
 
-def _pixel_difference(frame: int, counts: NDArray[np.int64], loss: int) -> PixelDifference:
-    return PixelDifference(frame, int(counts[loss + 1 :].sum()), int(np.flatnonzero(counts).max()))
+def _decoded(film: Path, index: int) -> U8 | None:
+    if film.is_dir():
+        film, index = film / f"{index:05d}.png", 0
+    return next((frame.rgb for k, frame in enumerate(video_frames(film)) if k == index), None)

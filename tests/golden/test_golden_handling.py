@@ -113,17 +113,6 @@ def test_what_cannot_be_asked_for(home: Path, said: Said, how: str, why: str) ->
     assert why in said()[1]
 
 
-def test_what_came_can_be_kept_by_hand(home: Path, said: Said) -> None:
-    """As it comes from another machine, with the page."""
-    said()
-    edit(home / "scene.yaml", ("[72, 44]", "[72, 46]"))
-    said("--physgen-golden-report", "pages")
-    for ending in (".npz", ".webp"):
-        got = home / "pages" / "test_scenes" / f"test_clip.obtained{ending}"
-        got.replace(home / "test_scenes" / f"test_clip{ending}")
-    assert said()[0] == 0
-
-
 @pytest.mark.slow
 def test_workers_write_pages_of_their_own(home: Path, pytester: pytest.Pytester) -> None:
     (home / "test_scenes.py").write_text(

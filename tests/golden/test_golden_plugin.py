@@ -7,9 +7,8 @@ from html.parser import HTMLParser
 from math import ceil
 from pathlib import Path
 
-import numpy as np
 import pytest
-from users import BREAK, FPS, LABEL, MEET, ONE, Said, another_library, edit, told
+from users import FPS, LABEL, MEET, Said, another_library, edit, told
 
 pytest_plugins = ["pytester"]
 
@@ -32,28 +31,17 @@ def test_a_changed_mass_names_the_sample_the_object_and_the_edit(home: Path, sai
     )
     code, text = said()
     assert code == 1
-    assert f"strays first, in sample {ceil(MEET * FPS)} ({ceil(MEET * FPS) / FPS:.3f} s)" in told(
-        text, "motion"
-    )
-    assert "2 of 3 objects do" in told(text, "motion")
+    first = f"from sample {ceil(MEET * FPS)} ({ceil(MEET * FPS) / FPS:.3f} s)"
+    assert first in told(text, "motion")
+    assert "2 of 3 objects, at most" in told(text, "motion")
     assert "bystander" not in told(text, "motion")
-    assert "pixels follow the motion" in told(text, "pixels")
+    assert "is bad" in told(text, "pixels")
     assert "objects.cue.mass is 300, was 170" in told(text, "since")
     page = Path(told(text, "page").split()[-1])
     assert page.is_file()
     assert [path for path in sorted(home.rglob("*")) if "pycache" not in path.parts[-2]] == [
         path for path in before if "pycache" not in path.parts[-2]
     ], "the page is not among the user's files"
-
-
-def test_another_look_alone_is_told_apart_from_motion(home: Path, said: Said) -> None:
-    said()
-    edit(home / "scene.yaml", (f"fps: {FPS}", f"fps: {FPS}, overlay: [outlines]"))
-    code, text = said()
-    assert code == 1
-    assert told(text, "motion").endswith("agrees: nothing is farther than 0 px and 0° from where it was")
-    assert "they alone differ, the motion does not" in told(text, "pixels")
-    assert "Moves as it did, looks different" in text
 
 
 def test_a_changed_light_is_a_matter_of_pixels(pytester: pytest.Pytester, said: Said, bundled: Path) -> None:
@@ -70,34 +58,8 @@ def test_a_changed_light_is_a_matter_of_pixels(pytester: pytest.Pytester, said: 
         patch.setenv("DIM", "1")
         code, text = said()
     assert code == 1
-    assert "agrees" in told(text, "motion")
-    assert "they alone differ" in told(text, "pixels")
+    assert "the motion is as it was" in told(text, "pixels")
     assert "light.intensity is 0.6, was" in told(text, "since")
-
-
-@pytest.mark.slow
-def test_chaos_is_named_and_compared_up_to_a_time(home: Path, said: Said) -> None:
-    """A break of ten balls: what is rounded otherwise shows in the end, and never before the time that is advised."""
-
-    def elsewhere(px: float) -> tuple[int, str]:
-        with pytest.MonkeyPatch.context() as patch:
-            another_library(patch, px)
-            return said()
-
-    (home / "scene.yaml").write_text(BREAK)
-    said("--regen-all")
-    code, text = elsewhere(1e-6)
-    assert code == 1
-    assert "the scene is the same" in told(text, "since")
-    advice = told(text, "chaos?")
-    assert "Chaos: 0.0001 px at the start become 1 px at" in advice
-    until = float(advice.split("Say until=")[1].split()[0])
-    assert 0.1 < until < 2
-    (home / "test_scenes.py").write_text(ONE.replace('yaml"', f'yaml", until={until}'))
-    said("--regen-all")
-    assert np.load(home / "test_scenes" / "test_clip.npz")["times"][-1] == int(until * 30) / 30
-    assert elsewhere(1e-6)[0] == 0
-    assert elsewhere(1.0)[0] == 1, "it compares all the same"
 
 
 def test_comments_and_the_order_of_keys_do_not_count(home: Path, said: Said) -> None:
@@ -107,7 +69,9 @@ def test_comments_and_the_order_of_keys_do_not_count(home: Path, said: Said) -> 
     assert said()[0] == 0
     with pytest.MonkeyPatch.context() as patch:
         another_library(patch, 0.5)
-        assert "the scene is the same, and so are physgen, the libraries" in told(said()[1], "since")
+        text = said()[1]
+    assert "the scene is the same, and so are physgen, the libraries" in told(text, "since")
+    assert "physgen simulate --chaos" in told(text, "chaos?")
 
 
 class Tags(HTMLParser):
@@ -129,13 +93,13 @@ class Tags(HTMLParser):
 
 def test_a_label_stays_text_and_the_page_stands_alone(home: Path, said: Said) -> None:
     said()
-    edit(home / "scene.yaml", ("[72, 44]", "[72, 46]"))
+    edit(home / "scene.yaml", ("[72, 44]", "[72, 46]"), ("mass: 100}", f"mass: 100, label: {LABEL!r}}}"))
     _, text = said("--physgen-golden-report", "pages")
     page = home / "pages" / "test_scenes" / "test_clip.html"
     assert str(page) in text
     seen = Tags(page)
     assert LABEL in seen.text
-    assert seen.tags.count("script") == 1, "the slider's"
+    assert "script" not in seen.tags
     assert all(link.startswith(("data:", "#")) for link in seen.links)
     assert {path.name for path in page.parent.iterdir()} == {
         "test_clip.html", "test_clip.obtained.npz", "test_clip.obtained.webp",

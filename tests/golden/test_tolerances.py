@@ -11,16 +11,8 @@ import pytest
 from PIL import Image
 from pytest import approx
 
-from physgen.batch.golden import (
-    Check,
-    MotionResult,
-    changes,
-    checked,
-    compare_frames,
-    compare_motion,
-    too_coarse,
-)
-from physgen.batch.golden_files import KeptMotion, Still, Units, read
+from physgen.batch.compare import MotionDifference, Samples, motion_difference
+from physgen.batch.golden import Check, Still, checked, compare_frame, judge, read
 from physgen.batch.tolerances import SIDE, GoldenOptions, Motion, Pixels
 from physgen.pipeline import Stages
 from physgen.simulate.trajectory import Trajectory
@@ -43,8 +35,10 @@ def fall(tmp_path_factory: pytest.TempPathFactory) -> Check:
     return checked(path, "scene.yaml", "test", GoldenOptions(motion=Motion(px_per_s=1.0)), Stages())
 
 
-def compared(then: Trajectory, now: Trajectory, allowed: Motion, until: float | None = None) -> MotionResult:
-    return compare_motion(KeptMotion.of(then, Units.of(allowed), until), now, allowed, until)
+def compared(
+    then: Trajectory, now: Trajectory, allowed: Motion, until: float | None = None
+) -> MotionDifference | None:
+    return motion_difference(Samples.of(then, until), Samples.of(now, until), allowed)
 
 
 def shifted(trajectory: Trajectory, sample: int, by: tuple[float, float, float]) -> Trajectory:
@@ -69,26 +63,25 @@ def shifted(trajectory: Trajectory, sample: int, by: tuple[float, float, float])
 def test_what_is_allowed_is_allowed_and_no_more(
     fall: Check, by: tuple[float, float, float], right: bool
 ) -> None:
-    trajectory = fall.clip.trajectory
-    there = np.round(trajectory.poses / [0.01, 0.01, np.radians(0.01)]) * [0.01, 0.01, np.radians(0.01)]
-    trajectory = replace(trajectory, poses=there)
-    found = compared(trajectory, shifted(trajectory, 5, by), Motion(px=0.1, degrees=0.1))
-    assert found.agrees is right
-    if not right:
-        [strayed] = found.strayed
-        assert (strayed.name, strayed.sample, strayed.time) == ("ball", 5, approx(5 / 30))
-        assert strayed.there["px"] == approx(np.hypot(*by[:2]))
-        assert strayed.there["degrees"] == approx(abs(by[2]))
+    then = fall.trajectory
+    found = compared(then, shifted(then, 5, by), Motion(px=0.1, degrees=0.1))
+    assert (found is None) is right
+    if found is not None:
+        [strayed] = found.objects
+        assert (strayed.object, strayed.sample, strayed.time) == ("ball", 5, approx(5 / 30))
+        amounts = {"px": np.hypot(*by[:2]), "degrees": abs(by[2])}
+        assert strayed.amounts == approx({key: value for key, value in amounts.items() if value > 0.1})
+        assert strayed.most_px == approx(amounts["px"])
 
 
 def test_nothing_after_until_counts(fall: Check) -> None:
-    then, now = fall.clip.trajectory, shifted(fall.clip.trajectory, 6, (5, 0, 0))
-    assert compared(then, now, Motion(), until=5 / 30).agrees
-    assert not compared(then, now, Motion(), until=6 / 30).agrees
+    then, now = fall.trajectory, shifted(fall.trajectory, 6, (5, 0, 0))
+    assert compared(then, now, Motion(), until=5 / 30) is None
+    assert compared(then, now, Motion(), until=6 / 30) is not None
 
 
 def test_turns_in_space_count_as_angles_whatever_their_sign(fall: Check) -> None:
-    trajectory = fall.clip.trajectory
+    trajectory = fall.trajectory
 
     def turned(degrees: float, sign: float = 1.0) -> Trajectory:
         half = np.radians(degrees) / 2
@@ -96,60 +89,38 @@ def test_turns_in_space_count_as_angles_whatever_their_sign(fall: Check) -> None
         turns[...] = sign * np.array([np.cos(half), np.sin(half), 0, 0])
         return replace(trajectory, turns=turns)
 
-    assert compared(turned(40), turned(40.05, -1), Motion(degrees=0.1)).agrees
+    assert compared(turned(40), turned(40.05, -1), Motion(degrees=0.1)) is None
     found = compared(turned(40), turned(41), Motion(degrees=0.1))
-    assert found.most("degrees") == approx(1, rel=0.02)
-    assert not found.agrees
+    assert found is not None
+    assert found.objects[0].amounts["degrees"] == approx(1, rel=0.02)
 
 
 def test_velocities_count_where_they_are_asked_for(fall: Check) -> None:
-    then = fall.clip.trajectory
+    then = fall.trajectory
     now = replace(then, velocities=then.velocities + np.array([3.0, 0, 0]))
-    assert compared(then, now, Motion()).agrees
-    assert not compared(then, now, Motion(px_per_s=2.0)).agrees
-    assert compared(then, now, Motion(px_per_s=4.0)).agrees
-
-
-def test_what_was_kept_roughly_is_not_compared_finely(fall: Check) -> None:
-    rough = Units.of(Motion(px=0.1))
-    assert too_coarse(rough, Motion(px=0.02)) == ""
-    assert "kept to 0.01 px only, and 0.001 px are asked for" in too_coarse(rough, Motion(px=0.001))
-    assert "velocities are not kept" in too_coarse(rough, Motion(px_per_s=1.0))
+    assert compared(then, now, Motion()) is None
+    assert compared(then, now, Motion(px_per_s=4.0)) is None
+    found = compared(then, now, Motion(px_per_s=2.0))
+    assert found is not None
+    assert found.objects[0].amounts == approx({"px_per_s": 3.0})
 
 
 def test_objects_and_times_that_do_not_match_are_told(fall: Check) -> None:
-    then = fall.clip.trajectory
+    then = fall.trajectory
     other = replace(then, names=("ball", "other"))
     found = compared(then, other, Motion())
-    assert (found.found.gone, found.found.new, found.strayed, found.agrees) == (
-        ("shelf",),
-        ("other",),
-        (),
-        False,
-    )
+    assert found is not None
+    assert (found.gone, found.new, found.objects) == (("shelf",), ("other",), ())
+    assert found.text() == "without shelf now; with other now"
     shorter = replace(then, times=then.times[:9], poses=then.poses[:9], turns=then.turns[:9])
     shorter = replace(shorter, velocities=then.velocities[:9])
     for one, two in ((then, shorter), (shorter, then)):
         found = compared(one, two, Motion())
-        assert (found.retimed, found.strayed, found.agrees) == (True, (), False)
+        assert found is not None
+        assert (found.samples, found.objects) == ((len(one.times), len(two.times)), ())
     slower = compared(then, replace(then, times=then.times * 2), Motion())
-    assert len(slower.samples) == 1
+    assert slower is not None
     assert slower.retimed
-
-
-def test_a_long_clip_is_kept_in_fewer_samples(fall: Check) -> None:
-    one = fall.clip.trajectory
-    long = replace(
-        one,
-        times=np.arange(30_000) / 30,
-        poses=np.zeros((30_000, 2, 3)),
-        velocities=np.zeros((30_000, 2, 3)),
-        turns=np.zeros((30_000, 0, 4)),
-    )
-    kept = KeptMotion.of(long, Units.of(Motion()), None)
-    assert kept.poses.shape[:2] == (5000, 2)
-    assert (kept.samples[0], kept.samples[-1]) == (0, 29_999)
-    assert compare_motion(kept, long, Motion(), None).agrees
 
 
 @pytest.mark.parametrize(
@@ -160,22 +131,31 @@ def test_few_pixels_may_differ_much_or_many_a_little(pixels: int, levels: int, r
     """Of 10,000, 10 may differ by more than 8 levels; the mean may differ by 0.2."""
     now = np.full((100, 100, 3), 100, np.uint8)
     now.reshape(-1, 3)[:pixels] -= np.uint8(levels)
-    found = compare_frames(
-        [Still(0, 0.0, np.full((100, 100, 3), 100, np.uint8))], [Still(0, 0.0, now)], Pixels()
-    )
-    assert found.agrees is right
-    assert found.worst == levels
+    found = compare_frame(Still(0, 0.0, np.full((100, 100, 3), 100, np.uint8)), Still(0, 0.0, now), Pixels())
+    assert found.bad is not right
+    assert found.levels is not None
+    assert found.levels.max() == levels
 
 
 def test_frames_of_another_size_or_number_are_bad(fall: Check) -> None:
-    stills = fall.clip.golden.stills
+    stills = fall.golden.stills
     assert stills is not None
-    smaller = [Still(s.index, s.time, s.rgb[:, :-1]) for s in stills]
-    found = compare_frames(stills, smaller, Pixels(255, 1, 255))
-    assert found.first is not None
-    assert found.first.levels is None
-    found = compare_frames(stills, stills[:-1], Pixels())
-    assert (found.first, found.agrees) == (None, False)
+    smaller = tuple(Still(s.index, s.time, s.rgb[:, :-1]) for s in stills)
+    other = judge(
+        fall.golden, replace(fall.golden, stills=smaller), GoldenOptions(pixels=Pixels(255, 1, 255))
+    )
+    assert "kept it is 192 x 144 px, now 191 x 144 px" in dict(other.faults)["pixels"]
+    fewer = judge(fall.golden, replace(fall.golden, stills=stills[:-1]), GoldenOptions())
+    assert dict(fewer.faults) == {
+        "kept": "frames 0, 3, 6, 8, 11, 14 are kept, others are asked for; --force-regen keeps them"
+    }
+    slow = GoldenOptions(motion=Motion(px_per_s=1.0))
+    assert fall.golden.motion is not None
+    without = replace(fall.golden, motion=replace(fall.golden.motion, velocities=None))
+    assert (
+        "velocities are to be compared, and not kept"
+        in dict(judge(without, fall.golden, slow).faults)["kept"]
+    )
 
 
 def test_others_read_what_is_kept(fall: Check, tmp_path: Path) -> None:
@@ -184,14 +164,14 @@ def test_others_read_what_is_kept(fall: Check, tmp_path: Path) -> None:
     fall.write(path)
     with np.load(path, allow_pickle=False) as kept:
         t = kept["times"]
-        x, y, degrees = (kept["poses"] * kept["poses_unit"])[:, kept["names"].tolist().index("ball")].T
-        vy = (kept["velocities"] * kept["velocities_unit"])[:, 0, 1]
+        x, y, angle = kept["poses"][:, kept["names"].tolist().index("ball")].T
+        vy = kept["velocities"][:, 0, 1]
         made = json.loads(kept["made"].tobytes())
         frames, frame_times = kept["frames"], kept["frame_times"]
     assert t == approx(np.arange(15) / 30)
     assert x == approx(30, abs=0.006)
     assert y == approx(40 + G * t**2 / 2, abs=0.006)
-    assert degrees == approx(SPIN * t, abs=0.006)
+    assert np.degrees(angle) == approx(SPIN * t, abs=0.006)
     assert vy == approx(G * t, abs=0.06)
     assert made["document"]["objects"]["ball"]["spin"] == SPIN
     assert frames.tolist() == [0, 3, 6, 8, 11, 14]
@@ -211,20 +191,14 @@ def test_a_clip_comes_back_as_it_was_kept(fall: Check, tmp_path: Path) -> None:
     path = tmp_path / "fall.npz"
     fall.write(path)
     back = read(path, path.with_suffix(".webp"))
-    assert back.made == fall.clip.golden.made
-    assert back.motion is not None
-    assert back.stills is not None
-    assert fall.clip.golden.stills is not None
-    assert compare_motion(back.motion, fall.clip.trajectory, Motion(), None).most("px") == 0
-    assert all(
-        np.array_equal(a.rgb, b.rgb) for a, b in zip(back.stills, fall.clip.golden.stills, strict=True)
-    )
+    verdict = judge(back, fall.golden, fall.options)
+    assert (verdict.faults, verdict.scene, verdict.environment) == ((), (), ())
+    assert all(not frame.levels.any() for frame in verdict.frames if frame.levels is not None)
     assert path.stat().st_size + path.with_suffix(".webp").stat().st_size < 20_000
 
 
 def test_what_has_changed_is_told_by_its_meaning(fall: Check) -> None:
-    made = fall.clip.golden.made
-    assert changes(made, made) == type(changes(made, made))((), ())
+    made = fall.golden.made
     document = json.loads(json.dumps(made.document))
     document["objects"]["ball"]["label"] = "\x1b[31mred"
     document["objects"]["ball"].pop("spin")
@@ -233,11 +207,11 @@ def test_what_has_changed_is_told_by_its_meaning(fall: Check) -> None:
         made,
         document=document,
         inputs={**made.inputs, "photo.png": "0"},
-        versions={**made.versions, "numpy": "9.9", "sources": "0"},
-        machine={**made.machine, "kind": "abacus"},
+        environment={**made.environment, "numpy": "9.9", "sources": "0", "the processor": "abacus"},
         asked={**made.asked, "variant": "hard"},
     )
-    found = changes(made, other)
+    found = judge(fall.golden, replace(fall.golden, made=other), fall.options)
+    assert found.faults == ()
     assert found.scene == (
         'the test says variant="hard" now, not null',
         "world.tilt is a mapping, was 4",
@@ -246,7 +220,7 @@ def test_what_has_changed_is_told_by_its_meaning(fall: Check) -> None:
         "photo.png is read now, was not",
     )
     assert found.environment == (
-        f"numpy is 9.9, was {made.versions['numpy']}",
+        f"numpy is 9.9, was {made.environment['numpy']}",
         "physgen's own code has changed",
-        f"the processor is abacus, was {made.machine['kind']}",
+        f"the processor is abacus, was {made.environment['the processor']}",
     )

@@ -28,25 +28,6 @@ objects:
 """
 MEET = (52 - sqrt(16**2 - 4**2)) / SPEED
 """s: when the cue, of radius 8, reaches the target, which lies 52 px ahead and 4 px aside."""
-RACK = [(90 + 14 * row, 64 + 16.2 * (k - row / 2)) for row in range(4) for k in range(row + 1)]
-BREAK = "\n".join(
-    [
-        "physgen: 1",
-        "size: [160, 128]",
-        "world: {view: top, pixels_per_meter: 300, duration: 2, table: {friction: 0}}",
-        "objects:",
-        "  cue: {shape: {circle: {center: [24, 63], radius: 8}}, mass: 170, elasticity: 0.95, velocity: [1500, 0]}",
-        *(
-            f"  ball-{n}: {{shape: {{circle: {{center: [{x:g}, {y:g}], radius: 8}}}}, mass: 170, elasticity: 0.95}}"
-            for n, (x, y) in enumerate(RACK)
-        ),
-        "boundaries:",
-        "  left: {segment: [[0, 0], [0, 128]], elasticity: 0.9}",
-        "  right: {segment: [[160, 0], [160, 128]], elasticity: 0.9}",
-        "  top: {segment: [[0, 0], [160, 0]], elasticity: 0.9}",
-        "  bottom: {segment: [[0, 128], [160, 128]], elasticity: 0.9}",
-    ]
-)
 ONE = 'def test_clip(physgen_golden):\n    physgen_golden("scene.yaml")\n'
 
 
