@@ -240,7 +240,6 @@ class _Run:
         """The report; `first` is the clip's first frame, unrefined."""
         from physgen.report.films import embedded_film, linked_film
         from physgen.report.page import PageParts, report_page
-        from physgen.report.perception import relighting_comparison
         from physgen.report.player import player_data
         from physgen.scene.write import scene_text
 
@@ -254,14 +253,12 @@ class _Run:
             shown = linked_film(folder, made)
         if scene.render.overlay or not shot.opens_on_photo:  # the page draws on the photo itself
             first = next(render(film.stage, trajectory)).rgb
-        player, perceived = None, self.perceived
+        player = None
         if self.options.page is Page.FULL:
             player = player_data(scene, world, trajectory, film.stage, shot, film.sampled)
-        if perceived is not None and (pair := relighting_comparison(film.stage, trajectory)) is not None:
-            perceived = replace(perceived, comparisons=(pair, *perceived.comparisons))
         section = None if draws is None else draws.section(world)
         text = scene_text(scene.document)
-        parts = PageParts(player, perceived, changed, section)
+        parts = PageParts(player, self.perceived, changed, section)
         html = report_page(scene, world, record, first, shown, text, parts)
         (folder / "report.html").write_text(html, encoding="utf-8")
 

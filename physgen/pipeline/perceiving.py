@@ -39,8 +39,6 @@ class PerceiveOptions:
     """Folder of the maps."""
     side: int | None = None
     """px: longest side of the photo, made smaller above; None: the default."""
-    sheet: Path | None = None
-    """PNG on which all that was perceived is drawn."""
     allow_outside: bool = False
     """Whether a scene that is perceived again may read files outside its folder."""
 
@@ -69,13 +67,11 @@ def perceive(
     from physgen.perceive.segment.prompts import from_masks, from_prompts, segmenter, weak_prompts
     from physgen.photos import read_photo
     from physgen.registry import Backends
-    from physgen.report.perception import check_sheet, write_sheet
 
     options = replace(options or PerceiveOptions(), **changes)
     masks, coco, boxes, points = options.masks, options.coco, options.boxes, options.points
     crew = crew or Backends()
     crew.begin(warn)
-    check_sheet(options.sheet, image)
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was given the objects in more than one way", fix)
@@ -112,8 +108,6 @@ def perceive(
     perceived = run(rgb, found, renames=options.labels, crew=crew, asked=options.asked, progress=progress)
     for problem in perceived.warnings:
         warn(problem)
-    if options.sheet is not None:
-        write_sheet(options.sheet, perceived, keep)
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
 
 
@@ -198,7 +192,6 @@ def refresh(
     from physgen.perceive.segment.prompts import segmenter, weak_prompts
     from physgen.photos import read_photo
     from physgen.registry import Backends
-    from physgen.report.perception import check_sheet, write_sheet
     from physgen.scene.load import load, raw_document
 
     options = replace(options or PerceiveOptions(), **changes)
@@ -207,7 +200,6 @@ def refresh(
     scene = load(path, allow_outside=options.allow_outside)
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
-    check_sheet(options.sheet, scene.image)
     maps = read_percepts(scene.image, scene.assets, scene.maps)
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     photo = read_photo(scene.image)
@@ -259,8 +251,6 @@ def refresh(
     _, *fallbacks = perceived.header.split("\n")
     header = "\n".join([header, *fallbacks])
     perceived = replace(perceived, document=document, comments=comments, header=header)
-    if options.sheet is not None:
-        write_sheet(options.sheet, perceived, keep)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep)
 

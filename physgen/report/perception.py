@@ -1,16 +1,15 @@
 """Pictures of what was perceived in a photo: masks, shapes, surface maps, light, shadows and background.
 
-The report page shows them as a strip of small WebP pictures, with pairs to slide between; `perceive --sheet` writes
-them as one PNG. Each map that exists gives a picture; all together stay small enough for mail.
+The report page shows them as a strip of small WebP pictures, with a pair to slide between. Each map that exists gives a
+picture.
 """
 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import hypot
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -19,16 +18,11 @@ from numpy.typing import NDArray
 
 from physgen.compile.appearance import body_in_photo
 from physgen.compile.compile import Compiled
-from physgen.maps import Keep, Percepts, ignore_kept_file, write_png
-from physgen.perceive.roles import PerceivedScene
+from physgen.maps import Percepts
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
-from physgen.problems import InputError
 from physgen.render.drawing import Colour, Layer, circle, straight_arrow, text_width
-from physgen.render.frames import render_frames
-from physgen.render.stage import Stage
 from physgen.report.html import fitted, webp
 from physgen.scene.scene import Light, MaskId, Scene, View
-from physgen.simulate.trajectory import Trajectory, rotation_matrices
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -36,24 +30,13 @@ U16 = NDArray[np.uint16]
 
 SIDE, PAIR_SIDE = 480, 800
 """px: longer side of a picture, and of those that slide over each other, at most."""
-EFFORTS = ((82, 1.0), (74, 1.0), (64, 1.0), (52, 1.0), (40, 1.0), (40, 0.7), (28, 0.5))
-"""WebP's quality, and a part of the sides."""
-BUDGET = 360_000
-"""Characters of all pictures together: the first effort that fits is used."""
-PAIR_QUALITY = 78
+QUALITY, PAIR_QUALITY = 74, 78
+"""Of WebP."""
 LETTER = 20
 """px, of names: pages show pictures at less than half their size."""
 SUPPORT: Colour = (255, 196, 0)
 SUN: Colour = (255, 205, 64)
-PAPER: Colour = (246, 245, 242)
-WORDS: Colour = (32, 34, 40)
 WHITE: Colour = (255, 255, 255)
-SHEET_COLUMNS, WIDTH, GAP, CAPTION = 4, 480, 10, 30
-"""Of the sheet: panels in a row; px of a panel's width, between panels, and of the line of words above each."""
-TURNED = 0.03
-"""1 - cos of the turn, 14 degrees, below which relighting makes no visible difference."""
-VISIBLE = 6.0
-"""Grey levels of 255, averaged over 5 x 5 px: a smaller largest difference is not shown."""
 
 
 @dataclass(frozen=True)
@@ -90,17 +73,6 @@ class Perception:
     comparisons: tuple[Comparison, ...]
 
 
-@dataclass(frozen=True)
-class Panel:
-    """A picture not yet encoded."""
-
-    name: str
-    title: str
-    caption: str
-    alt: str
-    rgb: U8
-
-
 Outlines = Sequence[tuple[str, int, Sequence[Array]]]
 """Name, number of the colour, and closed rings (K, 2) px of each object."""
 
@@ -115,29 +87,24 @@ def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perce
         for k, body in enumerate(map(body_in_photo, world.bodies), 1)
     ]
     walls = [chain for wall in world.walls for chain in wall.chains]
-    shadows = None if maps.shadows is None else _by_object(scene, maps.shadows)
     seen = "from above" if world.view is View.TOP else "from the side"
-    panels = _panels(
-        replace(maps, labels=compiled.labels, shadows=shadows), objects, walls, scene.light, seen, SIDE
-    )
-    pair: list[Panel] = []
-    if maps.background is not None and maps.clean is not None:
-        panels = [panel for panel in panels if panel.name != "background"]
-        for name, words, rgb in (
-            ("shadowed", "with their old shadows", maps.background),
-            ("clean", "without them", maps.clean),
-        ):
-            alt = f"The place without the objects, {words}"
-            pair.append(Panel(name, words, "", alt, fitted(rgb, PAIR_SIDE)))
-    for quality, part in EFFORTS:
-        pictures = tuple(_encoded(panel, quality, part) for panel in panels)
-        both = [_encoded(panel, quality, part) for panel in pair]
-        if sum(len(picture.uri) for picture in (*pictures, *both)) <= BUDGET:
-            break
-    if not both:
-        return Perception(pictures, ())
+    pictures = [
+        *_photo_pictures(maps, compiled.labels, objects, walls, seen),
+        *_map_pictures(maps, scene.light),
+    ]
+    if maps.shadows is not None:
+        text = "Each in the colour of the object that casts it."
+        shown = _shadows(maps.rgb, _by_object(scene, maps.shadows))
+        pictures.append(_picture("shadows", "Shadows by object", text, shown))
+    if maps.background is None or maps.clean is None:
+        behind = maps.background if maps.clean is None else maps.clean
+        if behind is not None:
+            without = "the objects" if maps.clean is None else "the objects and their shadows"
+            pictures.append(_picture("background", "Background", f"The place without {without}.", behind))
+        return Perception(tuple(pictures), ())
     caption = "The area behind the objects, filled in; slide to remove their shadows."
-    return Perception(pictures, (Comparison("background", "Background", caption, *both),))
+    before, after = ("with their old shadows", maps.background), ("without them", maps.clean)
+    return Perception(tuple(pictures), (compared("background", "Background", caption, before, after),))
 
 
 def compared(
@@ -146,73 +113,60 @@ def compared(
     """Two frames (H, W, 3) sRGB of one size, each with a description: `("refined", frame)`."""
     if before[1].shape != after[1].shape:
         raise ValueError(f"pictures of shapes {before[1].shape} and {after[1].shape} cannot be compared")
-    one, other = (
-        _encoded(
-            Panel(f"{name}-{side}", words, "", f"{title}, {words}", fitted(rgb, PAIR_SIDE)), PAIR_QUALITY
-        )
-        for side, (words, rgb) in (("before", before), ("after", after))
-    )
-    return Comparison(name, title, caption, one, other)
+    pair = []
+    for side, (words, rgb) in (("before", before), ("after", after)):
+        small = fitted(rgb, PAIR_SIDE)
+        height, width = small.shape[:2]
+        uri, alt = webp(small, PAIR_QUALITY), f"{title}, {words}"
+        pair.append(Picture(f"{name}-{side}", words, "", alt, uri, width, height))
+    return Comparison(name, title, caption, *pair)
 
 
-def _panels(
-    maps: Percepts, objects: Outlines, walls: Sequence[Array], light: Light | None, seen: str, side: int
-) -> list[Panel]:
-    """`maps.labels` and `maps.shadows` are numbered as `objects` are."""
-    height, width = maps.labels.shape
-    photo = fitted(maps.rgb, side)
+def _picture(name: str, title: str, caption: str, rgb: U8, alt: str = "") -> Picture:
+    small = fitted(rgb, SIDE)
+    height, width = small.shape[:2]
+    alt = alt or f"{title} of the photo. {caption}"
+    return Picture(name, title, caption, alt, webp(small, QUALITY), width, height)
+
+
+def _photo_pictures(
+    maps: Percepts, labels: U16, objects: Outlines, walls: Sequence[Array], seen: str
+) -> list[Picture]:
+    """The photo, masks and shapes; `labels` are numbered as `objects` are."""
+    height, width = labels.shape
+    photo = fitted(maps.rgb, SIDE)
     count = f"{len(objects)} object{'s' * (len(objects) != 1)}"
     bounds = f"{len(walls)} boundar{'ies' if len(walls) != 1 else 'y'}"
-
-    def toned(name: str, title: str, caption: str, rgb: U8) -> Panel:
-        return Panel(name, title, caption, f"{title} of the photo. {caption}", fitted(rgb, side))
-
-    panels = [
-        Panel("photo", "Photo", f"{width} × {height} px.", f"The photo, {width} by {height} pixels", photo),
-        Panel(
-            "masks",
-            "Masks",
-            f"{count}, each in its own colour.",
-            f"The photo in grey with masks of {count} in colours",
-            fitted(_masked(maps.rgb, maps.labels, max(height, width) / side), side),
-        ),
-        Panel(
-            "shapes",
-            "Shapes and supports",
-            f"{bounds[0].upper()}{bounds[1:]}, in yellow; seen {seen}.",
-            f"The photo, darker, with the outlines of {count} and {bounds}",
-            _outlined(photo, photo.shape[1] / width, objects, walls),
-        ),
+    masked = _masked(maps.rgb, labels, max(height, width) / SIDE)
+    outlined = _outlined(photo, photo.shape[1] / width, objects, walls)
+    return [
+        _picture("photo", "Photo", f"{width} × {height} px.", photo),
+        _picture("masks", "Masks", f"{count}, each in its own colour.", masked),
+        _picture("shapes", "Shapes and supports", f"{count}; {bounds}, in yellow; seen {seen}.", outlined),
     ]
+
+
+def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
+    """Those of depth, normals, albedo, shading and light that exist."""
+    found = []
     if maps.depth is not None:
-        panels.append(toned("depth", "Depth", "Bright is near, dark is far.", _depth(maps.depth)))
+        found.append(_picture("depth", "Depth", "Bright is near, dark is far.", _depth(maps.depth)))
     if maps.normals is not None:
         text = "Orientation of surfaces: red to the right, green downwards, blue towards you."
-        panels.append(toned("normals", "Normals", text, _u8(127.5 + 127.5 * maps.normals)))
+        found.append(_picture("normals", "Normals", text, _u8(127.5 + 127.5 * maps.normals)))
     if maps.albedo is not None:
-        panels.append(toned("albedo", "Albedo", "Colours without the light on them.", encode_u8(maps.albedo)))
+        text = "Colours without the light on them."
+        found.append(_picture("albedo", "Albedo", text, encode_u8(maps.albedo)))
     if maps.shading is not None:
         most = max(float(np.percentile(maps.shading, 99.5)), 1e-6)
         grey = np.repeat(encode_u8(np.clip(maps.shading / most, 0, 1))[..., None], 3, 2)
-        panels.append(toned("shading", "Shading", "The light without the colours.", grey))
+        found.append(_picture("shading", "Shading", "The light without the colours.", grey))
     if light is not None:
+        height, width = fitted(maps.rgb, SIDE).shape[:2]
         text = light_description(light)
-        card = light_picture(light, (photo.shape[1], photo.shape[0]))
-        panels.append(Panel("light", "Light", text, f"A shaded sphere with an arrow. {text}", card))
-    if maps.shadows is not None:
-        text = "Each in the colour of the object that casts it."
-        panels.append(toned("shadows", "Shadows by object", text, _shadows(maps.rgb, maps.shadows)))
-    clean = maps.background if maps.clean is None else maps.clean
-    if clean is not None:
-        without = "the objects" if maps.clean is None else "the objects and their shadows"
-        panels.append(toned("background", "Background", f"The place without {without}.", clean))
-    return panels
-
-
-def _encoded(panel: Panel, quality: int, part: float = 1.0) -> Picture:
-    rgb = panel.rgb if part == 1.0 else fitted(panel.rgb, round(part * max(panel.rgb.shape[:2])))
-    height, width = rgb.shape[:2]
-    return Picture(panel.name, panel.title, panel.caption, panel.alt, webp(rgb, quality), width, height)
+        alt = f"A shaded sphere with an arrow. {text}"
+        found.append(_picture("light", "Light", text, light_picture(light, (width, height)), alt))
+    return found
 
 
 def _u8(values: NDArray[np.floating[Any]]) -> U8:
@@ -331,114 +285,3 @@ def light_picture(light: Light, size: tuple[int, int]) -> U8:
             layer.area(circle(center + radius * way, 1.3 * pen))
     layer.onto(card, SUN)
     return card
-
-
-def check_sheet(path: Path | None, photo: Path) -> None:
-    """Raises InputError where a sheet cannot be written, before anything is computed."""
-    if path is None:
-        return
-    if path.suffix.lower() != ".png":
-        raise InputError.of("--sheet", f'"{path}"', "is no PNG", "let its name end in .png")
-    if path.exists() and (path.is_dir() or (photo.exists() and path.samefile(photo))):
-        what = "is a folder" if path.is_dir() else "is the photo itself"
-        raise InputError.of("--sheet", f'"{path}"', what, "name another file")
-    above = next(part for part in (path.parent, *path.parent.parents) if part.exists())
-    if not above.is_dir():
-        what = f'lies below "{above}", which is no folder'
-        raise InputError.of("--sheet", f'"{path}"', what, "name another file")
-
-
-def write_sheet(path: Path, perceived: PerceivedScene, keep: Keep = ignore_kept_file) -> None:
-    """All panels as one PNG, four in a row; a different file at `path` is kept as `NAME~`."""
-    maps, document = perceived.percepts, perceived.document
-    objects = [
-        (name, one["mask"] if isinstance(one["mask"], int) else 0, _rings(one["shape"]))
-        for name, one in document["objects"].items()
-    ]
-    walls = [
-        np.array(one.get("segment") or one["polyline"], float) for one in document["boundaries"].values()
-    ]
-    light = None
-    if (entry := document.get("light")) is not None:
-        x, y, z = entry["direction"]
-        light = Light((x, y, z), entry["intensity"], entry["ambient"], 0.0)
-    seen = f"from the {document['world']['view']}"
-    height, width = maps.labels.shape
-    size = WIDTH, max(1, round(height * WIDTH / width))
-    panels = _panels(maps, objects, walls, light, seen, max(size))
-    rows = -(-len(panels) // SHEET_COLUMNS)
-    page = np.empty(
-        (rows * (size[1] + CAPTION + GAP) + GAP, SHEET_COLUMNS * (WIDTH + GAP) + GAP, 3), np.uint8
-    )
-    page[:] = PAPER
-    words = Layer((page.shape[1], page.shape[0]), 0.0)
-    for k, panel in enumerate(panels):
-        y = GAP + k // SHEET_COLUMNS * (size[1] + CAPTION + GAP) + CAPTION
-        x = GAP + k % SHEET_COLUMNS * (WIDTH + GAP)
-        page[y : y + size[1], x : x + WIDTH] = cv2.resize(panel.rgb, size, interpolation=cv2.INTER_AREA)
-        text = panel.caption if panel.name in ("photo", "light") else panel.title
-        words.words(text, (x + WIDTH / 2, y - CAPTION / 2), 15)
-    words.onto(page, WORDS, 0.0)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_png(path, page, keep)
-
-
-def _rings(shape: Mapping[str, Any]) -> list[Array]:
-    """(K, 2) px each: the closed borders of a scene's `shape`."""
-    if "circle" in shape:
-        turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)
-        ring = np.stack([np.cos(turn), np.sin(turn)], 1)
-        return [np.asarray(shape["circle"]["center"] + shape["circle"]["radius"] * ring)]
-    if "box" in shape:
-        angle = np.radians(shape["box"].get("angle", 0.0))
-        x, y = np.array(shape["box"]["size"]) / 2
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        return [np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) @ turn + shape["box"]["center"]]
-    if "polygon" in shape:
-        return [np.array(shape["polygon"], float)]
-    return [
-        np.array(ring, float)
-        for piece in shape["polygons"]
-        for ring in (piece["outline"], *piece.get("holes", ()))
-    ]
-
-
-def relighting_comparison(stage: Stage, trajectory: Trajectory) -> Comparison | None:
-    """The frame in which relighting matters most, with and without it; None where it changes nothing visible.
-
-    Without relighting, shading turns with its object, as on a cut-out.
-    """
-    able = [sprite.ball is not None or sprite.relief is not None for sprite in stage.sprites]
-    if not any(able) or len(trajectory.times) < 2:
-        return None
-    sample = _most_turned(stage, trajectory, able)
-    if sample is None:
-        return None
-    bare = replace(stage, sprites=[replace(sprite, ball=None, relief=None) for sprite in stage.sprites])
-    before, after = (next(render_frames(drawn, trajectory, (sample,))).rgb for drawn in (bare, stage))
-    difference = np.asarray(cv2.absdiff(before, after), np.uint8).max(axis=2).astype(np.float32)
-    if float(cv2.blur(difference, (5, 5)).max()) < VISIBLE:
-        return None
-    text = (
-        f"The frame at {trajectory.times[sample]:.2f} s. As cut-outs, objects keep their light and shade as they "
-        "turn; relit, the light stays where it is."
-    )
-    return compared("relit", "Relighting", text, ("cut out", before), ("relit", after))
-
-
-def _most_turned(stage: Stage, trajectory: Trajectory, able: list[bool]) -> int | None:
-    """The sample with the largest sum of pixels times 1 - cos of their turn; None where no object turns."""
-    wrong = np.zeros(len(trajectory.times))
-    axes = rotation_matrices(trajectory.turns) if trajectory.turns.size else None
-    height, width = stage.background.shape[:2]
-    for sprite, can in zip(stage.sprites, able, strict=True):
-        if not can:
-            continue
-        pose = trajectory.poses[:, sprite.body]
-        turn = 1 - np.cos(pose[:, 2] - pose[0, 2])
-        if sprite.ball is not None and axes is not None:
-            turn = np.maximum(turn, 1 - axes[:, sprite.body, 2, 2])
-        x, y = (pose[:, :2].T + 0.5) * stage.scale - 0.5
-        inside = (x > 0) & (x < width) & (y > 0) & (y < height)
-        wrong += np.where(turn > TURNED, turn, 0) * inside * float(sprite.coverage.sum())
-    return int(wrong.argmax()) if wrong.any() else None

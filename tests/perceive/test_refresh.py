@@ -281,24 +281,3 @@ def test_comments_stay_where_what_they_tell_of_is_as_it_was(scene: Path) -> None
     assert "to set an object going" in text
     assert "side or top:" in text
     assert "the photo's border" in text
-
-
-def test_a_sheet_is_drawn_beside_refresh_and_never_over_the_photo(
-    scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sheet = scene.with_name("sheet.png")
-    refreshed(scene, "--sheet", str(sheet))
-    assert cv2.imread(str(sheet)) is not None
-    photo = scene.with_name("photo.png")
-    before = photo.read_bytes()
-    for name, said in (
-        ("photo.png", "the photo itself"),
-        ("sheet.txt", "no PNG"),
-        ("sheet.png/x.png", "no folder"),
-    ):
-        options = ["--sheet", str(scene.parent / name), "-o", str(scene.with_name("new.yaml"))]
-        capsys.readouterr()
-        assert main(["perceive", str(photo), *options]) == 2
-        assert said in capsys.readouterr().err
-        assert not scene.with_name("new.yaml").exists()
-    assert photo.read_bytes() == before
