@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 U8 = NDArray[np.uint8]
 STRIP = "refinement.png"
 """Picture of the changes, in the folder of the clip."""
+QUALITY = 84
+"""Of WebP, of the same picture on the page."""
 
 
 class Refiners:
@@ -127,8 +129,9 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.maps import write_png
     from physgen.refine.fusion import Refinement, backend_errors
+    from physgen.report.html import webp
     from physgen.report.perception import compared
-    from physgen.report.refinement import RefinementChanges, refinement_strip
+    from physgen.report.refinement import RefinementChanges, RefinementStrip
 
     scene, trajectory, record = film.scene, kept.trajectory, files.record
     order, count = film.shot(trajectory).order, len(kept.rgb)
@@ -162,9 +165,8 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     record.refine = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
     before, after = ("as it was drawn", kept.rgb[changes.most]), ("refined", changes.refined)
     caption = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
-    return Outcome(
-        (), refinement_strip(compared("refined", "Refined", caption, before, after), changes.columns)
-    )
+    pair = compared("refined", "Refined", caption, before, after)
+    return Outcome((), RefinementStrip(pair, webp(picture, QUALITY), (picture.shape[1], picture.shape[0])))
 
 
 def _measured(name: str, frames: Iterator[U8], kept: Footage, changes: RefinementChanges) -> Iterator[U8]:

@@ -1,23 +1,18 @@
-"""Jinja templates, pictures as data URIs, and YAML text highlighted as HTML."""
+"""Jinja templates, and pictures as data URIs."""
 
 from __future__ import annotations
 
 import base64
 import io
 import json
-import re
-from collections.abc import Iterator
 from typing import Any
 
 import cv2
 import numpy as np
-import yaml
-from markupsafe import Markup, escape
 from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.files import resource
-from physgen.scene.document import RefusedNumberError, resolve
 
 U8 = NDArray[np.uint8]
 
@@ -30,9 +25,6 @@ KINDS = {
     ".png": "image/png",
     ".jpg": "image/jpeg",
 }
-LONGEST_TEXT = 2_000_000
-"""Characters; a longer text is not highlighted."""
-COMMENT = re.compile(r"#[^\r\n]*")
 
 
 def template(name: str) -> Any:
@@ -89,75 +81,3 @@ def fitted(rgb: U8, side: int) -> U8:
         return rgb
     size = max(1, round(width * scale)), max(1, round(height * scale))
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def highlight_yaml(text: str) -> Markup:
-    """`<span class="y-key">mass</span>: <span class="y-number">170</span>`, and so on; plain where it is no YAML."""
-    end = "\n" if text.endswith("\n") else ""
-    return Markup("\n").join(highlight_lines(text)) + end
-
-
-def highlight_lines(text: str) -> list[Markup]:
-    """The same by lines, without line breaks; without its tags it is the text."""
-    found: list[list[Markup]] = [[]]
-    at = 0
-    for begin, end, kind in [*_yaml_pieces(text), (len(text), len(text), "")]:
-        for part, name in ((text[at:begin], ""), (text[begin:end], kind)):
-            for k, line in enumerate(part.split("\n")):
-                if k:
-                    found.append([])
-                if line:
-                    mark = Markup('<span class="y-{}">{}</span>').format(name, line) if name else escape(line)
-                    found[-1].append(mark)
-        at = end
-    if text.endswith("\n"):
-        found.pop()
-    return [Markup("").join(parts) for parts in found]
-
-
-def _yaml_pieces(text: str) -> list[tuple[int, int, str]]:
-    """From, to, and kind (key, number, string, word, comment) of parts, in order; empty for what is no YAML.
-
-    PyYAML's scanner decides, which also reads scenes: a `#` in a quoted string is no comment.
-    """
-    if len(text) > LONGEST_TEXT or text.startswith("\ufeff"):
-        return []
-    try:
-        scalars = list(_scalars(text))
-    except yaml.YAMLError:
-        return []
-    found: list[tuple[int, int, str]] = []
-    at = 0
-    for begin, end, kind in [*scalars, (len(text), len(text), "")]:
-        found += [(m.start(), m.end(), "comment") for m in COMMENT.finditer(text, at, begin)]
-        if kind:
-            found.append((begin, end, kind))
-        at = end
-    return found
-
-
-def _scalars(text: str) -> Iterator[tuple[int, int, str]]:
-    key = False
-    for token in yaml.scan(text):
-        if isinstance(token, yaml.KeyToken):
-            key = True
-        elif isinstance(token, yaml.ScalarToken):
-            end = token.end_mark.index
-            if token.style in ("|", ">"):  # the token includes line breaks and comments after it
-                end = token.start_mark.index + len(text[token.start_mark.index : end].rstrip())
-            yield token.start_mark.index, end, "key" if key else _scalar_kind(token)
-            key = False
-        elif not isinstance(token, (yaml.AnchorToken, yaml.TagToken)):
-            key = False
-
-
-def _scalar_kind(token: yaml.ScalarToken) -> str:
-    if not token.plain:
-        return "string"
-    try:
-        value = resolve(token.value)
-    except RefusedNumberError:
-        return "number"
-    if value is None or isinstance(value, bool):
-        return "word"
-    return "string" if isinstance(value, str) else "number"

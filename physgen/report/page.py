@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from physgen import __version__
@@ -20,7 +19,7 @@ from physgen.compile.world import World, pair_table
 from physgen.files import resource
 from physgen.problems import Problem
 from physgen.report.films import Film
-from physgen.report.html import highlight_lines, highlight_yaml, jpeg, script_json, template
+from physgen.report.html import jpeg, script_json, template
 from physgen.report.parameters import (
     COLUMNS,
     arrows,
@@ -155,7 +154,7 @@ def failed_page(
         problems=rows,
         command=shlex.join(command),
         scene_text=scene_text,
-        lines=highlight_lines(scene_text) if scene_text.count("\n") <= MOST_LINES else [],
+        lines=scene_text.splitlines() if scene_text.count("\n") <= MOST_LINES else [],
         wrong={place.line for place in own},
         versions=versions(),
     )
@@ -275,7 +274,7 @@ class SourceText:
     """A text with a button to copy it."""
 
     title: str
-    html: Markup
+    text: str
     lines: int
 
 
@@ -319,4 +318,4 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
 
 
 def _source_text(title: str, text: str) -> SourceText:
-    return SourceText(title, highlight_yaml(text), text.count("\n") + (not text.endswith("\n")))
+    return SourceText(title, text, text.count("\n") + (not text.endswith("\n")))

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from physgen.photometry import decode, encode_u8
 from physgen.render.drawing import Colour, Layer
-from physgen.report.html import webp
 from physgen.report.perception import Comparison
 from physgen.report.record import REFINING
 
@@ -48,8 +47,6 @@ ROBUST = 99.8
 """Percentile of a panel's changes that full colour is for: a few odd pixels do not pale the rest."""
 SCALES = (1, 2, 5, 10, 20, 50, 100, 255)
 """Grey levels that full colour may stand for."""
-QUALITY = 84
-"""Of WebP, of the page's pictures."""
 HANDLED_KEYS = frozenset(
     (
         "backend",
@@ -225,35 +222,10 @@ class RefinementStrip:
 
     compared: Comparison
     """A frame before and after."""
-    times: tuple[float, ...]
-    """s of playing."""
+    picture: str
+    """`RefinementChanges.picture` as a data URI."""
     size: tuple[int, int]
-    """Width and height of each picture, px."""
-    rows: tuple[tuple[str, str, tuple[str, ...]], ...]
-    """Name, text for those who do not see the pictures, and data URIs, one a moment."""
-    levels: int
-    """Grey levels that full colour stands for; 0: nothing changed."""
-    colours: tuple[str, ...]
-    """CSS: darker, unchanged, brighter."""
-
-
-def refinement_strip(compared: Comparison, columns: Sequence[Column]) -> RefinementStrip:
-    """Of at least one column."""
-    levels = full_scale(columns)
-    height, width = columns[0].change.shape
-    kinds = (
-        ("as drawn", "as it was drawn", [one.guidance for one in columns]),
-        ("refined", "refined", [one.refined for one in columns]),
-        ("change", "the change", [change_picture(one, levels) for one in columns]),
-    )
-    rows = tuple(
-        (name, about, tuple(webp(picture, QUALITY) for picture in pictures))
-        for name, about, pictures in kinds
-    )
-    colours = tuple(f"rgb({r} {g} {b})" for r, g, b in (COOL, (sum(PALE) // 2,) * 3, WARM))
-    return RefinementStrip(
-        compared, tuple(one.time for one in columns), (width, height), rows, levels, colours
-    )
+    """Its width and height, px."""
 
 
 def refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:

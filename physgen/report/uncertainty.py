@@ -24,8 +24,8 @@ WIDEST, QUALITY = 1000, 80
 """px of the photo below the paths, and of its JPEG."""
 MOST_DRAWS, MOST_POINTS, MOST_ENDS = 64, 100_000, 1500
 """Draws whose paths are drawn, points of all paths, and outlines at the end; further draws are left out."""
-MOST_GROUPS, MOST_GUESSES = 24, 6
-"""Groups of objects with sentences, and guesses named in the text; the tables have all."""
+MOST_GROUPS = 24
+"""Groups of objects with sentences; the tables have all."""
 PATH_ERROR = 0.25
 """px of a canvas 640 px wide by which a drawn path may deviate."""
 VISIBLE = 0.01
@@ -55,7 +55,6 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -
     return {
         "headline": headline(fan, found),
         "facts": _facts(fan),
-        "guesses": guesses(fan.doubts),
         "ways": ways,
         "ends": ends,
         "outlines": [
@@ -74,21 +73,6 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -
         "drawn": [_distribution(doubt) for doubt in fan.doubts],
         "failures": [str(problem) for problem in fan.failures],
     }
-
-
-def guesses(doubts: Sequence[UncertainValue]) -> str:
-    """Which numbers are drawn, equal ones once; the file does not record which were edited since."""
-    alike: dict[tuple[object, ...], list[UncertainValue]] = {}
-    for doubt in doubts:
-        kind = (doubt.label or doubt.name, doubt.parameter, doubt.value, doubt.source)
-        alike.setdefault(kind, []).append(doubt)
-    named = []
-    for first, *others in alike.values():
-        owner = f"of all {1 + len(others)} called “{first.label}”" if others else f"of {first.name}"
-        sure = f", {percent(first.source.sure)} sure" if first.source.sure is not None else ""
-        named.append(f"{first.parameter} {owner}, {first.value:.4g} ({first.source.text}{sure})")
-    shown, more = named[:MOST_GUESSES], len(named) - MOST_GUESSES
-    return "; ".join([*shown, f"{more} more" if more > 0 else ""]).removesuffix("; ")
 
 
 def dimmed_photo(rgb: U8) -> str:
